@@ -1,6 +1,7 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
-# make docs  the reference pages, out/site
+# make docs  the documentation site, out/site
+# make figures renders docs/benchmarks from its stored results; RERUN=NAME measures one anew
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
 # make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
@@ -16,7 +17,7 @@ CARGO := cargo
 LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
-	test-openenv test-docs docs diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
+	test-openenv test-docs docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -77,6 +78,10 @@ docs: $(VENV)-docs/.installed
 test-docs: docs
 	cd docs/site && ../../$(VENV)-docs/bin/python -m pytest -q
 	cd docs/site && ../../$(VENV)-docs/bin/python -m mypy
+
+# Renders docs/benchmarks/*.md from docs/benchmarks/results; `make figures RERUN=NAME` runs the stored command of one first.
+figures:
+	python3 docs/benchmarks/render.py $(if $(RERUN),--rerun $(RERUN))
 
 # Draws what diagrams have changed (npm, Chromium).
 diagrams: $(VENV)-docs/.installed
@@ -141,7 +146,7 @@ EXAMPLES := 200
 schemathesis: $(VENV)/.generators
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/generated && EXAMPLES=$(EXAMPLES) IPLW_BIN=$(CURDIR)/target/debug/iplw \
-		../../$(PYTHON) -m pytest -q -s -k document_says
+		../../$(PYTHON) -m pytest -q -s -k conforms_to_document
 
 # Licences, sources and known faults of what the program is built of; the last needs the advisories' database.
 deny:

@@ -1,4 +1,4 @@
-"""A server of its own, and small clients of it over HTTP and ZeroMQ; only the standard library."""
+"""Starts a server, and provides small HTTP and ZeroMQ clients that need only the standard library."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pathlib import Path
 
 
 class Server:
-    """A server that runs: where it is, and its process."""
+    """A running server: its ports and its process."""
 
     def __init__(self, process: subprocess.Popen[str], http: int, zmq: int | None):
         self.process, self.http, self.zmq, self.pid = process, http, zmq, process.pid
@@ -27,7 +27,7 @@ class Server:
         return http.client.HTTPConnection("127.0.0.1", self.http)
 
     def processor_seconds(self) -> float:
-        """Processor time it has used, to the nanosecond (clock_getcpuclockid(3), as Linux numbers these clocks)."""
+        """Processor time of the server, s (clock_getcpuclockid(3), with Linux's clock numbers)."""
         return time.clock_gettime((~self.pid << 3) | 2)
 
     def resident(self) -> float:
@@ -55,8 +55,8 @@ def server(
             process.wait()
 
 
-def new_token(binary: str, directory: str, name: str, may: str = "act") -> str:
-    command = [binary, "token", "new", name, "--may", may, "--data-dir", directory]
+def new_token(binary: str, directory: str, name: str, scope: str = "act") -> str:
+    command = [binary, "token", "new", name, "--scope", scope, "--data-dir", directory]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
@@ -72,7 +72,7 @@ def ask(
 
 
 def packed(value: object) -> bytes:
-    """msgpack, as far as requests need it."""
+    """Minimal msgpack encoder for requests."""
     if value is None:
         return b"\xc0"
     if isinstance(value, bool):
@@ -91,13 +91,13 @@ def packed(value: object) -> bytes:
 
 
 def message(op: str, args: dict[str, object]) -> bytes:
-    """A request over ZeroMQ, as it goes out."""
+    """ZeroMQ frame of a request."""
     body = packed({"v": 1, "id": 1, "op": op, "args": args})
     return b"\x02" + struct.pack(">Q", len(body)) + body
 
 
 def dealer(port: int, token: str | None) -> socket.socket:
-    """A socket that has shaken hands (ZMTP 3.1): NULL, or PLAIN with the token."""
+    """A socket after the ZMTP 3.1 handshake: NULL, or PLAIN with the token."""
     one = socket.create_connection(("127.0.0.1", port))
     one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     mechanism = b"PLAIN" if token else b"NULL"
@@ -122,7 +122,7 @@ def received(one: socket.socket, length: int) -> bytes:
     got = b""
     while len(got) < length:
         part = one.recv(length - len(got))
-        assert part, "hung up on"
+        assert part, "connection closed"
         got += part
     return got
 
@@ -136,7 +136,7 @@ def frame(one: socket.socket) -> tuple[int, bytes]:
 
 
 def whole_over_http(got: bytes) -> bool:
-    """Whether an answer has come, which must be a good one."""
+    """Whether a complete response has arrived; it must be successful."""
     head, found, body = got.partition(b"\r\n\r\n")
     if not found:
         return False
@@ -146,7 +146,7 @@ def whole_over_http(got: bytes) -> bool:
 
 
 def whole_over_zmq(got: bytes) -> bool:
-    """The same over ZeroMQ, for answers of one frame."""
+    """As `whole_over_http`, for ZeroMQ responses of one frame."""
     if len(got) < 2 or (got[0] & 2 and len(got) < 9):
         return False
     head, length = (9, int.from_bytes(got[1:9], "big")) if got[0] & 2 else (2, got[1])
@@ -160,7 +160,7 @@ def flood(
     connect: Callable[[], socket.socket], request: bytes, whole: Callable[[bytes], bool], count: int,
     seconds: float, tell: Connection,
 ) -> None:
-    """Asks over so many connections, each time as soon as it is answered; tells how often it was."""
+    """Sends requests over several connections, each after the previous response; returns the number of responses."""
     select = selectors.DefaultSelector()
     for _ in range(count):
         one = connect()

@@ -1,8 +1,8 @@
-"""Builds a Box2D world from an `iplw.scene/1` scene, and judges its goal as PHYRE does.
+"""Builds a Box2D world from an `iplw.scene/1` scene, and evaluates its goal as PHYRE does.
 
-Box2D 2.3.10 of PyPI: its rules of contact are those that a scene calls `geometric_mean`, `max` and 1.0, and it knows no
-others. Statics are made first, and from the last to the first: Box2D visits the newest contacts first, and the order
-matters where its iterations do not converge.
+Box2D 2.3.10 from PyPI supports only the contact rules that a scene calls `geometric_mean`, `max` and 1.0. Statics are
+created first, in reverse order: Box2D visits the newest contacts first, and the order matters if its iterations do not
+converge.
 """
 
 import math
@@ -13,17 +13,17 @@ import Box2D
 
 @dataclass(frozen=True)
 class How:
-    """What Box2D is run with; the defaults are PHYRE's."""
+    """Settings of Box2D; the defaults are PHYRE's."""
 
-    #: Iterations of velocities and of positions a step.
+    #: Velocity and position iterations per step.
     iterations: tuple = (15, 20)
-    #: Bodies are stopped at the time of impact with statics, and go on from there.
+    #: Continuous collision detection with statics.
     continuous: bool = True
     #: Skin of polygons, m; None: Box2D's 0.01.
     skin: float | None = None
-    #: Spin lost, 1/s.
+    #: Angular damping, 1/s.
     angular_damping: float = 0.01
-    #: Statics and bodies are made in the opposite order.
+    #: Create statics and bodies in reverse order.
     reverse: bool = False
 
 

@@ -1,8 +1,8 @@
 #!/bin/sh
-# One table: lanes and rapier at every instruction set of this machine, Pymunk and Box2D, on the same scenes, one core
-# each, one after the other; how far lanes is from what the machine can do; where its time goes; agreement with Pymunk.
-# SCENES (200 a family) and MOST (100000 rollouts, for the memory) in the environment make a smaller run of it.
-# Needs a Python with pymunk 7.3.1 (and Box2D 2.3.10, if wanted):
+# Comparison table: lanes and rapier at every instruction set of this machine, Pymunk and Box2D, on the same scenes, one core
+# each, in sequence; lanes relative to the machine's limits; its profile; agreement with Pymunk.
+# The environment variables SCENES (200 per family) and MOST (100000 rollouts, for memory) reduce the run.
+# Needs a Python with pymunk 7.3.1 (and optionally Box2D 2.3.10):
 #   python3 -m venv venv && venv/bin/pip install pymunk==7.3.1 Box2D && PYTHON=venv/bin/python benches/compare.sh
 set -eu
 cd "$(dirname "$0")/.."
@@ -28,7 +28,7 @@ for family in bowling basketball; do
 done
 
 cargo bench --quiet --features levels --bench limits -- "$scenes/bowling-0.8.jsonl" "${MOST:-100000}"
-# The newest build of the benchmark is the one just run.
+# The newest build of the benchmark is the one that just ran.
 "$python" benches/profile.py "$(ls -t target/release/deps/engines-* | grep -v '\.d$' | head -n 1)" "$scenes/bowling-0.8.jsonl"
 
 for family in bowling basketball; do

@@ -1,12 +1,12 @@
-"""Whether an independent sampler finds the posterior that `iplw posterior` finds: emcee on the same likelihood.
+"""Compares `iplw posterior` with an independent sampler: emcee on the same likelihood.
 
     iplw measure --task bowling --effect linear_drag:c=0.223 --noise 0.005 --trials 50 --seed 1 --out measured
     pip install emcee
     PYTHONPATH=clients/python/src python benches/emcee_agreement.py target/release/iplw measured --effects linear_drag
 
-Prints means and standard deviations of both, how far they are apart, and what each cost; fails where means differ by more than
-0.1 standard deviations or standard deviations by more than 10 %. emcee (Foreman-Mackey et al., PASP 125 (2013) 306) knows nothing of
-the fit but where its walkers begin, and goes on until its draws are worth so many independent ones by its own estimate.
+Prints means and standard deviations of both, their differences, and the cost of each; fails if means differ by more than 0.1 standard
+deviations or standard deviations by more than 10 %. emcee (Foreman-Mackey et al., PASP 125 (2013) 306) uses the fit only for the
+initial positions of its walkers, and runs until its own estimate of the effective sample size is sufficient.
 """
 
 import argparse
@@ -21,9 +21,9 @@ import numpy as np
 
 import iplw
 
-#: Most that means may differ by, in standard deviations, and standard deviations by, as a share.
+#: Tolerances of means, in standard deviations, and of standard deviations, relative.
 MEANS, DEVIATIONS = 0.1, 0.1
-#: Steps between two looks at how many independent draws there are, and most of them.
+#: Steps between two convergence checks, and the maximum number of steps.
 STEPS, MOST = 250, 20_000
 
 
@@ -32,13 +32,13 @@ def main():
     parser.add_argument("binary")
     parser.add_argument("measured", type=Path, help="directory of `iplw measure`: scene.json and trials.csv")
     parser.add_argument("--effects", nargs="*", default=[])
-    parser.add_argument("--calibrate", nargs="*", help="latents, in place of the scene's")
+    parser.add_argument("--calibrate", nargs="*", help="latents to calibrate (default: those of the scene)")
     parser.add_argument("--walkers", type=int, default=64)
     parser.add_argument("--effective", type=float, default=1500)
-    parser.add_argument("--draws", type=int, default=4096, help="of the built-in sampler")
+    parser.add_argument("--draws", type=int, default=4096, help="number of draws of the built-in sampler")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    # That a chain is short is looked at here.
+    # Chain length is checked here.
     logging.getLogger("emcee").setLevel(logging.ERROR)
     with iplw.Client(binary=asked.binary) as client:
         sys.exit(compare(client, asked))
@@ -66,7 +66,7 @@ def compare(client, asked):
 
 
 def drawn(likelihood, asked):
-    """emcee's draws, and how many independent ones they are worth by number."""
+    """emcee's draws, and the effective sample size of each parameter."""
     np.random.seed(asked.seed)
     sampler = emcee.EnsembleSampler(asked.walkers, len(likelihood.names), likelihood.log_prob, vectorize=True)
     state, begun = likelihood.start(asked.walkers, seed=asked.seed), time.perf_counter()
@@ -75,11 +75,11 @@ def drawn(likelihood, asked):
         steps = sampler.iteration
         correlated = sampler.get_autocorr_time(quiet=True, discard=steps // 4, has_walkers=True)
         effective = asked.walkers * (steps - steps // 4) / correlated
-        # emcee's own rule: a chain of fifty times as long as it remembers, of which the beginning is left out.
+        # emcee's recommendation: a chain of 50 autocorrelation times, without the burn-in.
         if effective.min() >= asked.effective and steps - steps // 4 >= 50 * correlated.max():
             break
         if steps >= MOST:
-            sys.exit(f"emcee's draws are worth {effective.round()} independent ones after {steps} steps")
+            sys.exit(f"emcee's effective sample size is {effective.round()} after {steps} steps")
     print(f"emcee {emcee.__version__}: {asked.walkers} walkers, {steps} steps, {asked.walkers * (steps + 1)} likelihoods, "
           f"{time.perf_counter() - begun:.1f} s; {np.mean(sampler.acceptance_fraction):.2f} accepted, "
           f"remembers {correlated.max():.0f} steps")
@@ -87,7 +87,7 @@ def drawn(likelihood, asked):
 
 
 def table(names, ours, theirs, worth, effective, run):
-    """Prints what was found side by side; 1 if it is not the same."""
+    """Prints both posteriors; returns 1 if they differ."""
     print("\n| | built-in, mean +- sd | emcee, mean +- sd | means differ by, sd | ratio of sds | spread of runs' means, sd "
           "| effective draws, built-in and emcee |\n|---|---|---|---|---|---|---|")
     failed = 0

@@ -8,7 +8,7 @@ mod common;
 
 use common::{Clock, level_name, rollouts, scenes};
 use iplw::task::Scene;
-use iplw::world::{Engine, Level, Settings, simulate_map_set};
+use iplw::world::{BatchSettings, Engine, SimdLevel, Simulator};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -23,25 +23,27 @@ fn main() {
 }
 
 fn measure(name: &str, scenes: &[Scene]) {
-    // `-full` steps through rest too: the kernel's own cost, where the other rows' us/step counts skipped steps.
+    // `-full` also simulates steps at rest, which gives the kernel's own cost; the other rows' us/step counts skipped steps.
     let (plain, end_at_rest) = match name.strip_suffix("-full") {
         Some(plain) => (plain, false),
         None => (name, true),
     };
     let (engine, level) = match plain.split_once(':') {
         Some((engine, level)) => (engine, level_named(level)),
-        None => (plain, Level::best()),
+        None => (plain, SimdLevel::best()),
     };
     let engine = Engine::from_name(engine).expect("an engine's name");
     let rollouts = rollouts(scenes);
     let run = || {
-        let settings = Settings { level, end_at_rest };
-        simulate_map_set(settings, &rollouts, engine, |_, t| u64::from(t.outcome.steps))
+        let settings = BatchSettings { level, end_at_rest };
+        Simulator::new(engine)
+            .settings(settings)
+            .map(&rollouts, |_, t| u64::from(t.outcome.steps))
             .expect("legal scenes")
     };
     let clock = Clock::start();
     run();
-    // About half a second a repetition, at least one pass.
+    // About half a second per repetition, at least one pass.
     let passes = (0.5 / clock.seconds()).ceil().max(1.0) as usize;
     let mut seconds = Vec::new();
     let mut steps = 0;
@@ -64,8 +66,8 @@ fn measure(name: &str, scenes: &[Scene]) {
     );
 }
 
-fn level_named(name: &str) -> Level {
-    let level = Level::ALL.iter().copied().find(|l| level_name(*l) == name).expect("a level's name");
+fn level_named(name: &str) -> SimdLevel {
+    let level = SimdLevel::ALL.iter().copied().find(|l| level_name(*l) == name).expect("a level's name");
     assert!(level.available(), "this machine lacks {name}");
     level
 }

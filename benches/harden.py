@@ -1,8 +1,8 @@
-"""What a server does with those who ask too much, leave, or take their time; the figures of SECURITY.md.
+"""Server behaviour under overload, disconnects and slow clients; the figures of SECURITY.md.
 
     python benches/harden.py [--binary target/release/iplw] [--half-open 2000] [--only fair]
 
-Only the standard library; servers of their own on free ports of this machine. About three minutes.
+Uses only the standard library; starts its own servers on free ports of this machine. Takes about three minutes.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ def long_world(connection: http.client.HTTPConnection) -> str:
 
 
 def processor_time(pid: int) -> float:
-    """Seconds of processor time that a process has used."""
+    """Processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(") ", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def beyond_deadline(port: int) -> float:
-    """Longest that a step was answered after its deadline, s."""
+    """Longest delay of a step's response after its deadline, s."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
     world = long_world(connection)
     late = []
@@ -82,7 +82,7 @@ def beyond_deadline(port: int) -> float:
 
 
 def freed(port: int, pid: int) -> float:
-    """Longest from a client's leaving to its core's being free, s."""
+    """Longest time from a client's disconnect until its core is free, s."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
     world = long_world(connection)
     took = []
@@ -92,10 +92,10 @@ def freed(port: int, pid: int) -> float:
         before = processor_time(pid)
         time.sleep(0.5)
         busy = processor_time(pid)
-        assert busy - before > 0.1, "it is at work"
+        assert busy - before > 0.1, "the server is computing"
         leaving.close()
         left = time.perf_counter()
-        # When the time used stands still for 0.1 s, it stood still at the beginning of that.
+        # If processor time is constant for 0.1 s, the core was free at the start of that interval.
         since, used = left, busy
         while time.perf_counter() - since < 0.1:
             now = processor_time(pid)
@@ -107,7 +107,7 @@ def freed(port: int, pid: int) -> float:
 
 
 def p99(port: int, seconds: float) -> float:
-    """The time that 99 of 100 trivial steps stay below, s."""
+    """99th percentile of the duration of trivial steps, s."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
     times = []
     until = time.perf_counter() + seconds
@@ -120,7 +120,7 @@ def p99(port: int, seconds: float) -> float:
 
 
 def half_open(port: int, count: int) -> tuple[int, float, float]:
-    """Connections still open a second after the header's time; p99 of another client before and meanwhile, s."""
+    """Connections still open one second after the header timeout; another client's p99 before and during the attack, s."""
     quiet = p99(port, 2.0)
     waiting = []
     for _ in range(count):
@@ -144,7 +144,7 @@ STEP = {"action": [0.5, 0.8, 0.3]}
 
 
 def step_over_http(running: Server, token: str) -> Callable[[], float]:
-    """Times a step; the token is sent to whoever asks for none as well, so that the client does the same."""
+    """Times a step; sends the token even if none is required, so that the client's work is the same."""
     connection, headers = running.connect(), {"Authorization": f"Bearer {token}"}
 
     def step() -> float:
@@ -205,7 +205,7 @@ def cost(binary: str, transport: str, servers: int = 12) -> dict[str, tuple[floa
     return {name: (statistics.median(times[name]), statistics.median(used[name])) for name in times}
 
 
-# A light step's read, and some ten milliseconds of two cores.
+# A light request, and one that takes about ten milliseconds on two cores.
 WORK: dict[str, tuple[str, str, str, dict[str, object]]] = {
     "light": ("get_world", "GET", "/v1/worlds/bowling-sim", {}),
     "computing": (
@@ -231,7 +231,7 @@ def over_zmq(running: Server, token: str, work: str) -> tuple[Callable[[], socke
 
 
 def served(running: Server, transport: str, work: str, clients: dict[str, int], seconds: float) -> list[int]:
-    """How often each client is answered, by token, that asks over so many connections without a pause."""
+    """Number of responses of each client, by token, for clients that send requests over several connections without a pause."""
     way, whole = {"http": (over_http, asking.whole_over_http), "zmq": (over_zmq, asking.whole_over_zmq)}[transport]
     floods = []
     for token, count in clients.items():
@@ -269,7 +269,7 @@ def share(
 
 
 def share_of_jobs(running: Server, tokens: dict[str, str]) -> float:
-    """The share over the fair half of jobs: the first has 40 in the queue when the second queues 8."""
+    """Share of jobs relative to the fair half: the first client has 40 queued jobs when the second queues 8."""
     job = {"world": "bowling-sim", "split": "test", "attempts": 20}
     connection = running.connect()
 
@@ -298,7 +298,7 @@ def share_of_jobs(running: Server, tokens: dict[str, str]) -> float:
 
 
 def fair(binary: str, seconds: float = 4.0) -> None:
-    """The least share of all ways to ask."""
+    """Smallest share over all transports and workloads."""
     with tempfile.TemporaryDirectory() as place:
         tokens = {name: asking.new_token(binary, place, name) for name in ("ann", "bob")}
         with server(binary, "--data-dir", place, zmq=True) as running:
@@ -321,7 +321,7 @@ def fair(binary: str, seconds: float = 4.0) -> None:
 
 
 def late_work(running: Server) -> None:
-    """How long the server computes on after it has given an answer up, for what is not a simulation."""
+    """How long the server continues to compute after it abandoned a response, for requests other than simulations."""
     connection = running.connect()
     long = long_world(connection)
     film = urllib.parse.urlencode({"view": "filmstrip", "action": "0.5,0.1", "width": 4096})
@@ -357,7 +357,7 @@ def late_work(running: Server) -> None:
 
 
 def after_jobs(binary: str, count: int = 66) -> tuple[float, float, float]:
-    """Resident memory before, at most while, and a sweep after a flood of jobs, MB."""
+    """Resident memory before, at the peak of, and after a flood of jobs (after cleanup), MB."""
     with tempfile.TemporaryDirectory() as place, server(binary, "--data-dir", place) as running:
         connection = running.connect()
         ask(connection, "GET", "/v1/worlds")
@@ -388,7 +388,7 @@ def main() -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     if "time" in wanted:
-        # All half-open connections are one client's here.
+        # All half-open connections belong to one client.
         limits = {"header_seconds": HEADER_SECONDS, "client_connections": 4096}
         with server(arguments.binary, limits=limits) as running:
             print(f"answered after its deadline: {1000 * beyond_deadline(running.http):.1f} ms")

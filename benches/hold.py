@@ -1,12 +1,12 @@
-"""Holds a server under load and looks at what it takes: `make bench-hold`; the full figure with `--seconds 300`.
+"""Keeps a server under load and measures latency and memory: `make bench-hold`; the full figure with `--seconds 300`.
 
     python benches/hold.py --bin target/release/iplw --seconds 20
 
-A thousand sessions stay open. Sixty-four clients act in them, half over HTTP and half over ZeroMQ, each a thread with
-a client of its own in one of a few processes: reset, steps, now and then a batch. Prints one line of JSON: requests,
-errors (there must be none), latency in ms (median, p99, worst), the server's threads at most, its resident memory at
-each tenth of the time, and how much that grew from the third of them to the last. Ends with 1 if there was an error or
-memory grew by more than `--growth`.
+A thousand sessions stay open. Sixty-four clients act in them, half over HTTP and half over ZeroMQ, each in its own thread
+in one of a few processes: resets, steps and occasional batches. Prints one line of JSON: requests, errors (none is
+allowed), latency in ms (median, p99, maximum), the server's maximum number of threads, its resident memory at each tenth
+of the time, and its relative growth from the third to the last tenth. Exit status 1 if there was an error or memory grew
+by more than `--growth`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main() -> int:
     given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     given.add_argument("--bin", default="target/release/iplw")
     given.add_argument("--seconds", type=float, default=20.0)
-    given.add_argument("--growth", type=float, default=0.10, help="of resident memory, as a share")
+    given.add_argument("--growth", type=float, default=0.10, help="maximum relative growth of resident memory")
     arguments = given.parse_args()
     server = subprocess.Popen(
         [arguments.bin, "serve", "--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:0", "--exit-with-stdin"],
@@ -54,13 +54,13 @@ def main() -> int:
 
 
 def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
-    """The figures of a run."""
+    """Figures of a run."""
     with iplw.Client(urls[0], timeout=60) as client:
         worlds = [client.create_world("bowling").id for _ in range(SESSIONS)]
         context = multiprocessing.get_context("spawn")
         share = CLIENTS // PROCESSES
         with context.Pool(PROCESSES) as pool:
-            # The clock starts once every process has: what they import takes seconds on a busy machine.
+            # The clock starts once every process is running: imports take seconds on a busy machine.
             pool.map(time.sleep, [0.2] * PROCESSES, chunksize=1)
             end = time.time() + seconds
             parts = [
@@ -89,7 +89,7 @@ def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
         "worst_ms": round(float(took.max()), 2),
         "threads": threads,
         "rss_mb": [round(bytes / 2**20, 1) for bytes in memory],
-        # The start fills caches and pools; what grows after it may be a leak.
+        # Caches and pools fill at the start; later growth may be a leak.
         "rss_growth": round(memory[-1] / memory[2] - 1, 4),
     }
 
@@ -97,7 +97,7 @@ def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
 def clients(
     urls: Sequence[str], worlds: Sequence[str], numbers: range, end: float
 ) -> tuple[list[float], list[str]]:
-    """The clients of one process, a thread each: seconds of each request, and what went wrong."""
+    """Clients of one process, one thread each: durations of requests, s, and errors."""
     times: list[float] = []
     errors: list[str] = []
 
@@ -111,7 +111,7 @@ def clients(
                     world = handles[int(rng.integers(len(handles)))]
                     clock(times, lambda: world.reset(seed=int(rng.integers(2**32))))
                     for _ in range(4):
-                        # Until an action could be placed, which ends the episode.
+                        # Until an action can be placed, which ends the episode.
                         if clock(times, lambda: world.step(rng.random(3)))[2]:
                             break
                     if rng.random() < 0.05:
@@ -135,7 +135,7 @@ def clock(times: list[float], work: Any) -> Any:
 
 
 def resident(pid: int) -> int:
-    """Bytes of a process's memory that are resident."""
+    """Resident memory of a process, bytes."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * 4096
 

@@ -1,7 +1,7 @@
-"""Builds Jax2D states from `iplw.scene/1` scenes that differ only in where their bodies begin, and rolls all of them out at once.
+"""Builds Jax2D states from `iplw.scene/1` scenes that differ only in their initial positions, and rolls them out as a batch.
 
-Jax2D 1.0.2 of PyPI with its own defaults (10 iterations, warm starts, all pairs, f32). Pairs of statics are left out. It cannot be
-made without discs, joints and thrusters: the least it takes are two, one and one, which stay inactive.
+Jax2D 1.0.2 from PyPI with its defaults (10 iterations, warm starting, all pairs, f32), without pairs of statics. It requires at least
+two discs, one joint and one thruster, which stay inactive.
 """
 
 import jax
@@ -12,7 +12,7 @@ from jax2d.sim_state import SimParams, StaticSimParams
 
 
 class PolygonsOnly(PhysicsEngine):
-    """The same without the solving of discs' contacts and of joints, which the scenes lack."""
+    """Physics engine without disc contacts and joints, which the scenes lack."""
 
     def __init__(self, static):
         super().__init__(static)
@@ -23,7 +23,7 @@ class PolygonsOnly(PhysicsEngine):
 
 
 def sizes(scene, solved_at_once):
-    """What is compiled for; `solved_at_once` pairs are solved side by side, their impulses added up."""
+    """Static sizes for compilation; `solved_at_once` pairs are solved in parallel, with their impulses summed."""
     return StaticSimParams(num_polygons=len(scene["bodies"]) + len(scene["statics"]), num_circles=2, num_joints=1,
                            num_thrusters=1, num_static_fixated_polys=len(scene["statics"]), solver_batch_size=solved_at_once)
 
@@ -51,7 +51,7 @@ def start(scenes, static):
 
 
 def rollouts(scene, static, engine):
-    """A compiled function: states to their bodies' places, m, and angles, rad, at every observation."""
+    """A compiled function from states to body positions, m, and angles, rad, at every observation."""
     params = SimParams(dt=scene["time_step"])
     none = jnp.zeros(static.num_joints + static.num_thrusters)
 

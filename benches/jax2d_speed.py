@@ -1,10 +1,10 @@
-"""Ten boxes in the batched engine and in Jax2D, one core, the same scenes, step and iterations, in turns.
+"""Ten boxes in the batched engine and in Jax2D, on one core with the same scenes, step and iterations, alternating.
 
     python benches/jax2d_speed.py target/release/iplw [COPIES] [--batches 32]
 
-Both roll out COPIES (32) starts of `polygon_speed.py`'s stack and of its ten boxes that fall, states read once a second. Jax2D is
-compiled before, in batches of each of the sizes given, as it is and without what these scenes lack; ours is run by the command
-line, start of the program and JSON included. Processor time, the median of three rounds. Needs jax[cpu], jax2d, chex and pymunk.
+Both roll out COPIES (32) initial states of `polygon_speed.py`'s stack and of its ten falling boxes, with states read once per second.
+Jax2D is compiled in advance for each batch size, unmodified and without the unused features; ours is run from the command line,
+including program start and JSON. Processor time, median of three rounds. Needs jax[cpu], jax2d, chex and pymunk.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import random
 import statistics
 import time
 
-# Before JAX looks: one thread.
+# Must be set before JAX is imported: one thread.
 os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -23,12 +23,12 @@ import jax
 import jax2d_scene
 from polygon_speed import ROUNDS, SCENES, by_command
 
-#: Pairs that Jax2D solves side by side; 16 is its own default, 4 was as fast, 38 and 75 slower.
+#: Pairs that Jax2D solves in parallel; 16 is its default. 4 was as fast, 38 and 75 were slower.
 SOLVED_AT_ONCE = 16
 
 
 def compiled(scenes, batch, engine):
-    """(a function that rolls the scenes out and returns seconds of processor time, seconds to compile)."""
+    """(function that rolls the scenes out and returns processor time, s; compilation time, s)."""
     static = jax2d_scene.sizes(scenes[0], SOLVED_AT_ONCE)
     states = [jax2d_scene.start(scenes[at:at + batch], static) for at in range(0, len(scenes), batch)]
     begun = time.process_time()

@@ -1,10 +1,10 @@
-//! Seconds that learning takes: labels simulated and 1000 batches of 16 trained, 50,000 actions ranked.
+//! Duration of training: labelling by simulation, training on the preset's batches, ranking 50,000 actions.
 //! `cargo bench --bench learning`
 
 use std::time::Instant;
 
-use iplw::policy::{CHUNK, LabelConfig, TrainConfig, Training, label, rank, train};
-use iplw::progress::Silent;
+use iplw::policy::{CHUNK, LabelConfig, TrainConfig, TrainingPhysics, label, rank, train};
+use iplw::progress::NoProgress;
 use iplw::reality::standard;
 use iplw::task::{Split, families, split};
 
@@ -16,10 +16,11 @@ fn main() -> Result<(), iplw::error::Error> {
         let latents = standard(family).latents;
         let labels = LabelConfig::preset(&family.learning.study_labels, 0);
         let start = Instant::now();
-        let data = label(&training, &Training::Fixed { latents, effects: Vec::new() }, &labels, &Silent)?;
+        let data =
+            label(&training, &TrainingPhysics::Fixed { latents, effects: Vec::new() }, &labels, &NoProgress)?;
         let labelled = start.elapsed().as_secs_f64();
         let config = TrainConfig::preset(&family.learning);
-        let (policy, _) = train(&data, &config, &Silent)?;
+        let (policy, _) = train(&data, &config, &NoProgress)?;
         let trained = start.elapsed().as_secs_f64() - labelled;
         let task = &split(&tasks, Split::Test)[0];
         let count = task.actions().count().min(50_000);

@@ -1,4 +1,4 @@
-"""Prints the engine names to measure: lanes at every instruction set of this machine, with and without ending lanes at rest."""
+"""Prints the engine names to measure: lanes at every instruction set of this machine, with and without early termination at rest."""
 
 try:
     with open("/proc/cpuinfo") as info:

@@ -1,15 +1,14 @@
-//! How far the batched engine is from what the machine can do:
-//! `cargo bench --features levels --bench limits -- [SCENES.jsonl [MOST]]`, MOST being the greatest number of rollouts whose memory is
-//! measured (100000).
+//! The batched engine compared with the machine's limits:
+//! `cargo bench --features levels --bench limits -- [SCENES.jsonl [MOST]]`, where MOST is the largest number of rollouts in the memory
+//! measurement (100000).
 //!
-//! 1. Arithmetic: operations of a step, counted by running the kernel on a register that counts (`Level::Counted`; it
-//!    takes the same way through the code as every other level), times steps a second, against the rate at which this
-//!    machine multiplies and adds in a loop with nothing else in it, measured in the same run with the same
-//!    instructions. Fused multiply-adds would double that rate, but one level would then round unlike another:
-//!    bit-identity over levels forbids them. Both limits are printed. Effects are written for single numbers and not
-//!    counted: drag takes three products a body and step.
-//! 2. Cores: rollouts a second on the wall by number of threads.
-//! 3. Memory: peak of a process of its own that simulates so many rollouts and keeps whether each was solved.
+//! 1. Arithmetic: operations per step times steps per second, relative to the rate of a loop of multiplications and additions with the
+//!    same instructions in the same run. Operations are counted by running the kernel on a counting register type
+//!    (`SimdLevel::Counted`), which follows the same code path as all other levels. Fused multiply-adds would double the limit, but
+//!    they round differently, which bit-identity between levels excludes. Both limits are printed. Effects use scalar code and are
+//!    not counted: drag takes three products per body and step.
+//! 2. Cores: rollouts per second of wall-clock time, by number of threads.
+//! 3. Memory: peak of a separate process that simulates the rollouts and keeps whether each is solved.
 
 mod common;
 mod peak;
@@ -18,7 +17,7 @@ use std::time::Instant;
 
 use common::{Clock, level_name, rollouts, scenes};
 use iplw::task::Scene;
-use iplw::world::{Engine, Level, Operations, Rollout, Settings, operations, simulate_map_set};
+use iplw::world::{BatchSettings, Engine, OperationCounts, Rollout, SimdLevel, Simulator, operations};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -39,15 +38,15 @@ fn arithmetic(scenes: &[Scene]) {
     let rollouts = rollouts(scenes);
     let (counted, steps) = pool.install(|| {
         operations();
-        let steps = run(Level::Counted, &rollouts);
+        let steps = run(SimdLevel::Counted, &rollouts);
         (operations(), steps)
     });
     let each = |n: u64| n as f64 / steps as f64;
-    let Operations { simple, slow, choices, moves } = counted;
+    let OperationCounts { simple, slow, choices, moves } = counted;
     println!("\n== arithmetic, one core, every step simulated");
     println!(
-        "a rollout's step takes {:.0} sums, differences and products, {:.1} quotients and roots, {:.0} comparisons and \
-         choices, {:.0} numbers moved",
+        "operations per rollout step: {:.0} sums, differences and products, {:.1} quotients and roots, {:.0} comparisons and \
+         selections, {:.0} moves",
         each(simple),
         each(slow),
         each(choices),
@@ -64,12 +63,12 @@ fn arithmetic(scenes: &[Scene]) {
         "reached",
         "with choices"
     );
-    for level in Level::ALL.iter().copied().filter(|l| l.available() && *l != Level::Plain) {
+    for level in SimdLevel::ALL.iter().copied().filter(|l| l.available() && *l != SimdLevel::Plain) {
         let clock = Clock::start();
         let rate = pool.install(|| {
             let start = Instant::now();
             run(level, &rollouts);
-            // About half a second each time.
+            // About half a second per repetition.
             let passes = (0.5 / start.elapsed().as_secs_f64()).ceil() as usize;
             let rates = (0..7).map(|_| {
                 let start = clock.seconds();
@@ -85,7 +84,7 @@ fn arithmetic(scenes: &[Scene]) {
             None => ["none".to_string(), String::new()],
         };
         let ([limit, share], [fused, of_fused]) = (against(plain), against(fused));
-        // Comparisons and choices take the same units' time as sums and products.
+        // Comparisons and selections occupy the same execution units as sums and products.
         let busy = plain.map_or(0.0, |p| 100.0 * rate * each(simple + slow + choices) / p);
         println!(
             "{:10} {:10.2} {:9.2} {limit:>16} {share:>9} {fused:>16} {of_fused:>9} {:>14}",
@@ -97,17 +96,18 @@ fn arithmetic(scenes: &[Scene]) {
     }
 }
 
-/// Simulates every step of every rollout; how many there were.
-fn run(level: Level, rollouts: &[Rollout]) -> u64 {
-    let settings = Settings { level, end_at_rest: false };
-    let steps = simulate_map_set(settings, rollouts, Engine::Lanes, |_, t| u64::from(t.outcome.steps));
+/// Simulates every step of every rollout and returns the number of steps.
+fn run(level: SimdLevel, rollouts: &[Rollout]) -> u64 {
+    let settings = BatchSettings { level, end_at_rest: false };
+    let steps =
+        Simulator::new(Engine::Lanes).settings(settings).map(rollouts, |_, t| u64::from(t.outcome.steps));
     steps.expect("legal scenes").iter().sum()
 }
 
 fn cores(scenes: &[Scene]) {
     let rollouts = rollouts(scenes);
     let all = std::thread::available_parallelism().map_or(1, usize::from);
-    println!("\n== cores, rollouts a second on the wall, default settings");
+    println!("\n== cores, rollouts per second of wall-clock time, default settings");
     println!(
         "{:8} {:>8} {:>12} {:>9} {:>9} {:>6}",
         "engine", "threads", "rollouts/s", "lowest", "highest", "x one"
@@ -143,7 +143,7 @@ fn cores(scenes: &[Scene]) {
 
 fn memory(path: Option<&String>, most: usize) {
     println!(
-        "\n== memory, lanes, all cores: peak of a process that keeps only whether each rollout was solved"
+        "\n== memory, lanes, all cores: peak of a process that keeps only whether each rollout is solved"
     );
     for count in [1000, 10_000, 100_000].into_iter().filter(|n| *n <= most) {
         let mut command = std::process::Command::new(std::env::current_exe().expect("this program's path"));
@@ -153,7 +153,7 @@ fn memory(path: Option<&String>, most: usize) {
     }
 }
 
-/// In the child process: simulates and says how much memory that took.
+/// In the child process: simulates and prints the memory used.
 fn only_simulate(count: usize, scenes: &[Scene]) {
     let own = rollouts(scenes);
     let rollouts: Vec<Rollout> = own.iter().cycle().take(count).copied().collect();
@@ -162,20 +162,21 @@ fn only_simulate(count: usize, scenes: &[Scene]) {
     let asked = (size_of::<Rollout>() * count) as f64 / 1e6;
     match (before, resident("VmHWM:")) {
         (Some(before), Some(peak)) => println!(
-            "{peak:6.1} MB, {:.1} of it while simulating (the list of what to simulate: {asked:.1} MB)",
+            "{peak:6.1} MB, {:.1} of it while simulating (list of rollouts: {asked:.1} MB)",
             peak - before
         ),
-        _ => println!("this system does not tell"),
+        _ => println!("memory is not available on this system"),
     }
 }
 
 fn solved(rollouts: &[Rollout], engine: Engine) -> usize {
-    let settings = Settings { level: Level::best(), end_at_rest: true };
-    let all = simulate_map_set(settings, rollouts, engine, |_, t| t.solved()).expect("legal scenes");
+    let settings = BatchSettings { level: SimdLevel::best(), end_at_rest: true };
+    let all =
+        Simulator::new(engine).settings(settings).map(rollouts, |_, t| t.solved()).expect("legal scenes");
     all.into_iter().filter(|s| *s).count()
 }
 
-/// MB, as Linux keeps it.
+/// Value of a field in `/proc/self/status`, MB.
 fn resident(what: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with(what))?;

@@ -1,20 +1,20 @@
-"""Where our contacts and Box2D's part: three small scenes, and PHYRE's solutions in Box2D with one thing changed.
+"""Differences between our contacts and Box2D's: three small scenes, and PHYRE's solutions in Box2D with one setting changed.
 
     python benches/phyre_contacts.py target/release/iplw [phyre_b.json.gz [--template ID ...] [--tasks N]]
 
-The scenes, each in `lanes`, in Pymunk (Box2D's rules of contact put in by a callback; also with Box2D's slop of 5 mm, and
-with a skin of 1 cm as well) and in Box2D, also without continuous collision or the skin of its polygons, with fewer and
-more iterations, and made in the opposite order:
+Each scene runs in `lanes`, in Pymunk (with Box2D's contact rules by a callback; also with Box2D's slop of 5 mm, and
+additionally with a skin of 1 cm) and in Box2D (also without continuous collision or polygon skin, with fewer and
+more iterations, and with objects created in reverse order):
 
 - *drop*: a disc of radius 1.25 m falls 8.55 m onto a floor; its height about the impact and at rest, m.
-- *notch*: a disc lies between two bars and is hit by a larger one; how far it has come, m, the bars listed either way.
-- *bar*: a bar, 0.85 by 18.1 m, stands on end and is set turning with 0.02 rad/s; its tilt, mrad.
+- *notch*: a disc lies between two bars and is hit by a larger one; its displacement, m, for both orders of the bars.
+- *bar*: an upright bar, 0.85 by 18.1 m, with an initial spin of 0.02 rad/s; its tilt, mrad.
 
-Steps are 1/60 s; Box2D's are counted from 1, since it moves bodies after it has accelerated them and ours before:
-otherwise the same.
+Steps are 1/60 s. Box2D's steps are counted from 1, since it moves bodies after accelerating them and ours before; the
+integrators are otherwise the same.
 
-With a file of tasks (`phyre_templates.py` tells of it): the first solution of each of the first N (25) tasks of a
-template in Box2D as PHYRE runs it, and with one thing changed at a time.
+With a task file (see `phyre_templates.py`): the first solution of each of the first N (25) tasks of a template in
+Box2D with PHYRE's settings, and with one setting changed at a time.
 """
 
 import argparse
@@ -44,9 +44,9 @@ CHANGED = {
 def main():
     parser = argparse.ArgumentParser(description="Where our contacts and Box2D's part")
     parser.add_argument("binary")
-    parser.add_argument("data", nargs="?", help="tasks, for what Box2D loses with one thing changed")
-    parser.add_argument("--template", nargs="*", help="these templates only")
-    parser.add_argument("--tasks", type=int, default=25, metavar="N", help="the first N tasks of a template")
+    parser.add_argument("data", nargs="?", help="task file, for the ablation of Box2D's settings")
+    parser.add_argument("--template", nargs="*", help="restrict to these templates")
+    parser.add_argument("--tasks", type=int, default=25, metavar="N", help="number of tasks per template")
     options = parser.parse_args()
     show(options.binary, "drop: height, m", drop(), "disc", 1, [79, 80, 81, 90, 100, 178])
     show(options.binary, "notch: x, m", notch(False), "disc", 0, [86, 88, 100, 140, 180])
@@ -117,7 +117,7 @@ def lanes(binary, scene):
 
 
 def in_pymunk(scene, slop=None, sweeps=10, skin=0.0):
-    """Pymunk with Box2D's rules: what multiplies to them, and no bounce below the threshold."""
+    """Pymunk with Box2D's rules: coefficients whose products equal Box2D's, and no bounce below the threshold."""
     own = json.loads(json.dumps(scene))
     for thing in [*own["bodies"], *own["statics"]]:
         thing |= {key: math.sqrt(thing[key]) for key in SURFACE}

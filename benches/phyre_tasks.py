@@ -1,14 +1,14 @@
 """PHYRE's ball-tier tasks as `iplw.scene/1`, read from one JSON object by task id: see `phyre_templates.py`.
 
-What is said of PHYRE here was looked up in its sources (facebookresearch/phyre: `action_mappers.py`, `geometry.h`,
+These rules are from PHYRE's source code (facebookresearch/phyre: `action_mappers.py`, `geometry.h`,
 `task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`):
 
-- An action's ball is put on the grid of pixels: x and y are cut, the radius is rounded. Without that, an eighth of
-  the stable solutions no longer solves its task in Box2D.
-- It must lie within the scene before that, and overlap no body by more than 1e-5 px after it.
-- Two balls touch within 0.1 px; anything else while Box2D has a contact, which it has within the skins of its polygons,
+- An action's ball is snapped to the pixel grid: x and y are truncated, the radius is rounded. Without this, an eighth of
+  the stable solutions does not solve its task in Box2D.
+- The ball must lie within the scene before snapping, and overlap no body by more than 1e-5 px after it.
+- Two balls touch within 0.1 px; other bodies touch while Box2D has a contact, which includes the skins of its polygons,
   0.01 m each.
-- 1000 steps of 1/60 s; touching for 180 steps on end solves.
+- 1000 steps of 1/60 s; contact for 180 consecutive steps solves the task.
 """
 
 import gzip
@@ -20,7 +20,7 @@ PIXELS_PER_METRE = 6.0
 SIDE_PIXELS = 256
 GRAVITY, DENSITY, FRICTION, RESTITUTION = -9.8, 0.25, 0.5, 0.2
 SECONDS, HOLD_SECONDS = 1000 / 60, 3.0
-#: Gap within which two balls touch, m.
+#: Maximum gap between touching balls, m.
 BALLS_TOUCH = 0.1 / PIXELS_PER_METRE
 #: Skin of a polygon in Box2D, m.
 SKIN = 0.01
@@ -39,7 +39,7 @@ def load(path):
 
 
 def scene(name, task, action, rate, rules=BOX2D_RULES):
-    """The task with the action's red ball placed (None: left alone), at `rate` steps a second; names: kind and index.
+    """The task with the action's red ball (None: without it), at `rate` steps per second; names are kind and index.
 
     Statics are listed from the last to the first: ours visits a body's contacts as they are listed, Box2D the newest
     first, and which of two is visited last decides what a disc in a notch does when it is hit (template 00015).
@@ -87,7 +87,7 @@ def outline(shape):
 
 
 def reach(one, other):
-    """Gap within which PHYRE takes two bodies to touch, m."""
+    """Maximum gap between bodies that touch according to PHYRE, m."""
     skinned = sum("circle" not in body["shapes"][0] for body in (one, other))
     return SKIN * skinned if skinned else BALLS_TOUCH
 
@@ -104,7 +104,7 @@ def continuous(action):
 
 
 def valid_actions(name, task, count):
-    """`count` random actions that PHYRE takes; the task's name is the seed."""
+    """`count` random actions that are valid in PHYRE; the task's name is the seed."""
     draw = random.Random(f"phyre {name}")
     actions = []
     while len(actions) < count:
@@ -126,7 +126,7 @@ def overlaps(task, x, y, r):
 
 
 def gap(shape, at):
-    """Distance of a point in the body's frame from the shape, px; 0 or less within it."""
+    """Distance of a point in the body's frame from the shape, px; at most 0 inside."""
     if "circle" in shape:
         return math.hypot(*at) - shape["circle"]
     corners = shape["polygon"]

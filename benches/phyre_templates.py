@@ -10,12 +10,12 @@ random actions came to -1 nothing, 0 invalid, 2 solved, 3 solved and stable). No
 no test needs it. `phyre_tasks.py` makes scenes of them, with Box2D's rules of contact; `box2d_scene.py` runs them in
 Box2D (`pip install Box2D`) with PHYRE's iterations at the same time step.
 
-By template: tasks that can be said (whose scenes the engine takes); stable solutions; how many of them Box2D and we
-solve, and the share of ours to Box2D's; the share of N random valid actions a task that solve here, with its 95 %
-interval, beside PHYRE's own (mean over the same tasks), their ratio, and a * where they are neither within 1.5 times of
-each other nor have intervals that overlap; how many tasks solve themselves here without any ball (PHYRE kept none that
-does in Box2D), and ratio and * over the others. `--verbose` names tasks that are refused and those whose solutions one
-side alone solves: a mark a solution, = both, - Box2D alone, + ours alone, 0 neither.
+Columns by template: tasks that can be expressed (whose scenes the engine accepts); stable solutions; how many of them solve in
+Box2D and in ours, and the ratio; the share of N random valid actions per task that solve in ours, with its 95 % interval,
+and PHYRE's share (mean over the same tasks), their ratio, and a * if they differ by more than a factor of 1.5 and their
+intervals do not overlap; the number of tasks that are solved in ours without any ball (PHYRE excluded those that are in
+Box2D), and ratio and * for the others. `--verbose` lists rejected tasks and those whose solutions solve in only one
+engine, one mark per solution: = both, - Box2D only, + ours only, 0 neither.
 
 Differences from PHYRE: no angular damping in ours (0.01 per second in Box2D's); Box2D's polygons have a skin of 0.01 m,
 ours have none.
@@ -33,12 +33,12 @@ def main():
     parser = argparse.ArgumentParser(description="PHYRE's known solutions in our batched engine and in Box2D")
     parser.add_argument("binary")
     parser.add_argument("data")
-    parser.add_argument("--rate", type=int, default=60, help="steps a second (60: PHYRE's; 240: ours)")
-    parser.add_argument("--engine", default="lanes", help="which of our engines")
-    parser.add_argument("--random", type=int, default=40, metavar="N", help="random valid actions a task; 0: none")
-    parser.add_argument("--tasks", type=int, metavar="N", help="the first N tasks of a template only")
-    parser.add_argument("--template", nargs="*", help="these templates only")
-    parser.add_argument("--verbose", action="store_true", help="a line for each task where the two differ")
+    parser.add_argument("--rate", type=int, default=60, help="steps per second (60: PHYRE's; 240: ours)")
+    parser.add_argument("--engine", default="lanes", help="engine")
+    parser.add_argument("--random", type=int, default=40, metavar="N", help="number of random valid actions per task; 0 for none")
+    parser.add_argument("--tasks", type=int, metavar="N", help="number of tasks per template")
+    parser.add_argument("--template", nargs="*", help="restrict to these templates")
+    parser.add_argument("--verbose", action="store_true", help="print a line for each task in which the two differ")
     options = parser.parse_args()
     templates = phyre_tasks.load(options.data)
     rows = []
@@ -52,7 +52,7 @@ def main():
 
 
 class Row:
-    """What a template's tasks came to."""
+    """Results of a template's tasks."""
 
     def __init__(self, template, tasks, options):
         self.template, self.tasks, self.options = template, tasks, options
@@ -79,7 +79,7 @@ class Row:
         return phyre_tasks.scene(name, task, action, self.options.rate)
 
     def said(self, name, task):
-        """Whether the engine takes the task with its first solution."""
+        """Whether the engine accepts the task with its first solution."""
         ran = self.rollout([self.scene(name, task, task["solutions"][0])])
         if ran.returncode != 0 and self.options.verbose:
             print(f"    {name} refused: {ran.stderr.strip()}")
@@ -99,7 +99,7 @@ class Row:
         return sum(self.ours) / max(1, sum(self.box2d))
 
     def rates(self, without=frozenset()):
-        """Ours, its interval; PHYRE's, its interval. Tasks have equally many of our actions."""
+        """Our rate and its interval; PHYRE's rate and its interval. All tasks have the same number of our actions."""
         own = [phyre_tasks.own_rate(task) for name, task in self.taken if name not in without]
         theirs = sum(p for p, _ in own) / len(own)
         spread = 1.96 * math.sqrt(sum(p * (1 - p) / n for p, n in own)) / len(own)
@@ -118,7 +118,7 @@ class Row:
 
 
 def alike(rates):
-    """Within 1.5 times of PHYRE's own rate, or intervals that overlap."""
+    """Whether the rate is within a factor of 1.5 of PHYRE's, or the intervals overlap."""
     ours, (low, high), theirs, (least, most) = rates
     return (low <= most and least <= high) or theirs / 1.5 <= ours <= theirs * 1.5
 
@@ -134,7 +134,7 @@ def box2d(scenes):
 
 
 def wilson(results):
-    """95 % interval of a share."""
+    """Wilson 95 % confidence interval of a share."""
     n, p, z = len(results), sum(results) / len(results), 1.96
     middle = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))

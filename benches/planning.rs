@@ -3,14 +3,14 @@
 
 use std::time::Instant;
 
-use iplw::budget::Endless;
+use iplw::budget::Unlimited;
 use iplw::error::Error;
-use iplw::estimate::Belief;
+use iplw::estimate::ParameterSamples;
 use iplw::plan::{PlanConfig, plan};
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Placement, Scene, Split, Task, families, split};
-use iplw::world::{Engine, Rollout, simulate_map};
+use iplw::world::{Engine, Rollout, Simulator};
 
 /// Rollouts of a bare batch.
 const BATCH: usize = 2048;
@@ -22,14 +22,14 @@ fn main() -> Result<(), Error> {
             split(&family.tasks(), Split::Test).into_iter().take(given.unwrap_or(5)).collect();
         let truth = HiddenWorld::new(standard(family))?.reveal();
         let beliefs = [
-            ("prior", Belief::prior(family.prior, Vec::new(), 1024, 0)?),
-            ("truth", Belief::point(truth.latents, truth.effects)?),
+            ("prior", ParameterSamples::prior(family.prior, Vec::new(), 1024, 0)?),
+            ("truth", ParameterSamples::point(truth.latents, truth.effects)?),
         ];
         for (name, belief) in &beliefs {
             let (mut seconds, mut ratios, mut rollouts) = (Vec::new(), Vec::new(), Vec::new());
             for task in &tasks {
                 let start = Instant::now();
-                let found = plan(task, belief, &PlanConfig::standard(0), &Endless, &Silent)?;
+                let found = plan(task, belief, &PlanConfig::standard(0), &Unlimited, &NoProgress)?;
                 let planned = start.elapsed().as_secs_f64();
                 seconds.push(planned);
                 ratios.push(planned / bare(task, belief, found.rollouts)?);
@@ -56,7 +56,7 @@ fn main() -> Result<(), Error> {
 }
 
 /// Seconds of so many rollouts of random actions in drawn worlds, placed before the clock runs.
-fn bare(task: &Task, belief: &Belief, count: usize) -> Result<f64, Error> {
+fn bare(task: &Task, belief: &ParameterSamples, count: usize) -> Result<f64, Error> {
     let space = task.actions();
     let valid =
         (0..).map(|i| space.at(i * 7919 % space.count())).filter_map(|a| match task.place(&a.ok()?) {
@@ -73,7 +73,7 @@ fn bare(task: &Task, belief: &Belief, count: usize) -> Result<f64, Error> {
     let mut left = count;
     while left > 0 {
         let now = left.min(BATCH);
-        simulate_map(&rollouts[..now], Engine::Auto, |_, t| t.solved())?;
+        Simulator::new(Engine::Auto).map(&rollouts[..now], |_, t| t.solved())?;
         left -= now;
     }
     Ok(start.elapsed().as_secs_f64())

@@ -1,11 +1,11 @@
-"""How fast polygons are at each instruction set of this machine, one core, in turns.
+"""Speed of polygons at each instruction set of this machine, one core, alternating.
 
     cargo bench --features levels --no-run --bench engines
     python benches/polygon_levels.py target/release/deps/engines-HASH [COPIES] [SCENE ...]
 
-The scenes are `polygon_speed.py`'s, COPIES (64) starts each, every step simulated (`full`) and with rollouts ended at rest (`default`).
-Processor time of the library alone; the median of three rounds. Prints microseconds a step of a rollout at the widest level, and the
-share of its speed that the others reach, with the least and the largest share of the rounds.
+The scenes are `polygon_speed.py`'s, with COPIES (64) initial states each, with every step simulated (`full`) and with rollouts ended
+at rest (`default`). Processor time of the library alone; median of three rounds. Prints microseconds per rollout step at the widest
+level, and the relative speed of the other levels with its minimum and maximum over rounds.
 """
 
 import argparse
@@ -22,13 +22,13 @@ from polygon_speed import ROUNDS, SCENES
 
 
 def names():
-    """`lanes` at every level of this machine, the widest first; `-full` ones simulate every step."""
+    """`lanes` at every level of this machine, widest first; `-full` simulates every step."""
     listed = subprocess.run([sys.executable, Path(__file__).with_name("levels.py")], capture_output=True, text=True, check=True)
     return listed.stdout.split()
 
 
 def measured(binary, file, engines):
-    """Microseconds a step by engine."""
+    """Microseconds per step, by engine."""
     told = subprocess.run([binary, file, *engines], capture_output=True, text=True, check=True).stdout
     return {row["engine"]: row["us_per_step"] for row in map(json.loads, told.splitlines())}
 

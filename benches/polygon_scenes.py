@@ -1,8 +1,9 @@
-"""Writes scenes of tumbling boxes, polygons, capsules, an L and discs as JSON lines, those alone that can be predicted.
+"""Writes predictable scenes of tumbling boxes, polygons, capsules, an L and discs as JSON lines.
 
     python benches/polygon_scenes.py COUNT SEED [SECONDS] > scenes.jsonl
 
-A scene is kept if Pymunk, started 1 um aside, stays within 1 mm for SECONDS (2): of the others no engine can be asked to agree.
+A scene is predictable if Pymunk, started with a perturbation of 1 um, stays within 1 mm for SECONDS (2); in chaotic scenes engines
+cannot agree.
 """
 
 import json
@@ -79,7 +80,7 @@ def main():
         if predictable(own, seconds):
             print(json.dumps(own))
             kept += 1
-    print(f"{kept} of {tried} scenes can be predicted for {seconds:g} s", file=sys.stderr)
+    print(f"{kept} of {tried} scenes are predictable for {seconds:g} s", file=sys.stderr)
 
 
 if __name__ == "__main__":

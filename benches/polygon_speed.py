@@ -1,10 +1,10 @@
-"""How fast polygons are: the batched engine, `rapier`, Pymunk and, where it is installed, Box2D on the same scenes, one core each.
+"""Speed of polygons: the batched engine, `rapier`, Pymunk and, if installed, Box2D on the same scenes, one core each.
 
     python benches/polygon_speed.py target/release/iplw [COPIES] [SCENE ...]
 
-A scene is rolled out from COPIES (256) starts that differ by a little, as estimation and planning do. Pymunk and Box2D are stepped
-from Python, states read once a second; ours are run by the command line, its JSON included. Processor time; the median
-of three rounds in turn. Prints microseconds a step of a rollout and how many times faster than Pymunk the batched engine is.
+A scene is rolled out from COPIES (256) slightly different initial states, as in estimation and planning. Pymunk and Box2D are stepped
+from Python, with states read once per second; ours are run from the command line, including JSON. Processor time; median
+of three alternating rounds. Prints microseconds per rollout step and the speed of the batched engine relative to Pymunk.
 """
 
 import argparse
@@ -154,7 +154,7 @@ def main():
     for name in given.scenes or SCENES:
         draw = random.Random(name)
         scenes = [SCENES[name](draw) for _ in range(given.copies)]
-        # The peers are slow and their scenes alike: a quarter of the copies will do.
+        # The other engines are slow and their copies similar, so a quarter of the copies suffices.
         few = scenes[: max(1, given.copies // 4)]
         share = {engine: scenes if engine == "lanes" else few for engine in engines}
         taken = {engine: [] for engine in engines}

@@ -1,10 +1,10 @@
-"""Where the batched engine spends its time, by part of the step: samples of `perf`, named by the inlined functions that
-they fall in.
+"""Profile of the batched engine by part of the step: samples of `perf`, named by the inlined functions that
+contain them.
 
     python benches/profile.py ENGINES_BINARY SCENES.jsonl [lanes-full]
 
-The parts are compiled into one function, so samples are named by `llvm-symbolizer` from the debug lines. Prints that it
-is left out where `perf` or the symbolizer is missing or not allowed.
+The parts are compiled into one function, so samples are attributed by `llvm-symbolizer` from the debug lines. Prints a note and exits
+if `perf` or the symbolizer is missing or not permitted.
 """
 
 import collections
@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-# By file and function; the outermost that is listed counts.
+# By file and function; the outermost listed one counts.
 PARTS = {
     ("kernel.rs", "advance"): "positions",
     ("kernel.rs", "find_contacts"): "finding contacts",
@@ -33,12 +33,12 @@ def main():
         try:
             subprocess.run(["perf", "record", "-q", "-e", "cpu-clock:u", "-F", "999", "-o", data, binary, scenes, engine],
                            check=True, capture_output=True)
-            # The address within the file, whatever address the program was loaded at.
+            # The address within the file, independent of the load address.
             samples = subprocess.run(["perf", "script", "-i", data, "-F", "ip,sym,symoff,dso", "--show-mmap-events"],
                                      check=True, capture_output=True, text=True).stdout
             parts = shares(samples, os.path.realpath(binary))
         except (OSError, subprocess.CalledProcessError) as error:
-            print(f"left out: {error}")
+            print(f"skipped: {error}")
             return
     total = sum(parts.values())
     for part, count in parts.most_common():
@@ -47,7 +47,7 @@ def main():
 
 
 def shares(script, binary):
-    """Samples by part, of what `perf script` printed."""
+    """Samples by part, from the output of `perf script`."""
     maps, addresses, parts = [], [], collections.Counter()
     for line in script.splitlines():
         if "PERF_RECORD_MMAP" in line and line.rstrip().endswith(binary):
@@ -77,7 +77,7 @@ def shares(script, binary):
             current.append(line)
     for place in addresses:
         frames = by_place.get(virtual(binary, place), [])
-        # Lines come in pairs, from the innermost function out: its name, and its file with the line.
+        # Lines come in pairs, from the innermost function outwards: the name, and the file with the line.
         calls = [(place.rsplit("/", 1)[-1].split(":")[0], name) for name, place in zip(frames[::2], frames[1::2])]
         known = (part for file, name in reversed(calls) for (of, function), part in PARTS.items()
                  if file == of and name.startswith(function))
@@ -86,7 +86,7 @@ def shares(script, binary):
 
 
 def virtual(binary, place, cache={}):
-    """The address that debug lines speak of, for an offset in the file."""
+    """Virtual address in the debug information for an offset in the file."""
     if binary not in cache:
         headers = subprocess.run(["readelf", "-lW", binary], check=True, capture_output=True, text=True).stdout
         rows = [line.split() for line in headers.splitlines() if line.split()[:1] == ["LOAD"]]

@@ -1,9 +1,9 @@
-"""How far an engine's rollouts are from Pymunk's on the same scenes, Pymunk at its defaults.
+"""Distance between an engine's rollouts and Pymunk's on the same scenes, with Pymunk's defaults.
 
     python benches/pymunk_agreement.py target/release/iplw SCENES.jsonl [lanes|rapier] [SLOP]
 
-Prints, for 1 to 4 s: the share of scenes in which every body has stayed within 1 cm so far, and quantiles of the
-worst distance so far.
+Prints, for 1 to 4 s: the share of scenes in which every body has stayed within 1 cm, and quantiles of the maximum
+distance.
 """
 
 import json
@@ -24,7 +24,7 @@ def main():
         scenes = [json.loads(line) for line in lines]
     worst = {1: [], 2: [], 3: [], 4: []}
     for scene in scenes:
-        # Ten looks a second, so that a rollout that strays and comes back is not counted as close.
+        # Ten comparisons per second, so that a rollout that diverges temporarily does not count as close.
         scene["observe_every"] = max(1, round(0.1 / scene["time_step"]))
         scene["stop"] = False
     lines = "\n".join(map(json.dumps, scenes))

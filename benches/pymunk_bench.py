@@ -1,4 +1,4 @@
-"""Rollouts per second of Pymunk and, where it is installed, Box2D, on scenes from a file of JSON lines.
+"""Rollouts per second of Pymunk and, if installed, Box2D, on scenes from a file of JSON lines.
 
     python benches/pymunk_bench.py SCENES.jsonl
 
@@ -72,7 +72,7 @@ def main():
     try:
         import Box2D  # noqa: F401
     except ImportError:
-        print("Box2D is not installed: left out", file=sys.stderr)
+        print("Box2D is not installed: skipped", file=sys.stderr)
     else:
         measure("box2d", box2d_rollout, scenes)
 

@@ -1,4 +1,4 @@
-"""Builds a Pymunk space from an `iplw.scene/1` scene: Pymunk's own defaults, nothing tuned."""
+"""Builds a Pymunk space from an `iplw.scene/1` scene with Pymunk's defaults."""
 
 import math
 
@@ -6,7 +6,7 @@ import pymunk
 
 
 def build(scene, slop=None):
-    """(space, bodies in the scene's order). Products of coefficients are Pymunk's rule already."""
+    """(space, bodies in the scene's order). Pymunk also combines coefficients by their product."""
     space = pymunk.Space()
     space.gravity = tuple(scene.get("gravity", [0.0, -9.8]))
     space.damping = scene.get("damping") or 1.0
@@ -27,7 +27,7 @@ def build(scene, slop=None):
         body.angle = own.get("angle", 0.0)
         body.position = tuple(own["position"])
         spin, arm = own.get("angular_velocity", 0.0), pymunk.Vec2d(*centre).rotated(body.angle)
-        # Pymunk's velocity is that of the centre of mass, ours that of the frame's origin.
+        # Pymunk's velocity is that of the centre of mass, ours that of the body frame's origin.
         body.velocity = pymunk.Vec2d(*own.get("velocity", (0.0, 0.0))) + spin * arm.perpendicular()
         body.angular_velocity = spin
         space.add(body)
@@ -38,7 +38,7 @@ def build(scene, slop=None):
 
 
 def _pieces(shape):
-    """Convex shapes with where they stand in the body's frame."""
+    """Convex shapes with their poses in the body's frame."""
     if shape["type"] != "compound":
         yield shape, pymunk.Transform.identity()
         return

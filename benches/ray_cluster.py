@@ -1,16 +1,16 @@
-"""What a second node gives and what Ray takes, on this machine: `python benches/ray_cluster.py` (about 4 minutes).
+"""Speed-up by a second node and overhead of Ray, on this machine: `python benches/ray_cluster.py` (about 4 minutes).
 
     IPLW_BIN=target/release/iplw .venv/bin/python benches/ray_cluster.py
 
 A local Ray cluster of two nodes with one core each, warm, beside one process of one core:
 
-- `speedup`: equal estimations at the paper's scale, one after the other here, then on the cluster. Their reports are
-  compared to the bit.
-- `lost`: estimations while a third node is taken away in the middle; the same bits are wanted.
-- `overhead`: a unit of about 2 s, here and on the cluster in turn, the median of each; and the same for a unit that
-  only sleeps, which what else the machine does cannot disturb.
+- `speedup`: equal estimations at the paper's scale, in sequence in one process, then on the cluster. Their reports must be
+  bit-identical.
+- `lost`: estimations during which a third node is removed; the reports must be bit-identical.
+- `overhead`: a unit of about 2 s, alternately in one process and on the cluster, the median of each; and the same for a unit
+  that only sleeps, which is insensitive to other load.
 
-Prints one line of JSON, in s and as ratios. Ends with 1 if bits differ. Needs two cores with nothing else to do.
+Prints one line of JSON, in s and as ratios. Exit status 1 if bits differ. Needs two idle cores.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-# Otherwise Ray's workers give way to whatever else runs, and the one process here does not.
+# Without this, Ray's workers run at a lower priority than the single process.
 os.environ["RAY_worker_niceness"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 
@@ -33,17 +33,17 @@ import ray
 from ray.cluster_utils import Cluster
 
 from iplw import cluster
-from iplw.unit import command, compute
+from iplw.cli import command, compute
 
 T = TypeVar("T")
-#: A unit that Ray's share is measured on, s.
+#: Duration of a unit of work for measuring Ray's overhead, s.
 UNIT = 2.0
 
 
 def main() -> int:
     given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    given.add_argument("--units", type=int, default=2, help="estimations, an even number")
-    given.add_argument("--rounds", type=int, default=10, help="of each; the paper's are 10")
+    given.add_argument("--units", type=int, default=2, help="number of estimations, even")
+    given.add_argument("--rounds", type=int, default=10, help="rounds per estimation (10 in the paper)")
     given.add_argument("--pairs", type=int, default=7, help="units of 2 s, on each side")
     arguments = given.parse_args()
     if arguments.units < 2 or arguments.units % 2:
@@ -68,7 +68,7 @@ def main() -> int:
 
 
 def report(argv: list[str]) -> dict[str, Any]:
-    """What a command found, but for the seconds it took."""
+    """Report of a command without its duration."""
     found: dict[str, Any] = compute([argv], threads=1).json()
     del found["seconds"]
     return found
@@ -81,13 +81,13 @@ def timed(work: Callable[[], T]) -> tuple[float, T]:
 
 
 def warm(cores: int) -> None:
-    """Has a worker of each node started, the package imported and the program's version asked."""
+    """Warms up each node: starts a worker, imports the package and queries the program's version."""
     while len({ran.node for ran in cluster.map(time.sleep, [0.5] * 2 * cores, progress=False).ran if ran}) < cores:
         pass
 
 
 def speedup(argv: list[str], units: int) -> dict[str, Any]:
-    """Equal estimations in one process, then on the nodes."""
+    """Speed-up of the nodes over a single process for equal estimations."""
     one, alone = timed(lambda: [report(argv) for _ in range(units)])
     two, found = timed(lambda: cluster.map(report, [argv] * units, progress=False))
     apart = len({ran.node for ran in found.ran if ran})
@@ -95,7 +95,7 @@ def speedup(argv: list[str], units: int) -> dict[str, Any]:
 
 
 def overhead(pairs: int) -> dict[str, float]:
-    """What a unit takes longer on the cluster, as a share of it."""
+    """Relative overhead of the cluster per unit of work."""
     rounds = max(1, round(UNIT / timed(lambda: report(bowling(1)))[0]))
     sides: dict[str, list[float]] = {"here_s": [], "there_s": [], "asleep_s": []}
     for _ in range(pairs):
@@ -115,7 +115,7 @@ def bowling(rounds: int) -> list[str]:
 
 
 def lost(nodes: Any, argv: list[str]) -> dict[str, Any]:
-    """A third node joins, gets its unit, and is gone a second later."""
+    """Node failure: a third node joins, receives a unit and is terminated a second later."""
     doomed = nodes.add_node(num_cpus=1)
     warm(3)
     remove = threading.Timer(1.0, nodes.remove_node, [doomed], {"allow_graceful": False})

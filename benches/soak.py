@@ -1,10 +1,10 @@
-"""A mixed load for as long as is wanted, and what the server keeps of it: `make soak`, or `make soak MINUTES=10`.
+"""Soak test: a mixed load and the server's memory growth: `make soak`, or `make soak MINUTES=10`.
 
     python benches/soak.py [--binary target/release/iplw] [--minutes 60]
 
-Over HTTP and ZeroMQ: worlds made, reset, stepped in, rolled out, drawn and forgotten; policies asked; jobs queued, followed and
-forgotten; refused requests; connections made and left. Resident memory is read every second. The first tenth warms up; of the
-rest the means of both halves are compared. Ends with 1 if an answer was not what it had to be, or memory grew by more than
+Over HTTP and ZeroMQ: worlds are created, reset, stepped, rolled out, rendered and deleted; policies evaluated; jobs queued, followed
+and deleted; invalid requests sent; connections opened and closed. Resident memory is sampled every second. The first tenth is warm-up;
+the means of both halves of the rest are compared. Exit status 1 if a response is unexpected, or memory grows by more than
 `--growth`.
 """
 
@@ -26,7 +26,7 @@ ACTION = {"action": [0.5, 0.8, 0.3]}
 
 
 def over_http(running: Server, headers: dict[str, str]) -> Iterator[None]:
-    """One round of whatever a client may do, a request at a time."""
+    """Rounds of all client operations, one request at a time."""
     connection = running.connect()
 
     def expect(status: int, method: str, path: str, body: object = None) -> dict[str, object]:
@@ -60,7 +60,7 @@ def over_http(running: Server, headers: dict[str, str]) -> Iterator[None]:
 
 
 def jobs(running: Server, headers: dict[str, str]) -> Iterator[None]:
-    """Small jobs one after the other, each forgotten after its end."""
+    """Small jobs in sequence, each deleted after its end."""
     connection = running.connect()
     for n in itertools.count():
         estimate = {"task": "bowling", "rounds": 1, "actions": 4, "samples": 32, "seed": n}
@@ -78,7 +78,7 @@ def jobs(running: Server, headers: dict[str, str]) -> Iterator[None]:
 
 
 def over_zmq(running: Server, token: str) -> Iterator[None]:
-    """Resets and steps over ZeroMQ, by connections that come and go."""
+    """Resets and steps over ZeroMQ, on short-lived connections."""
     assert running.zmq is not None
     reset = asking.message("reset_world", {"id": "bowling-sim"})
     step = asking.message("step_world", {"id": "bowling-sim", **ACTION})
@@ -106,8 +106,8 @@ def main() -> int:
     given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     given.add_argument("--binary", default="target/release/iplw")
     given.add_argument("--minutes", type=float, default=60.0)
-    given.add_argument("--growth", type=float, default=0.01, help="of the second half over the first, as a share")
-    given.add_argument("--pause", type=float, default=0.005, help="between two requests of a client, s")
+    given.add_argument("--growth", type=float, default=0.01, help="maximum relative growth of the second half over the first")
+    given.add_argument("--pause", type=float, default=0.005, help="pause between two requests of a client, s")
     arguments = given.parse_args()
     failed: list[str] = []
     counts: list[int] = []

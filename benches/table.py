@@ -1,4 +1,4 @@
-"""Reads the JSON lines of the benchmarks and prints them as one table, with ratios to Pymunk."""
+"""Prints the benchmarks' JSON lines as one table, with ratios to Pymunk."""
 
 import json
 import sys

@@ -1,18 +1,17 @@
-"""What a step costs over the wire, beside a bare request and beside others; `make bench-wire` runs it.
+"""Cost of a step over the network, compared with a bare request and with other servers; `make bench-wire` runs it.
 
     python benches/wire.py --bin target/release/iplw --echo target/release/examples/echo \\
         --in-process target/release/examples/in_process [--peers PYTHON] [--out FILE.json]
 
-Server and client share the machine's cores. Everything is measured in rounds, each with all rows, so that what
-disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. Single requests are medians.
-A single step is one step in a world of its own, reset beforehand, of a scene of one ball and one time step; for the
-others see `wire_peers.py`.
+Server and client share the machine's cores. Measurements are made in rounds that contain all rows, so that disturbances
+affect all rows; a row is its fastest round, a ratio the median over rounds. Single requests are medians. A single step is
+one step in a freshly reset world with one ball and one time step; for the other servers see `wire_peers.py`.
 
 | row | what is measured |
 |---|---|
-| step | `World.step`: from the action as an array to observation, reward and info |
-| bare | the step's own message sent to a server that sends it back: by urllib3 over HTTP, by pyzmq over ZeroMQ |
-| packing | what of a step needs no wire: the request put together, an answer taken apart |
+| step | `World.step`: from the action array to observation, reward and info |
+| bare | the step's message sent to an echo server: by urllib3 over HTTP, by pyzmq over ZeroMQ |
+| packing | the part of a step without network: serialisation of the request, parsing of a response |
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ import zmq
 from gymnasium.vector import AutoresetMode
 
 import iplw
-from iplw import World, calls, codec, frames, http
+from iplw import World, codec, frames, http, requests
 from iplw.vector import PlacementVectorEnv
 
 SCENE = {
@@ -60,7 +59,7 @@ SCENE = {
 ACTION = np.array([0.5, 0.5, 0.2])
 PEERS = ["openenv", "dm_env_rpc", "flask", "flask_urllib3"]
 BATCH = 256
-#: Requests of one kind on end.
+#: Consecutive requests of one kind.
 BLOCK = 50
 
 
@@ -69,10 +68,10 @@ def main() -> None:
     given.add_argument("--bin", default="target/release/iplw")
     given.add_argument("--echo", default="target/release/examples/echo")
     given.add_argument("--in-process", default="target/release/examples/in_process")
-    given.add_argument("--peers", help="a Python that has openenv-core, dm_env_rpc, flask and requests")
+    given.add_argument("--peers", help="Python interpreter with openenv-core, dm_env_rpc, flask and requests")
     given.add_argument("--rounds", type=int, default=5)
     given.add_argument("--steps", type=int, default=1000)
-    given.add_argument("--batches", type=int, default=20, help="of the vector environment")
+    given.add_argument("--batches", type=int, default=20, help="number of batches for the vector environment")
     given.add_argument("--out")
     arguments = given.parse_args()
     rounds: list[dict[str, float]] = []
@@ -104,16 +103,16 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
         clients = {name: iplw.Client(ours[name], timeout=60) for name in ("http", "tcp")}
         for name, bares in bares_of.items():
             client = clients[name]
-            made = client._line.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
+            made = client._connection.do(requests.create_worlds({"scene": SCENE}, arguments.steps))
             ids = made["worlds"]
-            worlds = [World(client._line, {"id": id}) for id in ids]
-            client._line.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+            worlds = [World(client._connection, {"id": id}) for id in ids]
+            client._connection.do(requests.reset_worlds(ids, [0] * len(ids), None, None, None))
             for _ in range(200):
                 for bare in bares:
                     bare()
             for world in worlds[:100]:
                 world.step(ACTION)
-            # In turns, as the machine's pace changes, but not one by one: a server asked seldom sleeps in between.
+            # Alternating, since the machine's speed varies, but in blocks, since an idle server sleeps between requests.
             names = [f"{name} step", f"{name} bare", f"{name} packing"]
             took: dict[str, list[float]] = {row: [] for row in names}
             rest = iter(worlds[100:])
@@ -124,28 +123,28 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
                         start = time.perf_counter()
                         work()
                         times.append(time.perf_counter() - start)
-            # The median, as others on the machine make some of them long.
+            # The median is robust against other load on the machine.
             row |= {name: 1e6 * statistics.median(times) for name, times in took.items()}
             row[f"{name} step in a batch of {BATCH}"] = batched(client, ids[:BATCH])
-            client._line.do(calls.delete_worlds(ids))
+            client._connection.do(requests.delete_worlds(ids))
             client.close()
     return row
 
 
 def batched(client: iplw.Client, ids: list[str], batches: int = 30) -> float:
-    """Microseconds of a step in a batch: what `step_worlds` takes, divided by the number of worlds."""
+    """Microseconds per step in a batch: the duration of `step_worlds` divided by the number of worlds."""
     actions = np.random.default_rng(0).random((len(ids), 3))
     took = []
     for _ in range(batches):
-        client._line.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+        client._connection.do(requests.reset_worlds(ids, [0] * len(ids), None, None, None))
         start = time.perf_counter()
-        client._line.do(calls.step_worlds(ids, actions, "disabled", None))
+        client._connection.do(requests.step_worlds(ids, actions, "disabled", None))
         took.append(time.perf_counter() - start)
     return 1e6 * statistics.median(took) / len(ids)
 
 
 def vectors(arguments: argparse.Namespace) -> dict[str, float]:
-    """Microseconds a valid rollout of a 256-wide vector environment and of the library on the same actions."""
+    """Microseconds per valid rollout of a 256-wide vector environment, and of the library on the same actions."""
     row: dict[str, float] = {}
     with serving([arguments.bin, "serve", *LISTEN, "--exit-with-stdin"]) as ours:
         for name in ("http", "tcp"):
@@ -169,13 +168,13 @@ def vectors(arguments: argparse.Namespace) -> dict[str, float]:
         json.dump({"batches": work}, file)
         file.flush()
         said = json.loads(subprocess.check_output([arguments.in_process, file.name, "2"]))
-    assert said["valid"] == valid, "the same work"
+    assert said["valid"] == valid, "equal numbers of valid actions"
     row["in-process rollout"] = 1e6 * said["seconds"] / valid
     return row
 
 
 def peers(arguments: argparse.Namespace) -> dict[str, float]:
-    """Microseconds of the others' single steps; none of them has batches, so 256 take 256 times as long."""
+    """Microseconds per single step of the other servers; none has batches, so 256 steps take 256 times as long."""
     script = str(Path(__file__).with_name("wire_peers.py"))
     row: dict[str, float] = {}
     for name in PEERS:
@@ -223,7 +222,7 @@ RATIOS: dict[str, Callable[[dict[str, float]], float]] = {
 
 
 def of_can(of: Callable[[dict[str, float]], float], row: dict[str, float]) -> bool:
-    """Whether a ratio's rows were measured."""
+    """Whether the rows of a ratio are available."""
     try:
         of(row)
     except KeyError:
@@ -231,8 +230,8 @@ def of_can(of: Callable[[dict[str, float]], float], row: dict[str, float]) -> bo
     return True
 
 
-#: A step's request and its answer.
-CALL = calls.step("w00000000-1000", np.array([0.5, 0.5, 0.2]))
+#: Request and response of a step.
+CALL = requests.step("w00000000-1000", np.array([0.5, 0.5, 0.2]))
 ANSWER = {
     "observation": [0.10770566239316239, 0.5420026881720431, 0.08012820512820512] * 2,
     "reward": 0.0,
@@ -246,14 +245,14 @@ ANSWER = {
 
 
 def bare_http_of(url: str) -> list[Callable[[], Any]]:
-    """A step's request to a handler that sends its body back, over a connection kept alive; and packing alone."""
+    """A step's request to an echo handler over a keep-alive connection; and serialisation alone."""
     pool = urllib3.connection_from_url(url)
-    path, headers, body = http.request(CALL)
+    path, headers, body = http.encode_request(CALL)
     said = codec.pack(ANSWER)
 
     def packing() -> Any:
-        call = calls.step("w00000000-1000", ACTION)
-        http.request(call)
+        call = requests.step("w00000000-1000", ACTION)
+        http.encode_request(call)
         return call.read(codec.unpack(said))
 
     return [
@@ -263,11 +262,11 @@ def bare_http_of(url: str) -> list[Callable[[], Any]]:
 
 
 def bare_zmq_of(url: str) -> list[Callable[[], Any]]:
-    """A step's message to a ROUTER that sends it back; and packing alone."""
+    """A step's message to an echoing ROUTER; and serialisation alone."""
     dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     dealer.linger = 0
     dealer.connect(url)
-    message = frames.request(1000, CALL)
+    message = frames.encode_request(1000, CALL)
     said = codec.pack({"v": 1, "id": 1000, "ok": True, "result": ANSWER, "arrays": []})
 
     def ask() -> Any:
@@ -275,16 +274,16 @@ def bare_zmq_of(url: str) -> list[Callable[[], Any]]:
         return dealer.recv_multipart()
 
     def packing() -> Any:
-        call = calls.step("w00000000-1000", ACTION)
-        frames.request(1000, call)
-        return call.read(frames.answer(frames.header([said]), [said], False))
+        call = requests.step("w00000000-1000", ACTION)
+        frames.encode_request(1000, call)
+        return call.read(frames.decode_reply(frames.decode_header([said]), [said], False))
 
     return [ask, packing]
 
 
 @contextmanager
 def serving(command: list[str]) -> Iterator[dict[str, str]]:
-    """A server that says where it listens, over HTTP and over ZeroMQ: scheme -> address."""
+    """Starts a server and yields its addresses by scheme (HTTP and ZeroMQ)."""
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True)
     try:
         assert server.stdout is not None

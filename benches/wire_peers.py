@@ -1,4 +1,4 @@
-"""The trivial environment of others, each with its own server and client: what `wire.py` measures ours against.
+"""Trivial environments in other frameworks, each with its own server and client, for comparison in `wire.py`.
 
     python wire_peers.py serve openenv PORT
     python wire_peers.py drive openenv PORT STEPS
@@ -199,7 +199,7 @@ def main() -> None:
         step()
         took.append(time.perf_counter() - start)
     print(json.dumps({"us": 1e6 * statistics.median(took)}), flush=True)
-    # Some of them keep threads that do not end.
+    # Some frameworks leave running threads.
     import os
 
     os._exit(0)

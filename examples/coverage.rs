@@ -1,15 +1,15 @@
-//! How often a 95 % interval holds the true value: many estimations of hidden worlds with random latents, the
-//! simulation otherwise right.
+//! Coverage of 95 % confidence intervals: many estimations of hidden worlds with random latents, with an otherwise
+//! correct simulation.
 //!
 //! `cargo run --release --example coverage -- [bowling|basketball] [estimations] [noise in m] [trajectory|shooting] [trials]`
 //!
-//! An interval that is honest holds the truth in 95 of 100 estimations; chance makes that 90 to 99 in a run of 100.
-//! `missed both` counts the misses that are off by more than twice the interval's half width: a few are chance, many
-//! are a method that settles beside the optimum and does not know it.
+//! A calibrated interval contains the true value in 95 of 100 estimations; the sampling range in a run of 100 is 90 to 99.
+//! `far off` counts the misses by more than twice the interval's half-width: a few occur by chance, many indicate
+//! convergence to a wrong optimum.
 
 use iplw::error::{Error, Result};
 use iplw::experiment::{EstimateConfig, ResidualKind, estimate};
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::rng;
 use iplw::task::{Split, family, split};
@@ -48,7 +48,7 @@ fn main() -> Result<()> {
             seed,
             ..EstimateConfig::fast(family.prior)
         };
-        let (report, _) = estimate(&tasks, &mut HiddenWorld::new(hidden)?, &config, &Silent)?;
+        let (report, _) = estimate(&tasks, &mut HiddenWorld::new(hidden)?, &config, &NoProgress)?;
         for (i, found) in report.latents.iter().enumerate() {
             match found.ci95 {
                 [Some(low), Some(high)] => {

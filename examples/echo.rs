@@ -1,4 +1,4 @@
-//! The least that a server can do, to measure ours against: whatever it is sent is sent back, over HTTP as over ZeroMQ.
+//! Echo server over HTTP and ZeroMQ, the baseline for benchmarks of the server.
 //!
 //! `cargo run --release --example echo -- --http 127.0.0.1:0 --zmq tcp://127.0.0.1:0`
 
@@ -23,7 +23,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     println!("listening on {}", router.bind(&after("--zmq", "tcp://127.0.0.1:0")).await?);
     tokio::spawn(async move {
         while let Ok(message) = router.recv().await {
-            // A client that has gone is not waited for.
+            // Ignore clients that have disconnected.
             let _ = router.send(message).await;
         }
     });

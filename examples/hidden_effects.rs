@@ -1,8 +1,8 @@
-//! Hides effects in worlds of its own making, has them diagnosed, and counts how often the diagnosis is right.
+//! Benchmark of the diagnosis on synthetic worlds with hidden effects: counts how often the diagnosis is correct.
 //!
-//! `cargo run --release --example hidden_effects -- --worlds 400 --out rates.md`: that many worlds of all kinds, and as
-//! many again with nothing hidden. `--help` tells the rest. Each world's outcome is added to `worlds.csv` beside the table as
-//! soon as it is known, and a run that was stopped goes on where it was.
+//! `cargo run --release --example hidden_effects -- --worlds 400 --out rates.md`: 400 worlds of all kinds with effects, and as
+//! many without. See `--help` for all options. Each result is appended to `worlds.csv` next to the table, and an interrupted
+//! run resumes.
 
 #[path = "../tests/discover_worlds/mod.rs"]
 mod worlds;
@@ -11,8 +11,8 @@ use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 
 use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{Config, diagnose};
-use iplw::progress::Silent;
+use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
@@ -20,7 +20,7 @@ use rand::RngExt;
 use worlds::study::{Run, middle, rates, sets, weighed};
 use worlds::{NOISES, Noise};
 
-/// Sets that differ in more than which of the twins of gravity they hold.
+/// Sets of effects, with the indistinguishable twins of gravity identified.
 fn apart(sets: &str) -> HashSet<String> {
     let plain = |set: &str| {
         let twin = |n: &str| if TWINS.contains(&n) { "gravity_error".to_string() } else { n.to_string() };
@@ -31,7 +31,7 @@ fn apart(sets: &str) -> HashSet<String> {
     sets.split('|').filter(|s| !s.is_empty()).map(plain).collect()
 }
 
-/// One world: what is hidden in it, what a diagnosis is given.
+/// One world: hidden effects, and the input of its diagnosis.
 #[derive(Clone)]
 struct World {
     kind: String,
@@ -39,17 +39,17 @@ struct World {
     parameter: Option<(&'static str, &'static str, f64)>,
     scene: Scene,
     trials: Vec<Trial>,
-    /// What more can be thrown in: the hidden world, how observations err, and by how much, m.
-    more: Option<(worlds::Hidden, Noise, f64)>,
+    /// World for further trials: the hidden force, the kind of measurement noise and its size, m.
+    more: Option<(worlds::HiddenForce, Noise, f64)>,
 }
 
-/// Trials, observations a trial, and path shifts in noise deviations: a medium effect, and a large one for forces that
-/// no library holds (a force whose path cannot be told from a library's cannot be called unknown).
+/// Trials, observations per trial, and path shifts in standard deviations of the noise: a medium effect, and a large one for
+/// forces outside the library (a force whose path is indistinguishable from a library effect's cannot be diagnosed as unknown).
 const TRIALS: usize = 14;
-const ROWS: usize = 40;
-const MEDIUM: f64 = 5.0;
-const LARGE: f64 = 15.0;
-/// Kinds of worlds with something hidden.
+const OBSERVATIONS: usize = 40;
+const MEDIUM_SHIFT: f64 = 5.0;
+const LARGE_SHIFT: f64 = 15.0;
+/// Number of kinds of worlds with hidden effects.
 const KINDS: usize = worlds::SINGLES + 2 * worlds::DOUBLES + 2 * worlds::OUTSIDE.len() + worlds::CONTACTS;
 
 fn main() -> std::io::Result<()> {
@@ -61,9 +61,14 @@ fn main() -> std::io::Result<()> {
     run.tell(&table(&log))
 }
 
-/// A world's line, and one for each time that its advice was followed.
+/// Result row of a world, and one for each further round of advised trials.
 fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
-    let look = |trials: &[Trial]| match diagnose(&world.scene, trials, &Config::standard(seed), &Silent) {
+    let look = |trials: &[Trial]| match diagnose(
+        &world.scene,
+        trials,
+        &DiagnosisConfig::standard(seed),
+        &NoProgress,
+    ) {
         Ok(found) => found.diagnosis,
         Err(e) => panic!("world {id} could not be diagnosed: {e}"),
     };
@@ -77,7 +82,7 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
             break;
         }
         let own = World { trials: trials.clone(), ..world.clone() };
-        let Some(all) = followed(&own, &now, rng::derive(seed, "round", round)) else { break };
+        let Some(all) = followed(&own, &now, rng::derive_seed(seed, "round", round)) else { break };
         let from = std::time::Instant::now();
         (now, trials) = (look(&all), all);
         let kind = format!("advice followed {round} / {}", world.kind);
@@ -97,14 +102,14 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
     out
 }
 
-/// The trials with those that a diagnosis advises, if it advises a launch.
+/// The trials together with those that a diagnosis recommends, if it recommends any.
 fn followed(world: &World, d: &Diagnosis, seed: u64) -> Option<Vec<Trial>> {
     let (hidden, noise, sd) = world.more.as_ref()?;
     let scene = d.next_experiment.as_ref()?.scene.as_ref()?;
     let (at, v) = (scene.bodies[0].position?, scene.bodies[0].velocity);
     let duration = f64::from(scene.steps) * scene.time_step / 1.05;
     let mut r = rng::stream(seed, "advised launches");
-    // Nobody throws exactly as told.
+    // Actuation noise.
     let mut about = |value: f64, error: f64| value + error * r.random_range(-1.0..1.0);
     let launches: Vec<worlds::Launch> = (0..6)
         .map(|_| {
@@ -120,25 +125,32 @@ fn followed(world: &World, d: &Diagnosis, seed: u64) -> Option<Vec<Trial>> {
         })
         .collect();
     let mut trials = world.trials.clone();
-    trials.extend(worlds::thrown(hidden, *noise, &launches, ROWS, *sd, rng::derive(seed, "advised", 0)));
+    trials.extend(worlds::thrown(
+        hidden,
+        *noise,
+        &launches,
+        OBSERVATIONS,
+        *sd,
+        rng::derive_seed(seed, "advised", 0),
+    ));
     Some(trials)
 }
 
-/// World number `i`: with something hidden, kind after kind, if it is even; with nothing if it is odd.
+/// World number `i`: with hidden effects, cycling through the kinds, if `i` is even; without if it is odd.
 fn world(i: u64, seed: u64) -> World {
-    let own = rng::derive(seed, "world", i);
+    let own = rng::derive_seed(seed, "world", i);
     let (nothing, i) = (i % 2 == 1, i / 2);
     let round = (i / KINDS as u64) as usize;
     let noise = NOISES[(round + i as usize % KINDS) % 4];
-    let fly = |kind: String, hidden: worlds::Hidden, noise, shift: f64| {
-        let trials = worlds::trials(&hidden, noise, TRIALS, ROWS, shift, own);
-        let sd = worlds::deviation(&hidden, TRIALS, ROWS, shift, own);
+    let fly = |kind: String, hidden: worlds::HiddenForce, noise, shift: f64| {
+        let trials = worlds::trials(&hidden, noise, TRIALS, OBSERVATIONS, shift, own);
+        let sd = worlds::noise_sd(&hidden, TRIALS, OBSERVATIONS, shift, own);
         let (names, parameter) = (hidden.names.clone(), hidden.parameter);
         World { kind, names, parameter, scene: worlds::scene(), trials, more: Some((hidden, noise, sd)) }
     };
     if nothing {
         let noise = NOISES[i as usize % 4];
-        return fly(format!("nothing, {noise:?} noise"), worlds::nothing(), noise, MEDIUM);
+        return fly(format!("nothing, {noise:?} noise"), worlds::no_effect(), noise, MEDIUM_SHIFT);
     }
     let mut kind = i as usize % KINDS;
     let mut among = |count: usize| {
@@ -147,15 +159,15 @@ fn world(i: u64, seed: u64) -> World {
         within.then_some(own)
     };
     if let Some(k) = among(worlds::SINGLES) {
-        return fly("single".into(), worlds::single(k, own), noise, MEDIUM);
+        return fly("single".into(), worlds::single(k, own), noise, MEDIUM_SHIFT);
     }
     if let Some(k) = among(worlds::DOUBLES) {
-        return fly("double".into(), worlds::double(k, own), noise, MEDIUM);
+        return fly("double".into(), worlds::double(k, own), noise, MEDIUM_SHIFT);
     }
     if let Some(k) = among(worlds::DOUBLES) {
-        return fly("uneven double".into(), worlds::uneven(k, own), noise, MEDIUM);
+        return fly("uneven double".into(), worlds::unbalanced_double(k, own), noise, MEDIUM_SHIFT);
     }
-    for (size, shift) in [("medium", MEDIUM), ("large", LARGE)] {
+    for (size, shift) in [("medium", MEDIUM_SHIFT), ("large", LARGE_SHIFT)] {
         if let Some(k) = among(worlds::OUTSIDE.len()) {
             let kind = format!("outside, {size}, {}", worlds::OUTSIDE[k]);
             return fly(kind, worlds::outside(k, own), noise, shift);
@@ -188,8 +200,7 @@ fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
     format!("{kind},{truth},{verdict},{},{error},{covered},{removed},{seconds:.2}", sets(d))
 }
 
-/// Gravity too weak or strong, a wrong scale and a clock that runs at a wrong rate look exactly alike where starts are
-/// free.
+/// A gravity error, a wrong length scale and a wrong clock rate are indistinguishable in free flight with unknown initial states.
 const TWINS: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
 
 fn table(text: &str) -> String {

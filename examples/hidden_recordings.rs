@@ -1,13 +1,12 @@
-//! Hides effects in worlds as recordings are, has them diagnosed, and counts how often the diagnosis is right.
+//! Benchmark of the diagnosis on realistic synthetic recordings with hidden effects: counts how often the diagnosis is correct.
 //!
-//! `cargo run --release --example hidden_recordings -- --worlds 400 --out rates.md`: that many worlds, kind after kind
-//! (`--only KIND`: those in whose kind's name that is). `--seed` draws other worlds, `--threads` studies several at once,
-//! each on one thread. Each world's outcome is added to `recordings.csv` beside the table as soon as it is known, and a run
-//! that was stopped goes on where it was.
+//! `cargo run --release --example hidden_recordings -- --worlds 400 --out rates.md`: 400 worlds, cycling through the kinds
+//! (`--only KIND`: only kinds whose name contains KIND). `--seed` selects other worlds, `--threads` runs several in parallel,
+//! each on one thread. Each result is appended to `recordings.csv` next to the table, and an interrupted run resumes.
 //!
-//! What can be told apart at all is decided by the same method on the same launches without noise and dirt (the clean
-//! twin). Sets that no such data can tell apart count as one: gravity, scale and clock in free flight; a tilted camera and
-//! wind along x; and, where spin varies, quadratic drag with and without lift.
+//! The limit of identifiability is the result of the same method on the same trials without noise and outliers (the clean
+//! twin). Sets that such data cannot distinguish count as one: gravity, scale and clock in free flight; a tilted camera and
+//! wind along x; and, if spin varies, quadratic drag with and without lift.
 
 #[path = "../tests/discover_worlds/mod.rs"]
 #[allow(dead_code, reason = "shared with others, which use the rest")]
@@ -18,17 +17,17 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 use clap::CommandFactory as _;
-use iplw::discover::report::{Diagnosis, FoundParameter, Verdict};
-use iplw::discover::{Config, diagnose};
-use iplw::progress::Silent;
+use iplw::discover::report::{Diagnosis, ParameterEstimate, Verdict};
+use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use worlds::recorded::{Kind, Size, World, kinds, world};
 use worlds::study::{Run, middle, rates, sets, weighed};
 
-/// Most sets that a reported set may hold and still count.
-const MOST_RIVALS: usize = 4;
-/// Share by which the drag of a ball whose spin varies may be off.
-const NEAR: f64 = 0.1;
+/// Maximum number of rival sets for a report to count as correct.
+const MAX_RIVALS: usize = 4;
+/// Relative tolerance of the drag of a ball with varying spin.
+const DRAG_TOLERANCE: f64 = 0.1;
 
 fn main() -> std::io::Result<()> {
     let run = Run::with("400", "out/hidden_recordings.md");
@@ -43,15 +42,15 @@ fn main() -> std::io::Result<()> {
         let kind = kinds[i as usize % kinds.len()].name();
         kind.contains(&run.only).then(|| format!("{id},{}\n", study(&world(i, run.seed), id, i, run.talk)))
     })?;
-    let lines: Vec<Line> = log.lines().filter_map(Line::read).collect();
+    let lines: Vec<ResultRow> = log.lines().filter_map(ResultRow::read).collect();
     run.tell(&table(&lines))
 }
 
-/// A world's line without its id; see [`Line`].
+/// Result row of a world without its id; see [`ResultRow`].
 fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
     let look = |trials: &[Trial]| {
         let from = Instant::now();
-        match diagnose(&world.scene, trials, &Config::standard(seed), &Silent) {
+        match diagnose(&world.scene, trials, &DiagnosisConfig::standard(seed), &NoProgress) {
             Ok(found) => (found.diagnosis, from.elapsed().as_secs_f64()),
             Err(e) => panic!("world {id} could not be diagnosed: {e}"),
         }
@@ -82,11 +81,11 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
     line
 }
 
-/// Relative errors of the hidden sizes in the reported set, if all that is reported is right (or spin varies), whether
-/// intervals hold them (each joined by `+`), and a spread: of lift where spin varies, of the first size over that size
-/// elsewhere.
+/// Relative errors of the hidden parameters, if the reported set is correct (or spin varies); whether intervals contain them
+/// (each joined by `+`); and a between-trial spread: of lift if spin varies, otherwise of the first parameter relative to its
+/// size.
 fn compared(world: &World, d: &Diagnosis) -> (String, String, String) {
-    let found = |effect: &str, parameter: &str| -> Option<&FoundParameter> {
+    let found = |effect: &str, parameter: &str| -> Option<&ParameterEstimate> {
         let effect = d.effects.iter().find(|e| e.name == effect)?;
         effect.parameters.iter().find(|p| p.name == parameter)
     };
@@ -97,19 +96,19 @@ fn compared(world: &World, d: &Diagnosis) -> (String, String, String) {
         return Default::default();
     }
     let told: Vec<_> = world.sizes.iter().filter_map(|s| Some((s, found(s.effect, s.parameter)?))).collect();
-    // By a clock that runs fast the same drag is less: beside a twin a size is another.
+    // With a fast clock the same drag is smaller: together with a twin, a parameter has another value.
     if told.len() < world.sizes.len() {
         return Default::default();
     }
-    let error = |(s, p): &(&Size, &FoundParameter)| {
+    let error = |(s, p): &(&Size, &ParameterEstimate)| {
         format!("{:.4}", ((p.value - s.value) / (s.value - s.neutral)).abs())
     };
-    let covers = |(s, p): &(&Size, &FoundParameter)| match p.ci95 {
+    let covers = |(s, p): &(&Size, &ParameterEstimate)| match p.ci95 {
         [Some(a), Some(b)] => Some(u8::from((a..=b).contains(&s.value)).to_string()),
         _ => None,
     };
     let spread = match world.kind {
-        // In the set or beside it: either way it is in the report.
+        // Reported in the set or as between-trial variation.
         Kind::Spin => found("lift", "s")
             .and_then(spread)
             .or_else(|| d.unlike.iter().find(|u| u.effect == "lift").map(|u| u.spread)),
@@ -122,15 +121,15 @@ fn compared(world: &World, d: &Diagnosis) -> (String, String, String) {
     )
 }
 
-/// How far a parameter differs by launch, where a report says so.
-fn spread(parameter: &FoundParameter) -> Option<f64> {
+/// Between-trial standard deviation of a parameter, if reported.
+fn spread(parameter: &ParameterEstimate) -> Option<f64> {
     serde_json::to_value(parameter).ok()?.get("spread")?.as_f64()
 }
 
-/// A world's line in the log. Sets are names joined by `+`, several are joined by `|`.
-struct Line {
+/// A world's row in the log. Sets are names joined by `+`, several sets are joined by `|`.
+struct ResultRow {
     kind: String,
-    /// Sets that are right.
+    /// Correct sets.
     right: Vec<String>,
     launches: String,
     verdict: String,
@@ -143,8 +142,8 @@ struct Line {
     clean_sets: Vec<String>,
 }
 
-impl Line {
-    fn read(row: &str) -> Option<Line> {
+impl ResultRow {
+    fn read(row: &str) -> Option<ResultRow> {
         let cells: Vec<&str> = row.split(',').collect();
         let [
             _,
@@ -169,7 +168,7 @@ impl Line {
             return None;
         };
         let apart = |sets: &str| sets.split('|').filter(|s| !s.is_empty()).map(String::from).collect();
-        Some(Line {
+        Some(ResultRow {
             kind: kind.into(),
             right: apart(right),
             launches: launches.into(),
@@ -184,12 +183,12 @@ impl Line {
         })
     }
 
-    /// Whether a right set is among some.
+    /// Whether a correct set is among `sets`.
     fn within(&self, sets: &[String]) -> bool {
         sets.iter().any(|s| self.right.contains(s))
     }
 
-    /// How many sets are reported, of which all that are right count as one.
+    /// Number of reported sets, with all correct ones counted as one.
     fn rivals(&self, sets: &[String]) -> usize {
         sets.iter().filter(|s| !self.right.contains(s)).count() + usize::from(self.within(sets))
     }
@@ -202,7 +201,7 @@ impl Line {
         self.one_and_right(&self.verdict, &self.sets)
     }
 
-    /// Whether the same method names it where nothing errs.
+    /// Whether the same method names the effect for noise-free data.
     fn allowed(&self) -> bool {
         self.one_and_right(&self.clean_verdict, &self.clean_sets)
     }
@@ -212,31 +211,31 @@ impl Line {
     }
 
     fn in_set(&self) -> bool {
-        self.reported() && self.within(&self.sets) && self.rivals(&self.sets) <= MOST_RIVALS
+        self.reported() && self.within(&self.sets) && self.rivals(&self.sets) <= MAX_RIVALS
     }
 
-    /// Whether every reported set holds an effect.
+    /// Whether every reported set contains an effect.
     fn holds(&self, effect: &str) -> bool {
         self.reported() && self.sets.iter().all(|s| s.split('+').any(|n| n == effect))
     }
 
     fn near(&self) -> bool {
-        self.errors.first().is_some_and(|e| *e <= NEAR)
+        self.errors.first().is_some_and(|e| *e <= DRAG_TOLERANCE)
     }
 }
 
-/// How often something holds of some of the worlds.
+/// Number of selected worlds for which a predicate holds.
 fn count(
-    lines: &[Line],
+    lines: &[ResultRow],
     name: impl Into<String>,
-    some: impl Fn(&Line) -> bool,
-    holds: impl Fn(&Line) -> bool,
+    some: impl Fn(&ResultRow) -> bool,
+    holds: impl Fn(&ResultRow) -> bool,
 ) -> (String, [usize; 2]) {
-    let some: Vec<&Line> = lines.iter().filter(|l| some(l)).collect();
+    let some: Vec<&ResultRow> = lines.iter().filter(|l| some(l)).collect();
     (name.into(), [some.iter().filter(|l| holds(l)).count(), some.len()])
 }
 
-fn table(lines: &[Line]) -> String {
+fn table(lines: &[ResultRow]) -> String {
     let mut out = shares(&figures(lines));
     out += "\n";
     out += &shares(&by_truth(lines));
@@ -275,31 +274,36 @@ fn shares(counts: &[(String, [usize; 2])]) -> String {
     rates(counts.iter().map(|(name, own)| (name.as_str(), *own)))
 }
 
-/// The figures that are asked for.
-fn figures(lines: &[Line]) -> Vec<(String, [usize; 2])> {
-    let hidden = |l: &Line| !l.right.is_empty();
-    let nothing = |l: &Line| l.kind.starts_with("nothing");
-    let outside = |l: &Line| l.kind.starts_with("outside");
-    let spin = |l: &Line| l.kind == "spin varies";
-    let twin = |l: &Line| !l.clean_verdict.is_empty();
+/// Summary figures.
+fn figures(lines: &[ResultRow]) -> Vec<(String, [usize; 2])> {
+    let hidden = |l: &ResultRow| !l.right.is_empty();
+    let nothing = |l: &ResultRow| l.kind.starts_with("nothing");
+    let outside = |l: &ResultRow| l.kind.starts_with("outside");
+    let spin = |l: &ResultRow| l.kind == "spin varies";
+    let twin = |l: &ResultRow| !l.clean_verdict.is_empty();
     let mut out = vec![
-        count(lines, "right alone", hidden, Line::right_alone),
-        count(lines, format!("in the set (of {MOST_RIVALS} at most)"), hidden, |l| {
+        count(lines, "right alone", hidden, ResultRow::right_alone),
+        count(lines, format!("in the set (of {MAX_RIVALS} at most)"), hidden, |l| {
             l.in_set() && !l.right_alone()
         }),
-        count(lines, "right or in the set", hidden, Line::in_set),
-        count(lines, "right alone where the library allows it", Line::allowed, Line::right_alone),
-        count(lines, "right or in the set where the library allows it", Line::allowed, Line::in_set),
+        count(lines, "right or in the set", hidden, ResultRow::in_set),
+        count(lines, "right alone where the library allows it", ResultRow::allowed, ResultRow::right_alone),
+        count(
+            lines,
+            "right or in the set where the library allows it",
+            ResultRow::allowed,
+            ResultRow::in_set,
+        ),
         count(lines, "wrong name", hidden, |l| l.verdict == "Named" && !l.within(&l.sets)),
         count(lines, "several sets, all wrong", hidden, |l| l.verdict == "Ambiguous" && !l.within(&l.sets)),
-        count(lines, format!("in a set of more than {MOST_RIVALS}"), hidden, |l| {
+        count(lines, format!("in a set of more than {MAX_RIVALS}"), hidden, |l| {
             l.reported() && l.within(&l.sets) && !l.in_set()
         }),
         count(lines, "unknown though the library has it", hidden, |l| l.verdict == "Unknown"),
         count(lines, "none or too little though something is hidden", hidden, |l| {
             matches!(l.verdict.as_str(), "None" | "InsufficientData")
         }),
-        count(lines, "the library allows it (clean twin right alone)", twin, Line::allowed),
+        count(lines, "the library allows it (clean twin right alone)", twin, ResultRow::allowed),
         count(lines, "nothing hidden: a name", nothing, |l| l.verdict == "Named"),
         count(lines, "nothing hidden: several sets", nothing, |l| l.verdict == "Ambiguous"),
         count(lines, "nothing hidden: unknown", nothing, |l| l.verdict == "Unknown"),
@@ -318,30 +322,30 @@ fn figures(lines: &[Line]) -> Vec<(String, [usize; 2])> {
     out
 }
 
-/// The main figures kind by kind, and by what was hidden.
-fn by_truth(lines: &[Line]) -> Vec<(String, [usize; 2])> {
+/// Main figures by kind and by hidden effect.
+fn by_truth(lines: &[ResultRow]) -> Vec<(String, [usize; 2])> {
     let mut out = Vec::new();
-    let mut both = |name: String, some: &dyn Fn(&Line) -> bool| {
-        out.push(count(lines, format!("{name}: right alone"), some, Line::right_alone));
-        out.push(count(lines, format!("{name}: right or in the set"), some, Line::in_set));
+    let mut both = |name: String, some: &dyn Fn(&ResultRow) -> bool| {
+        out.push(count(lines, format!("{name}: right alone"), some, ResultRow::right_alone));
+        out.push(count(lines, format!("{name}: right or in the set"), some, ResultRow::in_set));
     };
     for launches in ["alike", "unlike"] {
         both(format!("launches {launches}"), &|l| !l.right.is_empty() && l.launches == launches);
     }
-    let of = |l: &Line| l.right.first().map(|truth| format!("{} {truth}", l.kind));
+    let of = |l: &ResultRow| l.right.first().map(|truth| format!("{} {truth}", l.kind));
     for truth in lines.iter().filter_map(of).collect::<BTreeSet<_>>() {
         both(truth.clone(), &|l| of(l).as_ref() == Some(&truth));
     }
     for kind in lines.iter().filter(|l| l.right.is_empty()).map(|l| &l.kind).collect::<BTreeSet<_>>() {
-        let own = |l: &Line| l.kind == *kind;
-        out.push(count(lines, format!("{kind}: a name or several sets"), own, Line::reported));
+        let own = |l: &ResultRow| l.kind == *kind;
+        out.push(count(lines, format!("{kind}: a name or several sets"), own, ResultRow::reported));
         out.push(count(lines, format!("{kind}: unknown"), own, |l| l.verdict == "Unknown"));
     }
     out
 }
 
-/// What was hidden, and what was said of it.
-fn matrix(lines: &[Line]) -> String {
+/// Confusion matrix of hidden effects and diagnoses.
+fn matrix(lines: &[ResultRow]) -> String {
     let mut counts: BTreeMap<[String; 3], usize> = BTreeMap::new();
     for l in lines {
         let hidden = l.right.first().map_or(l.kind.clone(), |truth| format!("{}: {truth}", l.kind));

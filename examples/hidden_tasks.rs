@@ -1,9 +1,9 @@
-//! Hides an effect in a task's real world, spends interactions on random actions, has the trials diagnosed, and counts
-//! how often the diagnosis is right.
+//! Benchmark of the diagnosis on task worlds with a hidden effect, from random actions: counts how often the diagnosis is
+//! correct.
 //!
-//! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: every family, every effect of [`HIDDEN`] and
-//! nothing, that many worlds each, sizes drawn by seed. `--help` tells the rest. Every world's outcome is added to a CSV
-//! beside the table as soon as it is known, and a run that was stopped goes on where it was.
+//! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: every family with every effect of [`HIDDEN`] and
+//! without, three worlds each, with random effect sizes. See `--help` for all options. Each result is appended to a CSV file
+//! next to the table, and an interrupted run resumes.
 
 #[path = "../tests/discover_worlds/mod.rs"]
 #[allow(dead_code, reason = "shared with others, which use the rest")]
@@ -17,22 +17,22 @@ use std::time::Instant;
 
 use clap::{CommandFactory as _, Parser};
 use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{Config, diagnose};
+use iplw::discover::{DiagnosisConfig, diagnose};
 use iplw::experiment::random_trials;
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
-use iplw::task::{Split, collection, families, family, split, take_in};
+use iplw::task::{Split, collection, families, family, register_families, split};
 use iplw::world::Engine;
 use rand::RngExt;
 use worlds::study::{sets, weighed};
 
-/// An effect with the parameters it has, and the one whose size is drawn.
+/// An effect with its parameters, and the parameter with a random size.
 type Row = (&'static str, &'static [(&'static str, f64)], &'static str);
 
-/// What is hidden, at its middle size: damping 0.8 as in the paper, a strong breeze, a ball that loses half its speed in
-/// 25 m, carpet in the middle of the floor, and a rebound that falls as far as still leaves one at 20 m/s.
+/// Hidden effects at their central sizes: damping 0.8 as in the paper, a strong breeze, a ball that loses half its speed in
+/// 25 m, carpet in the middle of the floor, and the largest decrease of restitution that still gives a rebound at 20 m/s.
 const HIDDEN: [Row; 6] = [
     ("nothing", &[], ""),
     ("linear_drag", &[("c", 0.223_143_55)], "c"),
@@ -41,37 +41,37 @@ const HIDDEN: [Row; 6] = [
     ("sticky_patch", &[("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0), ("c", 2.0)], "c"),
     ("restitution_speed", &[("slope", 0.004)], "slope"),
 ];
-/// Sizes are drawn within these shares of the middle one.
-const SIZES: [f64; 2] = [0.75, 1.33];
+/// Range of sizes, relative to the central one.
+const RELATIVE_SIZES: [f64; 2] = [0.75, 1.33];
 
-/// Hides effects in the tasks' real worlds and counts how often they are found
+/// Benchmarks the diagnosis on task worlds with hidden effects
 #[derive(Parser)]
 struct Run {
-    /// How many worlds of each row
+    /// Number of worlds per row
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// The first of the seeds
+    /// First seed
     #[arg(long, default_value_t = 1)]
     first: u64,
-    /// How many interactions are spent on a world
+    /// Number of interactions per world
     #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..))]
     trials: u64,
-    /// Standard deviation of what is seen, m; beyond 0 positions and angles alone are seen
+    /// Standard deviation of the measurement noise, m; if not 0, only positions and angles are observed
     #[arg(long, default_value_t = 0.0)]
     noise: f64,
-    /// Which engine plays nature
+    /// Engine of the real world
     #[arg(long, default_value = "auto", value_parser = ["auto", "rapier"])]
     engine: String,
-    /// Rows whose names begin so, as `bowling/wind`
+    /// Only rows whose names begin with this text, for example `bowling/wind`
     #[arg(long, default_value = "")]
     only: String,
-    /// Families of a collection beside the built-in ones, as `phyre` or `levels`
+    /// Additional collections of families, for example `phyre` or `levels`
     #[arg(long, value_name = "NAME")]
     tasks: Option<String>,
-    /// Shows what each diagnosis weighed
+    /// Print the comparison of each diagnosis
     #[arg(long)]
     show: bool,
-    /// Where the table goes
+    /// Output file of the table
     #[arg(long, default_value = "out/hidden_tasks.md")]
     out: PathBuf,
 }
@@ -80,7 +80,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let Run { seeds, first, trials, noise, engine, only, tasks, show, out } = Run::parse();
     if let Some(name) = tasks {
         let known = collection(&name).ok_or_else(|| format!("--tasks: no collection is called {name}"))?;
-        take_in(known.families()?)?;
+        register_families(known.families()?)?;
     }
     let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
     let rows = families().iter().flat_map(|f| HIDDEN.map(|row| format!("{}/{}", f.name, row.0)));
@@ -124,26 +124,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A task's standard hidden world with an effect of a drawn size in the place of its own.
+/// A task's standard hidden world with its effects replaced by one of random size.
 fn hidden(task: &str, (name, parameters, drawn): &Row, seed: u64) -> iplw::error::Result<HiddenConfig> {
-    let share: f64 = rng::stream(rng::derive(seed, task, 0), name).random_range(SIZES[0]..SIZES[1]);
+    let share: f64 =
+        rng::stream(rng::derive_seed(seed, task, 0), name).random_range(RELATIVE_SIZES[0]..RELATIVE_SIZES[1]);
     let value = |(p, v): &(&str, f64)| (p.to_string(), if p == drawn { v * share } else { *v });
     let term = || EffectTerm { name: name.to_string(), parameters: parameters.iter().map(value).collect() };
     let effects = if parameters.is_empty() { Vec::new() } else { vec![term()] };
     Ok(HiddenConfig { effects, seed, ..standard(family(task)?) })
 }
 
-/// A diagnosis of random attempts at a task's training tasks.
+/// Diagnosis of random attempts at a family's training tasks.
 fn look(task: &str, world: HiddenConfig, trials: usize, seed: u64) -> iplw::error::Result<Diagnosis> {
     let mut world = HiddenWorld::new(world)?;
     let tasks = split(&family(task)?.fold(0), Split::Train);
-    let trials = random_trials(&tasks, &mut world, trials, seed, &Silent)?;
+    let trials = random_trials(&tasks, &mut world, trials, seed, &NoProgress)?;
     let (scene, trials) = settled(&tasks[0].scene, trials)?;
-    Ok(diagnose(&scene, &trials, &Config::standard(seed), &Silent)?.diagnosis)
+    Ok(diagnose(&scene, &trials, &DiagnosisConfig::standard(seed), &NoProgress)?.diagnosis)
 }
 
-/// verdict, sets, relative error of the drawn parameter, friction and restitution found less the true ones, unexplained
-/// share, seconds
+/// Columns: verdict, sets, relative error of the random parameter, errors of friction and restitution, unexplained share,
+/// seconds
 fn line((name, _, drawn): &Row, world: &HiddenConfig, d: &Diagnosis, seconds: f64) -> String {
     let sets = sets(d);
     let parameter = |terms: &EffectTerm| terms.parameters.get(*drawn).copied();
@@ -161,7 +162,7 @@ fn line((name, _, drawn): &Row, world: &HiddenConfig, d: &Diagnosis, seconds: f6
     format!("{:?},{sets},{error},{friction},{restitution},{left},{seconds:.0}", d.verdict)
 }
 
-/// How often which row was right, and every world.
+/// Success rates by row, and a list of all worlds.
 fn table(log: &Path) -> std::io::Result<String> {
     let text = std::fs::read_to_string(log)?;
     // worlds, named alone, in the reported set, a wrong single name

@@ -1,8 +1,8 @@
-//! The work of a vector environment without any server: batches of actions, each on a task of its own, through the
-//! library. What `benches/wire.py` compares the vector environment with.
+//! The work of a vector environment without a server: batches of actions on individual tasks, through the library. Baseline
+//! for the vector environment in `benches/wire.py`.
 //!
-//! Reads `{"batches": [[[task, [x, y, radius]], ...], ...]}` from the file given; prints `{"seconds": s, "valid": n,
-//! "solved": n}`, the seconds being those of the fastest of REPEATS passes over all batches.
+//! Reads `{"batches": [[[task, [x, y, radius]], ...], ...]}` from a file; prints `{"seconds": s, "valid": n,
+//! "solved": n}`, where `seconds` is the duration of the fastest of REPEATS passes over all batches.
 //!
 //! `cargo run --release --example in_process -- actions.json 3`
 
@@ -11,7 +11,7 @@ use std::time::Instant;
 use iplw::error::{Error, Result};
 use iplw::session::{Action, Catalogue, observation};
 use iplw::task::{Placement, Task};
-use iplw::world::{Engine, Latents, Rollout, simulate_map};
+use iplw::world::{Engine, Latents, Rollout, Simulator};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -27,7 +27,7 @@ fn main() -> Result<()> {
         .map_err(|e| Error::Io { path: file.clone(), message: format!("cannot be read: {e}") })?;
     let work: Work = serde_json::from_str(&text).map_err(|e| Error::Failed(format!("{file}: {e}")))?;
     let catalogue = Catalogue::new();
-    // Tasks are found beforehand, as a server's worlds have theirs.
+    // Tasks are resolved in advance, as in the server's worlds.
     let found = |(id, action): &(String, Vec<f64>)| Ok((catalogue.task(id)?, Action::Vector(action.clone())));
     let batches: Vec<Vec<(Task, Action)>> =
         work.batches.iter().map(|b| b.iter().map(found).collect()).collect::<Result<_>>()?;
@@ -46,7 +46,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Places every action, rolls out those that can be placed, observes the ends; how many were valid and solved.
+/// Places every action, simulates the valid ones, and returns the numbers of valid and solving actions.
 fn step(catalogue: &Catalogue, batch: &[(Task, Action)]) -> Result<(usize, usize)> {
     let placed: Vec<Placement> = batch
         .iter()
@@ -64,8 +64,7 @@ fn step(catalogue: &Catalogue, batch: &[(Task, Action)]) -> Result<(usize, usize
             Placement::Invalid(_) => None,
         })
         .unzip();
-    let observed = simulate_map(&rollouts, Engine::Auto, |i, t| {
-        (t.solved(), observation::observe(&tasks[i].scene, Some(&t)))
-    })?;
+    let observed = Simulator::new(Engine::Auto)
+        .map(&rollouts, |i, t| (t.solved(), observation::observe(&tasks[i].scene, Some(&t))))?;
     Ok((rollouts.len(), observed.iter().filter(|(solved, _)| *solved).count()))
 }

@@ -1,25 +1,24 @@
-//! How many interactions until the right effect has 95 % of the weight: those expected to tell most of which effect there is, against
-//! random ones.
+//! Sample efficiency of effect identification: number of interactions until the correct effect has 95 % posterior probability, with
+//! optimal design and with random actions.
 //!
-//! `cargo run --release --example naming_effects -- --worlds 12 --out naming.md`. Every world has one of some effects, the next one in
-//! turn, of a size drawn between a thirtieth of what is usual of it and that, and latents drawn from the family's prior; the
-//! simulation knows all of them as rivals, and having none. After the first interactions, which are the same random ones for both ways,
-//! the rivals are weighed anew after every further one. It is named where the right one has 95 % of the weight and still has it after
-//! one interaction more. Every world's outcome is added to a CSV beside the table as soon as it is known, and a run that was stopped
-//! goes on where it was.
+//! `cargo run --release --example naming_effects -- --worlds 12 --out naming.md`. Every world has one effect, in turn, with a size
+//! between 3 % and 100 % of its plausible standard deviation, and latents drawn from the family's prior. The candidate models are all
+//! effects and the model without any. Both methods begin with the same random interactions; the posterior model probabilities are
+//! updated after every further one. The effect counts as named if it has 95 % probability after two successive interactions. Each
+//! result is appended to a CSV file next to the table, and an interrupted run resumes.
 
 use std::collections::{BTreeMap, HashSet};
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Parser;
-use iplw::design::{DesignConfig, Question, design, parts};
-use iplw::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use iplw::design::{DesignConfig, Question, design, training_and_test_tasks};
+use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument, Sampler, posterior};
 use iplw::error::{Error, Result};
-use iplw::estimate::Belief;
+use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled, standard};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
@@ -27,46 +26,46 @@ use iplw::task::{Split, Task, family, split};
 use iplw::world::effect;
 use rand::RngExt as _;
 
-/// Counts interactions until the right effect is named, by two ways to choose them
+/// Counts interactions until the correct effect is named, for two selection methods
 #[derive(Parser)]
 struct Run {
-    /// How many worlds
+    /// Number of worlds
     #[arg(long, default_value_t = 12)]
     worlds: u64,
-    /// The first of the seeds
+    /// First seed
     #[arg(long, default_value_t = 1)]
     first: u64,
-    /// The family whose tasks are acted in
+    /// Task family
     #[arg(long, default_value = "bowling")]
     task: String,
-    /// The effects, one of which every world has
+    /// Candidate effects; every world has one of them
     #[arg(
         long,
         value_delimiter = ',',
         default_value = "linear_drag,rolling_resistance,restitution_speed,tangential_restitution"
     )]
     effects: Vec<String>,
-    /// Standard deviation of what is seen, m; positions alone are seen
+    /// Standard deviation of the measurement noise, m; only positions are observed
     #[arg(long, default_value_t = 0.005)]
     noise: f64,
-    /// Most interactions
+    /// Maximum number of interactions
     #[arg(long, default_value_t = 50)]
     cap: usize,
-    /// Where the table goes
+    /// Output file of the table
     #[arg(long, default_value = "naming.md")]
     out: PathBuf,
 }
 
-/// Random interactions that both ways begin with: of fewer no posterior can be drawn.
-const FIRST: usize = 4;
-/// Weight of the right effect at which it is named, and for how many interactions in a row.
-const NAMED: f64 = 0.95;
-const IN_A_ROW: usize = 2;
-/// Sizes of effects, as shares of the standard deviation that is usual of them.
-const SIZES: [f64; 2] = [0.03, 1.0];
-/// Fewest draws of a rival that an experiment is asked to tell from others: of 256, 3 % of the weight.
-const FEWEST_DRAWS: usize = 8;
-const WAYS: [&str; 2] = ["random", "chosen"];
+/// Random interactions at the start of both methods: the minimum for a posterior.
+const INITIAL_INTERACTIONS: usize = 4;
+/// Posterior probability at which the correct effect is named, and the number of successive interactions.
+const NAMED_PROBABILITY: f64 = 0.95;
+const NAMED_STREAK: usize = 2;
+/// Range of effect sizes, relative to their plausible standard deviation.
+const RELATIVE_SIZES: [f64; 2] = [0.03, 1.0];
+/// Minimum number of draws of a candidate that the design considers: of 256 draws, 3 % probability.
+const MIN_CANDIDATE_DRAWS: usize = 8;
+const METHODS: [&str; 2] = ["random", "chosen"];
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let run = Run::parse();
@@ -76,7 +75,7 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
         text.lines().filter_map(|l| l.rsplit_once(",end,").map(|(key, _)| key)).collect();
     let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
     for seed in run.first..run.first + run.worlds {
-        for way in WAYS {
+        for way in METHODS {
             let world = World::new(&run, seed)?;
             let key = format!(
                 "{way},{seed},{},{:.3},{} {} {} {}",
@@ -101,11 +100,11 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A world to be acted in.
+/// A world with one effect.
 struct World<'a> {
     run: &'a Run,
     seed: u64,
-    /// The effect that it has, and how large that is as a share of what is usual.
+    /// The effect, and its size relative to the plausible standard deviation.
     right: String,
     share: f64,
     hidden: HiddenConfig,
@@ -117,32 +116,32 @@ impl World<'_> {
         let right = run.effects[seed as usize % run.effects.len()].clone();
         let mut stream = rng::stream(seed, "naming effects");
         let u: f64 = stream.random();
-        let share = SIZES[0] * (SIZES[1] / SIZES[0]).powf(u);
+        let share = RELATIVE_SIZES[0] * (RELATIVE_SIZES[1] / RELATIVE_SIZES[0]).powf(u);
         let parameters = effect::find(&right)?.parameters;
-        let sized = parameters.iter().map(|p| (p.name.to_string(), p.neutral + share * p.prior().1));
+        let sized = parameters.iter().map(|p| (p.name.to_string(), p.neutral + share * p.weak_prior().1));
         let term = EffectTerm { name: right.clone(), parameters: sized.collect() };
-        let latents = Belief::prior(family.prior, Vec::new(), 1, seed)?.draws()[0].latents;
+        let latents = ParameterSamples::prior(family.prior, Vec::new(), 1, seed)?.draws()[0].latents;
         let hidden =
             HiddenConfig { latents, effects: vec![term], noise: run.noise, seed, ..standard(family) };
         Ok(World { run, seed, right, share, hidden })
     }
 
-    /// Interactions until the right effect is named, no more than the cap, and its weight after each.
+    /// Number of interactions until the correct effect is named (at most the cap), and its probability after each.
     fn named(&self, way: &str) -> Result<(usize, Vec<f64>)> {
         let family = family(&self.run.task)?;
         let tasks = split(&family.fold(0), Split::Train);
-        let (training, _) = parts(&tasks);
+        let (training, _) = training_and_test_tasks(&tasks);
         let mut world = HiddenWorld::new(self.hidden.clone())?;
-        let mut trials = random_trials(&training, &mut world, FIRST, self.seed, &Silent)?;
+        let mut trials = random_trials(&training, &mut world, INITIAL_INTERACTIONS, self.seed, &NoProgress)?;
         let (mut weights, mut row) = (Vec::new(), 0);
         loop {
             let document = self.known(&training, &trials)?;
             let own = document.sets.iter().find(|s| s.effects == [self.right.clone()]);
             let weight = own.map_or(0.0, |s| s.weight);
             weights.push(weight);
-            row = if weight >= NAMED { row + 1 } else { 0 };
-            if row == IN_A_ROW {
-                return Ok((trials.len() + 1 - IN_A_ROW, weights));
+            row = if weight >= NAMED_PROBABILITY { row + 1 } else { 0 };
+            if row == NAMED_STREAK {
+                return Ok((trials.len() + 1 - NAMED_STREAK, weights));
             }
             if trials.len() >= self.run.cap {
                 return Ok((self.run.cap, weights));
@@ -156,9 +155,9 @@ impl World<'_> {
                     }
                 }
                 None => {
-                    let seed = rng::derive(self.seed, "further", spent as u64);
-                    let further = random_trials(&training, &mut world, 1, seed, &Silent)?;
-                    // Trials are told from each other by their names.
+                    let seed = rng::derive_seed(self.seed, "further", spent as u64);
+                    let further = random_trials(&training, &mut world, 1, seed, &NoProgress)?;
+                    // Trials need unique names.
                     trials
                         .extend(further.into_iter().map(|t| Trial { name: format!("further/{spent}"), ..t }));
                 }
@@ -169,8 +168,8 @@ impl World<'_> {
         }
     }
 
-    /// What trials say of every rival that they can tell anything of, having no effect among them.
-    fn known(&self, tasks: &[Task], trials: &[Trial]) -> Result<Document> {
+    /// Posterior over the identifiable candidates, including the model without effects.
+    fn known(&self, tasks: &[Task], trials: &[Trial]) -> Result<PosteriorDocument> {
         let (mut scene, trials) = settled(&tasks[0].scene, trials.to_vec())?;
         scene.calibrate = ["friction", "restitution"].map(String::from).to_vec();
         let rivals = self.run.effects.iter().map(|name| vec![name.clone()]);
@@ -180,8 +179,8 @@ impl World<'_> {
             ..PosteriorConfig::standard(self.seed)
         };
         loop {
-            match posterior(&scene, &trials, &config, &Silent) {
-                Ok(found) => return Ok(Document::new(&found, &config)),
+            match posterior(&scene, &trials, &config, &NoProgress) {
+                Ok(found) => return Ok(PosteriorDocument::new(&found, &config)),
                 Err(Error::Input(input)) if config.sets.len() > 1 && input.field.starts_with("sets[") => {
                     let untold = config.sets.iter().position(|set| input.value == set.join("+"));
                     config.sets.remove(untold.ok_or(Error::Input(input))?);
@@ -191,26 +190,28 @@ impl World<'_> {
         }
     }
 
-    /// The experiment that tells most of which rival is right, of those that are not all but out of the question; nothing where only one is
-    /// left.
+    /// The experiment with the highest expected information about which candidate is correct, among those that are not practically
+    /// excluded; `None` if only one is left.
     fn chosen(
         &self,
         tasks: &[Task],
-        document: &Document,
+        document: &PosteriorDocument,
         spent: usize,
     ) -> Result<Option<(usize, iplw::task::ValidAction)>> {
         let value = serde_json::to_value(document).map_err(|e| Error::Failed(e.to_string()))?;
-        let all = Belief::from_value(value)?;
+        let all = ParameterSamples::from_value(value)?;
         let count = |set: usize| document.set.iter().filter(|s| **s == set).count();
-        let left: Vec<usize> = (0..document.sets.len()).filter(|s| count(*s) >= FEWEST_DRAWS).collect();
+        let left: Vec<usize> =
+            (0..document.sets.len()).filter(|s| count(*s) >= MIN_CANDIDATE_DRAWS).collect();
         if left.len() < 2 {
             return Ok(None);
         }
         let own = all.draws().iter().zip(&document.set).filter(|(_, set)| left.contains(set));
-        let belief = Belief::of_draws(own.map(|(draw, _)| draw.clone()).collect())?;
-        let usual = DesignConfig::standard(Question::Effects, rng::derive(self.seed, "design", spent as u64));
+        let belief = ParameterSamples::from_draws(own.map(|(draw, _)| draw.clone()).collect())?;
+        let usual =
+            DesignConfig::standard(Question::Effects, rng::derive_seed(self.seed, "design", spent as u64));
         let config = DesignConfig { noise: self.run.noise, ..usual };
-        let found = design(tasks, &[], &belief, &config, &Silent)?;
+        let found = design(tasks, &[], &belief, &config, &NoProgress)?;
         Ok(found.experiments.into_iter().next().and_then(|e| {
             let task = tasks.iter().position(|t| t.id == e.task)?;
             Some((task, e.action))
@@ -218,13 +219,13 @@ impl World<'_> {
     }
 }
 
-/// By effect and over all: interactions until it was named by each way, and how many worlds never were.
+/// Table by effect and in total: interactions until the effect is named by each method, and the number of worlds without a name.
 fn table(log: &str, cap: usize) -> String {
     let mut by: BTreeMap<&str, BTreeMap<u64, [Option<f64>; 2]>> = BTreeMap::new();
     for line in log.lines() {
         let Some((key, rest)) = line.rsplit_once(",end,") else { continue };
         let key: Vec<&str> = key.split(',').collect();
-        let Some(way) = WAYS.iter().position(|w| *w == key[0]) else { continue };
+        let Some(way) = METHODS.iter().position(|w| *w == key[0]) else { continue };
         let (Ok(seed), Some(spent)) = (key[1].parse(), rest.split(',').next()) else { continue };
         by.entry(key[2]).or_default().entry(seed).or_default()[way] = spent.parse().ok();
     }

@@ -1,5 +1,5 @@
-//! Writes randomly acted-on scenes of a task family as JSON, one a line, with the latents of its real world and the effect
-//! `linear_drag` filled in: `cargo run --release --example sampled_scenes -- bowling 30 0.8 > scenes.jsonl`.
+//! Writes scenes of a task family with placed actions as JSON lines, with the latents of its real world and the effect
+//! `linear_drag`: `cargo run --release --example sampled_scenes -- bowling 30 0.8 > scenes.jsonl`.
 
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Placement, Scene, family};
@@ -11,14 +11,14 @@ fn main() {
         std::process::exit(2);
     };
     let count: usize = count.parse().expect("COUNT is a whole number");
-    let damping: f64 = damping.parse().expect("DAMPING is the kept share of velocity per second");
+    let damping: f64 = damping.parse().expect("DAMPING is the share of velocity left after one second");
     for scene in sampled(name, count) {
         let scene = Scene { damping: (damping < 1.0).then_some(damping), ..scene };
         println!("{}", serde_json::to_string(&scene).expect("scenes are representable as JSON"));
     }
 }
 
-/// Scene after scene of the family, each with the next placeable action of a fixed stride, latents written in.
+/// Scenes of the family, each with a placeable action of a fixed sequence and with its latents set.
 fn sampled(name: &str, count: usize) -> Vec<Scene> {
     let family = family(name).expect("the family exists");
     let real = HiddenWorld::new(standard(family)).expect("a family's world can be made").reveal();

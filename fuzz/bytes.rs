@@ -1,23 +1,23 @@
-//! Mutants of bytes.
+//! Mutations of byte strings.
 
 use iplw::rng::Stream;
 use rand::RngExt;
 
-/// Flips, cuts, doubles, removes, inserts, or takes over a part of another seed; `words` are worth inserting.
+/// Flips, cuts, duplicates, removes or inserts bytes, or splices in another seed; `words` are a dictionary of useful tokens.
 pub fn mutate(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], words: &[&[u8]], draw: &mut Stream) {
-    // Mostly one change: what is nearly right comes far.
+    // Mostly one change: nearly valid inputs get furthest.
     let changes = [1, 1, 1, 2, 3, 6][draw.random_range(0..6)];
     for _ in 0..changes {
         change(bytes, seeds, words, draw);
     }
-    bytes.truncate(LONGEST);
+    bytes.truncate(MAX_MUTANT_BYTES);
 }
 
-/// Longest mutant, bytes.
-const LONGEST: usize = 64 * 1024;
+/// Maximum size of a mutant, bytes.
+const MAX_MUTANT_BYTES: usize = 64 * 1024;
 
-/// Numbers at the edges of what a byte, a length or a count holds, big endian.
-const EDGES: [u64; 12] =
+/// Boundary values of bytes, lengths and counts, big endian.
+const BOUNDARY_VALUES: [u64; 12] =
     [0, 1, 0x7f, 0x80, 0xff, 0x100, 0x7fff, 0xffff, 0x0100_0000, 0x7fff_ffff, 0xffff_ffff, u64::MAX];
 
 fn change(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], words: &[&[u8]], draw: &mut Stream) {
@@ -35,7 +35,7 @@ fn change(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], words: &[&[u8]], draw: &mut St
             }
         }
         5 => {
-            let edge = EDGES[draw.random_range(0..EDGES.len())].to_be_bytes();
+            let edge = BOUNDARY_VALUES[draw.random_range(0..BOUNDARY_VALUES.len())].to_be_bytes();
             let wide = [1, 2, 4, 8][draw.random_range(0..4)];
             let to = (at + wide).min(bytes.len());
             bytes.splice(at..to, edge[8 - wide..].iter().copied());

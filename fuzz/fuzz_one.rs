@@ -1,25 +1,25 @@
-//! What must hold for any bytes given as a scene: they are refused by name, or simulated to finite numbers.
+//! Invariants of scenes from arbitrary bytes: they are rejected with a named field, or simulated to finite numbers.
 //!
-//! Shared by the bounded fuzzer that runs with the tests (`tests/physics/fuzz_scene.rs`), by `tests/physics/properties.rs`,
-//! and by the libFuzzer target of this directory. A violation panics.
+//! Used by the bounded fuzzer in the test suite (`tests/physics/fuzz_scene.rs`), by `tests/physics/properties.rs`, and by the
+//! libFuzzer target of this directory. A violation panics.
 
 use iplw::error::Error;
 use iplw::task::{Placement, Scene};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 
-/// What became of the bytes.
+/// Outcome of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// No scene, or not a legal one.
+    /// Not a valid scene.
     Refused,
-    /// Legal, but with nothing to roll out (a position is missing, say).
+    /// Valid, but nothing to simulate (for example, a position is missing).
     Idle,
-    /// Rolled out by one engine at least.
+    /// Simulated by at least one engine.
     Simulated,
 }
 
-/// Steps simulated of a scene: enough for discs to meet, few enough for scenes of 64 bodies and 256 statics.
+/// Simulated steps of a scene: enough for contacts, few enough for scenes of 64 bodies and 256 statics.
 const STEPS: u32 = 60;
 
 /// Parses `bytes` as a scene and simulates it in both engines.
@@ -34,7 +34,7 @@ pub fn fuzz_one(bytes: &[u8]) -> Fate {
     }
 }
 
-/// Checks a legal scene over its first `steps` steps.
+/// Checks a valid scene over its first `steps` steps.
 pub fn check_scene(scene: &Scene, steps: u32) -> Fate {
     let again = Scene::from_json(&scene.to_json()).expect("a legal scene is read back");
     assert_eq!(again, *scene, "written and read back");
@@ -62,7 +62,7 @@ fn roll(scene: &Scene, steps: u32) -> Fate {
     let mut fate = Fate::Idle;
     for engine in [Engine::Lanes, Engine::Rapier] {
         let rollout = Rollout::of(&short);
-        match simulate(&[rollout], engine) {
+        match Simulator::new(engine).run(&[rollout]) {
             Ok(trajectories) => {
                 check_trajectory(&trajectories[0], &short, engine);
                 fate = Fate::Simulated;
@@ -73,30 +73,35 @@ fn roll(scene: &Scene, steps: u32) -> Fate {
     fate
 }
 
-/// Everything recorded is finite and complete; what diverged says so.
+/// Everything recorded is finite and complete; divergence is reported.
 fn check_trajectory(t: &Trajectory, scene: &Scene, engine: Engine) {
-    let told = || format!("{engine:?}: {:?}", t.outcome);
-    assert_eq!(t.outcome.solved.is_some(), scene.goal.is_some(), "{}", told());
-    assert!(t.outcome.steps <= scene.steps, "{}", told());
-    assert!(t.times.windows(2).all(|w| w[0] < w[1]), "{}: times {:?}", told(), t.times);
-    assert_eq!(t.bodies.len(), scene.bodies.len(), "{}", told());
+    let context = || format!("{engine:?}: {:?}", t.outcome);
+    assert_eq!(t.outcome.solved.is_some(), scene.goal.is_some(), "{}", context());
+    assert!(t.outcome.steps <= scene.steps, "{}", context());
+    assert!(t.times.windows(2).all(|w| w[0] < w[1]), "{}: times {:?}", context(), t.times);
+    assert_eq!(t.bodies.len(), scene.bodies.len(), "{}", context());
     for b in &t.bodies {
         for (what, column) in
             [("x", &b.x), ("y", &b.y), ("angle", &b.angle), ("vx", &b.vx), ("vy", &b.vy), ("omega", &b.omega)]
         {
-            assert_eq!(column.len(), t.times.len(), "{}: {what} of {}", told(), b.name);
-            assert!(column.iter().all(|v| v.is_finite()), "{}: {what} of {}: {column:?}", told(), b.name);
+            assert_eq!(column.len(), t.times.len(), "{}: {what} of {}", context(), b.name);
+            assert!(column.iter().all(|v| v.is_finite()), "{}: {what} of {}: {column:?}", context(), b.name);
         }
     }
-    assert!(t.events.iter().all(|e| e.time.is_finite() && e.speed.is_finite()), "{}: {:?}", told(), t.events);
+    assert!(
+        t.events.iter().all(|e| e.time.is_finite() && e.speed.is_finite()),
+        "{}: {:?}",
+        context(),
+        t.events
+    );
 }
 
-/// A refusal says where and what would be allowed.
+/// An error names the field and the allowed values.
 fn check_error(error: &Error) {
     match error {
         Error::Input(input) => {
             assert!(!input.allowed.is_empty(), "nothing is said to be allowed: {error}");
-            // Text that is not JSON has a line and no field.
+            // A JSON syntax error has a line instead of a field.
             assert!(!input.field.is_empty() || !input.place.is_empty(), "no field, no line: {error}");
         }
         other => panic!("not a refusal of input: {other:?}"),

@@ -1,10 +1,10 @@
-//! Mutants of JSON: what is nearly right, and text that is nearly JSON.
+//! Mutations of JSON: nearly valid documents, and text that is nearly JSON.
 
 use iplw::rng::Stream;
 use rand::RngExt;
 use serde_json::{Map, Value, json};
 
-/// One to three changes of a value's fields, and now and then of its bytes.
+/// One to three changes of a value's fields, and occasionally of its bytes.
 pub fn mutant(mut value: Value, draw: &mut Stream) -> Vec<u8> {
     for _ in 0..draw.random_range(1..4) {
         mutate(&mut value, draw);
@@ -17,8 +17,8 @@ pub fn mutant(mut value: Value, draw: &mut Stream) -> Vec<u8> {
     bytes
 }
 
-/// Numbers at the edges of what formats, floats and scenes hold; written as they stand.
-const EXTREMES: [&str; 34] = [
+/// Boundary values of formats, floats and scenes, in literal form.
+const BOUNDARY_NUMBERS: [&str; 34] = [
     "0",
     "-0",
     "-0.0",
@@ -67,7 +67,11 @@ fn mutate(root: &mut Value, draw: &mut Stream) {
     let any = places[draw.random_range(0..places.len())].clone();
     let other = root.pointer(&places[draw.random_range(0..places.len())]).cloned().unwrap_or(Value::Null);
     match draw.random_range(0..12) {
-        0 | 1 => put(root, number, json!(format!("<<{}>>", EXTREMES[draw.random_range(0..EXTREMES.len())]))),
+        0 | 1 => put(
+            root,
+            number,
+            json!(format!("<<{}>>", BOUNDARY_NUMBERS[draw.random_range(0..BOUNDARY_NUMBERS.len())])),
+        ),
         2..=5 => {
             let old = number.as_ref().and_then(|p| root.pointer(p)).cloned().unwrap_or_default();
             let reach = [0.1, 0.5, 6.0][draw.random_range(0..3)];
@@ -75,7 +79,7 @@ fn mutate(root: &mut Value, draw: &mut Stream) {
             let was = old.as_f64().unwrap_or(0.0);
             let new = if was == 0.0 { size * 1e-2 } else { was * size };
             let new = if draw.random_range(0..8) == 0 { -new } else { new };
-            // Counts stay whole, or they would always be refused.
+            // Counts stay integers, which would otherwise always be rejected.
             let whole = old.is_u64() && was > 6.0 && new >= 0.0;
             put(root, number, if whole { json!(new.ceil() as u64) } else { json!(new) });
         }
@@ -90,7 +94,7 @@ fn mutate(root: &mut Value, draw: &mut Stream) {
     }
 }
 
-/// Paths of everything within a value, as JSON pointers.
+/// JSON pointers of all nested values.
 fn collect(value: &Value, path: &mut String, places: &mut Vec<String>) {
     let length = path.len();
     let mut go = |key: &str, child: &Value| {
@@ -113,7 +117,7 @@ fn put(root: &mut Value, place: Option<String>, value: Value) {
     }
 }
 
-/// Drops, doubles or misspells a field.
+/// Drops, duplicates or misspells a field.
 fn change_object(root: &mut Value, places: &[String], draw: &mut Stream) {
     let objects: Vec<&str> = std::iter::once("")
         .chain(places.iter().map(String::as_str))
@@ -134,7 +138,7 @@ fn change_object(root: &mut Value, places: &[String], draw: &mut Stream) {
     }
 }
 
-/// Empties, shortens or lengthens an array; what is added to bodies and statics gets names and places of its own.
+/// Clears, shortens or extends an array; added bodies and statics get new names and positions.
 fn change_array(root: &mut Value, places: &[String], draw: &mut Stream) {
     let arrays: Vec<&String> =
         places.iter().filter(|p| root.pointer(p).is_some_and(Value::is_array)).collect();
@@ -159,7 +163,7 @@ fn change_array(root: &mut Value, places: &[String], draw: &mut Stream) {
     }
 }
 
-/// Flips, cuts, doubles or inserts bytes.
+/// Flips, cuts, duplicates or inserts bytes.
 fn spoil(bytes: &mut Vec<u8>, draw: &mut Stream) {
     for _ in 0..draw.random_range(1..4) {
         if bytes.is_empty() {

@@ -1,5 +1,5 @@
-//! A row of the targets as libFuzzer has it: bytes that reach new code are kept and mutated, by libFuzzer or as the target
-//! does it, which also brings in its seeds.
+//! Adapter from a target to libFuzzer: inputs that reach new code are kept and mutated, by libFuzzer or by the target's mutator,
+//! which also contributes its seeds.
 
 #[path = "targets/mod.rs"]
 #[allow(dead_code, reason = "the loop has more to know of a target")]
@@ -24,7 +24,7 @@ macro_rules! target {
 }
 pub(crate) use target;
 
-/// Changes the first `size` bytes; how many there are then.
+/// Mutates the first `size` bytes; returns the new size.
 pub fn mutated(target: &Target, data: &mut [u8], size: usize, max_size: usize, seed: u32) -> usize {
     static SEEDS: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
     if seed.is_multiple_of(2) {

@@ -80,7 +80,7 @@ def _tried() -> str:
         refused = subprocess.run([*inside, *serve], capture_output=True, text=True, timeout=60)
         if refused.returncode == 0 or "token" not in refused.stderr:
             raise ValueError(f"without tokens the server should refuse the network; it said {refused.stderr!r}")
-        token = _run([*inside, "iplw", "token", "new", "tried", "--may", "read", "--data-dir", "/data"])
+        token = _run([*inside, "iplw", "token", "new", "tried", "--scope", "read", "--data-dir", "/data"])
         server = subprocess.Popen([*inside, *serve], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             _answers(port, token)

@@ -1,26 +1,27 @@
-//! How long work may go on: asked now and then by whoever works long, so that it can be stopped in the middle.
+//! Budgets for long computations, which check them regularly so that they can be cancelled.
 
 use crate::error::Result;
 
-/// Says whether work may go on; an error it gives (usually `Error::Cancelled` or `Error::Deadline`) ends the work.
+/// Decides whether a computation may continue; its error (usually `Error::Cancelled` or `Error::Deadline`)
+/// ends it.
 pub trait Budget: Sync {
-    /// An error once the work is to end. Cheap: a simulation asks every millisecond or so.
-    fn look(&self) -> Result<()>;
+    /// An error once the computation must end. Cheap: a simulation calls it every millisecond or so.
+    fn check(&self) -> Result<()>;
 }
 
-/// Items with a look at the budget every thousand of them: for work that takes a microsecond an item.
-pub fn watched<I: IntoIterator>(items: I, budget: &dyn Budget) -> impl Iterator<Item = Result<I::Item>> {
+/// The items, with a check of the budget every thousand of them: for work of about a microsecond per item.
+pub fn checked<I: IntoIterator>(items: I, budget: &dyn Budget) -> impl Iterator<Item = Result<I::Item>> {
     items
         .into_iter()
         .enumerate()
-        .map(|(i, item)| if i.is_multiple_of(1000) { budget.look().map(|()| item) } else { Ok(item) })
+        .map(|(i, item)| if i.is_multiple_of(1000) { budget.check().map(|()| item) } else { Ok(item) })
 }
 
-/// Goes on for as long as it takes.
-pub struct Endless;
+/// A budget without limit.
+pub struct Unlimited;
 
-impl Budget for Endless {
-    fn look(&self) -> Result<()> {
+impl Budget for Unlimited {
+    fn check(&self) -> Result<()> {
         Ok(())
     }
 }

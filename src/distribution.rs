@@ -1,37 +1,38 @@
-//! Distributions that intervals are made of: Fisher's F and Student's t.
+//! Distributions for tests and intervals: Fisher's F and Student's t.
 //!
 //! Sources: P(F > f) by the regularised incomplete beta function (Abramowitz and Stegun 26.6.2), which is computed by
 //! Lentz's continued fraction (26.5.8); t^2 with n degrees of freedom is F with 1 and n (26.7.1).
 
 use libm::{exp, lgamma, log};
 
-/// Standard deviations to either side of the middle that hold 95 % of a normal distribution.
+/// The 97.5 % quantile of the standard normal distribution.
 pub const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-/// t with P(|T| > t) = `outside` for Student's T with `freedom` degrees; infinite below one degree.
+/// The quantile t of Student's T with P(|T| > t) = `outside` for `freedom` degrees of freedom; infinite below
+/// one.
 pub fn t_quantile(outside: f64, freedom: f64) -> f64 {
     if freedom < 1.0 || freedom.is_nan() {
         return f64::INFINITY;
     }
     let (mut low, mut high) = (0.0, 1e6);
-    // Halved until nothing is left between the two.
+    // Bisection to full precision.
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
-        if f_above(middle * middle, 1.0, freedom) > outside { low = middle } else { high = middle }
+        if f_survival(middle * middle, 1.0, freedom) > outside { low = middle } else { high = middle }
     }
     0.5 * (low + high)
 }
 
-/// P(F > f) for `a` and `b` degrees of freedom; 1 where they are not positive.
-pub fn f_above(f: f64, a: f64, b: f64) -> f64 {
+/// Survival function P(F > f) for `a` and `b` degrees of freedom; 1 where they are not positive.
+pub fn f_survival(f: f64, a: f64, b: f64) -> f64 {
     if !(a > 0.0 && b > 0.0) || f.is_nan() {
         return 1.0;
     }
-    if f <= 0.0 { 1.0 } else { beta(b / 2.0, a / 2.0, b / (b + a * f)) }
+    if f <= 0.0 { 1.0 } else { incomplete_beta(b / 2.0, a / 2.0, b / (b + a * f)) }
 }
 
-/// The regularised incomplete beta function.
-fn beta(a: f64, b: f64, x: f64) -> f64 {
+/// The regularised incomplete beta function I_x(a, b).
+fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 0.0;
     }
@@ -40,13 +41,14 @@ fn beta(a: f64, b: f64, x: f64) -> f64 {
     }
     let front = exp(lgamma(a + b) - lgamma(a) - lgamma(b) + a * log(x) + b * log(1.0 - x));
     if x < (a + 1.0) / (a + b + 2.0) {
-        front * fraction(a, b, x) / a
+        front * continued_fraction(a, b, x) / a
     } else {
-        1.0 - front * fraction(b, a, 1.0 - x) / b
+        1.0 - front * continued_fraction(b, a, 1.0 - x) / b
     }
 }
 
-fn fraction(a: f64, b: f64, x: f64) -> f64 {
+/// Lentz's algorithm for the continued fraction of the incomplete beta function.
+fn continued_fraction(a: f64, b: f64, x: f64) -> f64 {
     let floor = |v: f64| if v.abs() < 1e-300 { 1e-300 } else { v };
     let (mut c, mut d) = (1.0, 1.0 / floor(1.0 - (a + b) * x / (a + 1.0)));
     let mut h = d;
@@ -71,7 +73,7 @@ fn fraction(a: f64, b: f64, x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// An expansion once gave 2.7694 at 4 degrees of freedom, where every table has 2.7764.
+    /// Regression: a series expansion gave 2.7694 at 4 degrees of freedom, where every table has 2.7764.
     #[test]
     fn students_quantile_at_4_degrees_of_freedom_is_2_7764() {
         let table = [
@@ -93,11 +95,11 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_f_are_met() {
-        assert!((f_above(4.9646, 1.0, 10.0) - 0.05).abs() < 1e-5);
-        assert!((f_above(4.9382, 3.0, 20.0) - 0.01).abs() < 1e-5);
+    fn survival_function_matches_tables() {
+        assert!((f_survival(4.9646, 1.0, 10.0) - 0.05).abs() < 1e-5);
+        assert!((f_survival(4.9382, 3.0, 20.0) - 0.01).abs() < 1e-5);
         assert_eq!(
-            (f_above(0.0, 1.0, 1.0), f_above(f64::NAN, 1.0, 1.0), f_above(2.0, 0.0, 1.0)),
+            (f_survival(0.0, 1.0, 1.0), f_survival(f64::NAN, 1.0, 1.0), f_survival(2.0, 0.0, 1.0)),
             (1.0, 1.0, 1.0)
         );
     }

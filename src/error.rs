@@ -1,76 +1,76 @@
-//! The one error type. Each variant carries what its reader needs to act on it.
+//! The crate's one error type. Each variant carries the data that its reader needs to act on it.
 //!
-//! Status codes and exit codes are decided elsewhere (`serve/http.rs`, `main.rs`); a variant only says
-//! what went wrong. An action that cannot be placed is an outcome and never appears here.
+//! Status codes and exit codes are chosen elsewhere (`serve/http.rs`, `main.rs`). An action that cannot be
+//! placed is an outcome, not an error.
 
 use std::fmt;
 
-/// Everything that can go wrong in this crate.
+/// Every error of this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A value a user gave is not allowed.
+    /// An invalid value in a user's input.
     #[error("{0}")]
-    Input(Input),
-    /// Something was named that does not exist.
-    #[error("no {kind} named `{}`{}", shown(id), hint(known))]
+    Input(InvalidInput),
+    /// The named item does not exist.
+    #[error("no {kind} named `{}`{}", abbreviate(id), hint(known))]
     NotFound { kind: &'static str, id: String, known: Vec<String> },
-    /// The request is understood and will not be carried out.
+    /// The request is valid but refused.
     #[error("{reason}")]
     Refused { reason: String },
-    /// A real or sealed world keeps its physics to itself.
+    /// A real or sealed world does not disclose its physics.
     #[error("{reason}")]
     Sealed { reason: String },
-    /// One request asks for more work or data than is given at a time.
-    #[error("{what}: {asked} asked for, at most {limit} at a time; {advice}")]
+    /// A request exceeds the limit on work or data per request.
+    #[error("{what}: {asked} requested, at most {limit} per request; {advice}")]
     TooLarge { what: &'static str, asked: u64, limit: u64, advice: &'static str },
-    /// The real world's budget of interactions does not cover the request.
-    #[error("budget of {limit} real interactions: {spent} spent, {asked} asked for; ask for at most {}", limit.saturating_sub(*spent))]
+    /// The request exceeds the real world's budget of interactions.
+    #[error("budget of {limit} real interactions: {spent} used, {asked} requested; request at most {}", limit.saturating_sub(*spent))]
     Budget { limit: u64, spent: u64, asked: u64 },
-    /// No room for more of something.
+    /// A capacity is exhausted.
     #[error("{what}: at most {limit}; {advice}")]
     Capacity { what: &'static str, limit: usize, advice: &'static str },
-    /// Whoever asks may not do this.
+    /// The caller lacks the permission.
     #[error("{reason}")]
     Denied { reason: String },
     /// The work was cancelled by its owner.
     #[error("cancelled")]
     Cancelled,
-    /// The time that the work was given is over.
-    #[error("not done within {seconds} s, the time there is for it; ask for less at a time")]
+    /// The time limit of the work was exceeded.
+    #[error("not finished within the time limit of {seconds} s; request less work at a time")]
     Deadline { seconds: f64 },
     /// The server stopped before the work was done.
     #[error("{reason}")]
     Interrupted { reason: String },
-    /// A computation could not produce a result (loss not finite, no placeable action, ...).
+    /// A computation has no result (non-finite loss, no placeable action, ...).
     #[error("{0}")]
     Failed(String),
     /// Reading or writing failed.
     #[error("{path}: {message}")]
     Io { path: String, message: String },
-    /// What was stored is not what was written.
+    /// Stored data is corrupted.
     #[error(
-        "{what}: damaged on the disk ({how}); `iplw check DIR` tells what is whole there and how to go on"
+        "{what}: damaged on disk ({how}); run `iplw check DIR` to see which data are intact and how to recover"
     )]
     Damaged { what: String, how: String },
-    /// One entry of a batch stands in the way of all of it.
+    /// An invalid entry makes the whole batch fail.
     #[error("`{field}`: {error}")]
     Entry { field: String, error: Box<Error> },
 }
 
-/// A refused value: where it stands, what it was, what would be allowed.
+/// An invalid value: its place, the value and the allowed values.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Input {
+pub struct InvalidInput {
     /// File and line (`trials.csv:12`), or empty.
     pub place: String,
-    /// Path of the field, as the user wrote it: `bodies[2].shape.radius`.
+    /// Path of the field in the user's input: `bodies[2].shape.radius`.
     pub field: String,
     /// The value as given, or empty.
     pub value: String,
-    /// What is allowed, as a phrase: `a number in (0, 100]`.
+    /// The allowed values as a phrase: `a number in (0, 100]`.
     pub allowed: String,
 }
 
-impl fmt::Display for Input {
+impl fmt::Display for InvalidInput {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.place.is_empty() {
             write!(f, "{}: ", self.place)?;
@@ -90,14 +90,14 @@ impl fmt::Display for Input {
 }
 
 impl Error {
-    /// A refused value of a field.
+    /// An invalid value of a field.
     pub fn input(field: impl Into<String>, value: impl fmt::Display, allowed: impl Into<String>) -> Self {
-        let (field, value, allowed) = (shown(&field.into()), shown(&value), allowed.into());
-        Error::Input(Input { place: String::new(), field, value, allowed })
+        let (field, value, allowed) = (abbreviate(&field.into()), abbreviate(&value), allowed.into());
+        Error::Input(InvalidInput { place: String::new(), field, value, allowed })
     }
 
-    /// The same error with `parent` taken off its field again.
-    pub(crate) fn without(self, parent: &str) -> Self {
+    /// The same error without the prefix `parent` of its field.
+    pub(crate) fn strip_field(self, parent: &str) -> Self {
         match self {
             Error::Input(mut input) => {
                 if let Some(field) = input.field.strip_prefix(&format!("{parent}.")) {
@@ -109,8 +109,8 @@ impl Error {
         }
     }
 
-    /// The same error with the file (and line) it was found in put in front.
-    pub fn at(self, file: impl fmt::Display) -> Self {
+    /// The same error with the file (and line) as its place.
+    pub fn in_file(self, file: impl fmt::Display) -> Self {
         match self {
             Error::Input(mut input) => {
                 input.place =
@@ -121,8 +121,8 @@ impl Error {
         }
     }
 
-    /// The same error with its field's path prefixed: `radius` under `bodies[2]` is `bodies[2].radius`.
-    pub fn under(self, parent: &str) -> Self {
+    /// The same error with its field's path prefixed: `radius` in `bodies[2]` becomes `bodies[2].radius`.
+    pub fn in_field(self, parent: &str) -> Self {
         match self {
             Error::Input(mut input) => {
                 input.field = match input.field.as_str() {
@@ -135,23 +135,23 @@ impl Error {
         }
     }
 
-    /// The same error with its field called `name`.
-    pub fn named(self, name: &str) -> Self {
+    /// The same error with the field `name`.
+    pub fn with_field(self, name: &str) -> Self {
         match self {
-            Error::Input(input) => Error::Input(Input { field: name.into(), ..input }),
+            Error::Input(input) => Error::Input(InvalidInput { field: name.into(), ..input }),
             other => other,
         }
     }
 
-    /// The same error said of an entry of a batch; one that names the entry's field already stays as it is.
-    pub fn of_entry(self, field: &str) -> Self {
+    /// The same error for an entry of a batch; an invalid value, which names its field, stays unchanged.
+    pub fn for_entry(self, field: &str) -> Self {
         match self {
             Error::Input(_) => self,
             error => Error::Entry { field: field.into(), error: Box::new(error) },
         }
     }
 
-    /// Reading or writing `path` failed.
+    /// The error of reading or writing `path`.
     pub fn io(path: &std::path::Path, error: std::io::Error) -> Self {
         Error::Io { path: path.display().to_string(), message: error.to_string() }
     }
@@ -160,8 +160,8 @@ impl Error {
 /// Shorthand used throughout the crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// `Ok(value)` if it is finite and within `[low, high]`, else an error naming `field`.
-pub fn within(field: &str, value: f64, low: f64, high: f64) -> Result<f64> {
+/// `Ok(value)` if it is finite and within `[low, high]`, otherwise an error naming `field`.
+pub fn check_range(field: &str, value: f64, low: f64, high: f64) -> Result<f64> {
     if value.is_finite() && (low..=high).contains(&value) {
         Ok(value)
     } else {
@@ -169,16 +169,16 @@ pub fn within(field: &str, value: f64, low: f64, high: f64) -> Result<f64> {
     }
 }
 
-/// Most of a value or a field's path that an error repeats, bytes.
-const MOST_SHOWN: usize = 1000;
+/// Maximum length of a value or field path in an error message, bytes.
+const MAX_QUOTED_BYTES: usize = 1000;
 
-/// A value as an error shows it: its beginning, if it is long.
-pub(crate) fn shown(value: &(impl fmt::Display + ?Sized)) -> String {
-    struct Cut(String);
-    impl fmt::Write for Cut {
-        /// Ends the writing once there is enough: what was sent may take megabytes to write.
+/// A value as shown in an error message: truncated if it is long.
+pub(crate) fn abbreviate(value: &(impl fmt::Display + ?Sized)) -> String {
+    struct TruncatingWriter(String);
+    impl fmt::Write for TruncatingWriter {
+        /// Stops the formatter at the limit: formatting the whole value may take megabytes.
         fn write_str(&mut self, text: &str) -> fmt::Result {
-            let room = MOST_SHOWN - self.0.len().min(MOST_SHOWN);
+            let room = MAX_QUOTED_BYTES - self.0.len().min(MAX_QUOTED_BYTES);
             if text.len() <= room {
                 self.0.push_str(text);
                 return Ok(());
@@ -189,29 +189,29 @@ pub(crate) fn shown(value: &(impl fmt::Display + ?Sized)) -> String {
             Err(fmt::Error)
         }
     }
-    let mut cut = Cut(String::new());
+    let mut cut = TruncatingWriter(String::new());
     let _ = fmt::Write::write_fmt(&mut cut, format_args!("{value}"));
     cut.0
 }
 
 fn hint(known: &[String]) -> String {
-    if known.is_empty() { String::new() } else { format!("; there are: {}", known.join(", ")) }
+    if known.is_empty() { String::new() } else { format!("; known: {}", known.join(", ")) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A refused name of 16 MiB came back three times.
+    /// Regression: a rejected name of 16 MiB was repeated three times.
     #[test]
-    fn long_values_are_cut() {
+    fn truncates_long_values() {
         let long = Error::input("a".repeat(5000), "ä".repeat(5000), "less");
         let Error::Input(input) = &long else { unreachable!() };
         assert_eq!((input.field.len(), input.value.len()), (1003, 1003));
         assert!(input.value.ends_with("ä .."), "{}", input.value);
         assert_eq!(Error::input("a", 5, "less").to_string(), "`a` is 5; allowed: less");
-        let exact = "b".repeat(MOST_SHOWN);
-        assert_eq!(shown(&exact), exact);
+        let exact = "b".repeat(MAX_QUOTED_BYTES);
+        assert_eq!(abbreviate(&exact), exact);
         let missing = Error::NotFound { kind: "world", id: "w".repeat(9999), known: Vec::new() };
         assert!(missing.to_string().len() < 1100);
     }

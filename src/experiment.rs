@@ -1,44 +1,44 @@
-//! The main path: explore -> measure -> estimate -> train -> transfer -> report.
+//! The main path: explore, measure, estimate, train, transfer, report.
 //!
-//! Source: Semage et al., algorithm 1 (Intuitive Physics Learning Workflow). [`estimate`] is its first half: in
-//! each round the strategy ranks candidate actions on the simulation at the current estimate, the best are
-//! spent on the real world, and the cross-entropy method moves the estimate. [`Workflow`] is the same as
-//! something to ask and to tell, for a real world that is not in this process.
+//! Source: Semage et al., algorithm 1 (Intuitive Physics Learning Workflow). [`estimate`] is its first half. In each
+//! round the strategy ranks candidate actions in the simulation at the current estimate, the best ones are measured in
+//! the real world, and the cross-entropy method updates the estimate. [`Workflow`] is the same algorithm with an
+//! ask-and-tell interface, for a real world outside this process.
 //!
-//! Differences from the source: [`EstimateConfig::memory`] decides whether a round's fit sees all trials so far
-//! (default) or only its own; the loop also ends when the estimate has settled or the budget is spent.
+//! Differences from the source: [`EstimateConfig::memory`] selects whether a round is fitted to all trials so far
+//! (default) or to its own trials only. The loop also ends when the estimate has converged or the budget is spent.
 
-mod choice;
+pub mod acquisition;
+mod adaptive;
 mod config;
-mod deciding;
 pub mod estimators;
 pub mod extension;
 mod fit;
 pub mod grounding;
-pub mod informed;
-pub mod past_point;
+mod hidden_evaluation;
+pub mod information_gain;
+pub mod order_constraint;
 pub mod planning;
 pub mod policies;
+pub mod posterior_training;
+mod progress_prefix;
 pub mod quickstart;
 mod report;
 mod rows;
-pub mod sense;
-mod stages;
+mod selection_summary;
 pub mod statistics;
 pub mod strategies;
 pub mod study;
 pub mod surface;
 pub mod transfer;
-mod tryout;
-pub mod ways;
 mod workflow;
 
-pub use choice::Choice;
 pub use config::{EstimateConfig, Memory, ResidualKind};
-pub use report::{EstimateReport, Stopped};
-pub use sense::Sense;
-pub use tryout::try_out;
-pub use workflow::{Answer, Asked, Proposal, Round, Workflow};
+pub use hidden_evaluation::evaluate_in_hidden_world;
+pub use order_constraint::OrderConstraint;
+pub use report::{EstimateReport, StopReason};
+pub use selection_summary::SelectionSummary;
+pub use workflow::{PendingRound, Proposal, ProposalResult, Round, Workflow};
 
 use std::sync::Arc;
 
@@ -49,10 +49,10 @@ use crate::progress::Progress;
 use crate::reality::{Reality, Trial};
 use crate::rng;
 use crate::task::{Task, ValidAction};
-use fit::{Found, fit_round, report_on};
-use stages::Staged;
+use fit::{FitHistory, fit_round, report_on};
+use progress_prefix::RoundProgress;
 
-/// Estimates the latents of `reality` over `tasks`; returns the report and the trials it was made from.
+/// Estimates the latents of `reality` on `tasks`; returns the report and the trials that it uses.
 pub fn estimate(
     tasks: &[Task],
     reality: &mut dyn Reality,
@@ -62,7 +62,7 @@ pub fn estimate(
     estimate_with(tasks, reality, config, None, progress)
 }
 
-/// [`estimate`] with a performance surface beside it: `gradient` needs one, `informative` uses one.
+/// [`estimate`] with a performance surface: the strategy `gradient` needs one, `informative` uses one if available.
 pub fn estimate_with(
     tasks: &[Task],
     reality: &mut dyn Reality,
@@ -75,8 +75,8 @@ pub fn estimate_with(
     Ok((workflow.report(progress)?, workflow.trials().to_vec()))
 }
 
-/// Runs a workflow to its end against `reality`. `keep` is given every round as it is finished, so that it can be
-/// resumed from there; an error of its ends the run.
+/// Runs a workflow to its end against `reality`. `keep` is called with every finished round, so that the workflow can be
+/// resumed from there; an error from `keep` ends the run.
 pub fn run(
     workflow: &mut Workflow,
     reality: &mut dyn Reality,
@@ -96,17 +96,18 @@ pub fn run(
     Ok(())
 }
 
-/// Fits given trials without measuring anything: as many iterations as an estimation of all rounds makes.
+/// Fits existing trials without new measurements, with as many iterations as an estimation over all rounds.
 pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress) -> Result<EstimateReport> {
     let mut config = config.clone();
-    config.cem = sense::apply(&config.senses, config.cem, trials.iter().map(|t| &t.scene))?;
+    config.cem =
+        order_constraint::apply_constraints(&config.senses, config.cem, trials.iter().map(|t| &t.scene))?;
     config.validate()?;
     let config = &config;
     let mut cem = Cem::new(config.cem.clone())?;
     let (mut residuals, mut estimates, mut rollouts) = (Vec::new(), Vec::new(), 0);
     let mut before = None;
     for round in 0..config.rounds {
-        let staged = Staged { inner: progress, round, rounds: config.rounds };
+        let staged = RoundProgress { inner: progress, round, rounds: config.rounds };
         let fitted = fit_round(&mut cem, before.as_ref(), trials, config, round, &staged)?;
         residuals.push(fitted.residual);
         rollouts += fitted.rollouts;
@@ -115,12 +116,18 @@ pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress)
     }
     let estimate = before.unwrap_or_else(|| cem.estimate());
     let choices = Vec::new();
-    let found =
-        Found { residuals, estimates, choices, rollouts, real_interactions: 0, stopped: Stopped::Rounds };
-    report_on(&estimate, &cem.deviations(), trials, config, found, progress)
+    let found = FitHistory {
+        residuals,
+        estimates,
+        choices,
+        rollouts,
+        real_interactions: 0,
+        stopped: StopReason::Rounds,
+    };
+    report_on(&estimate, &cem.standard_deviations(), trials, config, found, progress)
 }
 
-/// `count` trials of random placeable actions over `tasks`, in a seed's order.
+/// `count` trials of random placeable actions on `tasks`; `seed` determines the actions and their order.
 pub fn random_trials(
     tasks: &[Task],
     reality: &mut dyn Reality,
@@ -128,7 +135,7 @@ pub fn random_trials(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Trial>> {
-    let drawn = explore::draw(tasks, count, &mut rng::stream(seed, "random trials"))?;
+    let drawn = explore::draw_placeable(tasks, count, &mut rng::stream(seed, "random trials"))?;
     let mut trials = Vec::with_capacity(count);
     for (task, action, _) in drawn {
         progress.report("measuring the real world", trials.len() as u64, count as u64)?;
@@ -139,13 +146,13 @@ pub fn random_trials(
     Ok(trials)
 }
 
-/// Carries the proposals out, task by task; every one was placeable in simulation, so every one is answered.
+/// Measures the proposals, task by task. Every proposal was placeable in simulation, so every one has a result.
 fn measure(
     workflow: &Workflow,
     reality: &mut dyn Reality,
     proposals: &[Proposal],
     progress: &dyn Progress,
-) -> Result<Vec<Answer>> {
+) -> Result<Vec<ProposalResult>> {
     progress.report("measuring the real world", 0, proposals.len() as u64)?;
     let mut by_task: Vec<(&str, Vec<&Proposal>)> = Vec::new();
     for proposal in proposals {
@@ -159,7 +166,9 @@ fn measure(
         let task = workflow.task(id)?;
         let actions: Vec<ValidAction> = of_it.iter().map(|p| p.action_on(task)).collect::<Result<_>>()?;
         for (proposal, attempt) in of_it.iter().zip(reality.measure(task, &actions)?) {
-            answers.extend(attempt.trajectory.map(|observed| Answer { number: proposal.number, observed }));
+            answers.extend(
+                attempt.trajectory.map(|observed| ProposalResult { number: proposal.number, observed }),
+            );
         }
     }
     Ok(answers)

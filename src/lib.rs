@@ -1,37 +1,39 @@
-//! `iplw`: worlds to act in, latent factors to estimate, policies to transfer.
+//! `iplw`: simulated 2D worlds, estimation of their latent factors, model discrepancy diagnosis, and policy transfer.
 //!
-//! The rooms, each using only those above it (a test holds them to it):
+//! The modules; each uses only those above it (a test enforces the layers):
 //!
-//! | room | what it does |
+//! | module | purpose |
 //! |---|---|
-//! | `error` `json` `rng` `progress` `budget` `trajectory` | the words everybody speaks |
-//! | `distribution` | Fisher's and Student's, for intervals |
-//! | `neural/` | layers of small networks, and how they learn; dfdx |
-//! | `task/` | what is asked: scenes, actions, goals; plain data |
-//! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
-//! | `residual` | two trajectories -> how far apart |
-//! | `reality/` | where measured trials come from; sole keeper of hidden latents |
-//! | `explore/` | which actions to spend on the real world |
-//! | `estimate/` | trials -> latents, by the cross-entropy method; what performance asks of them |
-//! | `discover/` | measured minus simulated -> what the simulation lacks |
-//! | `policy/` | scoring actions |
-//! | `plan/` | actions ranked by rollouts under what is believed |
-//! | `design/` | which experiment would tell the most about a question |
+//! | `error` `json` `rng` `progress` `budget` `trajectory` | types shared by all modules |
+//! | `distribution` | Fisher's F and Student's t, for tests and intervals |
+//! | `neural/` | dense layers and their training; dfdx |
+//! | `task/` | scenes, actions, goals and families of tasks; plain data |
+//! | `world/` | simulation: scene + latents + effects -> trajectory; the only module that uses rapier2d |
+//! | `residual` | residuals between two trajectories |
+//! | `reality/` | measured trials and hidden worlds; the only module that reads hidden latents |
+//! | `explore/` | selection of actions to measure in the real world |
+//! | `estimate/` | trials -> latents: cross-entropy method, shooting, posterior sampling |
+//! | `discover/` | diagnosis of model discrepancy: the effects that the simulation lacks |
+//! | `policy/` | scoring of actions |
+//! | `plan/` | actions ranked by rollouts over a posterior |
+//! | `design/` | optimal experimental design |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
-//! | `store/` `access/` `job/` | what lasts, who may do what, and work that takes long |
-//! | `session/` | Gymnasium's reset and step over a task and a world |
-//! | `serve/` | HTTP, ZeroMQ and MCP: thin adapters; sole home of axum and rmcp; knows no physics |
+//! | `store/` `access/` `job/` | storage, permissions, and long-running jobs |
+//! | `session/` | Gymnasium's reset and step for a task and a world |
+//! | `serve/` | HTTP, ZeroMQ and MCP adapters; the only module that uses axum and rmcp; contains no physics |
 //!
-//! Follow one trial from `experiment.rs`: a [`task::Task`] and an action give a placed [`task::Scene`];
-//! [`world::simulate`] turns it into a [`trajectory::Trajectory`]; a reality measures the same; the residual
-//! between the two drives the estimator; the estimate grounds the simulation a policy is trained in.
+//! To follow one trial, start at `experiment.rs`: a [`task::Task`] and an action give a placed [`task::Scene`];
+//! a [`world::Simulator`] turns it into a [`trajectory::Trajectory`]; a reality measures the same; the residual between
+//! the two is the input of the estimator; the estimate grounds the simulation in which a policy is trained.
 //!
-//! Deliberately absent: clocks, I/O and globals in the core (everything above `store/`); any way for an
-//! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving), but for one
-//! a running job.
+//! The core (everything above `store/`) has no clocks and no logging, and two process-wide values: the registry of task
+//! families (`task::families`, filled once by `register_families` or on first use) and the fonts of `picture`, loaded on
+//! first use. Its only I/O is reading the files and folders whose paths the caller passes: families of tasks, recordings
+//! and JSON documents. Estimators have no access to a hidden world's latents. The library starts no threads of its own
+//! (rayon for physics, tokio for serving), except one per running job.
 
-// Where it is needed, its file says why; SECURITY.md lists those files.
+// Files with unsafe code give the reason; SECURITY.md lists them.
 #![deny(unsafe_code)]
 
 pub mod access;

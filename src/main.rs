@@ -1,6 +1,6 @@
-//! The command line: `iplw <command>`; every command is a file in `cli/`.
+//! The command-line program `iplw <command>`; every command has its own file in `cli/`.
 //!
-//! Exit codes: 0 done; 1 failed while working; 2 bad input (one clear line on stderr, nothing written).
+//! Exit codes: 0 success; 1 failure; 2 invalid input (one line on stderr, nothing written).
 
 #![forbid(unsafe_code)]
 

@@ -1,20 +1,20 @@
-//! How long work tells where it is, and learns that it should stop.
+//! Progress reports of long computations, which also allow to cancel them.
 
 use crate::error::Result;
 
-/// Receives progress; an error it returns (usually `Error::Cancelled`) ends the work.
+/// Receives progress; an error that it returns (usually `Error::Cancelled`) ends the computation.
 pub trait Progress: Sync {
     /// `done` of `total` units of `stage` are finished.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
 
-    /// A figure to follow: `name` was `value` when `at` units of the stage were done. Told with the next report.
-    fn figure(&self, _name: &'static str, _at: u64, _value: f64) {}
+    /// Logs a metric: `name` was `value` after `at` units of the stage. Delivered with the next report.
+    fn metric(&self, _name: &'static str, _at: u64, _value: f64) {}
 }
 
 /// Ignores progress and never cancels.
-pub struct Silent;
+pub struct NoProgress;
 
-impl Progress for Silent {
+impl Progress for NoProgress {
     fn report(&self, _stage: &str, _done: u64, _total: u64) -> Result<()> {
         Ok(())
     }

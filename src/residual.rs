@@ -1,25 +1,27 @@
-//! How far a simulated trajectory is from an observed one.
+//! Residuals between a simulated and an observed trajectory.
 //!
-//! Source: Semage et al., equation 2: the summed squared difference between observed and simulated states,
+//! Source: Semage et al., equation 2: the sum of squared differences between observed and simulated states,
 //! averaged over trajectories.
 //!
-//! Differences from the source: states are positions (m); angles and velocities are left out, so the residual
-//! is in m^2 and means the same for measured data that have nothing else. Observations missing on either side
-//! do not count.
+//! Differences from the source: states are positions (m) only, without angles and velocities, so the residual
+//! is in m^2 and comparable for measured data without these. Observations missing on either side are skipped.
 
-use crate::trajectory::{End, Track, Trajectory, hermite};
+use crate::trajectory::{Termination, Track, Trajectory, hermite};
 
-/// Residual of a simulation that diverged: larger than any trajectory within a scene can be off, and finite.
-pub const DIVERGED: f64 = 1e12;
+/// Residual of a diverged simulation, m^2: finite, and larger than that of any trajectory within a scene.
+pub const DIVERGED_RESIDUAL_M2: f64 = 1e12;
+
+/// Tolerance of observation times, s.
+const TIME_TOLERANCE_S: f64 = 1e-9;
 
 /// Sum over bodies and observation times of the squared distance (m^2) between observed and simulated
-/// positions. The simulation is interpolated at the observed times; times after its end do not count.
-pub fn summed_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
-    if simulated.outcome.end == End::Diverged {
-        return DIVERGED;
+/// positions. The simulation is interpolated at the observed times; times after its end are skipped.
+pub fn sum_of_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
+    if simulated.outcome.end == Termination::Diverged {
+        return DIVERGED_RESIDUAL_M2;
     }
     let mut sum = 0.0;
-    compare(observed, simulated, |[dx, dy]| {
+    for_each_difference(observed, simulated, |[dx, dy]| {
         let square = dx.powi(2) + dy.powi(2);
         if square.is_finite() {
             sum += square;
@@ -30,18 +32,18 @@ pub fn summed_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
 
 /// Observed minus simulated positions, m: x and y of every observation time of every observed body in turn.
 /// NaN where either side is missing, and everywhere if the simulation diverged.
-pub fn differences(observed: &Trajectory, simulated: &Trajectory) -> Vec<f64> {
+pub fn position_residuals(observed: &Trajectory, simulated: &Trajectory) -> Vec<f64> {
     let mut all = Vec::with_capacity(2 * observed.times.len() * observed.bodies.len());
-    if simulated.outcome.end == End::Diverged {
+    if simulated.outcome.end == Termination::Diverged {
         all.resize(all.capacity(), f64::NAN);
         return all;
     }
-    compare(observed, simulated, |d| all.extend(d));
+    for_each_difference(observed, simulated, |d| all.extend(d));
     all
 }
 
 /// Calls `each` with the difference at every observation time of every observed body.
-fn compare(observed: &Trajectory, simulated: &Trajectory, mut each: impl FnMut([f64; 2])) {
+fn for_each_difference(observed: &Trajectory, simulated: &Trajectory, mut each: impl FnMut([f64; 2])) {
     let aligned = observed.times == simulated.times;
     for track in &observed.bodies {
         let other = simulated.track(&track.name);
@@ -56,8 +58,8 @@ fn compare(observed: &Trajectory, simulated: &Trajectory, mut each: impl FnMut([
     }
 }
 
-/// Number of observed position pairs in a trajectory.
-pub fn observations(observed: &Trajectory) -> usize {
+/// Number of observed positions in a trajectory.
+pub fn count_observations(observed: &Trajectory) -> usize {
     observed
         .bodies
         .iter()
@@ -65,11 +67,11 @@ pub fn observations(observed: &Trajectory) -> usize {
         .sum()
 }
 
-/// Position at time `t` by cubic Hermite interpolation between samples; `cursor` remembers the last interval.
+/// Position at time `t` by cubic Hermite interpolation between samples; `cursor` is the last interval used.
 fn position_at(times: &[f64], track: &Track, t: f64, cursor: &mut usize) -> Option<[f64; 2]> {
     let last = times.len().checked_sub(1)?;
-    // A hair beyond either end is rounding, not extrapolation.
-    if t < times[0] - 1e-9 || t > times[last] + 1e-9 {
+    // The tolerance allows for rounding at either end, not for extrapolation.
+    if t < times[0] - TIME_TOLERANCE_S || t > times[last] + TIME_TOLERANCE_S {
         return None;
     }
     while *cursor + 1 < last && times[*cursor + 1] < t {
@@ -101,28 +103,28 @@ mod tests {
 
     #[test]
     fn free_fall_interpolates_exactly() {
-        // A cubic reproduces a parabola, whatever the sampling.
+        // A cubic reproduces a parabola at any sampling.
         let observed = falling(&[0.0, 0.13, 0.4, 0.77, 1.0]);
         let simulated = falling(&[0.0, 0.25, 0.5, 0.75, 1.0]);
-        assert!(summed_squares(&observed, &simulated) < 1e-24);
+        assert!(sum_of_squares(&observed, &simulated) < 1e-24);
     }
 
     #[test]
-    fn shift_counts_once_per_observation_and_gaps_do_not() {
+    fn counts_each_observation_once_and_skips_missing_ones() {
         let observed = falling(&[0.0, 0.5, 1.0]);
         let mut shifted = falling(&[0.0, 0.5, 1.0]);
         shifted.bodies[0].x.iter_mut().for_each(|x| *x += 0.5);
-        assert!((summed_squares(&observed, &shifted) - 0.75).abs() < 1e-12);
+        assert!((sum_of_squares(&observed, &shifted) - 0.75).abs() < 1e-12);
         let mut gappy = observed.clone();
         gappy.bodies[0].y[1] = f64::NAN;
-        assert!((summed_squares(&gappy, &shifted) - 0.5).abs() < 1e-12);
-        assert_eq!(observations(&gappy), 2);
+        assert!((sum_of_squares(&gappy, &shifted) - 0.5).abs() < 1e-12);
+        assert_eq!(count_observations(&gappy), 2);
     }
 
     #[test]
-    fn divergence_is_the_worst() {
+    fn diverged_simulation_has_the_largest_residual() {
         let mut diverged = falling(&[0.0]);
-        diverged.outcome.end = End::Diverged;
-        assert_eq!(summed_squares(&falling(&[0.0, 1.0]), &diverged), DIVERGED);
+        diverged.outcome.end = Termination::Diverged;
+        assert_eq!(sum_of_squares(&falling(&[0.0, 1.0]), &diverged), DIVERGED_RESIDUAL_M2);
     }
 }

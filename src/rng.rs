@@ -1,8 +1,8 @@
-//! Randomness is an argument: one named, portable stream per purpose.
+//! Random streams: one named, portable stream per purpose, passed as an argument.
 //!
-//! `stream(7, "cem")` and `stream(7, "noise")` are independent, so a further draw in one room never shifts
-//! another. ChaCha8's output is specified bit for bit, so a seed means the same on every machine; the
-//! `rand_chacha` version is pinned because the mapping from words to floats is the crate's.
+//! `stream(7, "cem")` and `stream(7, "noise")` are independent, so an additional draw in one module never
+//! shifts another. The output of ChaCha8 is specified bit for bit, so a seed gives the same stream on every
+//! machine; the version of `rand_chacha` is pinned because the conversion to floats is the crate's.
 
 pub use rand_chacha::ChaCha8Rng as Stream;
 use rand_chacha::rand_core::SeedableRng;
@@ -15,15 +15,15 @@ pub fn stream(seed: u64, purpose: &str) -> Stream {
     Stream::from_seed(key)
 }
 
-/// A seed derived from another, for the `index`-th of several repetitions of `purpose`.
-pub fn derive(seed: u64, purpose: &str, index: u64) -> u64 {
+/// A seed derived from another, for repetition `index` of `purpose`.
+pub fn derive_seed(seed: u64, purpose: &str, index: u64) -> u64 {
     let mut bytes = seed.to_le_bytes().to_vec();
     bytes.extend_from_slice(purpose.as_bytes());
     bytes.extend_from_slice(&index.to_le_bytes());
     fnv1a(&bytes)
 }
 
-/// FNV-1a, 64 bit: spreads names over keys; not for secrets.
+/// The 64-bit FNV-1a hash of a name; not cryptographic.
 fn fnv1a(bytes: &[u8]) -> u64 {
     bytes
         .iter()
@@ -41,10 +41,10 @@ mod tests {
         assert_eq!(draw(1, "cem"), draw(1, "cem"));
         assert_ne!(draw(1, "cem"), draw(1, "noise"));
         assert_ne!(draw(1, "cem"), draw(2, "cem"));
-        assert_ne!(derive(1, "fold", 0), derive(1, "fold", 1));
+        assert_ne!(derive_seed(1, "fold", 0), derive_seed(1, "fold", 1));
     }
 
-    /// Golden: the sequence itself is part of every stored result.
+    /// Golden: every stored result depends on the sequence.
     #[test]
     fn sequence_is_fixed() {
         let mut rng = stream(42, "golden");

@@ -1,26 +1,27 @@
-//! What a rollout or a measurement leaves behind: sampled states, contact events and an outcome.
+//! Trajectories of rollouts and measurements: sampled states, contact events and an outcome.
 
 use serde::{Deserialize, Serialize};
 
 /// One rollout, observed at `times`.
 ///
-/// Every track holds as many samples as `times`. A missing measured value is NaN in memory and an empty cell
-/// or `null` outside.
+/// Every track has as many samples as `times`. A missing measured value is NaN in memory and an empty cell or
+/// `null` in files.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Trajectory {
-    /// (n_samples,) seconds since the start; rising.
+    /// (n_samples,) seconds since the start; increasing.
     pub times: Vec<f64>,
     /// One track per movable body, in the scene's order.
     pub bodies: Vec<Track>,
-    /// Begin-of-contact events in order of time; empty for measured trials.
+    /// Contact events (first touch) in order of time; empty for measured trials.
     pub events: Vec<Contact>,
-    /// Begun contacts between two movable bodies ("collisions" of the paper's action groups).
+    /// Number of contact events between two movable bodies ("collisions" of the paper's action groups).
     pub collisions: u32,
-    /// Sum over movable bodies of the time steps spent on a surface that carries them (contact normal more
-    /// upward than 60 degrees from vertical), at rest or not ("rolling" of the paper's action groups).
+    /// Time steps in which a surface supported a body (upward component of the contact normal above cos
+    /// 60 degrees), summed over movable bodies, moving or at rest ("rolling" of the paper's action
+    /// groups).
     pub rolling_steps: u32,
-    /// How it ended.
-    pub outcome: Outcome,
+    /// The outcome of the rollout.
+    pub outcome: RolloutOutcome,
 }
 
 /// The sampled states of one body; world frame.
@@ -29,73 +30,73 @@ pub struct Track {
     /// The body's name in its scene.
     pub name: String,
     /// (n_samples,) position, m.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub x: Vec<f64>,
     /// (n_samples,) position, m, up.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub y: Vec<f64>,
     /// (n_samples,) rad, counter-clockwise, not wrapped.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub angle: Vec<f64>,
     /// (n_samples,) m/s.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub vx: Vec<f64>,
     /// (n_samples,) m/s.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub vy: Vec<f64>,
     /// (n_samples,) rad/s.
-    #[serde(with = "gaps")]
+    #[serde(with = "nan_as_null")]
     pub omega: Vec<f64>,
 }
 
-/// Two things began to touch.
+/// The beginning of a contact between two objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// Seconds since the start.
     pub time: f64,
     /// Names of the two bodies or statics.
     pub between: [String; 2],
-    /// Speed at which they approached along the contact normal, m/s, not negative.
+    /// Approach speed along the contact normal, m/s, not negative.
     pub speed: f64,
 }
 
-/// How a rollout ended.
+/// The outcome of a rollout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Outcome {
+pub struct RolloutOutcome {
     /// Whether the goal was reached; `None` where the scene has none.
     pub solved: Option<bool>,
-    /// Simulated time steps.
+    /// Number of simulated time steps.
     pub steps: u32,
-    /// Why it ended.
-    pub end: End,
+    /// The reason for its end.
+    pub end: Termination,
 }
 
-/// Why a rollout ended.
+/// The reason why a rollout ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum End {
+pub enum Termination {
     /// All steps were simulated.
     #[default]
     Horizon,
-    /// The goal was reached and the scene stops there.
+    /// The goal was reached, and the scene stops there.
     Goal,
-    /// A state stopped being finite; samples end before it.
+    /// A state became non-finite or implausibly large; samples end before it.
     Diverged,
-    /// What an intervention puts into the scene has no place there; samples end before it.
+    /// An object added or moved by an intervention would overlap another; samples end before it.
     Blocked {
-        /// Number of the intervention.
+        /// Index of the intervention.
         intervention: usize,
-        /// What is in the way: bodies, then statics, what came in behind each.
+        /// Index of the obstacle: bodies, then statics, added ones after the scene's own.
         by: usize,
     },
 }
 
-/// Missing values: NaN in memory, `null` outside.
-mod gaps {
+/// Missing values: NaN in memory, `null` in files.
+mod nan_as_null {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(values: &[f64], to: S) -> Result<S::Ok, S::Error> {
-        // serde_json writes NaN as null by itself; said here so that no other format can disagree.
+        // serde_json already writes NaN as null; converted here so that all formats do.
         values.iter().map(|v| (!v.is_nan()).then_some(*v)).collect::<Vec<Option<f64>>>().serialize(to)
     }
 
@@ -105,8 +106,8 @@ mod gaps {
     }
 }
 
-/// A position `share` (0 to 1) of the way through an interval of `span` seconds, by the cubic polynomial that
-/// has the positions and velocities of both ends (Hermite): exact for motion under constant force.
+/// Cubic Hermite interpolation at the fraction `share` (0 to 1) of an interval of `span` seconds, from the
+/// positions and velocities at both ends: exact for motion under constant force.
 pub fn hermite(positions: [f64; 2], velocities: [f64; 2], span: f64, share: f64) -> f64 {
     let s = share;
     let (s2, s3) = (s * s, s * s * s);
@@ -141,7 +142,7 @@ impl Track {
         self.omega.push(omega);
     }
 
-    /// Forgets all but the first samples.
+    /// Keeps only the first samples.
     pub fn truncate(&mut self, samples: usize) {
         for column in [&mut self.x, &mut self.y, &mut self.angle, &mut self.vx, &mut self.vy, &mut self.omega]
         {

@@ -1,11 +1,11 @@
-//! What the benchmarks share: scenes and clocks.
+//! Scenes and clocks shared by the benchmarks.
 
 use std::time::Instant;
 
 use iplw::task::{Placement, Scene, family};
-use iplw::world::{Level, Rollout};
+use iplw::world::{Rollout, SimdLevel};
 
-/// Scenes from a file of JSON lines, or without one the bowling family's own.
+/// Scenes from a file of JSON lines; without a file, scenes of the bowling family.
 pub fn scenes(path: Option<&String>) -> Vec<Scene> {
     match path {
         Some(path) => {
@@ -16,19 +16,18 @@ pub fn scenes(path: Option<&String>) -> Vec<Scene> {
     }
 }
 
-/// Rollouts of the scenes as they are, to the last step.
+/// Rollouts of the unmodified scenes, to the last step.
 pub fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout { stop: false, ..Rollout::of(scene) };
+    let rollout = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
     scenes.iter().map(rollout).collect()
 }
 
-/// The level's name in tables.
-pub fn level_name(level: Level) -> String {
+/// Name of the level in tables.
+pub fn level_name(level: SimdLevel) -> String {
     format!("{level:?}").to_lowercase()
 }
 
-/// Seconds of processor time of all threads where Linux tells, so that other work on the machine counts less;
-/// seconds on the wall elsewhere.
+/// Processor time of all threads, s, on Linux, which is less sensitive to other work on the machine; wall-clock time elsewhere.
 pub struct Clock(Instant);
 
 impl Clock {

@@ -1,13 +1,13 @@
-//! The rate at which this machine multiplies and adds f64 with a level's instructions: independent chains of
-//! `x = x a + b`, enough of them to keep every unit busy, nothing loaded or stored.
+//! Peak rate of f64 multiplications and additions with a level's instructions: independent chains of `x = x a + b`, enough to occupy
+//! all execution units, without loads and stores.
 
 use super::common::Clock;
-use iplw::world::Level;
+use iplw::world::SimdLevel;
 
-/// Operations a second, the best of several tries; `None` where the level has no such instruction.
-pub fn flops(level: Level, fused: bool, clock: &Clock) -> Option<f64> {
+/// Operations per second, the best of several repetitions; `None` if the level has no such instruction.
+pub fn flops(level: SimdLevel, fused: bool, clock: &Clock) -> Option<f64> {
     let (chains, per_round) = chains(level, fused)?;
-    // Some tenths of a second: the clock of processor time may tick in hundredths.
+    // A few tenths of a second, since the processor-time clock may have a resolution of 10 ms.
     const ROUNDS: u64 = 200_000_000;
     let rate = |_| {
         let start = clock.seconds();
@@ -17,31 +17,35 @@ pub fn flops(level: Level, fused: bool, clock: &Clock) -> Option<f64> {
     Some((0..5).map(rate).fold(0.0, f64::max))
 }
 
-/// What runs a number of rounds, and the operations of a round.
+/// Function that runs a number of rounds, and the operations per round.
 type Chains = (fn(u64), f64);
 
 #[cfg(not(target_arch = "x86_64"))]
-fn chains(_: Level, _: bool) -> Option<Chains> {
+fn chains(_: SimdLevel, _: bool) -> Option<Chains> {
     None
 }
 
 #[cfg(target_arch = "x86_64")]
-fn chains(level: Level, fused: bool) -> Option<Chains> {
+fn chains(level: SimdLevel, fused: bool) -> Option<Chains> {
     let fma = is_x86_feature_detected!("fma");
-    // A multiplication and an addition for each lane of each chain.
+    // One multiplication and one addition per lane and chain.
     let per_round = |width: usize| (2 * width * COUNT) as f64;
     // SAFETY: each arm is taken only where the instructions have been found.
     match (level, fused) {
-        (Level::Baseline, false) => Some((|n| unsafe { sse2(n) }, per_round(2))),
-        (Level::Avx2, false) if level.available() => Some((|n| unsafe { avx2(n) }, per_round(4))),
-        (Level::Avx2, true) if level.available() && fma => Some((|n| unsafe { avx2_fused(n) }, per_round(4))),
-        (Level::Avx512, false) if level.available() => Some((|n| unsafe { avx512(n) }, per_round(8))),
-        (Level::Avx512, true) if level.available() => Some((|n| unsafe { avx512_fused(n) }, per_round(8))),
+        (SimdLevel::Baseline, false) => Some((|n| unsafe { sse2(n) }, per_round(2))),
+        (SimdLevel::Avx2, false) if level.available() => Some((|n| unsafe { avx2(n) }, per_round(4))),
+        (SimdLevel::Avx2, true) if level.available() && fma => {
+            Some((|n| unsafe { avx2_fused(n) }, per_round(4)))
+        }
+        (SimdLevel::Avx512, false) if level.available() => Some((|n| unsafe { avx512(n) }, per_round(8))),
+        (SimdLevel::Avx512, true) if level.available() => {
+            Some((|n| unsafe { avx512_fused(n) }, per_round(8)))
+        }
         _ => None,
     }
 }
 
-/// Chains at once: two units, four cycles for each of two operations, and room in sixteen registers.
+/// Number of chains: two units with four cycles of latency for each of two operations need 16; 12 fit into sixteen registers.
 #[cfg(target_arch = "x86_64")]
 const COUNT: usize = 12;
 

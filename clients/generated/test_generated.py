@@ -1,6 +1,6 @@
-"""Clients made from the OpenAPI document, each through a whole episode; and the document held to by the server.
+"""Clients generated from the OpenAPI document, each for one episode; and conformance of the server to the document.
 
-`IPLW_BIN` names the server. The TypeScript client needs node and `npm ci`.
+`IPLW_BIN` is the server executable. The TypeScript client requires node and `npm ci`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def url() -> Iterator[str]:
     line = server.stdout.readline()
     yield line.partition("listening on ")[2].strip()
     server.stdin.close()
-    assert server.wait(10) == 0, "the server is well to the end"
+    assert server.wait(10) == 0, "the server exits without error"
 
 
 def run(*command: str | Path, **environment: str) -> str:
@@ -52,8 +52,8 @@ def run(*command: str | Path, **environment: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def by_hand(url: str) -> dict[str, Any]:
-    """The episode with nothing but HTTP and JSON."""
+def reference(url: str) -> dict[str, Any]:
+    """The episode with plain HTTP and JSON."""
     http = urllib3.PoolManager()
 
     def call(method: str, path: str, body: Any = None) -> tuple[int, Any]:
@@ -65,53 +65,53 @@ def by_hand(url: str) -> dict[str, Any]:
     at = f"/v1/worlds/{world['id']}"
     start = call("POST", f"{at}/reset", {"seed": 1})[1]
     results = call("POST", f"{at}/rollout", {"actions": [1000 * k for k in range(32)]})[1]["results"]
-    chosen = [result["valid"] for result in results].index(True)
-    step = call("POST", f"{at}/step", {"action": 1000 * chosen})[1]
-    refused, _ = call("POST", f"{at}/step", {"action": [0.5, 0.5, 0.2]})
+    selected = [result["valid"] for result in results].index(True)
+    step = call("POST", f"{at}/step", {"action": 1000 * selected})[1]
+    rejected, _ = call("POST", f"{at}/step", {"action": [0.5, 0.5, 0.2]})
     call("DELETE", at)
-    gone, _ = call("GET", at)
+    has_ended, _ = call("GET", at)
     return {
         "families": families,
         "task": start["info"]["task"],
         "first": start["observation"],
-        "chosen": chosen,
+        "chosen": selected,
         "observation": step["observation"],
         "reward": step["reward"],
         "terminated": step["terminated"],
         "steps": step["info"]["steps"],
-        "refused": refused,
-        "gone": gone,
+        "refused": rejected,
+        "gone": has_ended,
     }
 
 
-def test_the_episode_is_one(by_hand: dict[str, Any]) -> None:
-    assert by_hand["terminated"] and by_hand["steps"] > 0
-    assert (by_hand["refused"], by_hand["gone"]) == (409, 404)
+def test_episode_is_valid(reference: dict[str, Any]) -> None:
+    assert reference["terminated"] and reference["steps"] > 0
+    assert (reference["refused"], reference["gone"]) == (409, 404)
 
 
-def test_python(url: str, by_hand: dict[str, Any]) -> None:
-    made = OUT / "python"
-    shutil.rmtree(made, ignore_errors=True)
-    said = run(
+def test_python(url: str, reference: dict[str, Any]) -> None:
+    created = OUT / "python"
+    shutil.rmtree(created, ignore_errors=True)
+    message = run(
         Path(sys.executable).parent / "openapi-python-client",
-        *("generate", "--path", DOCUMENT, "--output-path", made / "iplw_generated", "--meta", "none"),
+        *("generate", "--path", DOCUMENT, "--output-path", created / "iplw_generated", "--meta", "none"),
     )
-    assert "ERROR" not in said, said
-    assert json.loads(run(sys.executable, "episode.py", url, PYTHONPATH=str(made))) == by_hand
+    assert "ERROR" not in message, message
+    assert json.loads(run(sys.executable, "episode.py", url, PYTHONPATH=str(created))) == reference
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node")
-def test_typescript(url: str, by_hand: dict[str, Any]) -> None:
+def test_typescript(url: str, reference: dict[str, Any]) -> None:
     tools = HERE / "node_modules" / ".bin"
     if not (tools / "tsc").exists():
         pytest.fail("no node_modules; run `npm ci` in clients/generated, or `make test-clients`")
     run(tools / "openapi-typescript", DOCUMENT, "--output", OUT / "schema.ts")
     run(tools / "tsc", "--project", ".")
-    assert json.loads(run("node", OUT / "js" / "episode.js", url)) == by_hand
+    assert json.loads(run("node", OUT / "js" / "episode.js", url)) == reference
 
 
-def test_the_server_does_what_the_document_says(url: str) -> None:
-    """All of schemathesis's checks: status codes, content types, schemas, headers, refusals of what is not allowed.
+def test_server_conforms_to_document(url: str) -> None:
+    """All of schemathesis's checks: status codes, content types, schemas, headers, rejection of invalid input.
 
     Also of requests that follow from each other, by the document's links. `EXAMPLES` of each operation, 8 by default.
     """

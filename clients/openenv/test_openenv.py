@@ -1,4 +1,4 @@
-"""OpenEnv's own client and tools, from PyPI, drive our worlds. In an environment of their own: `make test-openenv`."""
+"""Tests with OpenEnv's client and tools from PyPI, in a separate environment: `make test-openenv`."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from websockets.sync.client import connect
 import iplw
 from iplw.openenv import Budget, IplwAction, IplwEnv, IplwEnvironment, Settings, make_app, settings
 
-#: A place for bowling's red ball, and one that has no room.
+#: A valid and an overlapping placement of bowling's red ball.
 FINE, NO_ROOM = [0.5, 0.9, 0.3], [0.0, 0.0, 0.0]
 
-#: What OpenEnv sends beside an observation.
+#: Fields that OpenEnv sends in addition to an observation.
 BESIDE = {"reward", "done", "metadata"}
 
 
 @contextlib.contextmanager
-def serving(client: iplw.Client, given: Settings) -> Iterator[str]:
-    """The application as `python -m iplw.openenv` serves it, in a thread."""
+def serving(client: iplw.Client, values: Settings) -> Iterator[str]:
+    """Serves the application of `python -m iplw.openenv` in a thread."""
     listener = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(uvicorn.Config(make_app(given, client), log_level="warning"))
+    server = uvicorn.Server(uvicorn.Config(make_app(values, client), log_level="warning"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
     thread.start()
     try:
@@ -54,8 +54,8 @@ def serving(client: iplw.Client, given: Settings) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[iplw.Client]:
-    with iplw.Client() as made:
-        yield made
+    with iplw.Client() as created:
+        yield created
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def eventually(holds: Callable[[], bool], seconds: float = 60.0) -> bool:
     return True
 
 
-def test_an_episode_in_simulation_by_openenvs_client_is_what_our_own_client_sees(sim: str, client: iplw.Client) -> None:
+def test_episode_matches_iplw_client(sim: str, client: iplw.Client) -> None:
     with GenericEnvClient(base_url=sim).sync() as env, client.create_world("bowling") as world:
         start = env.reset(seed=1, episode_id="first")
         features, info = world.reset(seed=1, split="train")
@@ -88,18 +88,18 @@ def test_an_episode_in_simulation_by_openenvs_client_is_what_our_own_client_sees
         assert start.observation["scene"]["format"] == "iplw.scene/1"
         png = base64.b64decode(start.observation["picture"])
         assert png.startswith(b"\x89PNG")
-        refused = env.step({"action": NO_ROOM})
-        assert (refused.observation["valid"], refused.done) == (False, False)
-        assert refused.observation["reason"] == "red leaves the scene"
-        assert base64.b64decode(refused.observation["picture"]) == png
-        made = env.step({"action": FINE})
+        rejected = env.step({"action": NO_ROOM})
+        assert (rejected.observation["valid"], rejected.done) == (False, False)
+        assert rejected.observation["reason"] == "red leaves the scene"
+        assert base64.b64decode(rejected.observation["picture"]) == png
+        created = env.step({"action": FINE})
         features, reward, terminated, _, info = world.step(FINE)
-        assert made.observation["features"] == features.tolist()
-        assert (made.reward, made.done, made.observation["valid"]) == (reward, terminated, True)
-        assert {key: made.observation[key] for key in ("steps", "solved", "end")} == {
+        assert created.observation["features"] == features.tolist()
+        assert (created.reward, created.done, created.observation["valid"]) == (reward, terminated, True)
+        assert {key: created.observation[key] for key in ("steps", "solved", "end")} == {
             key: info[key] for key in ("steps", "solved", "end")
         }
-        assert base64.b64decode(made.observation["picture"]) != png, "what was placed is drawn"
+        assert base64.b64decode(created.observation["picture"]) != png, "the placed body is drawn"
         state = env.state()
         assert (state["episode_id"], state["step_count"], state["done"]) == ("first", 2, True)
         assert state["latents"] == world.latents
@@ -108,10 +108,10 @@ def test_an_episode_in_simulation_by_openenvs_client_is_what_our_own_client_sees
         assert env.state()["latents"]["friction"] == 0.4
 
 
-def test_the_typed_client_solves_a_task_awaited(sim: str, client: iplw.Client) -> None:
-    tried = np.random.default_rng(0).random((500, 3))
+def test_typed_client_solves_task(sim: str, client: iplw.Client) -> None:
+    attempted = np.random.default_rng(0).random((500, 3))
     with client.create_world("bowling:001") as world:
-        solution = tried[world.rollout(tried, task="bowling:001").solved][0].tolist()
+        solution = attempted[world.rollout(attempted, task="bowling:001").solved][0].tolist()
 
     async def episode() -> None:
         async with IplwEnv(base_url=sim) as env:
@@ -124,29 +124,29 @@ def test_the_typed_client_solves_a_task_awaited(sim: str, client: iplw.Client) -
             await env.reset(seed=5)
             as_text = await env._send_and_receive({"type": "step", "data": {"action": "17"}})
             counted = by_index.observation.interactions + bool(by_index.observation.valid)
-            told = {**by_index.observation.model_dump(exclude=BESIDE), "interactions": counted}
-            assert as_text["data"]["observation"] == told, "text is read as what it says"
+            response = {**by_index.observation.model_dump(exclude=BESIDE), "interactions": counted}
+            assert as_text["data"]["observation"] == response, "text is parsed as JSON"
             assert start.observation.valid is None and isinstance(by_index.observation.valid, bool)
 
     asyncio.run(episode())
 
 
-def test_real_interactions_are_counted_over_sessions_and_held_to_the_budget(real: str) -> None:
+def test_budget_over_all_sessions(real: str) -> None:
     with GenericEnvClient(base_url=real).sync() as env:
         assert env.reset(seed=1).observation["remaining"] == 4
         assert env.state()["latents"] is None
-        assert env.step({"action": NO_ROOM}).observation["remaining"] == 4, "what cannot be placed is no attempt"
+        assert env.step({"action": NO_ROOM}).observation["remaining"] == 4, "an invalid action is no attempt"
         for bad in ([0.5, 0.9], [0.5, 0.9, 2.0], [float("nan")] * 3):
             with pytest.raises(RuntimeError, match="allowed"):
                 env.step({"action": bad})
-        made = env.step({"action": FINE})
-        assert (made.observation["interactions"], made.observation["remaining"]) == (1, 3)
+        created = env.step({"action": FINE})
+        assert (created.observation["interactions"], created.observation["remaining"]) == (1, 3)
         with pytest.raises(RuntimeError, match="the episode has ended; reset"):
             env.step({"action": FINE})
         with pytest.raises(RuntimeError, match="sealed|hidden"):
             env.reset(latents={"friction": 0.1})
         assert env.reset(seed=2).observation["remaining"] == 3
-    # Many at once, each with a world of its own, share what is left.
+    # Concurrent sessions share the remaining budget.
     outcomes: list[str] = []
 
     def attempt(seed: int) -> None:
@@ -163,7 +163,7 @@ def test_real_interactions_are_counted_over_sessions_and_held_to_the_budget(real
     for thread in threads:
         thread.join(60)
     assert outcomes.count("made") == 3, outcomes
-    assert sum("the budget of 4 real interactions" in said for said in outcomes) == 5
+    assert sum("the budget of 4 real interactions" in output for output in outcomes) == 5
 
 
 @pytest.mark.parametrize(
@@ -178,19 +178,19 @@ def test_real_interactions_are_counted_over_sessions_and_held_to_the_budget(real
         ({"vector": FINE}, "`vector`: Extra inputs are not permitted; allowed: action, metadata"),
     ],
 )
-def test_what_is_wrong_with_an_action_is_said(sim: str, message: dict[str, Any], says: str) -> None:
+def test_rejects_invalid_actions(sim: str, message: dict[str, Any], says: str) -> None:
     with GenericEnvClient(base_url=sim).sync() as env:
         env.reset(seed=1)
         with pytest.raises(RuntimeError, match=re.escape(says)):
             env.step(message)
-        assert env.step({"action": FINE}).done, "the session goes on"
+        assert env.step({"action": FINE}).done, "the session continues"
 
 
-def test_what_is_wrong_with_a_reset_is_said(sim: str) -> None:
+def test_rejects_invalid_resets(sim: str) -> None:
     with GenericEnvClient(base_url=sim).sync() as env:
-        with pytest.raises(RuntimeError, match="no episode has begun; reset first"):
+        with pytest.raises(RuntimeError, match="no episode has started; call reset first"):
             env.step({"action": FINE})
-        for given, says in (
+        for values, says in (
             ({"tsak": 1}, "reset has ['tsak']; allowed: seed, episode_id, task, split, latents"),
             ({"task": "bowling:999"}, "no task named `bowling:999`; there are: bowling:000 to bowling:099"),
             ({"split": "exam"}, "expected one of `train`, `validation`, `test`"),
@@ -198,26 +198,26 @@ def test_what_is_wrong_with_a_reset_is_said(sim: str) -> None:
             ({"latents": {"friction": -1}}, "`friction` is -1; allowed"),
         ):
             with pytest.raises(RuntimeError, match=re.escape(says)):
-                env.reset(**given)
+                env.reset(**values)
 
 
-def test_sessions_have_worlds_of_their_own_and_let_go_of_them(sim: str, client: iplw.Client) -> None:
+def test_sessions_create_and_delete_worlds(sim: str, client: iplw.Client) -> None:
     def worlds() -> set[str]:
         return {world.id for world in client.worlds()}
 
     before = worlds()
     with contextlib.ExitStack() as stack:
         envs = [stack.enter_context(GenericEnvClient(base_url=sim).sync()) for _ in range(8)]
-        drawn = {tuple(env.reset().observation["task"] for _ in range(3)) for env in envs}
+        sampled = {tuple(env.reset().observation["task"] for _ in range(3)) for env in envs}
         assert len(worlds() - before) == 8
-        assert len(drawn) > 1, "sessions without seeds do not all draw the same tasks"
-        # (Their client may see the connection closed before it reads why.)
+        assert len(sampled) > 1, "sessions without seeds get different tasks"
+        # (The client may see the closed connection before the reason.)
         with connect(sim.replace("http", "ws") + "/ws") as ninth:
             assert json.loads(ninth.recv(60))["data"]["code"] == "CAPACITY_REACHED"
         envs[0].reset(seed=1)
         assert envs[0].step({"action": FINE}).done and not envs[1].state()["done"]
     assert eventually(lambda: worlds() <= before), "a session that ends deletes its world"
-    # As does one whose client dies.
+    # So does a session whose client dies.
     script = f"""
 from openenv.core.sync_client import SyncEnvClient
 from openenv.core.generic_client import GenericEnvClient
@@ -234,19 +234,19 @@ time.sleep(60)
     assert eventually(lambda: worlds() <= before)
 
 
-def test_a_session_that_lost_its_world_makes_no_new_one(client: iplw.Client) -> None:
+def test_expired_session_creates_no_world(client: iplw.Client) -> None:
     session = IplwEnvironment(client, Settings(), Budget())
     session.reset(seed=1)
     session.close()
     session.close()
-    with pytest.raises(RuntimeError, match="its world is gone; connect anew"):
+    with pytest.raises(RuntimeError, match="was deleted because the session was idle; connect again"):
         session.reset(seed=1)
 
 
-def test_over_http_each_request_is_on_its_own_and_errors_have_words(sim: str, client: iplw.Client) -> None:
+def test_http_requests_are_independent(sim: str, client: iplw.Client) -> None:
     before = len(client.worlds())
-    made = requests.post(f"{sim}/reset", json={"seed": 1}, timeout=60).json()
-    assert made["observation"]["task"].startswith("bowling:")
+    created = requests.post(f"{sim}/reset", json={"seed": 1}, timeout=60).json()
+    assert created["observation"]["task"].startswith("bowling:")
     for path, body, status, says in (
         ("reset", {"tsak": 1}, 422, "reset has ['tsak']"),
         ("reset", {"task": "bowling:999"}, 404, "no task named `bowling:999`"),
@@ -258,7 +258,7 @@ def test_over_http_each_request_is_on_its_own_and_errors_have_words(sim: str, cl
     assert len(client.worlds()) == before
 
 
-def test_openenvs_own_validation_passes_and_schemas_are_told(sim: str) -> None:
+def test_openenv_validation(sim: str) -> None:
     report = validate_running_environment(sim)
     assert report["passed"], report
     schema = requests.get(f"{sim}/schema", timeout=60).json()
@@ -277,13 +277,13 @@ def test_openenvs_own_validation_passes_and_schemas_are_told(sim: str) -> None:
         ({"Host": "localhost:1"}, 200),
     ],
 )
-def test_pages_of_other_origins_are_refused(sim: str, headers: dict[str, str], status: int) -> None:
+def test_rejects_other_origins(sim: str, headers: dict[str, str], status: int) -> None:
     assert requests.get(f"{sim}/health", headers=headers, timeout=60).status_code == status
     if "Origin" in headers:
         with pytest.raises(InvalidStatus, match="403"):
             connect(sim.replace("http", "ws") + "/ws", additional_headers=headers)
-    own = requests.get(f"{sim}/health", headers={"Origin": sim}, timeout=60)
-    assert own.status_code == 200
+    local_value = requests.get(f"{sim}/health", headers={"Origin": sim}, timeout=60)
+    assert local_value.status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,7 @@ def test_pages_of_other_origins_are_refused(sim: str, headers: dict[str, str], s
         (["--world", "{"], "--world"),
     ],
 )
-def test_the_command_says_what_is_wrong(
+def test_command_rejects_invalid_settings(
     arguments: list[str], says: str, client: iplw.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from iplw.openenv.__main__ import main
@@ -312,15 +312,15 @@ def test_the_command_says_what_is_wrong(
     assert says in capsys.readouterr().err
 
 
-def test_the_command_serves_a_scene_of_ones_own(tmp_path: Path, client: iplw.Client) -> None:
+def test_command_serves_custom_scene(tmp_path: Path, client: iplw.Client) -> None:
     file = tmp_path / "scene.json"
     file.write_text(json.dumps(client.task("bowling:001")["scene"]))
     command = [sys.executable, "-m", "iplw.openenv", "--scene", str(file), "--world", "real", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
         try:
             assert server.stdout is not None and server.stderr is not None
-            said = server.stdout.readline()
-            with GenericEnvClient(base_url=said.split()[-1]).sync() as env:
+            output = server.stdout.readline()
+            with GenericEnvClient(base_url=output.split()[-1]).sync() as env:
                 assert env.reset().observation["task"].startswith("custom:")
                 assert np.isfinite(env.step({"action": FINE}).observation["features"]).all()
         finally:
@@ -329,8 +329,8 @@ def test_the_command_serves_a_scene_of_ones_own(tmp_path: Path, client: iplw.Cli
     assert server.returncode in (0, -signal.SIGTERM)
 
 
-def test_what_the_page_shows_runs(client: iplw.Client, capsys: pytest.CaptureFixture[str]) -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "openenv.md").read_text()
+def test_documentation_examples_run(client: iplw.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "openenv.md").read_text()
     plain, typed = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     with serving(client, Settings()) as url:
         exec(plain.replace("http://127.0.0.1:8000", url), {})
@@ -341,7 +341,7 @@ def test_what_the_page_shows_runs(client: iplw.Client, capsys: pytest.CaptureFix
     assert "bowling:" in capsys.readouterr().out
 
 
-def test_the_manifest_names_what_there_is() -> None:
+def test_manifest() -> None:
     import iplw.openenv
 
     assert iplw.openenv.__file__ is not None

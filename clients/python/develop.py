@@ -1,7 +1,8 @@
-"""Makes the environment that runs this one for work on the package: `VENV/bin/python develop.py [EXTRA ...]`.
+"""Sets up a virtual environment for development of the package: `VENV/bin/python develop.py [EXTRA ...]`.
 
-What pyproject.toml asks for is installed, and `import iplw` finds the sources here. `pip install -e .` would compile
-the program as well, for minutes and as a release; for work on the Python side any `iplw` will do (`iplw.binary`).
+Installs the dependencies in pyproject.toml and makes `import iplw` find the sources here. `pip install -e .` would also
+compile the program as a release, which takes minutes; for work on the Python code any `iplw` executable will do
+(`iplw.binary`).
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ PYPROJECT = HERE.parents[1] / "pyproject.toml"
 
 
 def main(extras: list[str]) -> int:
-    """Installs, then says where the package is imported from."""
+    """Installs the dependencies and adds the sources to the import path."""
     if sys.prefix == sys.base_prefix:
         print("error: run this with the Python of a virtual environment", file=sys.stderr)
         return 2
-    import tomllib  # Python 3.11: work on the package needs it, the package does not.
+    import tomllib  # Python 3.11: required for development only.
 
     needed = sorted(requirements(tomllib.loads(PYPROJECT.read_text(encoding="utf-8")), extras))
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
@@ -34,7 +35,7 @@ def main(extras: list[str]) -> int:
 
 
 def requirements(pyproject: dict[str, Any], extras: Iterable[str]) -> set[str]:
-    """What the package needs with these extras; extras that name others of ours (`iplw[ray]`) are followed."""
+    """Dependencies of the package with these extras; extras that refer to others (`iplw[ray]`) are resolved."""
     project = pyproject["project"]
     return {*project["dependencies"], *(row for extra in extras for row in _extra(project, extra))}
 

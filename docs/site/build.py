@@ -4,7 +4,7 @@
 
 | part | from |
 |---|---|
-| documents | `docs/*.md`, `CHANGELOG.md`, `SECURITY.md`, ... as they are; links led to the pages (`links.py`) |
+| documents | `docs/KIND/*.md`, `CHANGELOG.md`, `SECURITY.md`, ...; links rewritten for the pages (`links.py`) |
 | Python | docstrings, read without importing anything (`python_pages.py`, `comments.py`) |
 | HTTP | `openapi/openapi.json` (`http_pages.py`) |
 | command line | `--help` of every command (`commands.py`) |
@@ -26,6 +26,7 @@ import yaml
 
 from commands import commands_page
 from diagrams import DRAWN, pictured
+from documented import problems
 from http_pages import http_pages
 from links import Links
 from markdown_text import four_spaces
@@ -37,40 +38,61 @@ ROOT = HERE.parents[1]
 OUT = ROOT / "out"
 SOURCES = ROOT / "clients" / "python" / "src"
 
-#: Path in the repository -> path on the pages, heading in the list. What else is in `docs/` comes after them.
+#: Path in the repository -> path on the pages, heading in the list. Other documents come after those of their kind.
 DOCUMENTS: dict[str, tuple[str, str]] = {
-    "docs/install.md": ("install.md", "Installing"),
-    "clients/python/README.md": ("python/index.md", "Guide"),
-    "docs/environments.md": ("environments.md", "Spaces, as tables"),
-    "docs/formats.md": ("formats.md", "Files"),
-    "docs/zeromq.md": ("zeromq.md", "ZeroMQ"),
-    "docs/openenv.md": ("openenv.md", "OpenEnv"),
-    "docs/agents.md": ("agents.md", "Agents (MCP)"),
-    "docs/limits.md": ("limits.md", "Limits"),
+    "docs/how-to/install.md": ("how-to/install.md", "Install"),
+    "docs/glossary.md": ("glossary.md", "Glossary"),
+    "docs/tutorials/diagnose_a_ball.md": ("tutorials/diagnose_a_ball.md", "Diagnose a thrown ball"),
+    "docs/tutorials/from_trials_to_a_policy.md": ("tutorials/from_trials_to_a_policy.md", "From trials to a policy"),
+    "docs/how-to/how_many_trials.md": ("how-to/how_many_trials.md", "How many launches do I need?"),
+    "docs/how-to/run_a_server.md": ("how-to/run_a_server.md", "Run a server"),
+    "docs/how-to/many_machines.md": ("how-to/many_machines.md", "Use many machines"),
+    "docs/how-to/import_tasks.md": ("how-to/import_tasks.md", "Import tasks"),
+    "docs/how-to/compare_agents.md": ("how-to/compare_agents.md", "Compare agents"),
+    "docs/how-to/agents.md": ("how-to/agents.md", "Connect an agent (MCP)"),
+    "docs/how-to/openenv.md": ("how-to/openenv.md", "Use OpenEnv"),
+    "docs/how-to/extend.md": ("how-to/extend.md", "Extend the program"),
+    "docs/reference/formats.md": ("reference/formats.md", "Formats and commands"),
+    "docs/reference/limits.md": ("reference/limits.md", "Limits"),
+    "docs/reference/zeromq.md": ("reference/zeromq.md", "ZeroMQ"),
+    "docs/reference/environments.md": ("reference/environments.md", "Environments"),
+    "docs/reference/levels.md": ("reference/levels.md", "Levels"),
+    "docs/reference/phyre.md": ("reference/phyre.md", "PHYRE's templates"),
     "SECURITY.md": ("security.md", "Security"),
-    "docs/figures.md": ("figures.md", "Figures"),
-    "docs/results/README.md": ("results.md", "Results"),
-    "docs/agents_over_families.md": ("agents_over_families.md", "Agents over families"),
-    "docs/architecture.md": ("architecture.md", "The map"),
-    "docs/extending.md": ("extending.md", "How to add things"),
+    "docs/explanation/diagnosis.md": ("explanation/diagnosis.md", "How the diagnosis decides"),
+    "docs/explanation/verdicts.md": ("explanation/verdicts.md", "What the verdicts mean"),
+    "docs/explanation/posterior.md": ("explanation/posterior.md", "Posteriors"),
+    "docs/explanation/planning.md": ("explanation/planning.md", "Planning"),
+    "docs/explanation/designs.md": ("explanation/designs.md", "Designs"),
+    "docs/explanation/three_dimensions.md": ("explanation/three_dimensions.md", "3D?"),
+    "docs/calibration.md": ("explanation/calibration.md", "How constants were chosen"),
+    "docs/explanation/architecture.md": ("explanation/architecture.md", "Architecture"),
+    "docs/benchmarks/index.md": ("benchmarks/index.md", "Summary"),
+    "docs/benchmarks/runs/README.md": ("benchmarks/runs.md", "Full runs"),
+    "clients/python/README.md": ("python/index.md", "Guide"),
     "web/README.md": ("web.md", "The page"),
     "CONTRIBUTING.md": ("contributing.md", "Contributing"),
     "CHANGELOG.md": ("changelog.md", "Changelog"),
 }
-START = ("docs/install.md",)
-PYTHON = ("docs/environments.md",)
-AGENTS = ("docs/openenv.md", "docs/agents.md")
-SERVER = ("docs/formats.md", "docs/zeromq.md", "docs/limits.md", "SECURITY.md")
-EVIDENCE = ("docs/figures.md", "docs/results/README.md", "docs/agents_over_families.md")
-PROJECT = ("docs/architecture.md", "docs/extending.md", "web/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+#: Folder below `docs/` -> heading in the list (Diataxis: tutorials, how-to, reference, explanation; and benchmarks).
+KINDS = {
+    "tutorials": "Tutorials",
+    "how-to": "How to",
+    "reference": "Reference",
+    "explanation": "Explanation",
+    "benchmarks": "Benchmarks",
+}
+PROJECT = ("web/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 
 
 def documents() -> dict[str, tuple[str, str]]:
-    """Every document, those that nobody placed included."""
-    found = dict(DOCUMENTS)
-    for file in sorted((ROOT / "docs").glob("*.md")):
-        found.setdefault(f"docs/{file.name}", (file.name, file.stem.replace("_", " ").capitalize()))
-    return {source: page for source, page in found.items() if (ROOT / source).is_file()}
+    """Every document, those without a row above included."""
+    result = dict(DOCUMENTS)
+    for kind in KINDS:
+        for file in sorted((ROOT / "docs" / kind).glob("*.md")):
+            heading = file.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+            result.setdefault(f"docs/{kind}/{file.name}", (f"{kind}/{file.name}", heading))
+    return {source: page for source, page in result.items() if (ROOT / source).is_file()}
 
 
 def assemble(binary: Path, pages: Path) -> list[Any]:
@@ -78,48 +100,50 @@ def assemble(binary: Path, pages: Path) -> list[Any]:
     shutil.rmtree(pages, ignore_errors=True)
     shutil.copytree(HERE / "pages", pages)
     shutil.copytree(DRAWN, pages / "diagrams")
-    found = documents()
-    links = Links(ROOT, pages, {source: page for source, (page, _) in found.items()})
-    for source, (page, _) in found.items():
-        text = links.moved((ROOT / source).read_text(encoding="utf-8"), source, page)
+    result = documents()
+    links = Links(ROOT, pages, {source: page for source, (page, _) in result.items()})
+    for source, (page, _) in result.items():
+        text = links.rewrite((ROOT / source).read_text(encoding="utf-8"), source, page)
         write(pages / page, four_spaces(pictured(text, "../" * page.count("/"))))
-    made = python_pages(SOURCES)
-    made |= http_pages(json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8")))
-    made["commands.md"] = commands_page(binary)
-    for page, text in made.items():
+    created = python_pages(SOURCES)
+    created |= http_pages(json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8")))
+    created["commands.md"] = commands_page(binary)
+    for page, text in created.items():
         write(pages / page, text)
     (pages / "files" / "openapi").mkdir(parents=True, exist_ok=True)
     shutil.copyfile(ROOT / "openapi" / "openapi.json", pages / "files" / "openapi" / "openapi.json")
     tutorials = []
     for notebook in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
-        there = pages / "tutorials" / f"{notebook.stem}.md"
+        remote = pages / "tutorials" / f"{notebook.stem}.md"
         # The file itself lies beside its page, to be taken along.
-        whole = f"\n[`{notebook.name}`]({notebook.name}) is this page as a notebook, to be run.\n"
-        write(there, four_spaces(notebook_page(notebook, there) + whole))
-        shutil.copyfile(notebook, there.with_name(notebook.name))
-        tutorials.append(f"tutorials/{there.name}")
-    return nav(found, made, tutorials)
+        complete = f"\n[`{notebook.name}`]({notebook.name}) is this page as a notebook, to be run.\n"
+        write(remote, four_spaces(notebook_page(notebook, remote) + complete))
+        shutil.copyfile(notebook, remote.with_name(notebook.name))
+        tutorials.append(f"tutorials/{remote.name}")
+    return nav(result, created, tutorials)
 
 
-def nav(found: dict[str, tuple[str, str]], made: dict[str, str], tutorials: list[str]) -> list[Any]:
+def nav(result: dict[str, tuple[str, str]], created: dict[str, str], notebooks: list[str]) -> list[Any]:
     """The list of pages."""
 
     def rows(*sources: str) -> list[Any]:
-        return [{found[source][1]: found[source][0]} for source in sources if source in found]
+        return [{result[source][1]: result[source][0]} for source in sources if source in result]
+
+    def kind(name: str) -> list[Any]:
+        return rows(*(source for source in result if source.startswith(f"docs/{name}/")))
 
     first = [f"python/{name}.md" for name in PAGES]
-    rest = sorted(page for page in made if page.startswith("python/") and page not in first)
-    http = [page for page in made if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
-    placed = {*START, *PYTHON, *AGENTS, *SERVER, *EVIDENCE, *PROJECT, "clients/python/README.md"}
+    rest = sorted(page for page in created if page.startswith("python/") and page not in first)
+    http = [page for page in created if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
     return [
-        {"Start": ["index.md", *rows(*START)]},
-        *([{"Tutorials": tutorials}] if tutorials else []),
-        {"Python": ["python/index.md", *rows(*PYTHON), *first, *rest]},
+        {"Start": ["index.md", *rows("docs/glossary.md")]},
+        {"Tutorials": [*kind("tutorials"), *notebooks]},
+        {"How to": kind("how-to")},
+        {"Reference": [{"Command line": "commands.md"}, *kind("reference"), *rows("SECURITY.md")]},
+        {"Python": ["python/index.md", *first, *rest]},
         {"HTTP": ["http/index.md", *http, {"Schemas": "http/schemas.md"}]},
-        {"Command line": "commands.md"},
-        {"Agents": rows(*AGENTS)},
-        {"Formats and server": [*rows(*SERVER), *rows(*(source for source in found if source not in placed))]},
-        {"Figures": rows(*EVIDENCE)},
+        {"Explanation": [*kind("explanation"), *rows("docs/calibration.md")]},
+        {"Benchmarks": kind("benchmarks")},
         {"Project": rows(*PROJECT)},
     ]
 
@@ -132,11 +156,14 @@ def write(page: Path, text: str) -> None:
 
 def main() -> int:
     """Builds and checks; not 0 if anything is wrong."""
-    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    given.add_argument("--bin", type=Path, required=True, help="the program, for what its commands say")
-    binary = given.parse_args().bin.resolve()
-    made = {"INHERIT": os.path.relpath(HERE / "mkdocs.yml", OUT), "nav": assemble(binary, OUT / "pages")}
-    (OUT / "mkdocs.yml").write_text(yaml.safe_dump(made, sort_keys=False), encoding="utf-8")
+    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    values.add_argument("--bin", type=Path, required=True, help="the program, for what its commands say")
+    binary = values.parse_args().bin.resolve()
+    if message := problems(ROOT, binary):
+        print("\n".join(message), file=sys.stderr)
+        return 1
+    created = {"INHERIT": os.path.relpath(HERE / "mkdocs.yml", OUT), "nav": assemble(binary, OUT / "pages")}
+    (OUT / "mkdocs.yml").write_text(yaml.safe_dump(created, sort_keys=False), encoding="utf-8")
     # The theme's authors tell in every build what they think of mkdocs 2, which is not used here.
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(OUT / "mkdocs.yml")]

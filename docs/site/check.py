@@ -48,27 +48,27 @@ class Found(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
-        self.anchors |= {given[name] for name in ("id", "name") if given.get(name)}
-        if tag == "a" and "href" in given:
-            self.links.append(given["href"])
+        values = {name: value or "" for name, value in attrs}
+        self.anchors |= {values[name] for name in ("id", "name") if values.get(name)}
+        if tag == "a" and "href" in values:
+            self.links.append(values["href"])
         for name in LOADS.get(tag, ()):
-            if name in given:
-                self.loads.append(given[name])
-        if tag == "link" and not set(given.get("rel", "").split()) & TELLS:
-            self.loads.append(given.get("href", ""))
-        self.loads += CSS.findall(given.get("style", ""))
+            if name in values:
+                self.loads.append(values[name])
+        if tag == "link" and not set(values.get("rel", "").split()) & TELLS:
+            self.loads.append(values.get("href", ""))
+        self.loads += CSS.findall(values.get("style", ""))
         self._verbatim += tag in VERBATIM
 
     def handle_endtag(self, tag: str) -> None:
         self._verbatim -= tag in VERBATIM
 
     def handle_data(self, data: str) -> None:
-        if not self._verbatim and (found := LEFT.search(data)):
-            self.left.append(data[max(0, found.start() - 30) : found.end() + 30].strip())
+        if not self._verbatim and (result := LEFT.search(data)):
+            self.left.append(data[max(0, result.start() - 30) : result.end() + 30].strip())
 
 
-def wrong(site: Path) -> Iterator[str]:
+def invalid(site: Path) -> Iterator[str]:
     """What is wrong, a line each."""
     pages = {file: Found(file.read_text(encoding="utf-8")) for file in sorted(site.rglob("*.html"))}
     for file, page in pages.items():
@@ -93,15 +93,15 @@ def _leads(site: Path, file: Path, address: str, pages: dict[Path, Found]) -> It
     if parts.scheme or parts.netloc:
         return
     path = unquote(parts.path)
-    there = site / path.lstrip("/") if path.startswith("/") else file.parent / path if path else file
-    there = there.resolve()
-    if there.is_dir():
-        there /= "index.html"
+    target = site / path.lstrip("/") if path.startswith("/") else file.parent / path if path else file
+    target = target.resolve()
+    if target.is_dir():
+        target /= "index.html"
     if file.name == "404.html":
         return
-    if not there.is_file():
+    if not target.is_file():
         yield f"{file.relative_to(site)}: {address} leads to no file"
-    elif parts.fragment and there in pages and unquote(parts.fragment) not in pages[there].anchors | ONLY:
+    elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors | ONLY:
         yield f"{file.relative_to(site)}: {address} leads to no place on that page"
 
 
@@ -144,11 +144,11 @@ def _silent(item: object) -> Iterator[str]:
 def main() -> int:
     """Prints what is wrong; 1 if anything is."""
     site = Path(sys.argv[1]).resolve()
-    found = [*wrong(site), *untold(site, Path(__file__).resolve().parents[2] / "clients" / "python" / "src")]
-    for line in found:
+    result = [*invalid(site), *untold(site, Path(__file__).resolve().parents[2] / "clients" / "python" / "src")]
+    for line in result:
         print(line, file=sys.stderr)
-    print(f"{len(list(site.rglob('*.html')))} pages, {len(found)} things wrong")
-    return 1 if found else 0
+    print(f"{len(list(site.rglob('*.html')))} pages, {len(result)} things wrong")
+    return 1 if result else 0
 
 
 if __name__ == "__main__":

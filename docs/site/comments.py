@@ -26,7 +26,7 @@ class Comments(griffe.Extension):
             return
         if path not in self._lines:
             self._lines[path] = path.read_text(encoding="utf-8").splitlines()
-        if text := described(node) or said(self._lines[path], attr.lineno - 1):
+        if text := described(node) or comment_of(self._lines[path], attr.lineno - 1):
             attr.docstring = griffe.Docstring(text, parent=attr)
 
 
@@ -40,7 +40,7 @@ def described(node: ast.AST | griffe.ObjectNode) -> str:
     return ""
 
 
-def said(lines: list[str], line: int) -> str:
+def comment_of(lines: list[str], line: int) -> str:
     """What the comments at a line say: those above it, or the one at its end."""
     above: list[str] = []
     for text in reversed(lines[:line]):

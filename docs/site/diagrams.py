@@ -24,11 +24,11 @@ MERMAID = "mermaid@11.12.1"
 def pictured(text: str, up: str) -> str:
     """A document with pictures for its diagrams; `up` leads from its page to the root of the pages."""
 
-    def picture(found: re.Match[str]) -> str:
-        name = _name(found[1])
+    def picture(result: re.Match[str]) -> str:
+        name = _name(result[1])
         if missing := [scheme for scheme in THEMES if not (DRAWN / f"{name}-{scheme}.svg").is_file()]:
             raise SystemExit(f"a diagram has changed and is not drawn ({', '.join(missing)}): make diagrams")
-        words = ", ".join(label.partition("<")[0] for label in re.findall(r'"([^"]*)"', found[1]))
+        words = ", ".join(label.partition("<")[0] for label in re.findall(r'"([^"]*)"', result[1]))
         return "\n".join(f"![{words}]({up}diagrams/{name}-{scheme}.svg#only-{scheme})" for scheme in THEMES)
 
     return FENCE.sub(picture, text)
@@ -39,13 +39,13 @@ def _name(source: str) -> str:
 
 
 def main() -> None:
-    sources = {_name(source): source for file in (ROOT / "docs").glob("*.md") for source in FENCE.findall(file.read_text())}
+    sources = {_name(source): source for file in sorted((ROOT / "docs").rglob("*.md")) for source in FENCE.findall(file.read_text())}
     DRAWN.mkdir(parents=True, exist_ok=True)
     for file in DRAWN.glob("*.svg"):
         if file.stem.partition("-")[0] not in sources:
             file.unlink()
-    wanted = [(name, scheme) for name in sources for scheme in THEMES if not (DRAWN / f"{name}-{scheme}.svg").is_file()]
-    if not wanted:
+    expected = [(name, scheme) for name in sources for scheme in THEMES if not (DRAWN / f"{name}-{scheme}.svg").is_file()]
+    if not expected:
         return
     from playwright.sync_api import sync_playwright
 
@@ -55,7 +55,7 @@ def main() -> None:
     subprocess.run(npm, cwd=folder, check=True)
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        for name, scheme in wanted:
+        for name, scheme in expected:
             page = browser.new_page()
             page.add_script_tag(path=str(folder / "node_modules" / "mermaid" / "dist" / "mermaid.min.js"))
             # A page is a column: what lies on its side elsewhere stands here.

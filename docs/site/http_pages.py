@@ -25,17 +25,17 @@ def http_pages(document: Json) -> dict[str, str]:
 def operations(document: Json) -> Iterator[tuple[str, str, Json]]:
     """Method, path and what is said of each operation, in the document's order."""
     for path, methods in document["paths"].items():
-        for method, said in methods.items():
-            yield method.upper(), path, said
+        for method, message in methods.items():
+            yield method.upper(), path, message
 
 
 def _index(document: Json) -> str:
     rows = [
-        (f"[`{said['operationId']}`]({said['tags'][0]}.md#{said['operationId']})", f"`{method} {path}`", said["summary"])
-        for method, path, said in operations(document)
+        (f"[`{message['operationId']}`]({message['tags'][0]}.md#{message['operationId']})", f"`{method} {path}`", message["summary"])
+        for method, path, message in operations(document)
     ]
     notes = "\n\n".join(f"{part.strip()}." for part in document["info"]["description"].rstrip(".").split(". "))
-    statuses = {code: text for _, _, said in operations(document) for code, text in _refusals(said) if code in EVERYWHERE}
+    statuses = {code: text for _, _, message in operations(document) for code, text in _refusals(message) if code in EVERYWHERE}
     return f"""# HTTP API
 
 {notes}
@@ -53,40 +53,40 @@ All are [`Problem`](schemas.md#problem). What each operation answers beside thes
 
 def _tag(document: Json, tag: Json) -> str:
     parts = [f"# {tag['name'].capitalize()}\n\n{tag['description']}\n"]
-    for method, path, said in operations(document):
-        if tag["name"] in said["tags"]:
-            parts.append(_operation(document, method, path, said))
+    for method, path, message in operations(document):
+        if tag["name"] in message["tags"]:
+            parts.append(_operation(document, method, path, message))
     return "\n".join(parts)
 
 
-def _operation(document: Json, method: str, path: str, said: Json) -> str:
-    given = [(f"`{p['name']}`", p["in"], _type(p["schema"]), p.get("description", "")) for p in said.get("parameters", [])]
+def _operation(document: Json, method: str, path: str, message: Json) -> str:
+    inputs = [(f"`{p['name']}`", p["in"], _type(p["schema"]), p.get("description", "")) for p in message.get("parameters", [])]
     body = "".join(
         f"\nBody, `{kind}`: {_type(how['schema'])}\n\n{_fields(document, how['schema'])}"
-        for kind, how in said.get("requestBody", {}).get("content", {}).items()
+        for kind, how in message.get("requestBody", {}).get("content", {}).items()
     )
     good = [
         (code, answer["description"], ", ".join(f"`{kind}`: {_type(how['schema'])}" for kind, how in _content(answer)))
-        for code, answer in said["responses"].items()
+        for code, answer in message["responses"].items()
         if code.startswith("2")
     ]
-    bad = [(code, text, "[`Problem`](schemas.md#problem)") for code, text in _refusals(said) if code not in EVERYWHERE]
-    scopes = [scope for rule in said.get("security", []) for scopes in rule.values() for scope in scopes]
+    bad = [(code, text, "[`Problem`](schemas.md#problem)") for code, text in _refusals(message) if code not in EVERYWHERE]
+    scopes = [scope for rule in message.get("security", []) for scopes in rule.values() for scope in scopes]
     may = f"\nWhere the server has tokens: one that may `{scopes[0]}`.\n" if scopes else ""
-    about = f"\n{said['description']}\n" if said.get("description") else ""
+    about = f"\n{message['description']}\n" if message.get("description") else ""
     return f"""
-## {said["operationId"]} {{#{said["operationId"]}}}
+## {message["operationId"]} {{#{message["operationId"]}}}
 
 `{method} {path}`
 
-{said["summary"]}
+{message["summary"]}
 {about}{may}
-{table(("parameter", "in", "type", ""), given)}{body}
+{table(("parameter", "in", "type", ""), inputs)}{body}
 {table(("status", "", "answer"), good + bad)}"""
 
 
-def _refusals(said: Json) -> Iterator[tuple[str, str]]:
-    for code, answer in said["responses"].items():
+def _refusals(message: Json) -> Iterator[tuple[str, str]]:
+    for code, answer in message["responses"].items():
         if not code.startswith("2"):
             yield code, answer["description"]
 

@@ -20,12 +20,12 @@ class Links:
         """`pages`: path in the repository -> path on the pages."""
         self._root, self._out, self._pages = root, out, pages
 
-    def moved(self, text: str, source: str, page: str) -> str:
-        """A document's text with its links, and paths in code that name other documents, led to the pages."""
+    def rewrite(self, text: str, source: str, page: str) -> str:
+        """A document's text with its links, and paths in code that name other documents, rewritten for the pages."""
 
         def links(prose: str) -> str:
-            prose = LINK.sub(lambda found: f"{found[1]}({self._led(found[2], source, page)})", prose)
-            return CODE.sub(lambda found: self._named(found[1], found[0], page), prose)
+            prose = LINK.sub(lambda result: f"{result[1]}({self._led(result[2], source, page)})", prose)
+            return CODE.sub(lambda result: self._named(result[1], result[0], page), prose)
 
         return outside_fences(text, links)
 
@@ -33,22 +33,22 @@ class Links:
         path, mark, anchor = address.partition("#")
         if "://" in address or not path or address.startswith("mailto:"):
             return address
-        there = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
-        return _relative(self._pages.get(there) or self._file(there, source), page) + mark + anchor
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
+        return _relative(self._pages.get(target) or self._file(target, source), page) + mark + anchor
 
     def _file(self, path: str, source: str) -> str:
         """A file that is no page, put beside them."""
         file = self._root / path
         if not file.is_file() or file.stat().st_size > LARGEST:
             raise SystemExit(f"{source}: a link leads to {path}, which is no file of at most {LARGEST} bytes")
-        there = self._out / "files" / path
-        there.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, there)
+        target = self._out / "files" / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, target)
         return f"files/{path}"
 
     def _named(self, name: str, as_it_was: str, page: str) -> str:
-        there = self._pages.get(name)
-        return as_it_was if there is None or there == page else f"[{as_it_was}]({_relative(there, page)})"
+        target = self._pages.get(name)
+        return as_it_was if target is None or target == page else f"[{as_it_was}]({_relative(target, page)})"
 
 
 def _relative(path: str, page: str) -> str:

@@ -22,8 +22,8 @@ def _parts(text: str) -> Iterator[tuple[bool, str]]:
     held: list[str] = []
     fence = ""
     for line in text.splitlines(keepends=True):
-        found = FENCE.match(line)
-        mark = found[1] if found else ""
+        result = FENCE.match(line)
+        mark = result[1] if result else ""
         if not fence and mark:
             yield True, "".join(held)
             held, fence = [line], mark
@@ -40,33 +40,33 @@ def four_spaces(text: str) -> str:
 
     GitHub's Markdown takes what belongs to an item from where its text begins, two or three signs in.
     """
-    made: list[str] = []
+    created: list[str] = []
     #: Where the text of each open item begins.
     open_: list[int] = []
     fence, blank = "", True
     for line in text.splitlines():
-        found = FENCE.match(line)
+        result = FENCE.match(line)
         indent = len(line) - len(line.lstrip(" "))
         if not fence and line.strip():
-            while open_ and indent < open_[-1] and (blank or ITEM.match(line) or found):
+            while open_ and indent < open_[-1] and (blank or ITEM.match(line) or result):
                 open_.pop()
         item = None if fence else ITEM.match(line)
         depth = len(open_)
         if item:
-            if not blank and not open_ and not (made and ITEM.match(made[-1].lstrip())):
-                made.append("")
-            made.append(" " * 4 * depth + item[2] + " " * max(1, 4 - len(item[2])) + line[item.end() :])
+            if not blank and not open_ and not (created and ITEM.match(created[-1].lstrip())):
+                created.append("")
+            created.append(" " * 4 * depth + item[2] + " " * max(1, 4 - len(item[2])) + line[item.end() :])
             open_.append(item.end())
         else:
-            table = line.lstrip().startswith("|") and not blank and not made[-1].lstrip().startswith("|") and not fence
+            table = line.lstrip().startswith("|") and not blank and not created[-1].lstrip().startswith("|") and not fence
             if table:
-                made.append("")
+                created.append("")
             within = max(0, indent - open_[-1]) if open_ else indent
-            made.append((" " * (4 * depth + within) + line.lstrip(" ")) if line.strip() else "")
-        if found:
-            fence = "" if fence and line.strip() == fence else fence or found[1]
+            created.append((" " * (4 * depth + within) + line.lstrip(" ")) if line.strip() else "")
+        if result:
+            fence = "" if fence and line.strip() == fence else fence or result[1]
         blank = not line.strip() and not fence
-    return "\n".join(made) + "\n"
+    return "\n".join(created) + "\n"
 
 
 def cell(text: str) -> str:

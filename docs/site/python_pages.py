@@ -1,4 +1,4 @@
-"""Python's reference: which public names stand on which page. What none of them names gets a page of its own kind."""
+"""Python's reference: the page of each public name. Names without a row get the page "More"."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 PACKAGE = "iplw"
 
-#: Page -> heading, what is said first, and names in the order in which they are told.
+#: Page -> heading, introduction, names in order.
 PAGES: dict[str, tuple[str, str, list[str]]] = {
     "environments": (
         "Environments",
@@ -16,42 +16,41 @@ PAGES: dict[str, tuple[str, str, list[str]]] = {
     ),
     "client": (
         "Client and worlds",
-        "The connection to a server, and what a world can be asked for. `AsyncClient` and its handles (`AsyncWorld`, "
-        "`AsyncJob`, `AsyncAsking`, `AsyncPolicy`, `AsyncSurface`, `AsyncLikelihood`) have the same methods, awaited: `await "
-        "client.create_world(...)`, `await world.step(action)`, `async with`, `async for`. They are told here once. What is "
-        "refused is a `Problem`; `ServerUnavailable` if nobody answers.",
+        "The connection to a server, and the methods of a world. `AsyncClient` and its resources (`AsyncWorld`, "
+        "`AsyncJob`, `AsyncAskTellJob`, `AsyncPolicy`, `AsyncSurface`, `AsyncLikelihood`) have the same methods, awaited: `await "
+        "client.create_world(...)`, `await world.step(action)`, `async with`, `async for`. They are documented here once. A "
+        "rejected request raises `Problem`, a missing response `ServerUnavailable`.",
         ["Client", "World", "Rollout", "Rollouts"],
     ),
     "jobs": (
         "Jobs",
-        "Long work: estimations, diagnoses, trainings, surfaces. `wait()` gives the result or raises.",
-        ["Job", "Asking", "Proposal"],
+        "Background work: estimations, diagnoses, trainings, surfaces. `wait()` returns the result or raises.",
+        ["Job", "AskTellJob", "Proposal"],
     ),
     "policies": (
         "Policies, surfaces and likelihoods",
-        "What jobs leave on the server.",
+        "Resources that jobs leave on the server.",
         ["Policy", "Ranked", "Surface", "Likelihood"],
     ),
     "errors": (
         "Errors",
-        "What this package raises. What is wrong with an argument before anything is sent is a `ValueError` that says what "
-        "is allowed.",
+        "Exceptions of this package. An invalid argument raises `ValueError` before anything is sent, with what is allowed.",
         ["IplwError", "Problem", "ServerUnavailable", "JobFailed", "JobCancelled"],
     ),
 }
-#: Told with the client.
+#: Documented with the client.
 AWAITED = "Async"
 #: Packages that are the client itself.
 INSIDE = {"aio", "sync"}
 
 
 def python_pages(sources: Path) -> dict[str, str]:
-    """Path -> text; every name of every `__all__` is on one of them."""
+    """Path -> text; every name of every `__all__` is on one page."""
     pages = {f"python/{name}.md": _page(*page) for name, page in PAGES.items()}
-    told = {name for _, _, names in PAGES.values() for name in names}
-    more = [name for name in public(sources / PACKAGE / "__init__.py") if name not in told and not name.startswith(AWAITED)]
-    if more:
-        pages["python/more.md"] = _page("More", "Other public names of `iplw`.", more)
+    reply_data = {name for _, _, names in PAGES.values() for name in names}
+    extra = [name for name in public(sources / PACKAGE / "__init__.py") if name not in reply_data and not name.startswith(AWAITED)]
+    if extra:
+        pages["python/more.md"] = _page("More", "Other public names of `iplw`.", extra)
     for file in sorted((sources / PACKAGE).glob("*.py")) + sorted((sources / PACKAGE).glob("*/__init__.py")):
         name = file.parent.name if file.name == "__init__.py" else file.stem
         names = public(file) if name not in (PACKAGE, *INSIDE, "__init__") else []
@@ -75,19 +74,19 @@ def _page(heading: str, about: str, names: list[str]) -> str:
 
 def _dedented(text: str) -> str:
     """A module's docstring, its examples in fences: indented blocks of a reStructured kind are code."""
-    made: list[str] = []
+    created: list[str] = []
     inside = False
     for line in text.splitlines():
         code = line.startswith("    ")
         if code and not inside:
-            made.append("```text" if line.lstrip().startswith(("python ", "pip ")) else "```python")
+            created.append("```text" if line.lstrip().startswith(("python ", "pip ")) else "```python")
         elif inside and line.strip() and not code:
-            # Blank lines before what follows belong outside.
-            while made and not made[-1].strip():
-                made.pop()
-            made += ["```", ""]
+            # Blank lines before the following text belong outside.
+            while created and not created[-1].strip():
+                created.pop()
+            created += ["```", ""]
         inside = code or (inside and not line.strip())
-        made.append(line[4:] if code else line)
+        created.append(line[4:] if code else line)
     if inside:
-        made.append("```")
-    return "\n".join(made)
+        created.append("```")
+    return "\n".join(created)

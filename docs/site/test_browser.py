@@ -24,12 +24,12 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    found = shutil.which("chromium")
-    if found is None:
+    result = shutil.which("chromium")
+    if result is None:
         assert os.environ.get("CI") != "true", "no Chromium (apt-get install chromium)"
         pytest.skip("no Chromium")
     with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        browser = play.chromium.launch(executable_path=result, args=["--no-sandbox"])
         yield browser
         browser.close()
 
@@ -48,11 +48,11 @@ def base(request: pytest.FixtureRequest) -> Iterator[str]:
 
 def test_search_finds_and_nobody_else_is_asked(browser: Browser, base: str) -> None:
     page = browser.new_page()
-    asked: list[str] = []
-    wrong: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
-    page.on("pageerror", lambda error: wrong.append(str(error)))
+    requested: list[str] = []
+    invalid: list[str] = []
+    page.on("request", lambda request: requested.append(request.url))
+    page.on("console", lambda message: invalid.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: invalid.append(str(error)))
     for name in PAGES:
         page.goto(f"{base}/{name}", wait_until="load")
     page.goto(f"{base}/python/index.html")
@@ -62,16 +62,16 @@ def test_search_finds_and_nobody_else_is_asked(browser: Browser, base: str) -> N
     assert page.locator(".md-search-result__item").count() >= 3
     page.close()
     ours = (base, "data:", "blob:", "about:")
-    assert [url for url in asked if not url.startswith(ours)] == []
-    assert wrong == []
+    assert [url for url in requested if not url.startswith(ours)] == []
+    assert invalid == []
 
 
 def test_the_diagram_shown_is_that_of_the_scheme(browser: Browser) -> None:
     for scheme in ("light", "dark"):
         page = browser.new_page(color_scheme=scheme)
         page.goto(f"{SITE.as_uri()}/architecture.html")
-        shown = page.locator("img[src*='diagrams/']").and_(page.locator(":visible"))
-        expect(shown).to_have_count(1)
-        assert f"-{scheme}.svg" in str(shown.get_attribute("src"))
-        assert shown.evaluate("image => image.naturalWidth") > 0
+        displayed = page.locator("img[src*='diagrams/']").and_(page.locator(":visible"))
+        expect(displayed).to_have_count(1)
+        assert f"-{scheme}.svg" in str(displayed.get_attribute("src"))
+        assert displayed.evaluate("image => image.naturalWidth") > 0
         page.close()

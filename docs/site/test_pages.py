@@ -5,15 +5,18 @@ from __future__ import annotations
 import base64
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import griffe
 import markdown
 import pytest
 
-from check import Found, untold, wrong
-from comments import said
+from check import Found, invalid, untold
+from comments import comment_of
 from commands import ROW
+from documented import blocks, calls, documents, matches, problems, wrong_call, wrong_names
 from http_pages import http_pages, operations
 from links import Links
 from markdown_text import four_spaces
@@ -42,8 +45,8 @@ SOURCES = ROOT / "clients" / "python" / "src"
 def test_faults_of_a_page_are_found(tmp_path: Path, body: str, says: str) -> None:
     (tmp_path / "a.html").write_text(f"<html><body>{body}</body></html>")
     (tmp_path / "b.html").write_text('<html><body id="here"></body></html>')
-    found = list(wrong(tmp_path))
-    assert len(found) == 1 and says in found[0]
+    result = list(invalid(tmp_path))
+    assert len(result) == 1 and says in result[0]
 
 
 def test_a_page_without_faults_has_none(tmp_path: Path) -> None:
@@ -52,12 +55,12 @@ def test_a_page_without_faults_has_none(tmp_path: Path) -> None:
         "<code>[this](formats.md)</code><a href='#top' id='top'>z</a>"
     )
     (tmp_path / "b.html").write_text('<p id="here"></p>')
-    assert list(wrong(tmp_path)) == []
+    assert list(invalid(tmp_path)) == []
 
 
 def test_css_that_loads_from_elsewhere_is_found(tmp_path: Path) -> None:
     (tmp_path / "a.css").write_text("@import 'https://fonts.example/x.css'; p {background: url(own.png)}")
-    assert list(wrong(tmp_path)) == ["a.css: loads https://fonts.example/x.css"]
+    assert list(invalid(tmp_path)) == ["a.css: loads https://fonts.example/x.css"]
 
 
 def test_a_public_name_on_no_page_is_found(tmp_path: Path) -> None:
@@ -93,9 +96,9 @@ def test_every_operation_and_schema_has_its_place() -> None:
     ],
 )
 def test_lists_and_tables_as_github_takes_them_are_understood(text: str, html: list[str]) -> None:
-    made = markdown.markdown(four_spaces(text), extensions=["tables", "sane_lists", "fenced_code"])
-    flat = re.sub(r"</?p>|(?<=<li>)\n|\n(?=</li>|<ul>)", "", made)
-    assert all(part in flat for part in html), made
+    created = markdown.markdown(four_spaces(text), extensions=["tables", "sane_lists", "fenced_code"])
+    flat = re.sub(r"</?p>|(?<=<li>)\n|\n(?=</li>|<ul>)", "", created)
+    assert all(part in flat for part in html), created
 
 
 def test_links_lead_to_pages_and_to_files_beside_them(tmp_path: Path) -> None:
@@ -104,17 +107,17 @@ def test_links_lead_to_pages_and_to_files_beside_them(tmp_path: Path) -> None:
     pages = {"docs/a.md": "a.md", "README.md": "python/index.md"}
     links = Links(tmp_path / "repo", tmp_path / "out", pages)
     text = "[x](docs/a.md#part) `docs/a.md` [y](openapi.json) [z](https://w3.org)\n```\n[x](docs/a.md)\n```\n"
-    assert links.moved(text, "README.md", "python/index.md") == (
+    assert links.rewrite(text, "README.md", "python/index.md") == (
         "[x](../a.md#part) [`docs/a.md`](../a.md) [y](../files/openapi.json) [z](https://w3.org)\n```\n[x](docs/a.md)\n```\n"
     )
     assert (tmp_path / "out" / "files" / "openapi.json").is_file()
     with pytest.raises(SystemExit, match="README.md: a link leads to gone.md"):
-        links.moved("[x](gone.md)", "README.md", "python/index.md")
+        links.rewrite("[x](gone.md)", "README.md", "python/index.md")
 
 
 def test_comments_speak_of_the_attribute_below_or_beside_them() -> None:
     lines = ["#: (n,) times, s;", "#: from 0.", "t: int", "x: int  #: beside, m", "y: int"]
-    assert [said(lines, i) for i in (2, 3, 4)] == ["(n,) times, s;\nfrom 0.", "beside, m", ""]
+    assert [comment_of(lines, i) for i in (2, 3, 4)] == ["(n,) times, s;\nfrom 0.", "beside, m", ""]
     reading = griffe.load_extensions(str(Path(__file__).with_name("comments.py")))
     package = griffe.load("iplw", search_paths=[str(SOURCES)], extensions=reading)
     spoken = {"rollout.Rollout.bodies": "m, and angle, rad", "openenv.models.IplwObservation.valid": "could be placed"}
@@ -157,3 +160,77 @@ def test_commands_of_a_list_are_found() -> None:
 def test_anchors_and_what_is_verbatim_are_told_apart() -> None:
     page = Found('<h2 id="a">x</h2><pre>](</pre><p>](</p>')
     assert page.anchors == {"a"} and page.left == ["]("]
+
+
+HELPS = {
+    ("diagnose",): "Options:\n  --trials <FILE>...\n  --out <DIR>",
+    ("token",): "Commands:\n  new   Make",
+    ("token", "new"): "Options:\n      --scope <SCOPE>\n      --data-dir <DIR>",
+}
+
+
+def test_calls_in_shell_blocks_and_inline_code_are_found() -> None:
+    text = (
+        "Use `iplw diagnose --out DIR`, not `iplw`.\n\n```sh\npip install iplw   # iplw\nA=1 ./target/release/iplw token new \\\n"
+        "  ann --scope act && iplw check DIR > x\npython bench.py target/release/iplw measured\n```\n"
+        "```python\niplw nothing\n```\n| `iplw plan [--prior \\| --seconds S]` |\n"
+    )
+    assert [call for call in calls(text) if call] == [
+        "token new ann --scope act",
+        "check DIR",
+        "diagnose --out DIR",
+        "plan [--prior | --seconds S]",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        ("diagnose --trials a.csv --out DIR", None),
+        ("diagnose --floor 0", "`iplw diagnose` has no --floor"),
+        ("diagnosis --out DIR", "there is no command `iplw diagnosis`"),
+        ("token new ann --scope act", None),
+        ("token new ann --may act", "`iplw token new` has no --may"),
+        ("token list --out DIR", "`iplw token` has no --out"),
+        ("COMMAND --help", None),
+        ("... --threads N", "no command has --threads"),
+        ("", None),
+    ],
+)
+def test_a_call_is_held_to_the_help(call: str, says: str | None) -> None:
+    assert wrong_call(call, HELPS) == says
+
+
+def test_names_that_do_not_exist_are_found() -> None:
+    text = "`make test`, `make nothing`, `src/lib.rs`, `src/gone.rs`, `src/effect/NAME.rs`, `cargo run --example gone`"
+    result = list(wrong_names(text, ROOT, {"test"}))
+    assert result == ["there is no `make nothing`", "there is no examples/gone.rs", "there is no src/gone.rs"]
+
+
+def test_checked_blocks_are_found_and_compared() -> None:
+    text = "<!-- checked -->\n```console\n$ echo a \\\n  b\na b\n$ echo c\nc\n```\n```console\n$ not checked\n```\n"
+    result = list(blocks(text))
+    assert [(block.command, block.output) for block in result] == [("echo a   b", "a b"), ("echo c", "c")]
+    assert matches("a\n...\nd", "a\nb \nc\nd\n") and matches("a  \n", "a") and not matches("a", "b") and not matches("a", "a\nb")
+
+
+def test_a_document_that_says_what_is_not_so_fails(tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_text("test:\n")
+    program = tmp_path / "iplw"
+    program.write_text("#!/bin/sh\necho 'Usage: iplw'\n")
+    program.chmod(0o755)
+    (tmp_path / "README.md").write_text("`iplw gone`\n\n<!-- checked -->\n```console\n$ echo a\nb\n$ iplw\nUsage: iplw\n```\n")
+    result = problems(tmp_path, program)
+    assert len(result) == 2 and "there is no command `iplw gone`" in result[0] and "prints something else" in result[1]
+
+
+def test_documents_exist_for_every_kind() -> None:
+    named = {file.relative_to(ROOT).as_posix() for file in documents(ROOT)}
+    for kind in ("tutorials", "how-to", "reference", "explanation", "benchmarks"):
+        assert any(name.startswith(f"docs/{kind}/") for name in named), kind
+
+
+def test_benchmarks_are_what_their_results_make() -> None:
+    check = [sys.executable, str(ROOT / "docs" / "benchmarks" / "render.py"), "--check"]
+    done = subprocess.run(check, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -17,15 +17,15 @@ from iplw import cluster
 
 
 def main() -> None:
-    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    given.add_argument("--task", default="bowling")
-    given.add_argument("--damping", type=float, nargs="+", default=[0.8, 0.9], help="of the hidden worlds, 1/s")
-    given.add_argument("--seeds", type=int, default=4)
-    given.add_argument("--rounds", type=int, default=3)
-    given.add_argument("--num-cpus", type=int, default=1, help="of each estimation")
-    given.add_argument("--out", type=Path, default=Path("sweep.csv"))
-    arguments = given.parse_args()
-    found = cluster.estimate(
+    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    values.add_argument("--task", default="bowling")
+    values.add_argument("--damping", type=float, nargs="+", default=[0.8, 0.9], help="of the hidden worlds, 1/s")
+    values.add_argument("--seeds", type=int, default=4)
+    values.add_argument("--rounds", type=int, default=3)
+    values.add_argument("--num-cpus", type=int, default=1, help="of each estimation")
+    values.add_argument("--out", type=Path, default=Path("sweep.csv"))
+    arguments = values.parse_args()
+    result = cluster.estimate(
         arguments.task,
         over={"real": [{"damping": damping} for damping in arguments.damping]},
         seeds=range(arguments.seeds),
@@ -37,13 +37,13 @@ def main() -> None:
     with arguments.out.open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["damping", "seed", "latent", "value", "low", "high", "identifiable"])
-        for item, report in zip(found.items, found, strict=True):
+        for item, report in zip(result.items, result, strict=True):
             for latent in report["latents"]:
-                told = [latent["name"], latent["value"], *latent["ci95"], latent["identifiable"]]
-                table.writerow([item["real"]["damping"], item["seed"], *told])
-    hosts = {ran.machine.host for ran in found.ran if ran}
-    seconds = sum(ran.seconds for ran in found.ran if ran)
-    summary = f"{len(found)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}"
+                response = [latent["name"], latent["value"], *latent["ci95"], latent["identifiable"]]
+                table.writerow([item["real"]["damping"], item["seed"], *response])
+    hosts = {ran.machine.host for ran in result.ran if ran}
+    seconds = sum(ran.seconds for ran in result.ran if ran)
+    summary = f"{len(result)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}"
     print(summary, file=sys.stderr)
 
 

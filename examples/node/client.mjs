@@ -1,4 +1,4 @@
-// A client of iplw in a third language, from docs/zeromq.md alone: a whole episode, a batch with arrays as frames, an
+// A client of iplw in a third language, from docs/reference/zeromq.md alone: a whole episode, a batch with arrays as frames, an
 // error. Ends with 1 at the first surprise.
 //
 //   node client.mjs tcp://127.0.0.1:5555

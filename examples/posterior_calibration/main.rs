@@ -1,13 +1,13 @@
-//! Simulation-based calibration of posteriors: worlds are drawn from the prior, measured, and asked; where the truth ranks among
-//! the draws must be anything, equally often.
+//! Simulation-based calibration of posteriors: worlds are drawn from the prior and measured; the rank of the true value among the
+//! posterior draws must be uniformly distributed.
 //!
-//! `cargo run --release --example posterior_calibration -- --worlds 100 --out calibration.md`. Every world's outcome is added to a CSV
-//! beside the table as soon as it is known, and a run that was stopped goes on where it was. `--leave linear_drag:c=0.223` gives every
-//! world an effect that the simulation lacks: then intervals should still hold the truth. `--recorded` draws recordings of a ball that is
-//! thrown in place of tasks ([`recordings`]; else [`tasks`]): there variance components are drawn with what is asked.
+//! `cargo run --release --example posterior_calibration -- --worlds 100 --out calibration.md`. Each result is appended to a CSV file
+//! next to the table, and an interrupted run resumes. `--leave linear_drag:c=0.223` gives every world an effect that the simulation
+//! lacks; intervals should then still contain the true value. `--recorded` uses recordings of a thrown ball ([`recordings`]) instead of
+//! tasks ([`tasks`]), with random variance components.
 //!
-//! Source: Talts, Betancourt, Simpson, Vehtari and Gelman, arXiv:1804.06788 (2018); p values of several numbers are corrected
-//! as Holm, Scand. J. Stat. 6 (1979) 65.
+//! Source: Talts, Betancourt, Simpson, Vehtari and Gelman, arXiv:1804.06788 (2018). p-values of several parameters are corrected
+//! for multiple testing by Holm, Scand. J. Stat. 6 (1979) 65.
 
 mod recordings;
 mod tasks;
@@ -21,62 +21,62 @@ use clap::Parser;
 use iplw::discover::posterior::{PosteriorConfig, Sampler, posterior};
 use iplw::error::Result;
 use iplw::estimate::sampler::smc::SmcConfig;
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use iplw::task::Scene;
 
-/// Draws worlds from the prior and counts where the truth ranks among draws from the posterior
+/// Simulation-based calibration: ranks of true values among posterior draws
 #[derive(Parser)]
 struct Run {
-    /// How many worlds
+    /// Number of worlds
     #[arg(long, default_value_t = 100)]
     worlds: u64,
-    /// The first of the seeds
+    /// First seed
     #[arg(long, default_value_t = 1)]
     first: u64,
-    /// Trials of a world
+    /// Number of trials per world
     #[arg(long, default_value_t = 10)]
     trials: usize,
-    /// The family whose tasks are acted in
+    /// Task family
     #[arg(long, default_value = "bowling")]
     task: String,
-    /// Standard deviation of what is seen, m; positions alone are seen
+    /// Standard deviation of the measurement noise, m; only positions are observed
     #[arg(long, default_value_t = 0.005)]
     noise: f64,
-    /// An effect that every world has and the simulation lacks, `name:parameter=value`
+    /// Effect of every world that the simulation lacks, `name:parameter=value`
     #[arg(long)]
     leave: Option<String>,
-    /// Recordings of throws, whose misfit and spreads are drawn along, in place of a family's tasks
-    #[arg(long, conflicts_with_all = ["leave", "task", "follow"])]
+    /// Use recordings of throws, with random discrepancy and between-trial variation, instead of tasks
+    #[arg(long, conflicts_with_all = ["leave", "task", "sample_discrepancy"])]
     recorded: bool,
-    /// Take the model for complete
+    /// Assume that the model is complete
     #[arg(long)]
     no_discrepancy: bool,
-    /// Follow what the model lacks
+    /// Sample the model discrepancy
     #[arg(long, conflicts_with = "no_discrepancy")]
-    follow: bool,
-    /// Particles of each of four runs
+    sample_discrepancy: bool,
+    /// Number of particles of each of the four runs
     #[arg(long, default_value_t = 256)]
     particles: usize,
-    /// Where the table goes
+    /// Output file of the table
     #[arg(long, default_value = "calibration.md")]
     out: PathBuf,
 }
 
-/// A world as it was drawn, and what was measured in it.
-struct Drawn {
+/// A world drawn from the prior, with its measurements.
+struct SampledWorld {
     scene: Scene,
     trials: Vec<Trial>,
-    /// Effects that are asked for.
+    /// Effects to estimate.
     set: Vec<String>,
-    /// What the numbers of its posterior are.
+    /// True values of the posterior's parameters.
     truth: Vec<f64>,
 }
 
-/// Ranks are counted in so many bins.
+/// Number of bins of the rank histogram.
 const BINS: usize = 10;
-/// Draws of a world among which the truth ranks, thinned from all: 99, so that there are 100 ranks.
-const KEPT: usize = 99;
+/// Number of thinned draws for ranking: 99, so that there are 100 possible ranks.
+const RANKED_DRAWS: usize = 99;
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let run = Run::parse();
@@ -85,13 +85,13 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let done: HashSet<&str> = text.lines().filter_map(|l| l.split(',').next()).collect();
     let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
     for seed in run.first..run.first + run.worlds {
-        let lacks = match (run.no_discrepancy, run.follow) {
+        let lacks = match (run.no_discrepancy, run.sample_discrepancy) {
             (true, _) => "complete",
             (_, true) => "followed",
             _ => "field",
         };
         let left = if run.recorded { "recordings" } else { "nothing" };
-        // Commas part what is said of a world.
+        // Commas separate the columns of the log.
         let left = run.leave.as_deref().unwrap_or(left).replace(',', ";");
         let key = format!("{left}/{lacks}/{seed}");
         if !done.contains(key.as_str()) {
@@ -106,21 +106,25 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Of each number its rank among the thinned draws and how sure they are, then whether draws converged, and seconds.
+/// Row of a world: rank and spread of each parameter, then convergence and duration.
 fn world(run: &Run, seed: u64) -> Result<String> {
     let begun = Instant::now();
     let usual = PosteriorConfig::standard(seed);
-    let drawn =
-        if run.recorded { recordings::drawn(run, seed) } else { tasks::drawn(run, &usual.prior, seed) };
-    let Drawn { scene, trials, set, truth } = drawn?;
+    let drawn = if run.recorded {
+        recordings::sample_world(run, seed)
+    } else {
+        tasks::sample_world(run, &usual.prior, seed)
+    };
+    let SampledWorld { scene, trials, set, truth } = drawn?;
     let sampler = Sampler::Smc(SmcConfig { particles: run.particles, ..SmcConfig::standard(seed) });
-    let (discrepancy, follow) = (!run.no_discrepancy, run.follow);
-    let config = PosteriorConfig { sampler, sets: vec![set], discrepancy, follow, ..usual };
-    let found = posterior(&scene, &trials, &config, &Silent)?;
+    let (discrepancy, follow) = (!run.no_discrepancy, run.sample_discrepancy);
+    let config =
+        PosteriorConfig { sampler, sets: vec![set], discrepancy, sample_discrepancy: follow, ..usual };
+    let found = posterior(&scene, &trials, &config, &NoProgress)?;
     let draws = &found.sets[0].draws;
     let of = |(k, truth): (usize, &f64)| {
         let all: Vec<f64> = draws.points.iter().map(|p| p[k]).collect();
-        let thinned = (0..KEPT).map(|i| all[i * all.len() / KEPT]);
+        let thinned = (0..RANKED_DRAWS).map(|i| all[i * all.len() / RANKED_DRAWS]);
         let rank = thinned.filter(|v| v < truth).count();
         let mut sorted = all.clone();
         sorted.sort_by(f64::total_cmp);
@@ -134,7 +138,7 @@ fn world(run: &Run, seed: u64) -> Result<String> {
     Ok(format!("{},{converged},{lacks:.3},{:.1}", ranks.join(","), begun.elapsed().as_secs_f64()))
 }
 
-/// By number: how often 90 % intervals hold the truth, and whether ranks are uniform.
+/// Table by parameter: coverage of 90 % intervals, and a test of uniform ranks.
 fn table(log: &str) -> String {
     let rows: Vec<Vec<&str>> = log.lines().map(|l| l.split(',').collect()).collect();
     let mut kinds: Vec<&str> = rows.iter().filter_map(|r| r[0].rsplit_once('/')).map(|k| k.0).collect();
@@ -149,14 +153,16 @@ fn table(log: &str) -> String {
             rows.iter().filter(|r| r[0].rsplit_once('/').is_some_and(|k| k.0 == kind)).collect();
         let number = |r: &Vec<&str>, i: usize| r[i].parse::<f64>().unwrap_or(f64::NAN);
         let mean = |i: usize| own.iter().map(|r| number(r, i)).sum::<f64>() / own.len() as f64;
-        let names: &[&str] = if kind.starts_with("recordings") { &recordings::ASKED } else { &tasks::ASKED };
-        // Behind what is said of each number: whether draws converged, what is lacking, seconds.
+        let names: &[&str] =
+            if kind.starts_with("recordings") { &recordings::PARAMETERS } else { &tasks::PARAMETERS };
+        // After the parameters: convergence, discrepancy, seconds.
         let rest = 1 + 4 * names.len();
         for (k, name) in names.iter().enumerate() {
             let first = 1 + 4 * k;
             let mut counts = [0.0; BINS];
-            own.iter()
-                .for_each(|r| counts[((number(r, first) as usize) * BINS / (KEPT + 1)).min(BINS - 1)] += 1.0);
+            own.iter().for_each(|r| {
+                counts[((number(r, first) as usize) * BINS / (RANKED_DRAWS + 1)).min(BINS - 1)] += 1.0
+            });
             let wanted = own.len() as f64 / BINS as f64;
             let chi: f64 = counts.iter().map(|c| (c - wanted).powi(2) / wanted).sum();
             let mut widths: Vec<f64> = own.iter().map(|r| number(r, first + 3)).collect();
@@ -166,7 +172,7 @@ fn table(log: &str) -> String {
                 own.len(),
                 100.0 * mean(first + 1),
                 counts.map(|c| format!("{c}")).join(" "),
-                above(chi, (BINS - 1) as f64),
+                chi_squared_tail(chi, (BINS - 1) as f64),
                 widths[widths.len() / 2],
                 100.0 * mean(rest),
                 mean(rest + 2)
@@ -176,7 +182,7 @@ fn table(log: &str) -> String {
     out
 }
 
-/// P(chi squared > `x`): Fisher's F with as good as infinitely many degrees below.
-fn above(x: f64, degrees: f64) -> f64 {
-    iplw::distribution::f_above(x / degrees, degrees, 1e7)
+/// P(chi squared > `x`), by the F distribution with a very large number of denominator degrees of freedom.
+fn chi_squared_tail(x: f64, degrees: f64) -> f64 {
+    iplw::distribution::f_survival(x / degrees, degrees, 1e7)
 }

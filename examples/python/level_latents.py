@@ -33,37 +33,37 @@ BOUNDS = {"density": (1e-3, 1e3), "friction": (0.0, 10.0), "restitution": (0.0, 
 
 
 def main() -> None:
-    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    given.add_argument("families", nargs="+", type=Path, help="families' files")
-    given.add_argument("--actions", type=int, default=300, help="actions tried in each task")
-    given.add_argument("--split", default="", help="train, validation or test; all tasks if not given")
-    given.add_argument("--bin", default="iplw", help="the program")
-    given.add_argument("--threads", type=int, default=1)
-    arguments = given.parse_args()
+    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    values.add_argument("families", nargs="+", type=Path, help="families' files")
+    values.add_argument("--actions", type=int, default=300, help="actions tried in each task")
+    values.add_argument("--split", default="", help="train, validation or test; all tasks if not given")
+    values.add_argument("--bin", default="iplw", help="the program")
+    values.add_argument("--threads", type=int, default=1)
+    arguments = values.parse_args()
     head = ["level", "solve %", *(f"{name} %" for name in LATENTS), "a hair %", "hold %", "most fail"]
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head), flush=True)
     for file in arguments.families:
-        print("| " + " | ".join([file.stem, *told(file, arguments)]) + " |", flush=True)
+        print("| " + " | ".join([file.stem, *response(file, arguments)]) + " |", flush=True)
 
 
-def told(file: Path, arguments: argparse.Namespace) -> list[str]:
+def response(file: Path, arguments: argparse.Namespace) -> list[str]:
     """The cells of a family's row."""
     family: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
     real, prior = dict(family["real"]), family["prior"]
-    kept = real.pop("damping")
+    stored = real.pop("damping")
 
     def outcomes(damping: float, **latents: float) -> NDArray[np.int8]:
         return table(file, damping, real | latents, arguments)
 
     def ends(name: str) -> list[NDArray[np.int8]]:
         (mean, sd), (least, most) = prior[name], BOUNDS[name]
-        return [outcomes(kept, **{name: min(max(v, least), most)}) for v in (mean - sd, mean + sd)]
+        return [outcomes(stored, **{name: min(max(v, least), most)}) for v in (mean - sd, mean + sd)]
 
-    truth = outcomes(kept)
+    truth = outcomes(stored)
     cells = [f"{100 * np.sum(truth == 1) / np.sum(truth != 0):.1f}"]
     for name in LATENTS:
         cells.append("{:.0f} ({:.1f})".format(*changed(*ends(name))))
-    hair = outcomes(kept, **{name: 1.001 * value for name, value in real.items()})
+    hair = outcomes(stored, **{name: 1.001 * value for name, value in real.items()})
     cells.append(f"{changed(truth, hair)[0]:.0f}")
     simulated = outcomes(1.0, **{name: prior[name][0] for name in LATENTS}) == 1
     solving = simulated.sum(axis=1)
@@ -99,8 +99,8 @@ def table(file: Path, damping: float, latents: dict[str, float], arguments: argp
         done = subprocess.run(argv, capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"{' '.join(argv)}\n{done.stderr}")
-        found: NDArray[np.int8] = np.load(out / "outcomes.npy")
-        return found
+        result: NDArray[np.int8] = np.load(out / "outcomes.npy")
+        return result
 
 
 @cache

@@ -14,24 +14,24 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from iplw.unit import command, compute
+from iplw.cli import command, compute
 
 
 def main() -> None:
-    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    given.add_argument("--task", default="bowling")
-    given.add_argument("--seeds", type=int, default=4)
-    given.add_argument("--rounds", type=int, default=2)
-    given.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="units at a time, each on one core")
-    arguments = given.parse_args()
+    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    values.add_argument("--task", default="bowling")
+    values.add_argument("--seeds", type=int, default=4)
+    values.add_argument("--rounds", type=int, default=2)
+    values.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="units at a time, each on one core")
+    arguments = values.parse_args()
     units = (delayed(estimate)(arguments.task, arguments.rounds, seed) for seed in range(arguments.seeds))
     # In the seeds' order, whichever ends first.
     reports: list[dict[str, Any]] = Parallel(n_jobs=arguments.jobs, prefer="threads")(units)
     for seed, report in enumerate(reports):
         friction = next(latent for latent in report["latents"] if latent["name"] == "friction")
         low, high = friction["ci95"]
-        known = f"{low:.3f} to {high:.3f}" if friction["identifiable"] else "not told by these trials"
-        print(f"seed {seed}  friction {friction['value']:.4f}  ({known})")
+        identified = f"{low:.3f} to {high:.3f}" if friction["identifiable"] else "not told by these trials"
+        print(f"seed {seed}  friction {friction['value']:.4f}  ({identified})")
 
 
 def estimate(task: str, rounds: int, seed: int) -> dict[str, Any]:

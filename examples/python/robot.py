@@ -42,22 +42,22 @@ def build(scene: dict[str, Any]) -> tuple[pymunk.Space, dict[str, pymunk.Body]]:
         surface(shape, fixed, fixed["name"] in carriers)
         space.add(shape)
     bodies = {}
-    for own in scene["bodies"]:
-        radius = own["shape"]["radius"]
+    for separate in scene["bodies"]:
+        radius = separate["shape"]["radius"]
         mass = TRUTH["density"] * math.pi * radius**2
         body = pymunk.Body(mass, mass * radius**2 / 2)
-        body.position, body.angle = tuple(own["position"]), own.get("angle", 0.0)
-        body.velocity = tuple(own.get("velocity", (0.0, 0.0)))
+        body.position, body.angle = tuple(separate["position"]), separate.get("angle", 0.0)
+        body.velocity = tuple(separate.get("velocity", (0.0, 0.0)))
         disc = pymunk.Circle(body, radius)
-        surface(disc, own, own["name"] in carriers)
+        surface(disc, separate, separate["name"] in carriers)
         space.add(body, disc)
-        bodies[own["name"]] = body
+        bodies[separate["name"]] = body
     return space, bodies
 
 
-def surface(shape: pymunk.Shape, made: dict[str, Any], carrier: bool) -> None:
+def surface(shape: pymunk.Shape, created: dict[str, Any], carrier: bool) -> None:
     """Hidden coefficients for what carries the latent factors, the scene's for everything else."""
-    physics = TRUTH if carrier else made
+    physics = TRUTH if carrier else created
     shape.friction, shape.elasticity = physics.get("friction", 1.0), physics.get("restitution", 1.0)
 
 
@@ -87,12 +87,12 @@ def carry_out(
     space, bodies = build(proposal.scene)
     step = 1.0 / 240.0
     ticks = [0, *(math.ceil((t + LATE) / step) for t in proposal.observe_at[1:])]
-    seen = []
+    observed = []
     for before, now in zip([0, *ticks], ticks):
         for _ in range(now - before):
             space.step(step)
-        seen.append([tuple(body.position) for body in bodies.values()])
-    states = np.array(seen)
+        observed.append([tuple(body.position) for body in bodies.values()])
+    states = np.array(observed)
     # Where things were let go is known; where they went is seen.
     states[1:] += camera.normal(0.0, NOISE, states[1:].shape)
     return [tick * step for tick in ticks], {name: states[:, i] for i, name in enumerate(bodies)}
@@ -121,10 +121,10 @@ def main() -> None:
             seed=args.seed,
         )
         while proposals := job.proposals():
-            told: dict[str, Any] = {}
+            response: dict[str, Any] = {}
             for proposal in proposals:
-                told = job.tell(proposal, *carry_out(proposal, camera))
-            print(f"round {proposals[0].round + 1}: {told['answered']} proposals carried out")
+                response = job.tell(proposal, *carry_out(proposal, camera))
+            print(f"round {proposals[0].round + 1}: {response['fetch']} proposals carried out")
         result = job.wait()
     print(f"\n{'latent':12} {'truth':>8} {'estimate':>9}  95 % interval")
     for row in result["latents"]:

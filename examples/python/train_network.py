@@ -109,8 +109,8 @@ class Buffer:
         if not (self.rows[True] and self.rows[False]):
             return None
         half = count // 2
-        chosen = [self.rows[kind][i] for kind in (True, False) for i in rng.integers(len(self.rows[kind]), size=half)]
-        return np.stack(chosen), np.repeat([1.0, 0.0], half)
+        selected = [self.rows[kind][i] for kind in (True, False) for i in rng.integers(len(self.rows[kind]), size=half)]
+        return np.stack(selected), np.repeat([1.0, 0.0], half)
 
 
 def train(client: iplw.Client, options: argparse.Namespace) -> QNetwork:
@@ -122,15 +122,15 @@ def train(client: iplw.Client, options: argparse.Namespace) -> QNetwork:
     try:
         observations, _ = envs.reset(seed=options.seed)
         for step in range(1, options.steps + 1):
-            seen = np.asarray(observations, np.float64)
+            observed = np.asarray(observations, np.float64)
             explore = max(0.1, 1.0 - step / (0.5 * options.steps))
-            actions = act(network, seen, explore, options.choices, rng)
+            actions = act(network, observed, explore, options.choices, rng)
             observations, _, _, _, infos = envs.step(actions.astype(np.float32))
             # An episode that ended with this step tells its end in `final_info`; the others acted in vain.
             end = infos.get("final_info", {})
             valid = np.asarray(end.get("valid", np.zeros(options.worlds)), dtype=bool)
             solved = np.asarray(end.get("solved", np.zeros(options.worlds)), dtype=bool)
-            buffer.add(seen[valid], actions[valid], solved[valid])
+            buffer.add(observed[valid], actions[valid], solved[valid])
             recent.append(solved[valid].mean() if valid.any() else 0.0)
             loss = float("nan")
             for _ in range(options.updates):
@@ -151,11 +151,11 @@ def act(
 ) -> Array:
     """(n, 3) actions: the best of some random ones for each world, or any with chance `explore`."""
     n = len(observations)
-    tried = rng.random((n, choices, 3))
-    values = network.values(np.repeat(observations, choices, axis=0), tried.reshape(-1, 3)).reshape(n, choices)
+    attempted = rng.random((n, choices, 3))
+    values = network.values(np.repeat(observations, choices, axis=0), attempted.reshape(-1, 3)).reshape(n, choices)
     best = np.where(rng.random(n) < explore, 0, values.argmax(axis=1))
-    chosen: Array = tried[np.arange(n), best]
-    return chosen
+    selected: Array = attempted[np.arange(n), best]
+    return selected
 
 
 def evaluate(client: iplw.Client, network: QNetwork, options: argparse.Namespace) -> None:
@@ -171,10 +171,10 @@ def evaluate(client: iplw.Client, network: QNetwork, options: argparse.Namespace
         jobs = {"this network": real.evaluate(ranking), "random": client.policy("random").evaluate(real)}
         print(f"\n{'policy':14} {'AUCCESS':>8} {'first':>6} {'in 10':>6} {'attempts':>9}")
         for name, job in jobs.items():
-            found = job.wait()
-            within = found["solved_within"]
-            cells = f"{within[0]:6.0%} {within[9]:6.0%} {found['interactions']:9}"
-            print(f"{name:14} {found['auccess']:8.3f} {cells}")
+            result = job.wait()
+            within = result["solved_within"]
+            cells = f"{within[0]:6.0%} {within[9]:6.0%} {result['interactions']:9}"
+            print(f"{name:14} {result['auccess']:8.3f} {cells}")
 
 
 def main() -> None:

@@ -47,8 +47,8 @@ def main() -> None:
             latents = estimate(client, real, options)
             print(f"latents {latents} from {real.interactions} real interactions, {seconds(clock)}")
             rankings: dict[str, Score] = {"random": random}
-            for name, chosen in (("default", None), ("estimated", latents)):
-                with client.create_world("bowling", kind="sim", latents=chosen) as sim:
+            for name, selected in (("default", None), ("estimated", latents)):
+                with client.create_world("bowling", kind="sim", latents=selected) as sim:
                     inputs, solved = practice(sim, train, options)
                 rankings[name] = learned(inputs, solved, options.seed)
                 share = f"{solved.mean():.1%} solve"
@@ -102,8 +102,8 @@ def learned(inputs: Array, solved: NDArray[np.bool_], seed: int) -> Score:
     model.fit(inputs, solved)
 
     def score(observation: Array, actions: Array) -> Array:
-        seen = features(observation, actions), features(*mirrored(observation, actions))
-        chances: Array = sum(model.predict_proba(inputs)[:, 1] for inputs in seen)
+        observed = features(observation, actions), features(*mirrored(observation, actions))
+        chances: Array = sum(model.predict_proba(inputs)[:, 1] for inputs in observed)
         return chances
 
     return score
@@ -119,13 +119,13 @@ def attempt(real: iplw.World, task: str, score: Score, seed: int) -> float:
     observation, _ = real.reset(task=task)
     candidates = np.random.default_rng(seed).random((2000, real.dimension))
     candidates = candidates[np.argsort(-score(observation, candidates))]
-    tried = 0
+    attempted = 0
     for start in range(0, len(candidates), BATCH):
         for result in real.rollout(candidates[start : start + BATCH]):
-            tried += result.valid
+            attempted += result.valid
             if result.solved:
-                return tried
-            if tried == ATTEMPTS:
+                return attempted
+            if attempted == ATTEMPTS:
                 return math.inf
     return math.inf
 

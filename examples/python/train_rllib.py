@@ -36,9 +36,9 @@ def main() -> None:
     algorithm = config.build_algo()
     clock, steps, rewards = time.perf_counter(), 0, []
     for _ in range(options.iterations):
-        found: dict[str, Any] = algorithm.train()["env_runners"]
-        steps += found["num_env_steps_sampled"]
-        rewards.append(found["episode_return_mean"])
+        result: dict[str, Any] = algorithm.train()["env_runners"]
+        steps += result["num_env_steps_sampled"]
+        rewards.append(result["episode_return_mean"])
     took = time.perf_counter() - clock
     print(f"{steps:.0f} steps in {took:.0f} s, {steps / took:.0f} steps/s")
     tenth = max(1, len(rewards) // 10)

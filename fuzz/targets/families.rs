@@ -1,11 +1,11 @@
-//! Files of families of tasks: TOML with expressions.
+//! Task family files: TOML with expressions.
 
 use iplw::rng::Stream;
 use iplw::task::parse_family;
 
 use super::{MIB, Target, bytes, fate, text};
 
-/// A family's file.
+/// A family file.
 pub const TARGET: Target = Target {
     name: "families",
     short: 500,

@@ -1,13 +1,13 @@
-//! Files of tokens and of limits: JSON.
+//! Token files and limits files: JSON.
 
-use iplw::access::{rows, whole};
+use iplw::access::{parse_token_file, parse_token_rows};
 use iplw::rng::Stream;
 use iplw::serve::fuzz::limits;
 use rand::RngExt;
 
-use super::{Fate, MIB, Target, fate, json, text};
+use super::{FuzzOutcome, MIB, Target, fate, json, text};
 
-/// A file of tokens, and its rows alone, as an environment variable has them.
+/// A token file, and its rows alone, as in the environment variable.
 pub const TOKENS: Target = Target {
     name: "tokens",
     short: 5_000,
@@ -41,7 +41,7 @@ const LIMITS_FILE: &str = r#"{"request_seconds": 5, "header_seconds": 1.5, "body
     "write_seconds": 60, "connections": 200, "body_steps": 1000000, "actions": 64, "samples": 100000, "worlds": 8,
     "world_idle_seconds": 60, "jobs_running": 1, "jobs_waiting": 4, "job_seconds": null}"#;
 
-/// Changes a document's fields; strings also letter by letter.
+/// Mutates a document's fields, and strings character by character.
 fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
     match serde_json::from_slice(seed) {
         Ok(value) if draw.random_range(0..3) > 0 => *seed = json::mutant(value, draw),
@@ -52,12 +52,12 @@ fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
 const WORDS: [&[u8]; 10] =
     [b"9", b"-", b"T", b"Z", b"+01:00", b"e308", b"\"", b"2024-02-29", b"99999-12-31T24:00:60Z", b"\\u0000"];
 
-fn tokens(text: &str) -> Fate {
-    let as_rows = fate(rows(text, "rows"));
-    let read = whole(text, "tokens.json");
-    for kept in read.iter().flatten() {
-        assert_eq!(kept.digest.hex().len(), 64);
-        assert!(!kept.name.is_empty() && !kept.name.contains(' '), "{:?}", kept.name);
+fn tokens(text: &str) -> FuzzOutcome {
+    let as_rows = fate(parse_token_rows(text, "rows"));
+    let read = parse_token_file(text, "tokens.json");
+    for token in read.iter().flatten() {
+        assert_eq!(token.digest.hex().len(), 64);
+        assert!(!token.name.is_empty() && !token.name.contains(' '), "{:?}", token.name);
     }
-    if fate(read) == Fate::Taken { Fate::Taken } else { as_rows }
+    if fate(read) == FuzzOutcome::Accepted { FuzzOutcome::Accepted } else { as_rows }
 }

@@ -1,11 +1,11 @@
-//! Tasks that others wrote: PHYRE's as JSON, and lists of scenes.
+//! Imported tasks: PHYRE's JSON, and lists of scenes.
 
 use iplw::rng::Stream;
 use iplw::task::{parse_family_beside, phyre};
 use rand::RngExt;
 use serde_json::Value;
 
-use super::{Fate, MIB, Target, bytes, fate, json, text};
+use super::{FuzzOutcome, MIB, Target, bytes, fate, json, text};
 
 /// Either kind of file.
 pub const TARGET: Target = Target {
@@ -18,15 +18,16 @@ pub const TARGET: Target = Target {
     check: |bytes| text(bytes, read),
 };
 
-fn read(text: &str) -> Fate {
-    let of_phyre = phyre::Tasks::from_json(text).map(|tasks| {
-        let said =
-            |template: &&str| tasks.said(template).into_iter().all(|(_, said)| fate(said) == Fate::Taken);
-        tasks.templates().iter().all(said)
+fn read(text: &str) -> FuzzOutcome {
+    let of_phyre = phyre::PhyreTasks::from_json(text).map(|tasks| {
+        let result = |template: &&str| {
+            tasks.scenes(template).into_iter().all(|(_, result)| fate(result) == FuzzOutcome::Accepted)
+        };
+        tasks.templates().iter().all(result)
     });
     match of_phyre {
-        Ok(true) => Fate::Taken,
-        Ok(false) => Fate::Refused,
+        Ok(true) => FuzzOutcome::Accepted,
+        Ok(false) => FuzzOutcome::Rejected,
         Err(_) => fate(parse_family_beside(FAMILY, &|_| Ok(text.into()))),
     }
 }

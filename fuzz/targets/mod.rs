@@ -1,7 +1,7 @@
-//! Everything that takes bytes from outside, and what must hold for any bytes: no panic, no end that does not come, no piece of
-//! memory above 64 MiB. A row a target; `tests/fuzz/` runs all of them, libFuzzer (`fuzz_targets/`) one at a time.
+//! Parsers of external input, and the invariants for arbitrary bytes: no panic, termination, and no allocation above 64 MiB. One row
+//! a target; `tests/fuzz/` runs all of them, libFuzzer (`fuzz_targets/`) one at a time.
 //!
-//! A target has seeds, a way to make mutants of them, and a check that panics where something is wrong.
+//! A target has seeds, a mutator, and a check that panics on a violation.
 
 #[path = "../bytes.rs"]
 pub mod bytes;
@@ -18,30 +18,30 @@ mod weights;
 mod zmtp;
 
 use iplw::rng::Stream;
-pub use iplw::serve::fuzz::Fate;
+pub use iplw::serve::fuzz::FuzzOutcome;
 use rand::RngExt;
 
-/// What takes bytes from outside.
+/// A fuzz target.
 pub struct Target {
     pub name: &'static str,
-    /// Executions with the tests; the first of those that a long run makes.
+    /// Executions in the test suite; the first ones of a long run.
     pub short: u64,
     /// Executions of a long run.
     pub long: u64,
-    /// Most memory asked for by an execution in all, bytes: a measure of its work that no machine's speed changes.
+    /// Maximum memory allocated by an execution in total, bytes: a machine-independent measure of work.
     pub work: u64,
     pub seeds: fn() -> Vec<Vec<u8>>,
-    /// Changes a seed; the others are there to be mixed with.
+    /// Mutates a seed; the other seeds may be spliced in.
     pub mutate: fn(&mut Vec<u8>, &[Vec<u8>], &mut Stream),
-    pub check: fn(&[u8]) -> Fate,
+    pub check: fn(&[u8]) -> FuzzOutcome,
 }
 
-/// Every target but scenes, which `tests/physics/fuzz_scene.rs` has.
+/// Every target except scenes, which `tests/physics/fuzz_scene.rs` covers.
 pub const TARGETS: [Target; 11] = [
     zmtp::TARGET,
     msgpack::TARGET,
     requests::READ,
-    requests::DONE,
+    requests::RUN,
     trials::OWN,
     trials::TRACKS,
     weights::TARGET,
@@ -66,21 +66,21 @@ pub fn mutant(target: &Target, seeds: &[Vec<u8>], draw: &mut Stream) -> Vec<u8> 
     bytes
 }
 
-/// Whether what reads text takes these bytes.
-fn text(bytes: &[u8], read: impl FnOnce(&str) -> Fate) -> Fate {
-    std::str::from_utf8(bytes).map_or(Fate::Refused, read)
+/// Runs a text parser on bytes.
+fn text(bytes: &[u8], read: impl FnOnce(&str) -> FuzzOutcome) -> FuzzOutcome {
+    std::str::from_utf8(bytes).map_or(FuzzOutcome::Rejected, read)
 }
 
-/// What became of what was read; a refusal says what is allowed.
-fn fate<T>(read: Result<T, iplw::error::Error>) -> Fate {
+/// Outcome of a parser; an error must list the allowed values.
+fn fate<T>(read: Result<T, iplw::error::Error>) -> FuzzOutcome {
     match read {
-        Ok(_) => Fate::Taken,
+        Ok(_) => FuzzOutcome::Accepted,
         Err(error) => {
             if let iplw::error::Error::Input(input) = &error {
                 assert!(!input.allowed.is_empty(), "nothing is said to be allowed: {error}");
             }
             assert!(!error.to_string().is_empty());
-            Fate::Refused
+            FuzzOutcome::Rejected
         }
     }
 }

@@ -1,4 +1,4 @@
-//! msgpack: a body, and a message's first frame.
+//! msgpack: a request body, and the first frame of a message.
 
 use iplw::rng::Stream;
 use iplw::serve::fuzz::msgpack;
@@ -14,7 +14,7 @@ pub const TARGET: Target = Target {
     seeds,
     mutate,
     check: |bytes| {
-        // Whole documents of single numbers are many times what they take as JSON; 4 KiB of them are enough.
+        // JSON of documents with many single numbers is much larger; 4 KiB of msgpack are enough.
         msgpack(&bytes[..bytes.len().min(4096)])
     },
 };
@@ -68,7 +68,7 @@ fn seeds() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Appends a value as a writer would, counts and lengths being right nearly always.
+/// Appends a valid value, with counts and lengths that are nearly always right.
 fn value(out: &mut Vec<u8>, depth: u32, draw: &mut Stream) {
     let kind = draw.random_range(0..if depth < 6 { 12 } else { 8 });
     match kind {
@@ -108,7 +108,7 @@ fn value(out: &mut Vec<u8>, depth: u32, draw: &mut Stream) {
 }
 
 fn text(out: &mut Vec<u8>, draw: &mut Stream) {
-    let known = [
+    let words = [
         "v",
         "id",
         "op",
@@ -123,12 +123,12 @@ fn text(out: &mut Vec<u8>, draw: &mut Stream) {
         "ä\u{10ffff}",
         "",
     ];
-    let text = known[draw.random_range(0..known.len())];
+    let text = words[draw.random_range(0..words.len())];
     out.push(0xa0 | text.len() as u8);
     out.extend(text.bytes());
 }
 
-/// Extension 78.
+/// An array as extension type 78.
 fn array(out: &mut Vec<u8>, draw: &mut Stream) {
     let (dtype, wide) =
         [("<f8", 8), ("<f4", 4), ("|b1", 1), ("<i8", 8), ("<u4", 4), (">f8", 8)][draw.random_range(0..6)];

@@ -1,20 +1,20 @@
-//! Requests to every operation, made from the list of operations: their bodies and queries are drawn from what the OpenAPI
-//! document says of each, so that a new operation is fuzzed without being named here.
+//! Requests to every operation, generated from the OpenAPI document: bodies and queries are sampled from the schemas, so new
+//! operations are fuzzed without changes here.
 //!
-//! Bytes of a request: which operation, which way it comes, what stands in its path, then the query up to a newline, then the
+//! Encoding of a request in bytes: the operation, the request encoding, the path parameter, the query up to a newline, then the
 //! body.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 use iplw::rng::{Stream, stream};
-use iplw::serve::fuzz::{Asking, Bench, Fate, Way, operations};
+use iplw::serve::fuzz::{FuzzOutcome, FuzzRequest, InMemoryServer, RequestEncoding, operations};
 use rand::RngExt;
 use serde_json::{Map, Value, json};
 
 use super::{MIB, Target, bytes};
 
-/// Requests are read to the end, and nothing is done.
+/// Parses requests without running them.
 pub const READ: Target = Target {
     name: "bodies",
     short: 10_000,
@@ -22,46 +22,53 @@ pub const READ: Target = Target {
     work: 64 * MIB,
     seeds,
     mutate,
-    check: |bytes| BENCH.with_borrow(|bench| asking(bytes).map_or(Fate::Refused, |a| bench.0.read(&a))),
+    check: |bytes| {
+        SERVER.with_borrow(|server| fuzz_request(bytes).map_or(FuzzOutcome::Rejected, |a| server.0.read(&a)))
+    },
 };
 
-/// What is asked for is done, one request after the other on the same server.
-pub const DONE: Target =
-    Target { name: "requests", short: 1_000, long: 1_000_000, work: 1024 * MIB, seeds, mutate, check: done };
+/// Runs requests, one after the other on the same server.
+pub const RUN: Target =
+    Target { name: "requests", short: 1_000, long: 1_000_000, work: 1024 * MIB, seeds, mutate, check: run };
 
 thread_local! {
-    /// A server and how many requests it was sent.
-    static BENCH: RefCell<(Bench, u64)> = RefCell::default();
+    /// A server and the number of requests it has received.
+    static SERVER: RefCell<(InMemoryServer, u64)> = RefCell::default();
 }
 
-/// Requests before a new server takes over; it has a few worlds and jobs by then.
-const A_SERVER: u64 = 400;
+/// Requests until the server is replaced; it has a few worlds and jobs by then.
+const REQUESTS_PER_SERVER: u64 = 400;
 
-fn done(bytes: &[u8]) -> Fate {
-    let Some(asking) = asking(bytes) else { return Fate::Refused };
-    BENCH.with_borrow_mut(|(bench, count)| {
-        if *count >= A_SERVER {
-            (*bench, *count) = (Bench::default(), 0);
+fn run(bytes: &[u8]) -> FuzzOutcome {
+    let Some(fuzz_request) = fuzz_request(bytes) else { return FuzzOutcome::Rejected };
+    SERVER.with_borrow_mut(|(server, count)| {
+        if *count >= REQUESTS_PER_SERVER {
+            (*server, *count) = (InMemoryServer::default(), 0);
         }
         *count += 1;
-        bench.answer(&asking)
+        server.answer(&fuzz_request)
     })
 }
 
 /// Bytes before the query.
-const HEAD: usize = 3;
+const HEADER_BYTES: usize = 3;
 
-fn asking(bytes: &[u8]) -> Option<Asking<'_>> {
-    let (head, rest) = bytes.split_first_chunk::<HEAD>()?;
+fn fuzz_request(bytes: &[u8]) -> Option<FuzzRequest<'_>> {
+    let (head, rest) = bytes.split_first_chunk::<HEADER_BYTES>()?;
     let end = rest.iter().position(|b| *b == b'\n')?;
     let query = std::str::from_utf8(&rest[..end]).ok()?;
-    let way = [Way::Http, Way::Msgpack, Way::Other, Way::Fields][usize::from(head[1]) % 4];
-    let part = PARTS[usize::from(head[2]) % PARTS.len()];
-    Some(Asking { operation: head[0].into(), way, part, query, body: &rest[end + 1..] })
+    let encoding = [
+        RequestEncoding::Json,
+        RequestEncoding::Msgpack,
+        RequestEncoding::OtherMediaType,
+        RequestEncoding::ZmqFields,
+    ][usize::from(head[1]) % 4];
+    let path_parameter = PATH_PARAMETERS[usize::from(head[2]) % PATH_PARAMETERS.len()];
+    Some(FuzzRequest { operation: head[0].into(), encoding, path_parameter, query, body: &rest[end + 1..] })
 }
 
-/// What may stand in a path; some are there.
-const PARTS: [&str; 14] = [
+/// Values of the path parameter; some exist.
+const PATH_PARAMETERS: [&str; 14] = [
     "sim",
     "real",
     "job-1",
@@ -78,7 +85,7 @@ const PARTS: [&str; 14] = [
     "ä/../%00",
 ];
 
-/// Seeds of each operation: some bodies drawn from the document for each way, with queries.
+/// Seeds of each operation: bodies sampled from the document for each encoding, with queries.
 fn seeds() -> Vec<Vec<u8>> {
     let document: Value = serde_json::from_str(&iplw::serve::openapi()).expect("it is JSON");
     let described = described(&document);
@@ -87,7 +94,7 @@ fn seeds() -> Vec<Vec<u8>> {
     for (index, name) in operations().iter().enumerate() {
         let operation = &described[name];
         let schema = |kind: &str| operation.pointer(&format!("/requestBody/content/{kind}/schema"));
-        for k in 0..DRAWN {
+        for k in 0..SEEDS_PER_OPERATION {
             let body = schema("application~1json").map(|schema| example(schema, &document, 0, &mut draw));
             let body = body.map_or(String::new(), |b| b.to_string());
             let part = part_of(operation, k, &mut draw);
@@ -113,18 +120,18 @@ fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Seeds of an operation.
-const DRAWN: usize = 16;
+/// Seeds of each operation.
+const SEEDS_PER_OPERATION: usize = 16;
 const CSV: &str = "trial,t,body,x,y\na,0,red,1,2\na,0.1,red,1,1.9\n";
 
-/// Operations by their names.
+/// Operations by name.
 fn described(document: &Value) -> BTreeMap<&str, &Value> {
     let paths = document["paths"].as_object().into_iter().flatten();
     let all = paths.flat_map(|(_, methods)| methods.as_object().into_iter().flatten());
     all.filter_map(|(_, operation)| Some((operation["operationId"].as_str()?, operation))).collect()
 }
 
-/// Mostly what is there: worlds for the operations of worlds, and so on.
+/// Mostly existing ids: worlds for world operations, and so on.
 fn part_of(operation: &Value, k: usize, draw: &mut Stream) -> u8 {
     let first = match operation["tags"][0].as_str() {
         Some("jobs" | "workflow") => 2,
@@ -151,7 +158,7 @@ fn query(operation: &Value, document: &Value, draw: &mut Stream) -> String {
     pairs.join("&")
 }
 
-/// A value that a schema allows, as far as a schema can say it.
+/// A value that conforms to a schema.
 fn example(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> Value {
     if let Some(to) = schema["$ref"].as_str() {
         let to = document.pointer(to.trim_start_matches('#')).unwrap_or(&Value::Null);
@@ -168,8 +175,8 @@ fn example(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> V
             parts.filter_map(|part| if let Value::Object(fields) = part { Some(fields) } else { None });
         return Value::Object(fields.flatten().collect());
     }
-    let given = [&schema["example"], &schema["default"]].into_iter().find(|v| !v.is_null());
-    if let Some(value) = given.filter(|_| draw.random()) {
+    let fixed = [&schema["example"], &schema["default"]].into_iter().find(|v| !v.is_null());
+    if let Some(value) = fixed.filter(|_| draw.random()) {
         return value.clone();
     }
     if let Some(values) = schema["enum"].as_array() {
@@ -181,35 +188,35 @@ fn example(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> V
         Some("array") => {
             let least = schema["minItems"].as_u64().unwrap_or(0);
             let most = schema["maxItems"].as_u64().unwrap_or(3).min(least + 3);
-            let count = if depth > DEEPEST { least } else { draw.random_range(least..=most.max(least)) };
+            let count = if depth > MAX_DEPTH { least } else { draw.random_range(least..=most.max(least)) };
             (0..count).map(|_| example(&schema["items"], document, depth + 1, draw)).collect()
         }
         Some("integer") => json!(number(schema, draw).round() as i64),
         Some("number") => json!(number(schema, draw)),
         Some("boolean") => json!(draw.random::<bool>()),
         Some("string") => {
-            // What is said of a text names what it may be: `png` (default) or `svg`.
-            let said = schema["description"].as_str().unwrap_or_default();
-            let named: Vec<&str> = said.split('`').skip(1).step_by(2).collect();
+            // Descriptions of strings name their values: `png` (default) or `svg`.
+            let description = schema["description"].as_str().unwrap_or_default();
+            let named: Vec<&str> = description.split('`').skip(1).step_by(2).collect();
             let words = if named.is_empty() || draw.random_range(0..4) == 0 { &WORDS[..] } else { &named };
             json!(words[draw.random_range(0..words.len())])
         }
-        // Anything: what the document leaves to other documents, scenes above all.
+        // Any value: formats that the document does not define, above all scenes.
         _ => [json!(null), json!({}), json!(1), scene()][draw.random_range(0..4)].clone(),
     }
 }
 
-/// Deepest objects and arrays that are drawn.
-const DEEPEST: u32 = 5;
+/// Maximum depth of sampled objects and arrays.
+const MAX_DEPTH: u32 = 5;
 
 fn object(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> Value {
     let required: Vec<&str> =
         schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
     let mut fields = Map::new();
     for (name, field) in schema["properties"].as_object().into_iter().flatten() {
-        let wanted = required.contains(&name.as_str());
-        if wanted || (depth <= DEEPEST && draw.random_range(0..3) == 0) {
-            // Fields of these names have formats that are documents of their own.
+        let is_required = required.contains(&name.as_str());
+        if is_required || (depth <= MAX_DEPTH && draw.random_range(0..3) == 0) {
+            // Fields of these names have formats of their own.
             let value = match name.as_str() {
                 "scene" => scene(),
                 "snapshot" => snapshot(),
@@ -236,7 +243,7 @@ fn number(schema: &Value, draw: &mut Stream) -> f64 {
     }
 }
 
-/// Names that mean something, and some that do not.
+/// Meaningful and meaningless names.
 const WORDS: [&str; 24] = [
     "bowling",
     "bowling:002",
@@ -284,18 +291,18 @@ fn scene() -> Value {
 }
 
 fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
-    let Some(end) = seed.iter().position(|b| *b == b'\n').filter(|end| *end >= HEAD) else {
+    let Some(end) = seed.iter().position(|b| *b == b'\n').filter(|end| *end >= HEADER_BYTES) else {
         return bytes::mutate(seed, seeds, &QUERY_WORDS, draw);
     };
     let mut body = seed.split_off(end + 1);
     match draw.random_range(0..8) {
         0 => {
-            let at = draw.random_range(0..HEAD);
-            // The operation of its body stays, mostly.
+            let at = draw.random_range(0..HEADER_BYTES);
+            // Mostly keeps the operation that fits the body.
             seed[at.max(usize::from(draw.random_range(0..4) > 0))] = draw.random();
         }
         1 => {
-            let mut query = seed.split_off(HEAD);
+            let mut query = seed.split_off(HEADER_BYTES);
             query.pop();
             bytes::mutate(&mut query, seeds, &QUERY_WORDS, draw);
             query.retain(|b| *b != b'\n');

@@ -1,15 +1,15 @@
-//! Files of measured trials: this project's own, and those of tracking programs.
+//! Files of measured trials: the project's own format, and those of tracking programs.
 
-use iplw::budget::Endless;
-use iplw::reality::{File, Of, Reading, gather, trials_from_csv, trials_to_csv};
+use iplw::budget::Unlimited;
+use iplw::reality::{Subject, TrackFile, TrackParseOptions, load_tracks, trials_from_csv, trials_to_csv};
 use iplw::rng::Stream;
 use iplw::task::Scene;
-use iplw::task::ball::Ball;
+use iplw::task::ball::BallScene;
 use rand::RngExt;
 
-use super::{Fate, MIB, Target, bytes, fate, text};
+use super::{FuzzOutcome, MIB, Target, bytes, fate, text};
 
-/// This project's own format.
+/// The project's own format.
 pub const OWN: Target = Target {
     name: "trials",
     short: 5_000,
@@ -20,7 +20,7 @@ pub const OWN: Target = Target {
     check: |bytes| text(bytes, own),
 };
 
-/// Tracks as programs write them, of one ball.
+/// Tracks of one ball, as tracking programs write them.
 pub const TRACKS: Target = Target {
     name: "tracks",
     short: 5_000,
@@ -77,7 +77,7 @@ fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
     if draw.random_range(0..4) > 0 || seed.is_empty() {
         return bytes::mutate(seed, seeds, &WORDS, draw);
     }
-    // Lines doubled, dropped or put elsewhere.
+    // Duplicates, drops or moves lines.
     let text = String::from_utf8_lossy(seed).into_owned();
     let mut lines: Vec<&str> = text.split_inclusive('\n').collect();
     for _ in 0..draw.random_range(1..4) {
@@ -107,10 +107,10 @@ thread_local! {
     static SCENE: Scene = scene();
 }
 
-const BALL: Ball = Ball { radius: 0.02, mass: Some(0.0027), gravity: 9.81, floor: Some(0.0) };
+const BALL: BallScene = BallScene { radius: 0.02, mass: Some(0.0027), gravity: 9.81, floor: Some(0.0) };
 
-/// What is read is finite or missing, and written it is read again the same.
-fn own(text: &str) -> Fate {
+/// Parsed values are finite or missing, and survive a round trip.
+fn own(text: &str) -> FuzzOutcome {
     SCENE.with(|scene| {
         let read = trials_from_csv(text, scene);
         if let Ok(trials) = &read {
@@ -129,7 +129,7 @@ fn own(text: &str) -> Fate {
     })
 }
 
-fn tracks(text: &str) -> Fate {
-    let file = File { name: "tracks.csv".into(), text: text.into() };
-    fate(gather(&[file], Of::Ball(&BALL), &Reading::default(), &Endless))
+fn tracks(text: &str) -> FuzzOutcome {
+    let file = TrackFile { name: "tracks.csv".into(), text: text.into() };
+    fate(load_tracks(&[file], Subject::Ball(&BALL), &TrackParseOptions::default(), &Unlimited))
 }

@@ -1,4 +1,4 @@
-//! Files of weights: safetensors with a card.
+//! Weights: safetensors with a model card.
 
 use std::sync::LazyLock;
 
@@ -7,7 +7,7 @@ use iplw::rng::Stream;
 use iplw::task::{Learning, families};
 use rand::RngExt;
 
-use super::{Fate, MIB, Target, bytes, fate};
+use super::{FuzzOutcome, MIB, Target, bytes, fate};
 
 pub const TARGET: Target = Target {
     name: "weights",
@@ -19,7 +19,7 @@ pub const TARGET: Target = Target {
     check,
 };
 
-/// A small network that has learned nothing, with a card that says otherwise.
+/// A small untrained network with a card that claims training.
 static SEED: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let task = families()[0].tasks().swap_remove(0);
     let dqn = Dqn::untrained(&task, 2, 1).expect("a small network");
@@ -34,7 +34,7 @@ static SEED: LazyLock<Vec<u8>> = LazyLock::new(|| {
     })
 });
 
-/// The same numbers under another header.
+/// The same tensors under another header.
 fn with_header(bytes: &[u8], change: impl FnOnce(Vec<u8>) -> Vec<u8>) -> Vec<u8> {
     let length = bytes.first_chunk().map_or(0, |n| u64::from_le_bytes(*n) as usize);
     let from = length.saturating_add(8).min(bytes.len());
@@ -43,7 +43,7 @@ fn with_header(bytes: &[u8], change: impl FnOnce(Vec<u8>) -> Vec<u8>) -> Vec<u8>
 }
 
 fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
-    // The header is where the work is; numbers follow it.
+    // The header has the complexity; the numbers follow it.
     if draw.random_range(0..8) == 0 {
         return bytes::mutate(seed, seeds, &WORDS, draw);
     }
@@ -74,8 +74,8 @@ const WORDS: [&[u8]; 18] = [
     b"\"shape\":[18446744073709551615,2]",
 ];
 
-/// What is read can be written, and read again.
-fn check(bytes: &[u8]) -> Fate {
+/// Accepted weights survive a round trip.
+fn check(bytes: &[u8]) -> FuzzOutcome {
     let read = Dqn::from_safetensors(bytes);
     if let Ok(dqn) = &read {
         let written = dqn.to_safetensors().expect("it has weights");

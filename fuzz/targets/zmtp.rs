@@ -1,9 +1,9 @@
-//! A ZeroMQ client's bytes, from its greeting on.
+//! Bytes of a ZeroMQ client, from its greeting on.
 //!
-//! The first byte says how many of the others come at a time.
+//! The first byte is the number of bytes read at a time.
 
 use iplw::rng::Stream;
-use iplw::serve::fuzz::{Fate, connection};
+use iplw::serve::fuzz::{FuzzOutcome, zmq_connection};
 use rand::RngExt;
 
 use super::{MIB, Target, bytes};
@@ -11,17 +11,19 @@ use super::{MIB, Target, bytes};
 pub const TARGET: Target =
     Target { name: "zmtp", short: 20_000, long: 100_000_000, work: 16 * MIB, seeds, mutate, check };
 
-fn check(bytes: &[u8]) -> Fate {
-    bytes.split_first().map_or(Fate::Refused, |(at_a_time, bytes)| connection(bytes, usize::from(*at_a_time)))
+fn check(bytes: &[u8]) -> FuzzOutcome {
+    bytes
+        .split_first()
+        .map_or(FuzzOutcome::Rejected, |(at_a_time, bytes)| zmq_connection(bytes, usize::from(*at_a_time)))
 }
 
-/// Bytes of a seed before its messages: how many come at a time, and the greeting.
-const GREETED: usize = 65;
+/// Bytes of a seed before its messages: the read size and the greeting.
+const GREETING_BYTES: usize = 65;
 
 fn mutate(seed: &mut Vec<u8>, seeds: &[Vec<u8>], draw: &mut Stream) {
-    if draw.random_range(0..4) > 0 && seed.len() > GREETED {
-        // What is after the greeting is where the work is.
-        let mut rest = seed.split_off(GREETED);
+    if draw.random_range(0..4) > 0 && seed.len() > GREETING_BYTES {
+        // The part after the greeting has the complexity.
+        let mut rest = seed.split_off(GREETING_BYTES);
         bytes::mutate(&mut rest, seeds, &WORDS, draw);
         seed.extend(rest);
     } else {

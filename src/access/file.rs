@@ -1,20 +1,19 @@
-//! Tokens as a file: JSON, `iplw.tokens/1`, a row for each. The same rows may come from elsewhere (an environment
-//! variable). Of a token its SHA-256 is written, never the token. What this program writes has a checksum over the rows; a file
-//! that somebody wrote by hand needs none.
+//! Token files: JSON, `iplw.tokens/1`, a row for each token. An environment variable may hold the same rows. A row has the token's
+//! SHA-256, never the token. Files written by this program have a checksum over the rows; files written by hand need none.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::expiry::{format_time, parse_time};
 use super::scope::Scope;
-use super::token::{Digest, Kept};
-use super::when::{moment, written};
+use super::token::{Digest, HashedToken};
 use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{make_private_directory, private_file, sha256, write_private};
 
-/// A file of tokens.
+/// A token file.
 pub struct TokenFile {
     path: PathBuf,
 }
@@ -23,19 +22,20 @@ const FORMAT: &str = "iplw.tokens/1";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct TokenFileDocument {
     format: String,
-    tokens: Vec<Row>,
-    /// [`seal`] of the rows.
+    tokens: Vec<TokenRow>,
+    /// Checksum of the rows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seal: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Row {
+struct TokenRow {
     name: String,
-    may: Scope,
+    #[serde(alias = "may")]
+    scope: Scope,
     sha256: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     made: Option<String>,
@@ -43,78 +43,80 @@ struct Row {
     expires: Option<String>,
 }
 
-/// Tokens from the rows of such a file as JSON, `[{"name": .., "may": .., "sha256": ..}]`; errors name `place`.
-pub fn rows(text: &str, place: &str) -> Result<Vec<Kept>> {
-    let rows: Vec<Row> = json::parse(text).map_err(|e| e.at(place))?;
-    kept(rows, "").map_err(|e| e.at(place))
+/// Parses token rows from JSON, `[{"name": .., "scope": .., "sha256": ..}]`; errors name `place`.
+pub fn parse_token_rows(text: &str, place: &str) -> Result<Vec<HashedToken>> {
+    let rows: Vec<TokenRow> = json::parse(text).map_err(|e| e.in_file(place))?;
+    hashed_tokens(rows, "").map_err(|e| e.in_file(place))
 }
 
-/// Tokens from the text of such a file, which stands in a place.
-pub fn whole(text: &str, place: &str) -> Result<Vec<Kept>> {
-    let document: Document = json::parse(text).map_err(|e| e.at(place))?;
+/// Parses a token file; errors name `place`.
+pub fn parse_token_file(text: &str, place: &str) -> Result<Vec<HashedToken>> {
+    let document: TokenFileDocument = json::parse(text).map_err(|e| e.in_file(place))?;
     if document.format != FORMAT {
-        let given = format!("{:?}", document.format);
-        return Err(Error::input("format", given, format!("{FORMAT:?}")).at(place));
+        let value = format!("{:?}", document.format);
+        return Err(Error::input("format", value, format!("{FORMAT:?}")).in_file(place));
     }
-    if document.seal.is_some_and(|told| told != seal(&document.tokens)) {
-        let how = "its checksum is another; whoever changed it by hand takes out the line `seal`";
+    if document.seal.is_some_and(|checksum| {
+        checksum != seal(&document.tokens) && checksum != previous_seal(&document.tokens)
+    }) {
+        let how = "its checksum does not match; if you edited the file, remove the line `seal`";
         return Err(Error::Damaged { what: place.into(), how: how.into() });
     }
-    kept(document.tokens, "tokens").map_err(|e| e.at(place))
+    hashed_tokens(document.tokens, "tokens").map_err(|e| e.in_file(place))
 }
 
 impl TokenFile {
-    /// The file at a path, which need not be there.
+    /// The file at a path, which need not exist.
     pub fn at(path: &Path) -> TokenFile {
         TokenFile { path: path.to_path_buf() }
     }
 
-    /// The one of a data directory.
+    /// The token file of a data directory.
     pub fn of_directory(directory: &Path) -> TokenFile {
         TokenFile { path: directory.join("tokens.json") }
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What it holds; `None` if there is no such file.
-    pub fn read(&self) -> Result<Option<Vec<Kept>>> {
+    /// Its tokens; `None` if the file does not exist.
+    pub fn read(&self) -> Result<Option<Vec<HashedToken>>> {
         let text = match std::fs::read_to_string(&self.path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io(&self.path, e)),
         };
-        whole(&text, &self.path.display().to_string()).map(Some)
+        parse_token_file(&text, &self.path.display().to_string()).map(Some)
     }
 
-    /// Changes what it holds, all of it or nothing; those who change it at the same time take turns.
-    pub fn change<T>(&self, how: impl FnOnce(&mut Vec<Kept>) -> Result<T>) -> Result<T> {
+    /// Changes the tokens atomically; concurrent changes are serialised by a lock file.
+    pub fn change<T>(&self, how: impl FnOnce(&mut Vec<HashedToken>) -> Result<T>) -> Result<T> {
         let _turn = self.locked()?;
         let mut tokens = self.read()?.unwrap_or_default();
         let done = how(&mut tokens)?;
-        let tokens: Vec<Row> = tokens.iter().map(Row::of).collect();
-        let document = Document { format: FORMAT.into(), seal: Some(seal(&tokens)), tokens };
+        let tokens: Vec<TokenRow> = tokens.iter().map(TokenRow::of).collect();
+        let document = TokenFileDocument { format: FORMAT.into(), seal: Some(seal(&tokens)), tokens };
         let text = serde_json::to_string_pretty(&document)
             .map_err(|e| Error::Failed(format!("tokens cannot be written as JSON: {e}")))?;
         write_private(&self.path, (text + "\n").as_bytes())?;
         Ok(done)
     }
 
-    /// Adds a token; errors if its name has one.
-    pub fn add(&self, kept: &Kept) -> Result<()> {
+    /// Adds a token; errors if its name exists.
+    pub fn add(&self, token: &HashedToken) -> Result<()> {
         self.change(|all| {
-            if all.iter().any(|k| k.name == kept.name) {
+            if all.iter().any(|k| k.name == token.name) {
                 let allowed = "a name without a token: revoke that one first";
-                return Err(Error::input("name", format!("{:?}", kept.name), allowed));
+                return Err(Error::input("name", format!("{:?}", token.name), allowed));
             }
-            all.push(kept.clone());
+            all.push(token.clone());
             Ok(())
         })
     }
 
-    /// Takes a token back; errors if there is none of the name.
+    /// Revokes a token; errors if there is none of that name.
     pub fn revoke(&self, name: &str) -> Result<()> {
         self.change(|all| {
             let known: Vec<String> = all.iter().map(|k| k.name.clone()).collect();
@@ -138,41 +140,46 @@ impl TokenFile {
     }
 }
 
-impl Row {
-    fn of(kept: &Kept) -> Row {
-        Row {
-            name: kept.name.clone(),
-            may: kept.scope,
-            sha256: kept.digest.hex(),
-            made: Some(written(kept.made)),
-            expires: kept.expires.map(written),
+impl TokenRow {
+    fn of(token: &HashedToken) -> TokenRow {
+        TokenRow {
+            name: token.name.clone(),
+            scope: token.scope,
+            sha256: token.digest.hex(),
+            made: Some(format_time(token.made)),
+            expires: token.expires.map(format_time),
         }
     }
 }
 
-/// SHA-256 of rows, as JSON.
-fn seal(rows: &[Row]) -> String {
+/// SHA-256 of the rows as JSON.
+fn seal(rows: &[TokenRow]) -> String {
     sha256(&serde_json::to_vec(rows).unwrap_or_default())
 }
 
-/// Errors name the row, of what is called `list`.
-fn kept(rows: Vec<Row>, list: &str) -> Result<Vec<Kept>> {
-    let mut all: Vec<Kept> = Vec::with_capacity(rows.len());
+/// Checksum in files written when the scope was called `may`.
+fn previous_seal(rows: &[TokenRow]) -> String {
+    sha256(serde_json::to_string(rows).unwrap_or_default().replace("\"scope\":", "\"may\":").as_bytes())
+}
+
+/// Validates rows; errors name the row in `list`.
+fn hashed_tokens(rows: Vec<TokenRow>, list: &str) -> Result<Vec<HashedToken>> {
+    let mut all: Vec<HashedToken> = Vec::with_capacity(rows.len());
     for (i, row) in rows.into_iter().enumerate() {
-        let one = || -> Result<Kept> {
-            Kept::check_name("name", &row.name)?;
+        let one = || -> Result<HashedToken> {
+            HashedToken::check_name("name", &row.name)?;
             if all.iter().any(|k| k.name == row.name) {
                 return Err(Error::input("name", format!("{:?}", row.name), "each name once"));
             }
-            Ok(Kept {
-                scope: row.may,
+            Ok(HashedToken {
+                scope: row.scope,
                 digest: Digest::from_hex("sha256", &row.sha256)?,
-                made: row.made.as_deref().map_or(Ok(0), |t| moment("made", t))?,
-                expires: row.expires.as_deref().map(|t| moment("expires", t)).transpose()?,
+                made: row.made.as_deref().map_or(Ok(0), |t| parse_time("made", t))?,
+                expires: row.expires.as_deref().map(|t| parse_time("expires", t)).transpose()?,
                 name: row.name,
             })
         };
-        all.push(one().map_err(|e| e.under(&format!("{list}[{i}]")))?);
+        all.push(one().map_err(|e| e.in_field(&format!("{list}[{i}]")))?);
     }
     Ok(all)
 }
@@ -180,29 +187,29 @@ fn kept(rows: Vec<Row>, list: &str) -> Result<Vec<Kept>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::{digest, fresh};
+    use crate::access::{digest, generate};
 
-    fn token(name: &str, expires: Option<u64>) -> (String, Kept) {
-        let token = fresh().unwrap();
+    fn token(name: &str, expires: Option<u64>) -> (String, HashedToken) {
+        let token = generate().unwrap();
         let digest = digest(token.as_bytes());
-        (token, Kept { name: name.into(), scope: Scope::Act, digest, made: 5, expires })
+        (token, HashedToken { name: name.into(), scope: Scope::Act, digest, made: 5, expires })
     }
 
     #[test]
-    fn tokens_are_kept_as_hashes_in_a_file_of_ones_own() {
+    fn token_file_is_private_and_holds_hashes() {
         let place = tempfile::tempdir().unwrap();
         let file = TokenFile::of_directory(&place.path().join("data"));
         assert!(file.read().unwrap().is_none());
-        let (secret, kept) = token("ann", Some(99));
+        let (secret, token) = token("ann", Some(99));
         file.change(|all| {
-            all.push(kept.clone());
+            all.push(token.clone());
             Ok(())
         })
         .unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
-        assert!(!text.contains(&secret) && text.contains(&kept.digest.hex()), "{text}");
+        assert!(!text.contains(&secret) && text.contains(&token.digest.hex()), "{text}");
         let again = &file.read().unwrap().unwrap()[0];
-        assert!(again.digest.is(&digest(secret.as_bytes())));
+        assert!(again.digest.constant_time_eq(&digest(secret.as_bytes())));
         assert_eq!((again.made, again.expires, again.scope), (5, Some(99), Scope::Act));
         #[cfg(unix)]
         {
@@ -212,9 +219,22 @@ mod tests {
         }
     }
 
-    /// Every bit and every length of a file: it cannot be read, or it says what was written.
     #[test]
-    fn a_damaged_file_lets_nobody_in_who_was_not_in_it() {
+    fn opens_file_with_the_previous_name_of_scope() {
+        let place = tempfile::tempdir().unwrap();
+        let file = TokenFile::of_directory(place.path());
+        file.add(&token("ann", Some(99)).1).unwrap();
+        let text = std::fs::read_to_string(file.path()).unwrap();
+        let rows: TokenFileDocument = json::parse(&text).unwrap();
+        let previous =
+            text.replace("\"scope\"", "\"may\"").replace(&seal(&rows.tokens), &previous_seal(&rows.tokens));
+        assert!(previous.contains("\"may\": \"act\""), "{previous}");
+        assert_eq!(parse_token_file(&previous, "tokens").unwrap()[0].scope, Scope::Act);
+    }
+
+    /// For every flipped bit and every truncation: the file cannot be read, or has the original tokens.
+    #[test]
+    fn damaged_token_file_adds_no_token() {
         let place = tempfile::tempdir().unwrap();
         let file = TokenFile::of_directory(place.path());
         for (name, expires) in [("ann", Some(1_900_000_000)), ("bob", None)] {
@@ -225,32 +245,32 @@ mod tests {
             .unwrap();
         }
         let whole = std::fs::read(file.path()).unwrap();
-        let told = |rows: Vec<Kept>| -> Vec<String> {
+        let summary = |rows: Vec<HashedToken>| -> Vec<String> {
             rows.iter()
                 .map(|k| {
                     format!("{} {} {} {:?} {}", k.name, k.scope.name(), k.made, k.expires, k.digest.hex())
                 })
                 .collect()
         };
-        let wanted = told(file.read().unwrap().unwrap());
+        let expected = summary(file.read().unwrap().unwrap());
         let mut refused = 0;
-        let mut met = |bytes: &[u8], what: &str| {
+        let mut check_bytes = |bytes: &[u8], what: &str| {
             std::fs::write(file.path(), bytes).unwrap();
             match file.read() {
                 Err(_) => refused += 1,
-                Ok(rows) => assert_eq!(told(rows.unwrap()), wanted, "{what}"),
+                Ok(rows) => assert_eq!(summary(rows.unwrap()), expected, "{what}"),
             }
         };
         for length in 0..whole.len() {
-            met(&whole[..length], &format!("{length} bytes"));
+            check_bytes(&whole[..length], &format!("{length} bytes"));
         }
         for at in 0..8 * whole.len() {
             let mut bytes = whole.clone();
             bytes[at / 8] ^= 1 << (at % 8);
-            met(&bytes, &format!("bit {at}"));
+            check_bytes(&bytes, &format!("bit {at}"));
         }
         assert!(refused > 8 * whole.len(), "{refused} of {}", 9 * whole.len());
-        // What somebody writes by hand has no checksum.
+        // A file written by hand has no checksum.
         let text = String::from_utf8(whole).unwrap();
         let by_hand =
             text.lines().filter(|l| !l.contains("seal")).collect::<Vec<_>>().join("\n").replace("],", "]");
@@ -259,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn those_who_change_it_at_once_lose_nothing() {
+    fn concurrent_changes_are_not_lost() {
         let place = tempfile::tempdir().unwrap();
         std::thread::scope(|scope| {
             for i in 0..8 {
@@ -278,18 +298,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
-        let row = |fields: &str| rows(&format!("[{{{fields}}}]"), "IPLW_TOKENS").unwrap_err().to_string();
+    fn errors_name_the_row() {
+        let row = |fields: &str| {
+            parse_token_rows(&format!("[{{{fields}}}]"), "IPLW_TOKENS").unwrap_err().to_string()
+        };
         let hash = digest(b"x").hex();
         assert!(row("\"name\": \"a\"").contains("IPLW_TOKENS"));
         assert!(
-            row(&format!("\"name\": \"a b\", \"may\": \"act\", \"sha256\": \"{hash}\"")).contains("[0].name")
+            row(&format!("\"name\": \"a b\", \"scope\": \"act\", \"sha256\": \"{hash}\""))
+                .contains("[0].name")
         );
-        assert!(row("\"name\": \"a\", \"may\": \"act\", \"sha256\": \"1\"").contains("[0].sha256"));
-        assert!(row(&format!("\"name\": \"a\", \"may\": \"god\", \"sha256\": \"{hash}\"")).contains("may"));
-        let one = format!("{{\"name\": \"a\", \"may\": \"act\", \"sha256\": \"{hash}\"}}");
-        assert_eq!(rows(&format!("[{one}]"), "IPLW_TOKENS").unwrap().len(), 1);
-        let twice = rows(&format!("[{one}, {one}]"), "IPLW_TOKENS").unwrap_err().to_string();
+        assert!(row("\"name\": \"a\", \"scope\": \"act\", \"sha256\": \"1\"").contains("[0].sha256"));
+        assert!(
+            row(&format!("\"name\": \"a\", \"scope\": \"god\", \"sha256\": \"{hash}\"")).contains("scope")
+        );
+        let one = format!("{{\"name\": \"a\", \"scope\": \"act\", \"sha256\": \"{hash}\"}}");
+        assert_eq!(parse_token_rows(&format!("[{one}]"), "IPLW_TOKENS").unwrap().len(), 1);
+        let twice = parse_token_rows(&format!("[{one}, {one}]"), "IPLW_TOKENS").unwrap_err().to_string();
         assert!(twice.contains("[1].name"), "{twice}");
     }
 }

@@ -1,144 +1,147 @@
-//! The tokens of a running server: who bears one. A file that is changed meanwhile counts from the next look on.
+//! The tokens of a running server. Changes of the token file take effect at the next refresh.
 
 use std::fs::Metadata;
 use std::sync::{PoisonError, RwLock};
 use std::time::SystemTime;
 
 use super::file::TokenFile;
-use super::scope::Who;
-use super::token::{Digest, Kept};
+use super::scope::Principal;
+use super::token::{Digest, HashedToken};
 use crate::error::{Error, Result};
 
-/// Every token that is good for a server, or the word that none is asked for.
+/// The valid tokens of a server, or none if it needs no authentication.
 pub struct Keyring {
-    /// Looked at from time to time.
+    /// Re-read when it changes.
     file: Option<TokenFile>,
-    /// Those that do not come from a file.
-    fixed: Option<Vec<Kept>>,
-    known: RwLock<Known>,
+    /// Tokens that do not come from the file.
+    fixed: Option<Vec<HashedToken>>,
+    loaded: RwLock<LoadedTokens>,
 }
 
-struct Known {
-    /// `None`: nobody is asked who they are.
-    tokens: Option<Vec<Kept>>,
-    /// Of the file, as it was read.
-    stamp: Option<Stamp>,
+struct LoadedTokens {
+    /// `None`: no authentication.
+    tokens: Option<Vec<HashedToken>>,
+    /// State of the file when it was read.
+    stamp: Option<FileStamp>,
 }
 
-/// Tells a file from what it was.
-type Stamp = (Option<SystemTime>, u64);
+/// Modification time and size: detects changes of the file.
+type FileStamp = (Option<SystemTime>, u64);
 
-/// Why nobody is known by what was presented.
+/// Why authentication failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unknown {
-    /// There was no token.
+pub enum AuthError {
+    /// No token was presented.
     Missing,
-    /// No such token is good, or no longer.
+    /// The token is unknown or was revoked.
     Wrong,
-    /// It has ended.
+    /// The token has expired.
     Expired,
 }
 
 impl Keyring {
-    /// Tokens of a file (there or to come) and others. Where there are neither, nobody is asked for one.
-    pub fn new(file: Option<TokenFile>, fixed: Option<Vec<Kept>>) -> Result<Keyring> {
-        let known = RwLock::new(Known { tokens: None, stamp: None });
-        let keyring = Keyring { file, fixed, known };
+    /// Tokens of a file (existing or future) and fixed ones. Without either there is no authentication.
+    pub fn new(file: Option<TokenFile>, fixed: Option<Vec<HashedToken>>) -> Result<Keyring> {
+        let loaded = RwLock::new(LoadedTokens { tokens: None, stamp: None });
+        let keyring = Keyring { file, fixed, loaded };
         keyring.read()?;
         Ok(keyring)
     }
 
-    /// Whether tokens are asked for.
-    pub fn asks(&self) -> bool {
-        self.known.read().unwrap_or_else(PoisonError::into_inner).tokens.is_some()
+    /// Whether a token is required.
+    pub fn requires_token(&self) -> bool {
+        self.loaded.read().unwrap_or_else(PoisonError::into_inner).tokens.is_some()
     }
 
-    /// Who bears the token with this digest, at a moment, s since 1970. Every token is compared, whichever it is.
-    pub fn who(&self, presented: Option<&Digest>, now: u64) -> std::result::Result<Who, Unknown> {
-        let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
-        let Some(tokens) = &known.tokens else { return Ok(Who::anybody()) };
-        let presented = presented.ok_or(Unknown::Missing)?;
-        let found = tokens
-            .iter()
-            .fold(None, |found, kept| if kept.digest.is(presented) { Some(kept) } else { found });
+    /// The bearer of the token with this digest, at a moment, s since 1970. Every token is compared, so that the time does not depend on it.
+    pub fn authenticate(
+        &self,
+        presented: Option<&Digest>,
+        now: u64,
+    ) -> std::result::Result<Principal, AuthError> {
+        let loaded = self.loaded.read().unwrap_or_else(PoisonError::into_inner);
+        let Some(tokens) = &loaded.tokens else { return Ok(Principal::anonymous()) };
+        let presented = presented.ok_or(AuthError::Missing)?;
+        let found = tokens.iter().fold(None, |found, token| {
+            if token.digest.constant_time_eq(presented) { Some(token) } else { found }
+        });
         match found {
-            None => Err(Unknown::Wrong),
-            Some(kept) if kept.ended(now) => Err(Unknown::Expired),
-            Some(kept) => Ok(Who { name: Some(kept.name.clone()), scope: kept.scope }),
+            None => Err(AuthError::Wrong),
+            Some(token) if token.is_expired(now) => Err(AuthError::Expired),
+            Some(token) => Ok(Principal { name: Some(token.name.clone()), scope: token.scope }),
         }
     }
 
-    /// Reads the file again if it has changed. One that cannot be read changes nothing; one that is gone leaves nobody in.
+    /// Reloads the file if it has changed. On an error the previous tokens stay valid; if the file is gone, none are.
     pub fn refresh(&self) -> Result<()> {
         let Some(file) = &self.file else { return Ok(()) };
         let stamp = std::fs::metadata(file.path()).ok().map(|m| stamp(&m));
-        let before = self.known.read().unwrap_or_else(PoisonError::into_inner).stamp;
+        let before = self.loaded.read().unwrap_or_else(PoisonError::into_inner).stamp;
         if stamp == before { Ok(()) } else { self.read() }
     }
 
-    /// Every token, and whether it cannot be revoked; none where nobody is asked for one.
-    pub fn all(&self) -> Vec<(Kept, bool)> {
-        let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
-        let all = known.tokens.iter().flatten();
-        all.map(|kept| (kept.clone(), self.is_fixed(&kept.name))).collect()
+    /// All tokens, and whether each is fixed (cannot be revoked); none without authentication.
+    pub fn all(&self) -> Vec<(HashedToken, bool)> {
+        let loaded = self.loaded.read().unwrap_or_else(PoisonError::into_inner);
+        let all = loaded.tokens.iter().flatten();
+        all.map(|token| (token.clone(), self.is_fixed(&token.name))).collect()
     }
 
-    /// Adds a token to the file: it is good from now on.
-    pub fn add(&self, kept: &Kept) -> Result<()> {
+    /// Adds a token to the file; it is valid at once.
+    pub fn add(&self, token: &HashedToken) -> Result<()> {
         let refuse = |reason: &str| Err(Error::Refused { reason: reason.into() });
-        if !self.asks() {
+        if !self.requires_token() {
             return refuse(
-                "the server asks nobody for a token, so that whoever made the first would shut out the others:                  make it beside the server, by `iplw token new NAME --may admin --data-dir DIR`",
+                "the server needs no token, and creating the first one would lock out the other clients;                  create it with `iplw token new NAME --scope admin --data-dir DIR`",
             );
         }
         let Some(file) = &self.file else {
-            return refuse(
-                "the server has no file to keep tokens in: start it with --data-dir DIR or --token-file FILE",
-            );
+            return refuse("the server has no token file: start it with --data-dir DIR or --token-file FILE");
         };
-        if self.is_fixed(&kept.name) {
-            let allowed = "a name without a token: this one has one that the server was started with";
-            return Err(Error::input("name", format!("{:?}", kept.name), allowed));
+        if self.is_fixed(&token.name) {
+            let allowed = "an unused name: a token of this name was given when the server was started";
+            return Err(Error::input("name", format!("{:?}", token.name), allowed));
         }
-        file.add(kept)?;
+        file.add(token)?;
         self.read()
     }
 
-    /// Takes a token out of the file: it is good no longer.
+    /// Removes a token from the file; it is invalid at once.
     pub fn revoke(&self, name: &str) -> Result<()> {
         if self.is_fixed(name) {
-            let reason =
-                format!("the token {name} was given to the server when it was started; start it without");
+            let reason = format!(
+                "the token {name} was given when the server was started; restart the server without it"
+            );
             return Err(Error::Refused { reason });
         }
         match &self.file {
-            Some(file) if self.asks() => file.revoke(name)?,
+            Some(file) if self.requires_token() => file.revoke(name)?,
             _ => return Err(Error::NotFound { kind: "token", id: name.into(), known: Vec::new() }),
         }
         self.read()
     }
 
     fn is_fixed(&self, name: &str) -> bool {
-        self.fixed.iter().flatten().any(|kept| kept.name == name)
+        self.fixed.iter().flatten().any(|token| token.name == name)
     }
 
     fn read(&self) -> Result<()> {
         let stamp = self.file.as_ref().and_then(|f| std::fs::metadata(f.path()).ok()).map(|m| stamp(&m));
         let read = self.file.as_ref().map(TokenFile::read).transpose()?.flatten();
-        let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
+        let mut loaded = self.loaded.write().unwrap_or_else(PoisonError::into_inner);
         let tokens = match (read, &self.fixed) {
-            // Who once was asked for a token is asked for one until the server ends.
-            (None, None) => known.tokens.is_some().then(Vec::new),
+            // Once authentication is required, it stays required until the server ends.
+            (None, None) => loaded.tokens.is_some().then(Vec::new),
             (read, fixed) => {
                 Some(read.into_iter().flatten().chain(fixed.iter().flatten().cloned()).collect())
             }
         };
-        *known = Known { tokens, stamp };
+        *loaded = LoadedTokens { tokens, stamp };
         Ok(())
     }
 }
 
-fn stamp(of: &Metadata) -> Stamp {
+fn stamp(of: &Metadata) -> FileStamp {
     (of.modified().ok(), of.len())
 }
 
@@ -147,36 +150,36 @@ mod tests {
     use super::*;
     use crate::access::{Scope, digest};
 
-    fn kept(name: &str, token: &str, scope: Scope, expires: Option<u64>) -> Kept {
-        Kept { name: name.into(), scope, digest: digest(token.as_bytes()), made: 0, expires }
+    fn token(name: &str, token: &str, scope: Scope, expires: Option<u64>) -> HashedToken {
+        HashedToken { name: name.into(), scope, digest: digest(token.as_bytes()), made: 0, expires }
     }
 
     #[test]
-    fn a_bearer_is_known_until_the_token_ends() {
-        let tokens = vec![kept("ann", "one", Scope::Act, Some(100)), kept("bob", "two", Scope::Read, None)];
+    fn authenticates_until_expiry() {
+        let tokens = vec![token("ann", "one", Scope::Act, Some(100)), token("bob", "two", Scope::Read, None)];
         let ring = Keyring::new(None, Some(tokens)).unwrap();
-        let who = |token: &str, now| ring.who(Some(&digest(token.as_bytes())), now);
-        assert_eq!(who("one", 99).unwrap(), Who { name: Some("ann".into()), scope: Scope::Act });
-        assert_eq!(who("one", 100), Err(Unknown::Expired));
+        let who = |token: &str, now| ring.authenticate(Some(&digest(token.as_bytes())), now);
+        assert_eq!(who("one", 99).unwrap(), Principal { name: Some("ann".into()), scope: Scope::Act });
+        assert_eq!(who("one", 100), Err(AuthError::Expired));
         assert_eq!(who("two", 1 << 40).unwrap().scope, Scope::Read);
-        assert_eq!(who("three", 0), Err(Unknown::Wrong));
-        assert_eq!(ring.who(None, 0), Err(Unknown::Missing));
+        assert_eq!(who("three", 0), Err(AuthError::Wrong));
+        assert_eq!(ring.authenticate(None, 0), Err(AuthError::Missing));
     }
 
     #[test]
-    fn tokens_come_and_go_in_the_file_and_those_given_stay() {
+    fn adds_and_revokes_file_tokens_only() {
         let place = tempfile::tempdir().unwrap();
         let file = || Some(TokenFile::of_directory(place.path()));
         let open = Keyring::new(file(), None).unwrap();
-        let ann = kept("ann", "one", Scope::Act, None);
+        let ann = token("ann", "one", Scope::Act, None);
         assert!(matches!(open.add(&ann), Err(Error::Refused { .. })), "nobody is shut out");
         assert!(matches!(open.revoke("ann"), Err(Error::NotFound { .. })));
-        let root = kept("root", "zero", Scope::Admin, None);
+        let root = token("root", "zero", Scope::Admin, None);
         let without = Keyring::new(None, Some(vec![root.clone()])).unwrap();
         assert!(matches!(without.add(&ann), Err(Error::Refused { .. })));
         let ring = Keyring::new(file(), Some(vec![root.clone()])).unwrap();
         ring.add(&ann).unwrap();
-        assert!(ring.who(Some(&digest(b"one")), 0).is_ok());
+        assert!(ring.authenticate(Some(&digest(b"one")), 0).is_ok());
         for taken in [&ann, &root] {
             assert!(matches!(ring.add(taken), Err(Error::Input(_))));
         }
@@ -184,39 +187,39 @@ mod tests {
         assert_eq!(all, [("ann".to_string(), false), ("root".to_string(), true)]);
         assert!(matches!(ring.revoke("root"), Err(Error::Refused { .. })));
         ring.revoke("ann").unwrap();
-        assert_eq!(ring.who(Some(&digest(b"one")), 0), Err(Unknown::Wrong));
+        assert_eq!(ring.authenticate(Some(&digest(b"one")), 0), Err(AuthError::Wrong));
         assert!(matches!(ring.revoke("ann"), Err(Error::NotFound { .. })));
     }
 
     #[test]
-    fn a_file_counts_as_soon_as_it_is_there_and_when_it_is_gone_nobody_is_let_in() {
+    fn reloads_token_file_and_denies_after_removal() {
         let place = tempfile::tempdir().unwrap();
         let file = || TokenFile::of_directory(place.path());
         let ring = Keyring::new(Some(file()), None).unwrap();
-        assert!(!ring.asks() && ring.who(None, 0).unwrap() == Who::anybody());
+        assert!(!ring.requires_token() && ring.authenticate(None, 0).unwrap() == Principal::anonymous());
         file()
             .change(|all| {
-                all.push(kept("ann", "one", Scope::Admin, None));
+                all.push(token("ann", "one", Scope::Admin, None));
                 Ok(())
             })
             .unwrap();
         ring.refresh().unwrap();
-        assert_eq!(ring.who(None, 0), Err(Unknown::Missing));
-        assert!(ring.who(Some(&digest(b"one")), 0).is_ok());
+        assert_eq!(ring.authenticate(None, 0), Err(AuthError::Missing));
+        assert!(ring.authenticate(Some(&digest(b"one")), 0).is_ok());
         file()
             .change(|all| {
-                all.push(kept("bob", "two", Scope::Read, None));
+                all.push(token("bob", "two", Scope::Read, None));
                 Ok(())
             })
             .unwrap();
         ring.refresh().unwrap();
-        assert!(ring.who(Some(&digest(b"two")), 0).is_ok());
+        assert!(ring.authenticate(Some(&digest(b"two")), 0).is_ok());
         std::fs::write(file().path(), "no JSON").unwrap();
         assert!(ring.refresh().is_err());
-        assert!(ring.who(Some(&digest(b"two")), 0).is_ok(), "what cannot be read changes nothing");
+        assert!(ring.authenticate(Some(&digest(b"two")), 0).is_ok(), "what cannot be read changes nothing");
         std::fs::remove_file(file().path()).unwrap();
         ring.refresh().unwrap();
-        assert_eq!(ring.who(Some(&digest(b"one")), 0), Err(Unknown::Wrong));
-        assert!(ring.asks());
+        assert_eq!(ring.authenticate(Some(&digest(b"one")), 0), Err(AuthError::Wrong));
+        assert!(ring.requires_token());
     }
 }

@@ -1,21 +1,21 @@
-//! Who may do what: bearer tokens, kept as SHA-256, and what each of them allows.
+//! Authentication and authorisation: bearer tokens, stored as SHA-256, and their scopes.
 //!
-//! | file | what it is |
+//! | module | contents |
 //! |---|---|
-//! | `scope` | what a token allows, and whose things its bearer sees |
-//! | `token` | a token, what is kept of it, and how it is compared |
-//! | `file` | tokens as a file |
-//! | `keyring` | the tokens of a running server: who bears one |
-//! | `when` | moments, as people read them |
+//! | `scope` | scopes, and the principal of a request |
+//! | `token` | tokens, their digests and their comparison |
+//! | `file` | token files |
+//! | `keyring` | the tokens of a running server |
+//! | `expiry` | timestamps and durations as text |
 
+mod expiry;
 mod file;
 mod keyring;
 mod scope;
 mod token;
-mod when;
 
-pub use file::{TokenFile, rows, whole};
-pub use keyring::{Keyring, Unknown};
-pub use scope::{Scope, Who};
-pub use token::{Digest, Kept, digest, fresh};
-pub use when::{days, moment, now, written};
+pub use expiry::{format_time, now, parse_duration, parse_time};
+pub use file::{TokenFile, parse_token_file, parse_token_rows};
+pub use keyring::{AuthError, Keyring};
+pub use scope::{Principal, Scope};
+pub use token::{Digest, HashedToken, digest, generate};

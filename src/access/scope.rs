@@ -1,18 +1,18 @@
-//! What a token allows, and whose things its bearer sees.
+//! Scopes of tokens, and the principal of a request.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 
-/// What a token allows; each allows what those before it do.
+/// Scope of a token; each includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
-    /// To see, everybody's.
+    /// Read all resources.
     Read,
-    /// To make worlds, jobs and policies and to act in them: in one's own and in the worlds that are there from the start.
+    /// Create worlds, jobs and policies, and act in them: in one's own and in the default worlds.
     Act,
-    /// To do so with everybody's.
+    /// The same for resources of all owners.
     Admin,
 }
 
@@ -36,29 +36,29 @@ impl Scope {
     }
 }
 
-/// Who asks.
+/// The authenticated caller.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Who {
-    /// The name of the token; none where nobody is asked who they are.
+pub struct Principal {
+    /// Name of the token; none without authentication.
     pub name: Option<String>,
     pub scope: Scope,
 }
 
-impl Who {
-    /// Anybody, where nobody is asked who they are.
-    pub fn anybody() -> Who {
-        Who { name: None, scope: Scope::Admin }
+impl Principal {
+    /// The caller of a server without authentication.
+    pub fn anonymous() -> Principal {
+        Principal { name: None, scope: Scope::Admin }
     }
 
-    /// Whose things are seen besides those that everybody shares; `None` is everybody's.
-    pub fn sees(&self) -> Option<&str> {
+    /// Owner whose resources are visible besides the shared ones; `None` if all are.
+    pub fn visible_owner(&self) -> Option<&str> {
         match self.scope {
             Scope::Act => Some(self.name.as_deref().unwrap_or_default()),
             Scope::Read | Scope::Admin => None,
         }
     }
 
-    /// Whose the things are that are made.
+    /// Owner of the resources that the caller creates.
     pub fn owner(&self) -> Option<&str> {
         self.name.as_deref()
     }
@@ -69,15 +69,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn act_sees_its_own_and_the_others_everything() {
-        let who = |scope| Who { name: Some("ann".into()), scope };
-        assert_eq!(who(Scope::Act).sees(), Some("ann"));
-        assert_eq!((who(Scope::Read).sees(), who(Scope::Admin).sees()), (None, None));
-        assert_eq!(Who::anybody().sees(), None);
+    fn scope_determines_visible_owner() {
+        let who = |scope| Principal { name: Some("ann".into()), scope };
+        assert_eq!(who(Scope::Act).visible_owner(), Some("ann"));
+        assert_eq!((who(Scope::Read).visible_owner(), who(Scope::Admin).visible_owner()), (None, None));
+        assert_eq!(Principal::anonymous().visible_owner(), None);
         assert!(Scope::Read < Scope::Act && Scope::Act < Scope::Admin);
         for scope in Scope::ALL {
-            assert_eq!(Scope::from_name("--may", scope.name()).unwrap(), scope);
+            assert_eq!(Scope::from_name("--scope", scope.name()).unwrap(), scope);
         }
-        assert!(Scope::from_name("--may", "root").unwrap_err().to_string().contains("read, act or admin"));
+        assert!(Scope::from_name("--scope", "root").unwrap_err().to_string().contains("read, act or admin"));
     }
 }

@@ -1,7 +1,6 @@
-//! A token: 256 random bits, of which only the SHA-256 is kept.
+//! Tokens: 256 random bits, of which only the SHA-256 is stored.
 //!
-//! A token is no password: nobody chose it, so there is nothing to guess and a slow hash would protect nothing. Digests are
-//! compared in a time that does not depend on where they differ.
+//! A token is random, not a chosen password, so a slow hash would add no protection. Digests are compared in constant time.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -14,34 +13,34 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug)]
 pub struct Digest([u8; 32]);
 
-/// What is kept of a token.
+/// A token as stored.
 #[derive(Clone, Debug)]
-pub struct Kept {
-    /// Whose it is: what its bearer makes belongs to this name.
+pub struct HashedToken {
+    /// Name of the token; it owns the resources that the bearer creates.
     pub name: String,
     pub scope: Scope,
     pub digest: Digest,
-    /// When it was made, s since 1970.
+    /// Creation time, s since 1970.
     pub made: u64,
-    /// When it ends, s since 1970; never, if absent.
+    /// Expiry time, s since 1970; never, if absent.
     pub expires: Option<u64>,
 }
 
-/// What every token begins with, so that one is known for what it is wherever it turns up.
+/// Prefix of every token, by which secret scanners recognise it.
 const PREFIX: &str = "iplw_";
-/// Longest name.
-const MOST_NAME: usize = 64;
+/// Maximum length of a name, bytes.
+const MAX_NAME_BYTES: usize = 64;
 
-/// A token that nobody has seen before.
-pub fn fresh() -> Result<String> {
+/// Generates a new token.
+pub fn generate() -> Result<String> {
     let mut random = [0; 32];
     SystemRandom::new()
         .fill(&mut random)
-        .map_err(|_| Error::Failed("the operating system gives no random numbers".into()))?;
+        .map_err(|_| Error::Failed("the operating system provides no random numbers".into()))?;
     Ok(format!("{PREFIX}{}", URL_SAFE_NO_PAD.encode(random)))
 }
 
-/// The digest of a token as it was presented.
+/// The digest of a presented token.
 pub fn digest(token: &[u8]) -> Digest {
     let found = ring::digest::digest(&ring::digest::SHA256, token);
     let mut bytes = [0; 32];
@@ -50,12 +49,12 @@ pub fn digest(token: &[u8]) -> Digest {
 }
 
 impl Digest {
-    /// As a file has it.
+    /// Hexadecimal, as in a token file.
     pub fn hex(&self) -> String {
         self.0.iter().map(|b| format!("{b:02x}")).collect()
     }
 
-    /// From how a file has it.
+    /// Parses the hexadecimal digest of a token file.
     pub fn from_hex(field: &str, text: &str) -> Result<Digest> {
         let refuse = || {
             Error::input(field, format!("{text:?}"), "64 hexadecimal digits: `iplw token new` prints them")
@@ -70,30 +69,34 @@ impl Digest {
         Ok(Digest(bytes))
     }
 
-    /// Whether they are the same, in a time that does not tell where they differ.
-    pub fn is(&self, other: &Digest) -> bool {
-        let differ = self.0.iter().zip(&other.0).fold(0, |seen, (a, b)| std::hint::black_box(seen | (a ^ b)));
+    /// Constant-time comparison.
+    pub fn constant_time_eq(&self, other: &Digest) -> bool {
+        let differ = self
+            .0
+            .iter()
+            .zip(&other.0)
+            .fold(0, |difference, (a, b)| std::hint::black_box(difference | (a ^ b)));
         differ == 0
     }
 }
 
-impl Kept {
-    /// Errors unless the name can be one.
+impl HashedToken {
+    /// Errors unless the name is valid.
     pub fn check_name(field: &str, name: &str) -> Result<()> {
         let first = name.chars().next().is_some_and(|c| c.is_ascii_alphanumeric());
         if first
-            && name.len() <= MOST_NAME
+            && name.len() <= MAX_NAME_BYTES
             && name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))
         {
             return Ok(());
         }
         let allowed =
-            format!("1 to {MOST_NAME} letters, digits, `.`, `_` or `-`, the first a letter or digit");
+            format!("1 to {MAX_NAME_BYTES} letters, digits, `.`, `_` or `-`, the first a letter or digit");
         Err(Error::input(field, format!("{name:?}"), allowed))
     }
 
-    /// Whether it has ended at a moment, s since 1970.
-    pub fn ended(&self, now: u64) -> bool {
+    /// Whether it has expired at a moment, s since 1970.
+    pub fn is_expired(&self, now: u64) -> bool {
         self.expires.is_some_and(|at| at <= now)
     }
 }
@@ -103,31 +106,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn digests_are_those_of_sha_256_and_read_back() {
+    fn digests_match_sha_256_and_round_trip() {
         // FIPS 180-2, appendix B.1.
-        let known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        assert_eq!(digest(b"abc").hex(), known);
-        assert!(digest(b"abc").is(&Digest::from_hex("sha256", known).unwrap()));
-        assert!(!digest(b"abd").is(&digest(b"abc")));
-        for bad in ["", "ba78", &known.replace('b', "g"), &"é".repeat(32)] {
+        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(digest(b"abc").hex(), expected);
+        assert!(digest(b"abc").constant_time_eq(&Digest::from_hex("sha256", expected).unwrap()));
+        assert!(!digest(b"abd").constant_time_eq(&digest(b"abc")));
+        for bad in ["", "ba78", &expected.replace('b', "g"), &"é".repeat(32)] {
             assert!(Digest::from_hex("sha256", bad).is_err(), "{bad}");
         }
     }
 
     #[test]
-    fn tokens_are_long_and_no_two_alike() {
-        let (one, other) = (fresh().unwrap(), fresh().unwrap());
+    fn tokens_are_unique() {
+        let (one, other) = (generate().unwrap(), generate().unwrap());
         assert_ne!(one, other);
         assert!(one.starts_with("iplw_") && one.len() == 5 + 43, "{one}");
     }
 
     #[test]
-    fn names_are_plain() {
+    fn validates_names() {
         for good in ["ann", "ci-2", "a.b_c", "0"] {
-            Kept::check_name("name", good).unwrap();
+            HashedToken::check_name("name", good).unwrap();
         }
         for bad in ["", "-a", "a b", "a/b", "é", &"a".repeat(65)] {
-            assert!(Kept::check_name("name", bad).is_err(), "{bad}");
+            assert!(HashedToken::check_name("name", bad).is_err(), "{bad}");
         }
     }
 }

@@ -1,72 +1,75 @@
-//! `iplw design`: which experiment would tell the most about a question.
+//! `iplw design`: the most informative experiment about a question.
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{Costs, DesignConfig, DesignDocument, Question, design, document, parts, shown_cost};
+use iplw::design::{
+    Costs, DesignConfig, DesignDocument, Question, design, document, rounded_cost, training_and_test_tasks,
+};
 use iplw::error::Result;
-use iplw::estimate::Belief;
-use iplw::estimate::belief::PRIOR_DRAWS;
+use iplw::estimate::ParameterSamples;
+use iplw::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use iplw::task::DEFAULT_FAMILY;
 use iplw::world::Engine;
 
-use super::layout::laid_out;
+use super::compact_json::compact_json;
 use super::{output, parse};
 
-/// Says which experiment would tell the most about a question, and why: candidate actions are done in simulation in worlds drawn from
-/// what is believed, and ranked by the information that what would be seen is expected to bring.
+/// Recommend the most informative experiment (about latents, effects, or whether plans work).
+///
+/// Recommends the most informative experiment about a question. Candidate actions are simulated in worlds sampled from the prior or
+/// posterior and ranked by their expected information gain.
 #[derive(clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Args {
-    /// A family, on whose training tasks actions are looked for, or one task such as bowling:017.
+    /// Family, whose training tasks are used, or a task such as bowling:017.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// latents (how large they are, and effects' parameters), effects (which of the belief's sets the world has), success (whether
-    /// what is planned for the test tasks solves them).
+    /// Question: latents (and effect parameters), effects (which set), or success (of plans for test tasks).
     #[arg(long, default_value = "latents")]
     question: String,
-    /// What is believed: draws of a posterior (`iplw.posterior/1`). Else the family's prior.
+    /// Posterior samples (iplw.posterior/2) [default: the family's prior]
     #[arg(long, value_name = "FILE", conflicts_with = "sets")]
-    belief: Option<PathBuf>,
-    /// Of the prior: a set of effects that the world may have, joined by +, as large as they usually are; repeated, sets are equally
-    /// likely. `none` is the scene as it is, which is the default.
+    posterior: Option<PathBuf>,
+    /// Effects of the prior, joined by +; repeat for several sets of equal probability [default: none]
     #[arg(long = "set", value_name = "EFFECTS")]
     sets: Vec<String>,
-    /// Standard deviation with which a position is seen, m.
+    /// Standard deviation of an observed position, m.
     #[arg(long, default_value_t = 0.005)]
     noise: f64,
-    /// Experiments to choose, together; 1 if neither this nor a budget is given.
+    /// Number of experiments in the batch [default: 1; with --budget, as many as it allows]
     #[arg(long)]
     batch: Option<usize>,
-    /// What an experiment costs, in the unit of the budget (minutes, say): those are chosen that tell most for their cost.
+    /// Cost of an experiment, in the unit of the budget (minutes, say).
     #[arg(long, value_name = "COST", default_value_t = 1.0)]
     trial_cost: f64,
-    /// What it costs more to set a task up, once for every task of the batch.
+    /// Additional cost for setting up each task of the batch.
     #[arg(long, value_name = "COST", default_value_t = 0.0)]
     setup_cost: f64,
-    /// Most that the batch may cost; `--batch` is then the most experiments, as many as are looked at closely if it is not given.
+    /// Maximal cost of the batch [default: unlimited]
     #[arg(long, value_name = "COST")]
     budget: Option<f64>,
-    /// Random actions that are looked at.
+    /// Number of random candidate actions [default: 400]
     #[arg(long)]
     candidates: Option<usize>,
-    /// So many of the best are looked at closely.
+    /// Number of best candidates evaluated in more worlds [default: 24]
     #[arg(long)]
     shortlist: Option<usize>,
-    /// Worlds in which the best are looked at.
+    /// Number of worlds for the shortlist [default: 128]
     #[arg(long)]
     worlds: Option<usize>,
-    /// Copies of an action whose spread counts as noise.
+    /// Perturbed copies of an action for the actuation noise [default: 4]
     #[arg(long)]
     copies: Option<usize>,
-    /// Most that a component of an action, in [0, 1], is moved in a copy, as by a trembling hand.
-    #[arg(long, default_value_t = iplw::reality::certify::PERTURBATION)]
+    /// Maximal perturbation of an action component, in [0, 1].
+    #[arg(long, default_value_t = iplw::reality::certify::MAX_PERTURBATION)]
     perturb: f64,
-    /// Engine that simulates: auto, rapier or lanes.
+    /// Physics engine: auto, rapier or lanes.
     #[arg(long, default_value = "auto")]
     engine: String,
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Directory for design.json.
+    /// Output directory for design.json [default: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the result as JSON.
@@ -76,43 +79,43 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  What to measure first, to know friction and restitution:
+  The best first measurement for friction and restitution:
     iplw design --task bowling
-  Is it air that holds balls back, or rolling?
+  Discriminate between air drag and rolling resistance:
     iplw design --task bowling --question effects --set none --set linear_drag --set rolling_resistance
-  Five experiments that together tell whether plans for the test tasks will work, after a posterior:
-    iplw design --task bowling --question success --belief known/posterior.json --batch 5 --out next
-  As many as can be had for an hour, where a trial takes two minutes and another scene ten more:
+  Five experiments that predict whether plans for the test tasks will work, given a posterior:
+    iplw design --task bowling --question success --posterior known/posterior.json --batch 5 --out next
+  As many as fit into an hour, if a trial takes two minutes and setting up a task ten more:
     iplw design --task bowling --trial-cost 2 --setup-cost 10 --budget 60 --out next";
 
 pub fn run(args: &Args) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
     let config = config(args)?;
-    let belief = match &args.belief {
-        Some(path) => parse::belief(path)?,
+    let samples = match &args.posterior {
+        Some(path) => parse::parameter_samples(path)?,
         None => {
             let sets: Vec<Vec<String>> = args.sets.iter().map(|s| parse::set(s)).collect();
-            Belief::of_sets(family.prior, &sets, PRIOR_DRAWS, args.seed)?
+            ParameterSamples::prior_over_sets(family.prior, &sets, PRIOR_SAMPLE_COUNT, args.seed)?
         }
     };
-    args.out.as_deref().map_or(Ok(()), |out| output::directory("--out", out))?;
-    let (training, asked) = parts(&tasks);
-    let bar = output::Bar::new();
-    let found = design(&training, &asked, &belief, &config, &bar)?;
+    args.out.as_deref().map_or(Ok(()), |out| output::prepare_directory("--out", out))?;
+    let (training, asked) = training_and_test_tasks(&tasks);
+    let bar = output::TerminalProgress::new();
+    let found = design(&training, &asked, &samples, &config, &bar)?;
     bar.clear();
     let document = document(&found, &config);
-    let text = laid_out(&document)? + "\n";
+    let text = compact_json(&document)? + "\n";
     if let Some(out) = &args.out {
         output::write_whole(&out.join("design.json"), text.as_bytes())?;
     }
-    output::print(&if args.json { text } else { told(&document, args.out.as_deref()) })
+    output::print(&if args.json { text } else { summary(&document, args.out.as_deref()) })
 }
 
 fn config(args: &Args) -> Result<DesignConfig> {
     let usual = DesignConfig::standard(Question::from_name(&args.question)?, args.seed);
     let candidates = args.candidates.unwrap_or(usual.candidates);
     let shortlist = args.shortlist.unwrap_or(usual.shortlist.max(args.batch.unwrap_or(1)));
-    // Of a budget as many as it pays for.
+    // With a budget, as many as it allows.
     let most = args.budget.map_or(usual.batch, |_| shortlist.min(candidates));
     let config = DesignConfig {
         candidates,
@@ -130,8 +133,8 @@ fn config(args: &Args) -> Result<DesignConfig> {
     Ok(config)
 }
 
-/// For a terminal.
-fn told(d: &DesignDocument, out: Option<&Path>) -> String {
+/// Text for a terminal.
+fn summary(d: &DesignDocument, out: Option<&Path>) -> String {
     let mut text = format!("{} candidates, {} rollouts\n", d.candidates, d.rollouts);
     for (i, e) in d.experiments.iter().enumerate() {
         let action = e.action.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
@@ -141,13 +144,16 @@ fn told(d: &DesignDocument, out: Option<&Path>) -> String {
             e.task,
             e.gain.information,
             e.gain.standard_error,
-            e.adds.filter(|_| i > 0).map_or(String::new(), |a| format!(", {a:+.2} over those before")),
+            e.adds.filter(|_| i > 0).map_or(String::new(), |a| format!(", {a:+.2} beyond the previous ones")),
             e.reason
         );
     }
     if d.experiments.len() > 1 {
-        let cost =
-            if d.config.costs.alike() { String::new() } else { format!(", for {}", shown_cost(d.cost)) };
+        let cost = if d.config.costs.is_uniform() {
+            String::new()
+        } else {
+            format!(", for {}", rounded_cost(d.cost))
+        };
         text += &format!(
             "together {:.2} +- {:.2} nats{cost}\n",
             d.together.information, d.together.standard_error

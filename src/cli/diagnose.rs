@@ -1,59 +1,63 @@
-//! `iplw diagnose`: what the simulation gets wrong, from measured trials.
+//! `iplw diagnose`: the error of a simulation, from measured trials.
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::report::{Calibrated, Diagnosis, FoundEffect, FoundParameter, HeldOut, Score};
-use iplw::discover::{Config, Finding, diagnose};
+use iplw::discover::report::{
+    CalibratedLatent, Diagnosis, EffectEstimate, HeldOutError, ModelScore, ParameterEstimate,
+};
+use iplw::discover::{DiagnosisConfig, DiagnosisResult, diagnose};
 use iplw::error::Result;
 
-use iplw::picture::report::{Block, Report, Section};
+use iplw::picture::report::{Block, HtmlReport, Section};
 use iplw::progress::Progress;
-use iplw::reality::Gathered;
+use iplw::reality::LoadedTrials;
 use iplw::task::Scene;
 
-use super::evidence::{Plot, plots};
-use super::layout::laid_out;
-use super::{along, launches, output, tracks};
+use super::compact_json::compact_json;
+use super::residual_plots::{PlotFile, plots};
+use super::{output, track_options, trajectory_plots, trial_plots};
 
-/// Compares measured trials with the scene's simulation and says what the simulation lacks: the effect by name with
-/// its parameters, several if the data cannot tell them apart, or that nothing in the library explains the misfit.
-/// Writes report.json, report.html, extended_scene.json and the plots.
+/// Find out what a simulation gets wrong, from measured trials.
+///
+/// Compares measured trials with the simulation of a scene and names the missing effect with its parameters; several effects if the data
+/// don't discriminate between them; or none if no effect in the library explains the misfit. Writes report.json, report.html,
+/// extended_scene.json and plots.
 #[derive(clap::Args)]
-#[command(after_long_help = tracks::EXAMPLES)]
+#[command(after_long_help = track_options::EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
-    tracks: tracks::Tracks,
-    /// Directory for the report.
+    tracks: track_options::TrackOptions,
+    /// Output directory.
     #[arg(long)]
     out: PathBuf,
-    /// Seed of the bootstrap over launches that tells an effect from chance.
+    /// Seed of the bootstrap over trials.
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let Gathered { scene, trials, .. } = tracks::read(&args.tracks)?;
-    output::directory("--out", &args.out)?;
-    let bar = output::Bar::new();
-    bar.report("cutting trials into windows", 0, 1)?;
-    let found = diagnose(&scene, &trials, &Config::standard(args.seed), &bar)?;
+    let LoadedTrials { scene, trials, .. } = track_options::read(&args.tracks)?;
+    output::prepare_directory("--out", &args.out)?;
+    let bar = output::TerminalProgress::new();
+    bar.report("segmenting trials", 0, 1)?;
+    let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(args.seed), &bar)?;
     bar.clear();
     write_report(&args.out, &scene, &found)?;
     output::print(&summary(&found.diagnosis, &args.out))
 }
 
 /// Writes report.json, report.html, extended_scene.json and the plots.
-pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
-    output::directory("--out", out)?;
-    let json = laid_out(&found.diagnosis)?;
+pub fn write_report(out: &Path, scene: &Scene, found: &DiagnosisResult) -> Result<()> {
+    output::prepare_directory("--out", out)?;
+    let json = compact_json(&found.diagnosis)?;
     output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
     output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
-    let pictures = Pictures {
+    let pictures = DiagnosisFigures {
         residuals: plots(&found.evidence),
-        sizes: launches::sizes(&found.diagnosis),
-        predictive: found.diagnosis.predictive.iter().map(launches::predictive).collect(),
-        paths: along::paths(&found.diagnosis),
-        left: found.diagnosis.field.iter().filter_map(along::left).collect(),
+        sizes: trial_plots::estimate_figures(&found.diagnosis),
+        predictive: found.diagnosis.predictive.iter().map(trial_plots::predictive_figure).collect(),
+        paths: trajectory_plots::trajectory_figures(&found.diagnosis),
+        left: found.diagnosis.field.iter().filter_map(trajectory_plots::residual_field_figure).collect(),
     };
     for (name, _, svg) in pictures.all() {
         output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
@@ -62,27 +66,27 @@ pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
     output::write_whole(&out.join("report.html"), page.as_bytes())
 }
 
-/// Plots by the sections that they stand in.
-struct Pictures {
-    residuals: Vec<Plot>,
-    sizes: Vec<Plot>,
-    predictive: Vec<Plot>,
-    paths: Vec<Plot>,
-    left: Vec<Plot>,
+/// Plots by section of the report.
+struct DiagnosisFigures {
+    residuals: Vec<PlotFile>,
+    sizes: Vec<PlotFile>,
+    predictive: Vec<PlotFile>,
+    paths: Vec<PlotFile>,
+    left: Vec<PlotFile>,
 }
 
-impl Pictures {
-    fn all(&self) -> impl Iterator<Item = &Plot> {
+impl DiagnosisFigures {
+    fn all(&self) -> impl Iterator<Item = &PlotFile> {
         [&self.sizes, &self.predictive, &self.paths, &self.left, &self.residuals].into_iter().flatten()
     }
 }
 
-fn drawn(plots: &[Plot]) -> Vec<Block> {
-    let block = |(_, caption, svg): &Plot| Block::Svg { svg: svg.clone(), caption: caption.clone() };
+fn figure_blocks(plots: &[PlotFile]) -> Vec<Block> {
+    let block = |(_, caption, svg): &PlotFile| Block::Svg { svg: svg.clone(), caption: caption.clone() };
     plots.iter().map(block).collect()
 }
 
-/// For a terminal.
+/// Text for a terminal.
 fn summary(d: &Diagnosis, out: &Path) -> String {
     let mut text = format!("verdict: {}\n{}\n", d.verdict.name(), d.reason);
     for effect in &d.effects {
@@ -93,30 +97,34 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
     }
     if d.rivals.len() > 1 {
         let sets: Vec<String> = d.rivals.iter().map(|r| r.join(" + ")).collect();
-        text += &format!("sets that tie: {}\n", sets.join(" | "));
+        text += &format!("equally good sets: {}\n", sets.join(" | "));
     }
     for c in &d.calibrated {
-        let known = if c.identifiable { interval(&c.ci95) } else { "not told by these trials".into() };
-        text += &format!("  {} = {:.4} ({known})\n", c.name, c.value);
+        let range =
+            if c.identifiable { interval(&c.ci95) } else { "not identifiable from these trials".into() };
+        text += &format!("  {} = {:.4} ({range})\n", c.name, c.value);
     }
     text += &format!(
-        "error {:.5} m, noise floor {:.5} m, p of no misfit {:.1e}\n",
+        "error {:.5} m, noise floor {:.5} m; p-value of the hypothesis of no misfit {:.1e}\n",
         d.residual.base_rmse, d.residual.floor_rmse, d.residual.lack_of_fit_p
     );
-    for (what, gain) in
-        [("held-out trials", &d.gain.held_out), ("a setting never fitted", &d.gain.extrapolation)]
+    for (what, gain) in [("held-out trials", &d.gain.held_out), ("a held-out setting", &d.gain.extrapolation)]
     {
         if let Some(g) = gain {
-            text += &format!("on {what}: {}\n", gained(g));
+            text += &format!("on {what}: {}\n", describe_gain(g));
         }
     }
     if let Some(share) = d.unexplained_share {
         text += &format!("unexplained share of the excess error: {share:.3}\n");
     }
     if let Some(law) = &d.residual_law {
-        text += &format!("what is left looks like: {}\n", law.formula);
-        text += &format!("  with it, on held-out trials: {}\n", gained(&law.held_out));
-        text += if law.offered { "  it is in the extended scene\n" } else { "  it does not help there\n" };
+        text += &format!("empirical law for the residual: {}\n", law.formula);
+        text += &format!("  with this law, on held-out trials: {}\n", describe_gain(&law.held_out));
+        text += if law.offered {
+            "  it is part of the extended scene\n"
+        } else {
+            "  it doesn't reduce the error there\n"
+        };
     }
     if let Some(next) = &d.next_experiment {
         text += &format!("next: {} ({})\n", next.action, next.why);
@@ -124,50 +132,53 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
     text + &format!("report: {}\n", out.join("report.html").display())
 }
 
-fn parameter(p: &FoundParameter) -> String {
+fn parameter(p: &ParameterEstimate) -> String {
     let setting = p.setting.as_ref().map(|s| format!(" [{s}]")).unwrap_or_default();
-    let spread = p.spread.map_or(String::new(), |s| format!(", spread by launch {s:.5}"));
+    let spread = p.spread.map_or(String::new(), |s| format!(", sd between trials {s:.5}"));
     format!("{}{setting} = {:.5} {} ({}{spread})", p.name, p.value, p.unit, interval(&p.ci95))
 }
 
 fn interval(ends: &[Option<f64>; 2]) -> String {
     match ends {
         [Some(a), Some(b)] => format!("95 %: {a:.5} to {b:.5}"),
-        _ => "no bound from these trials".into(),
+        _ => "unbounded by these trials".into(),
     }
 }
 
-fn gained(g: &HeldOut) -> String {
+fn describe_gain(g: &HeldOutError) -> String {
     let removed = match g.excess_removed {
-        None => "no excess to remove".to_string(),
-        Some(e) if e < 1.0 => format!("{:.1} % of the excess gone", 100.0 * e),
-        Some(_) => "all of the excess gone".to_string(),
+        None => "no excess error".to_string(),
+        Some(e) if e < 1.0 => format!("{:.1} % of the excess error removed", 100.0 * e),
+        Some(_) => "all of the excess error removed".to_string(),
     };
     format!("error {:.5} m -> {:.5} m, floor {:.5} m: {removed}", g.base_rmse, g.extended_rmse, g.floor_rmse)
 }
 
-/// The report: what was found first, what else was tried last; sections without anything to say are left out.
-fn page(scene: &Scene, d: &Diagnosis, pictures: &Pictures) -> Report {
-    let check = d.predictive.iter().map(|p| Block::Text(launches::checked(p)));
+/// The report: findings first, alternatives last; empty sections are left out.
+fn page(scene: &Scene, d: &Diagnosis, pictures: &DiagnosisFigures) -> HtmlReport {
+    let check = d.predictive.iter().map(|p| Block::Text(trial_plots::predictive_summary(p)));
     let sections = [
-        section("What was found", found(d)),
-        section("Effects", table(effects(d), "p is corrected for the search over the library")),
-        section("Sets that tie", ties(d)),
-        section("Next experiment", next(d)),
+        section("Findings", finding_blocks(d)),
+        section("Effects", table(effects(d), "p-values are corrected for the search over the library")),
+        section("Equally good sets", tied_sets(d)),
+        section("Next experiment", next_experiment(d)),
         section("Latents", table(latents(d), "")),
         section(
             "Gain",
-            table(gains(d), "Starts are fitted for every trial; everything else comes from other trials."),
+            table(
+                gains(d),
+                "Initial states are fitted for every trial; all other parameters come from the other trials.",
+            ),
         ),
-        section("Sizes launch by launch", drawn(&pictures.sizes)),
-        section("Predictive check", check.chain(drawn(&pictures.predictive)).collect()),
-        section("Paths before and after", drawn(&pictures.paths)),
-        section("The field of what is left", left(d, pictures)),
-        section("Residuals before and after", drawn(&pictures.residuals)),
-        section("Rivals", rivals(d)),
+        section("Estimates by trial", figure_blocks(&pictures.sizes)),
+        section("Predictive check", check.chain(figure_blocks(&pictures.predictive)).collect()),
+        section("Trajectories before and after", figure_blocks(&pictures.paths)),
+        section("Residual force field", residual_field_blocks(d, pictures)),
+        section("Residuals before and after", figure_blocks(&pictures.residuals)),
+        section("Alternatives", rivals(d)),
     ];
     let name = if scene.name.is_empty() { "a scene".to_string() } else { scene.name.clone() };
-    Report {
+    HtmlReport {
         title: format!("Diagnosis of {name}"),
         lead: d.reason.clone(),
         sections: sections.into_iter().filter(|s| !s.blocks.is_empty()).collect(),
@@ -178,14 +189,14 @@ fn section(heading: &str, blocks: Vec<Block>) -> Section {
     Section { heading: heading.into(), blocks }
 }
 
-/// Sets that the report shows at once.
-const BEST: usize = 8;
+/// Number of sets that the report shows uncollapsed.
+const MAX_LISTED_SETS: usize = 8;
 
-/// Names of columns, and rows.
-type Rows = (&'static [&'static str], Vec<Vec<String>>);
+/// Column names and rows of a table.
+type TableRows = (&'static [&'static str], Vec<Vec<String>>);
 
 /// A table, unless it has no rows.
-fn table((columns, rows): Rows, note: &str) -> Vec<Block> {
+fn table((columns, rows): TableRows, note: &str) -> Vec<Block> {
     if rows.is_empty() {
         return Vec::new();
     }
@@ -197,24 +208,26 @@ fn number(v: f64) -> String {
     format!("{v:.6}")
 }
 
-fn found(d: &Diagnosis) -> Vec<Block> {
+fn finding_blocks(d: &Diagnosis) -> Vec<Block> {
     let mut blocks = vec![Block::KeyValues(vec![
         ("verdict".into(), d.verdict.name().into()),
         ("why".into(), d.reason.clone()),
         ("error of the base model, m".into(), number(d.residual.base_rmse)),
         ("noise floor, m".into(), number(d.residual.floor_rmse)),
-        ("p of no misfit".into(), format!("{:.2e}", d.residual.lack_of_fit_p)),
-        ("p of white residuals".into(), format!("{:.2e}", d.residual.whiteness_p)),
+        ("p-value of the hypothesis of no misfit".into(), format!("{:.2e}", d.residual.lack_of_fit_p)),
+        ("p-value of the hypothesis of white residuals".into(), format!("{:.2e}", d.residual.whiteness_p)),
         ("correlation of the noise".into(), format!("{:.2}", d.residual.noise_correlation)),
         (
-            "unexplained share of the excess".into(),
-            d.unexplained_share.map_or("nothing to explain".into(), |s| format!("{s:.3}")),
+            "unexplained share of the excess error".into(),
+            d.unexplained_share.map_or("no excess error".into(), |s| format!("{s:.3}")),
         ),
     ])];
     if let Some(law) = &d.residual_law {
         let text = match law.offered {
-            true => "What is left, as an acceleration without a name; it is part of the extended scene:",
-            false => "What is left, as an acceleration without a name; on held-out trials it does not help:",
+            true => "Empirical acceleration law for the residual; it is part of the extended scene:",
+            false => {
+                "Empirical acceleration law for the residual; it doesn't reduce the error on held-out trials:"
+            }
         };
         blocks.push(Block::Text(text.into()));
         blocks.push(Block::Code(law.formula.clone()));
@@ -222,18 +235,18 @@ fn found(d: &Diagnosis) -> Vec<Block> {
     blocks
 }
 
-/// The field of what is left; that the data tell none, where it was asked.
-fn left(d: &Diagnosis, pictures: &Pictures) -> Vec<Block> {
-    let none = "Nowhere do the data tell a push that launches share beside the reported model.";
+/// The residual force field, or a note that none is significant.
+fn residual_field_blocks(d: &Diagnosis, pictures: &DiagnosisFigures) -> Vec<Block> {
+    let none = "No further common force is visible in the data.";
     match d.field {
         Some(_) if pictures.left.is_empty() => vec![Block::Text(none.into())],
-        _ => drawn(&pictures.left),
+        _ => figure_blocks(&pictures.left),
     }
 }
 
-fn effects(d: &Diagnosis) -> Rows {
+fn effects(d: &Diagnosis) -> TableRows {
     let all = d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)));
-    let row = |(e, p): (&FoundEffect, &FoundParameter)| {
+    let row = |(e, p): (&EffectEstimate, &ParameterEstimate)| {
         vec![
             e.name.clone(),
             p.name.clone(),
@@ -246,35 +259,36 @@ fn effects(d: &Diagnosis) -> Rows {
         ]
     };
     (
-        &["effect", "parameter", "setting", "value", "unit", "interval", "spread by launch", "p"],
+        &["effect", "parameter", "setting", "value", "unit", "interval", "sd between trials", "p"],
         all.map(row).collect(),
     )
 }
 
-fn ties(d: &Diagnosis) -> Vec<Block> {
+fn tied_sets(d: &Diagnosis) -> Vec<Block> {
     let sets = d.rivals.iter().map(|r| r.join(" + ")).collect::<Vec<_>>().join("\n\n");
     if d.rivals.len() > 1 { vec![Block::Text(sets)] } else { Vec::new() }
 }
 
-fn next(d: &Diagnosis) -> Vec<Block> {
+fn next_experiment(d: &Diagnosis) -> Vec<Block> {
     let text = d.next_experiment.iter().map(|next| format!("{}\n\nWhy: {}", next.action, next.why));
     text.map(Block::Text).collect()
 }
 
-fn latents(d: &Diagnosis) -> Rows {
-    let row = |c: &Calibrated| {
-        let known = if c.identifiable { interval(&c.ci95) } else { "not told by these trials".into() };
-        vec![c.name.clone(), format!("{:.5}", c.value), known]
+fn latents(d: &Diagnosis) -> TableRows {
+    let row = |c: &CalibratedLatent| {
+        let range =
+            if c.identifiable { interval(&c.ci95) } else { "not identifiable from these trials".into() };
+        vec![c.name.clone(), format!("{:.5}", c.value), range]
     };
     (&["latent", "value", "interval"], d.calibrated.iter().map(row).collect())
 }
 
-fn gains(d: &Diagnosis) -> Rows {
+fn gains(d: &Diagnosis) -> TableRows {
     let law = d.residual_law.as_ref().map(|l| &l.held_out);
     let all = [
         ("held-out trials", d.gain.held_out.as_ref()),
-        ("held-out trials, with the law without a name", law),
-        ("a setting never fitted", d.gain.extrapolation.as_ref()),
+        ("held-out trials, with the empirical law", law),
+        ("a held-out setting", d.gain.extrapolation.as_ref()),
     ];
     let rows = all.into_iter().filter_map(|(what, g)| {
         let g = g?;
@@ -290,9 +304,9 @@ fn gains(d: &Diagnosis) -> Rows {
     (&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"], rows.collect())
 }
 
-/// Sizes of a set's effects, in short.
-fn sizes(s: &Score) -> String {
-    let one = |(e, p): (&FoundEffect, &FoundParameter)| {
+/// Parameter estimates of a set's effects, in short.
+fn describe_estimates(s: &ModelScore) -> String {
+    let one = |(e, p): (&EffectEstimate, &ParameterEstimate)| {
         let setting = p.setting.as_ref().map(|s| format!(" [{s}]")).unwrap_or_default();
         let range = match p.ci95 {
             [Some(low), Some(high)] => format!(" ({low:.4} to {high:.4})"),
@@ -305,21 +319,22 @@ fn sizes(s: &Score) -> String {
     all.map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// The best of the sets that were fitted.
+/// The fitted sets, best first.
 fn rivals(d: &Diagnosis) -> Vec<Block> {
-    let row = |s: &Score| {
+    let row = |s: &ModelScore| {
         let effects = if s.effects.is_empty() { "none".to_string() } else { s.effects.join(" + ") };
-        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse), sizes(s)]
+        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse), describe_estimates(s)]
     };
-    let columns: &[&str] = &["set", "score, nats", "probability that it is worse", "sizes, where it ties"];
-    let note = "Log predictive density of launches told from the others, beside the best set's.";
-    let best = table((columns, d.scores.iter().take(BEST).map(row).collect()), note);
-    let rest = table((columns, d.scores.iter().skip(BEST).map(row).collect()), "");
+    let columns: &[&str] =
+        &["set", "score, nats", "probability of being worse", "estimates, if equally good"];
+    let note = "Cross-validated log predictive density of trials, relative to the best set.";
+    let best = table((columns, d.scores.iter().take(MAX_LISTED_SETS).map(row).collect()), note);
+    let rest = table((columns, d.scores.iter().skip(MAX_LISTED_SETS).map(row).collect()), "");
     match rest.is_empty() {
         true => best,
         false => best
             .into_iter()
-            .chain([Block::Details { summary: "every other set that was fitted".into(), blocks: rest }])
+            .chain([Block::Details { summary: "all other fitted sets".into(), blocks: rest }])
             .collect(),
     }
 }

@@ -1,60 +1,61 @@
-//! `iplw measure`: trials from a hidden world, as files.
+//! `iplw measure`: measurement of trials in a hidden world.
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, parts};
+use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, training_and_test_tasks};
 use iplw::error::{Error, Result};
 use iplw::reality::{HiddenWorld, Reality, Trial, settled, standard, trials_to_csv};
 use iplw::task::{Placement, Task, ValidAction};
 
 use super::{output, parse};
 
-/// Random actions on the task's training part, or those of a design, are carried out in a hidden world and observed. The scene that is
-/// written is the simulation's: nominal latents, none of the hidden effects. Each trial is a setting of its own,
-/// since what is placed differs between trials.
+/// Measure trials in a hidden world; writes scene.json and trials.csv.
+///
+/// Executes random actions on training tasks, or the experiments of a design, in a hidden world and records the trajectories. scene.json is
+/// the simulation's scene, with nominal latents and without the hidden effects. Every trial is its own setting, since bodies are placed
+/// differently.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A family, or one task such as bowling:017.
+    /// Family, or a task such as bowling:017.
     #[arg(long)]
     task: String,
-    /// Effect of the hidden world, `name:parameter=value,...` (see `iplw effects`); may be repeated. None: the family's
-    /// own.
+    /// Effect of the hidden world, name:parameter=value,..; may be repeated [default: the family's]
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// More of the hidden world: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
+    /// Hidden world: damping=0.8,density=..,friction=..,restitution=..,engine=.. [default: the family's]
     #[arg(long, default_value = "")]
     real: String,
     /// Number of random trials.
     #[arg(long, default_value_t = 50, conflicts_with = "design")]
     trials: usize,
-    /// Instead of random actions, the experiments of a design (`iplw design --out`, its design.json).
+    /// design.json of `iplw design`, whose experiments replace random actions [default: none]
     #[arg(long, value_name = "FILE")]
     design: Option<PathBuf>,
     /// Standard deviation of position noise, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     noise: f64,
-    /// Seed of actions and noise.
+    /// Random seed of actions and noise.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Directory for scene.json and trials.csv.
+    /// Output directory for scene.json and trials.csv.
     #[arg(long)]
     out: PathBuf,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    iplw::error::within("--trials", args.trials as f64, 1.0, 100_000.0)?;
+    iplw::error::check_range("--trials", args.trials as f64, 1.0, 100_000.0)?;
     let (tasks, family) = parse::tasks(&args.task)?;
     let mut config = parse::hidden(&args.effects, &args.real, standard(family))?;
     (config.noise, config.seed) = (args.noise, args.seed);
     let mut world = HiddenWorld::new(config)?;
-    let (training, _) = parts(&tasks);
+    let (training, _) = training_and_test_tasks(&tasks);
     if training.is_empty() {
         return Err(Error::input("--task", format!("{:?}", args.task), "a family with certified tasks"));
     }
-    output::directory("--out", &args.out)?;
-    let bar = output::Bar::new();
+    output::prepare_directory("--out", &args.out)?;
+    let bar = output::TerminalProgress::new();
     let trials = match &args.design {
-        Some(path) => designed(path, &training, &mut world)?,
+        Some(path) => measure_design(path, &training, &mut world)?,
         None => iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?,
     };
     bar.clear();
@@ -70,13 +71,13 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// The experiments of a design, carried out.
-fn designed(path: &Path, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
+/// Executes the experiments of a design.
+fn measure_design(path: &Path, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-    carried_out(&text, tasks, world).map_err(|e| e.at(path.display()))
+    measure_experiments(&text, tasks, world).map_err(|e| e.in_file(path.display()))
 }
 
-fn carried_out(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
+fn measure_experiments(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
     let design: DesignDocument = iplw::json::parse(design)?;
     if design.format != DESIGN_FORMAT {
         return Err(Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}")));
@@ -84,14 +85,14 @@ fn carried_out(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<
     if design.experiments.is_empty() {
         return Err(Error::input("experiments", "none", "at least one"));
     }
-    // All of them are looked at before anything is done.
+    // All experiments are checked before the first one is executed.
     let checked = |(i, experiment): (usize, &ExperimentRow)| -> Result<(&Task, ValidAction)> {
         let place = format!("experiments[{i}]");
         let task = tasks.iter().find(|t| t.id == experiment.task).ok_or_else(|| {
             let allowed = "a training task of --task";
             Error::input(format!("{place}.task"), format!("{:?}", experiment.task), allowed)
         })?;
-        let action = task.actions().validate(&experiment.action).map_err(|e| e.under(&place))?;
+        let action = task.actions().validate(&experiment.action).map_err(|e| e.in_field(&place))?;
         match task.place(&action) {
             Placement::Valid(_) => Ok((task, action)),
             Placement::Invalid(reason) => {
@@ -100,9 +101,9 @@ fn carried_out(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<
             }
         }
     };
-    let wanted = design.experiments.iter().enumerate().map(checked).collect::<Result<Vec<_>>>()?;
-    let mut trials = Vec::with_capacity(wanted.len());
-    for (task, action) in wanted {
+    let experiments = design.experiments.iter().enumerate().map(checked).collect::<Result<Vec<_>>>()?;
+    let mut trials = Vec::with_capacity(experiments.len());
+    for (task, action) in experiments {
         for attempt in world.measure(task, &[action])? {
             trials.extend(attempt.into_trial(format!("{}/{}", task.id, trials.len())));
         }

@@ -1,105 +1,90 @@
-//! Commands, their shared options, and what they print.
+//! Commands, common options, and output.
 
 mod agents;
-mod along;
-mod cells;
-mod computing;
+mod cell_store;
+mod common_options;
+mod compact_json;
+mod data_directory;
 mod design;
 mod diagnose;
+mod documentation;
 mod effects;
 mod estimate;
-mod evidence;
 mod experiment;
-mod keep;
-mod launches;
-mod layout;
 mod mcp;
 mod measure;
 mod outcomes;
 mod output;
-mod own;
 mod parse;
 mod plan;
-mod planned;
+mod plan_report;
 mod posterior;
+mod residual_plots;
 mod rollout;
 mod serve;
 mod surface;
+mod task_sources;
 mod tasks;
 mod token;
-mod tracks;
+mod track_options;
 mod train;
+mod trajectory_plots;
+mod trial_plots;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use iplw::error::Error;
 
-use computing::Computing;
+use common_options::{COMMON_OPTIONS_HELP, ComputeArgs};
 
-/// Worlds to act in, latent factors to estimate, policies to transfer.
+/// Find out what a 2D physics simulation gets wrong from a few measurements, fix it, and train policies in the result.
 ///
-/// Start with `iplw run`: a hidden world, its latents estimated, a policy trained in the grounded simulation
-/// and transferred. `iplw serve` puts the same worlds behind HTTP.
+/// Start with `iplw run`: it explores a hidden world, estimates its latent factors, trains a policy in the calibrated simulation and
+/// evaluates it in the hidden world. `iplw serve` provides the same worlds over HTTP.
 #[derive(Parser)]
-#[command(name = "iplw", version, max_term_width = 110)]
+#[command(name = "iplw", version, max_term_width = 110, after_long_help = COMMON_OPTIONS_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
 }
 
+// The help of a command is the doc comment of its arguments: one short line, then the details.
 #[derive(Subcommand)]
 enum Command {
-    /// The story: hidden world, exploration, estimate, policies, transfer, report.
-    Run(Computing<experiment::RunArgs>),
-    /// Experiments with their baselines, over several seeds.
-    Experiment(Computing<experiment::ExperimentArgs>),
-    /// Serve worlds over HTTP.
+    Run(ComputeArgs<experiment::RunArgs>),
+    Experiment(ComputeArgs<experiment::ExperimentArgs>),
     Serve(serve::Args),
-    /// Serve an agent: tools to look, simulate, measure within a budget and diagnose, over standard input and output (MCP).
     Mcp(mcp::Args),
-    /// Make, list and revoke the tokens by which a server knows who asks.
     Token(token::Args),
-    /// Say whether a data directory is whole, and what of it is not.
-    Check(keep::CheckArgs),
-    /// Copy a data directory, also while a server runs on it.
-    Backup(keep::BackupArgs),
-    /// Put a backup into a data directory.
-    Restore(keep::RestoreArgs),
-    /// Roll scenes out: one scene a line in, one result a line out.
-    Rollout(Computing<rollout::Args>),
-    /// List tasks, splits and action spaces.
+    Check(data_directory::CheckArgs),
+    Backup(data_directory::BackupArgs),
+    Restore(data_directory::RestoreArgs),
+    Rollout(ComputeArgs<rollout::Args>),
     Tasks(tasks::Args),
-    /// List the effects that worlds may have, with their parameters.
     Effects(effects::Args),
-    /// Measure trials in a hidden world: writes scene.json and trials.csv.
-    Measure(Computing<measure::Args>),
-    /// Estimate the latent factors of a hidden real world.
-    Estimate(Computing<estimate::Args>),
-    /// Find which latents a task's performance depends on, in a related, known environment.
-    Surface(Computing<surface::Args>),
-    /// Say what a simulation gets wrong, from measured trials.
-    ///
-    /// Trials are held against the simulation of a scene, or of one ball: the effect that is missing is named with its
-    /// parameters; or several are, if the data cannot tell them apart; or it is said that nothing in the library explains
-    /// the misfit. Writes report.html, report.json, extended_scene.json (the scene with what was found) and the plots.
-    Diagnose(Computing<diagnose::Args>),
-    /// Draw what is known of latents and effects from the posterior, given measured trials.
-    Posterior(Computing<posterior::Args>),
-    /// Say which experiment would tell the most about a question: latents, effects, or whether plans work.
-    Design(Computing<design::Args>),
-    /// Train a policy in simulation; writes its weights.
-    Train(Computing<train::TrainArgs>),
-    /// Try a policy in a hidden world.
-    Evaluate(Computing<train::EvaluateArgs>),
-    /// Rank a task's actions by how likely they solve it under what is believed; of a family, try the orders in a hidden world.
-    Plan(Computing<plan::Args>),
-    /// Find out what many actions do in every task of a family; writes NumPy arrays.
-    Outcomes(Computing<outcomes::Args>),
-    /// Compare agents over many families, from such tables: AUCCESS within and across families.
-    Agents(Computing<agents::Args>),
+    Measure(ComputeArgs<measure::Args>),
+    Estimate(ComputeArgs<estimate::Args>),
+    Surface(ComputeArgs<surface::Args>),
+    Diagnose(ComputeArgs<diagnose::Args>),
+    Posterior(ComputeArgs<posterior::Args>),
+    Design(ComputeArgs<design::Args>),
+    Train(ComputeArgs<train::TrainArgs>),
+    Evaluate(ComputeArgs<train::EvaluateArgs>),
+    Plan(ComputeArgs<plan::Args>),
+    Outcomes(ComputeArgs<outcomes::Args>),
+    Agents(ComputeArgs<agents::Args>),
     /// Print the OpenAPI document.
     Openapi,
+    Completions(documentation::CompletionsArgs),
+    /// Write manual pages.
+    #[command(hide = true)]
+    Man(documentation::ManArgs),
+}
+
+/// The command-line parser, for completions and manual pages.
+fn command() -> clap::Command {
+    Cli::command()
 }
 
 /// Parses the command line, runs the command, turns errors into exit codes.
@@ -113,19 +98,21 @@ pub fn main() -> ExitCode {
             eprintln!("iplw: {}", one_line(&error.to_string()));
             return ExitCode::from(2);
         }
-        // Help and version, wanted or needed.
+        // Help and version.
         Err(error) => error.exit(),
     };
-    let done = match cli.command {
+    let result = match cli.command {
         Command::Run(args) => args.run(experiment::run),
         Command::Experiment(args) => args.run(experiment::experiment),
         Command::Serve(args) => serve::run(&args),
         Command::Mcp(args) => mcp::run(&args),
         Command::Token(args) => token::run(&args),
-        Command::Check(args) => keep::run_check(&args),
-        Command::Backup(args) => keep::run_backup(&args),
-        Command::Restore(args) => keep::run_restore(&args),
+        Command::Check(args) => data_directory::run_check(&args),
+        Command::Backup(args) => data_directory::run_backup(&args),
+        Command::Restore(args) => data_directory::run_restore(&args),
         Command::Openapi => serve::print_openapi(),
+        Command::Completions(args) => documentation::print_completions(&args),
+        Command::Man(args) => documentation::write_man_pages(&args),
         Command::Rollout(args) => args.run_reading(rollout::reads_stdin, rollout::run),
         Command::Tasks(args) => tasks::run(&args),
         Command::Effects(args) => effects::run(&args),
@@ -141,7 +128,7 @@ pub fn main() -> ExitCode {
         Command::Outcomes(args) => args.run(outcomes::run),
         Command::Agents(args) => args.run(agents::run),
     };
-    match done {
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("iplw: {error}");
@@ -150,15 +137,15 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// A parser's message without its usage, which `--help` tells better.
+/// A parser's message on one line, without usage.
 fn one_line(message: &str) -> String {
-    let said =
+    let summary =
         message.split("\n\nUsage:").next().unwrap_or(message).split("\n\nFor more").next().unwrap_or(message);
-    let parts: Vec<&str> = said.lines().map(str::trim).filter(|l| !l.is_empty()).collect();
+    let parts: Vec<&str> = summary.lines().map(str::trim).filter(|l| !l.is_empty()).collect();
     format!("{}; see --help", parts.join(" ").trim_start_matches("error: "))
 }
 
-/// 2 for what the user can put right in the input, 1 for the rest.
+/// 2 for errors in the input, 1 for all others.
 fn exit_code(error: &Error) -> u8 {
     match error {
         Error::Input(_)

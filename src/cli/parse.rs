@@ -1,11 +1,11 @@
-//! Small languages of the command line: `linear_drag:c=0.223`, `damping=0.8,friction=0.5`.
+//! Parsers of option values such as `linear_drag:c=0.223` and `damping=0.8,friction=0.5`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use iplw::error::{Error, Result};
-use iplw::estimate::Belief;
-use iplw::estimate::surface::Related;
+use iplw::estimate::ParameterSamples;
+use iplw::estimate::surface::RelatedEnvironment;
 use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, Task, family};
@@ -23,7 +23,7 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
     Ok(term)
 }
 
-/// Every `--effect` that was given.
+/// Parses all `--effect` options.
 pub fn effects(texts: &[String]) -> Result<Vec<EffectTerm>> {
     texts.iter().map(|text| effect(text)).collect()
 }
@@ -48,47 +48,49 @@ pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
         None => Err(Error::NotFound {
             kind: "task",
             id: name.into(),
-            known: vec![format!("{}:000 and on", family.name)],
+            known: vec![format!("{}:000, {0}:001, ...", family.name)],
         }),
     }
 }
 
-/// The draws of a posterior's document, as `--belief` names it.
-pub fn belief(path: &Path) -> Result<Belief> {
+/// Reads the posterior samples given by `--posterior`.
+pub fn parameter_samples(path: &Path) -> Result<ParameterSamples> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-    Belief::from_json(&text).map_err(|e| e.at(path.display()))
+    ParameterSamples::from_json(&text).map_err(|e| e.in_file(path.display()))
 }
 
-/// Tasks of a family as `--fold` deals them; what is one task stays that.
+/// Tasks of a family with the splits of `--fold`.
 pub fn fold(tasks: Vec<Task>, family: &Family, fold: Option<u64>) -> Result<Vec<Task>> {
     match fold {
         None => Ok(tasks),
         Some(fold) if tasks.len() > 1 => Ok(family.fold(fold)),
-        Some(fold) => Err(Error::input("--fold", fold, "given for a family, whose tasks it deals")),
+        Some(fold) => {
+            Err(Error::input("--fold", fold, "no fold for a single task; it splits the tasks of a family"))
+        }
     }
 }
 
-/// A part of a family's tasks, as `--split` names it.
+/// The split named by `--split`.
 pub fn part(name: &str) -> Result<Split> {
     let all = [Split::Train, Split::Validation, Split::Test];
     let found = all.into_iter().find(|s| s.name() == name);
     found.ok_or_else(|| Error::input("--split", format!("{name:?}"), "train, validation or test"))
 }
 
-/// What `--real` says of a hidden world, laid over a base.
+/// Applies `--real` to a hidden world.
 pub fn real(text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     world("--real", text, base)
 }
 
-/// A hidden world with these effects in place of `base`'s, if there are any, and what `--real` says of it.
+/// A hidden world with the given effects (if any) instead of `base`'s, and with `--real` applied.
 pub fn hidden(effects: &[String], real_world: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     let own = self::effects(effects)?;
     let effects = if own.is_empty() { base.effects.clone() } else { own };
     real(real_world, HiddenConfig { effects, ..base })
 }
 
-/// What one `--related` says of a known environment that has `base` latents and no effects.
-pub fn related(text: &str, base: [f64; 3]) -> Result<Related> {
+/// A known environment given by `--related`, with `base` latents and no effects by default.
+pub fn related(text: &str, base: [f64; 3]) -> Result<RelatedEnvironment> {
     let plain = HiddenConfig {
         latents: Latents::of(base),
         effects: Vec::new(),
@@ -104,7 +106,7 @@ pub fn related(text: &str, base: [f64; 3]) -> Result<Related> {
     }
     let values = found.latents.values();
     let latents = std::array::from_fn(|i| values[i].unwrap_or(base[i]));
-    Ok(Related { latents, effects: found.effects })
+    Ok(RelatedEnvironment { latents, effects: found.effects })
 }
 
 fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
@@ -115,7 +117,11 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
             "damping" => {
                 let kept = number(&field, &value)?;
                 if !(kept > 0.0 && kept <= 1.0) {
-                    return Err(Error::input(field, kept, "a kept share of velocity per second in (0, 1]"));
+                    return Err(Error::input(
+                        field,
+                        kept,
+                        "the share of velocity retained per second, in (0, 1]",
+                    ));
                 }
                 config.effects = if kept < 1.0 { vec![effect::damping(kept)] } else { Vec::new() };
             }
@@ -134,7 +140,7 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     Ok(config)
 }
 
-/// `density=..,friction=..,restitution=..`; what is not named is left to the scene.
+/// `density=..,friction=..,restitution=..`; missing latents are left to the scene.
 pub fn latents(text: &str) -> Result<Latents> {
     let mut latents = Latents::default();
     for (key, value) in pairs("--latents", text)? {
@@ -173,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_languages_are_parsed_and_bounded() {
+    fn parses_latents_and_effects_within_bounds() {
         assert_eq!(latents("friction=0.5").unwrap(), Latents { friction: Some(0.5), ..Latents::default() });
         assert_eq!(effect("linear_drag:c=0.2").unwrap().parameters["c"], 0.2);
         for bad in ["friction=-1", "grip=1", "friction", "friction=nan", "friction=1e999"] {
@@ -184,9 +190,9 @@ mod tests {
         }
     }
 
-    /// Effects that are named take the place of the family's own, and `--real` has the last word.
+    /// Given effects replace the family's, and `--real` overrides both.
     #[test]
-    fn a_hidden_world_is_what_was_asked_for() {
+    fn options_override_the_hidden_world() {
         let base = iplw::reality::standard(iplw::task::family("bowling").unwrap());
         let names = |effects: &[&str], real: &str| {
             let effects: Vec<String> = effects.iter().map(|e| e.to_string()).collect();

@@ -1,13 +1,13 @@
-//! `iplw plan`: a task's actions ranked by rollouts under what is believed, and what that is worth in a hidden world.
+//! `iplw plan`: ranks actions by simulated success over parameter samples, and evaluates plans in a hidden world.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use iplw::budget::{Budget, Endless};
-use iplw::error::{Error, Result, within};
-use iplw::estimate::Belief;
-use iplw::estimate::belief::PRIOR_DRAWS;
-use iplw::experiment::planning::{PlannedTask, PlanningConfig, PlanningScore, plan_and_try, score};
+use iplw::budget::{Budget, Unlimited};
+use iplw::error::{Error, Result, check_range};
+use iplw::estimate::ParameterSamples;
+use iplw::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
+use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, PlanningScore, evaluate_plan, score};
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
 use iplw::reality::{HiddenWorld, standard};
@@ -16,64 +16,67 @@ use iplw::world::Engine;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::cells::Cells;
-use super::{output, parse, planned};
+use super::cell_store::CellStore;
+use super::{output, parse, plan_report};
 
-/// Tries every action of a task in worlds drawn from what is believed, moved a little each time, and ranks them by how often they
-/// solve it. The best are exactly those of trying everything; their probabilities come from fresh draws.
+/// Rank a task's actions by probability of success; for a family, evaluate the plans in a hidden world.
 ///
-/// Of a whole family every test task is planned and the order tried in a hidden world: AUCCESS under the belief, the prior and
-/// the truth, and whether predicted probabilities are true. Stopped, it goes on where it was when it is begun again.
+/// Simulates the actions of a task in worlds sampled from the prior or posterior, slightly perturbed, and ranks them by success rate. The
+/// best actions are exactly those of an exhaustive evaluation; their probabilities come from fresh samples.
+///
+/// For a whole family, every test task is planned and the plans are evaluated in a hidden world: AUCCESS for posterior, prior and truth, and
+/// the calibration of predicted probabilities. An interrupted run resumes.
 #[derive(clap::Args)]
 pub struct Args {
-    /// One task such as bowling:017, or a family.
+    /// Task such as bowling:017, or a family.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// What is believed: draws of a posterior (`iplw.posterior/1`).
+    /// Posterior samples (iplw.posterior/2) [default: the family's prior]
     #[arg(long, value_name = "FILE", conflicts_with_all = ["prior", "latents", "effects"])]
-    belief: Option<PathBuf>,
-    /// What is believed: the family's prior. The default.
+    posterior: Option<PathBuf>,
+    /// Use the family's prior (the default).
     #[arg(long, conflicts_with = "latents")]
     prior: bool,
-    /// What is believed: one world, `density=..,friction=..,restitution=..`; the scene's own where not given.
+    /// Use one world: density=..,friction=..,restitution=.. (missing ones: the scene's).
     #[arg(long)]
     latents: Option<String>,
-    /// Effect of the believed world, `name:parameter=value,...`; may be repeated.
+    /// Effect of the simulated world, name:parameter=value,..; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Actions looked at.
+    /// Number of candidate actions.
     #[arg(long, default_value_t = 10_000)]
     actions: usize,
-    /// Worlds in which an action is tried, at most; and as many fresh ones for the best.
+    /// Maximal rollouts per action; the best get as many fresh ones.
     #[arg(long, default_value_t = 64)]
     draws: usize,
-    /// Most that a component of an action, in [0, 1], is moved in a copy; 0 tries actions as they are.
-    #[arg(long, default_value_t = iplw::reality::certify::PERTURBATION)]
+    /// Maximal perturbation of an action component, in [0, 1].
+    #[arg(long, default_value_t = iplw::reality::certify::MAX_PERTURBATION)]
     perturb: f64,
-    /// So many of the best are exact, and tried again under fresh draws.
+    /// Number of best actions that are exact and evaluated again with fresh samples.
     #[arg(long, default_value_t = 10)]
     exact: usize,
-    /// Most seconds of the race; what is known by then is the answer.
+    /// Time limit of the ranking, s [default: none]
     #[arg(long)]
     seconds: Option<f64>,
-    /// Most rollouts of the race; likewise.
+    /// Maximal rollouts of the ranking [default: unlimited]
     #[arg(long)]
     rollouts: Option<usize>,
-    /// Engine that simulates: auto, rapier or lanes.
+    /// Physics engine: auto, rapier or lanes.
     #[arg(long, default_value = "auto")]
     engine: String,
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Of a family: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
+    /// Hidden world, for a family: damping=0.8,density=..,friction=..,.. [default: the family's]
     #[arg(long)]
     real: Option<String>,
-    /// Of a family: prior, belief (what --belief or --latents says) and truth; all that there are if not given.
+    /// Rows, for a family: prior, posterior (of --posterior or --latents), truth [default: all available]
     #[arg(long, value_delimiter = ',')]
     rows: Vec<String>,
-    /// Of a family: actions of each tenth of a plan's shares whose predicted success is held against the hidden world's.
+    /// Actions per bin of predicted success for the calibration, for a family.
     #[arg(long, default_value_t = 20)]
     predictions: usize,
-    /// Directory for plan.json and the maps; of a family `plans` if not given.
+    /// Output directory [default: none for a task, plans for a family]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the result as JSON.
@@ -81,15 +84,15 @@ pub struct Args {
     json: bool,
 }
 
-/// Actions in the table.
-const SHOWN: usize = 10;
+/// Number of actions in the table.
+const MAX_LISTED_ACTIONS: usize = 10;
 
 pub fn run(args: &Args) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
     let config = config(args)?;
     match tasks.as_slice() {
-        [task] if args.task != family.name => one(args, task, family, &config),
-        _ => whole(args, &tasks, family, config),
+        [task] if args.task != family.name => plan_task(args, task, family, &config),
+        _ => plan_family(args, &tasks, family, config),
     }
 }
 
@@ -104,31 +107,27 @@ fn config(args: &Args) -> Result<PlanConfig> {
         ..PlanConfig::standard(args.seed)
     };
     config.validate()?;
-    within("--predictions", args.predictions as f64, 0.0, 10_000.0)?;
-    args.seconds.map_or(Ok(0.0), |s| within("--seconds", s, 0.0, 1e6))?;
+    check_range("--predictions", args.predictions as f64, 0.0, 10_000.0)?;
+    args.seconds.map_or(Ok(0.0), |s| check_range("--seconds", s, 0.0, 1e6))?;
     Ok(config)
 }
 
 /// Plans one task.
-fn one(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> Result<()> {
+fn plan_task(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> Result<()> {
     let given = [("--real", args.real.is_some()), ("--rows", !args.rows.is_empty())];
     if let Some((option, _)) = given.iter().find(|(_, given)| *given) {
-        return Err(Error::input(
-            *option,
-            "given for one task",
-            "a whole family as --task, whose orders are tried",
-        ));
+        return Err(Error::input(*option, "given for a single task", "a family as --task"));
     }
-    let belief = match given_belief(args)? {
-        Some(belief) => belief,
+    let samples = match given_samples(args)? {
+        Some(samples) => samples,
         None => prior(args, family)?,
     };
-    args.out.as_deref().map_or(Ok(()), |out| output::directory("--out", out))?;
-    let (bar, started) = (output::Bar::new(), Instant::now());
-    let found = plan(task, &belief, config, until(args.seconds).as_ref(), &bar)?;
+    args.out.as_deref().map_or(Ok(()), |out| output::prepare_directory("--out", out))?;
+    let (bar, started) = (output::TerminalProgress::new(), Instant::now());
+    let found = plan(task, &samples, config, time_budget(args.seconds).as_ref(), &bar)?;
     bar.clear();
     let seconds = started.elapsed().as_secs_f64();
-    let document = document(&found, config, &belief);
+    let document = document(&found, config, &samples);
     let text = pretty(&document)?;
     if let Some(out) = &args.out {
         output::write_whole(&out.join("plan.json"), text.as_bytes())?;
@@ -137,37 +136,42 @@ fn one(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> Result
             output::write_whole(&out.join(name), svg.as_bytes())?;
         }
     }
-    output::print(&if args.json { text } else { told(task, &document, seconds, args.out.as_deref()) })
+    output::print(&if args.json { text } else { summary(task, &document, seconds, args.out.as_deref()) })
 }
 
-/// What --belief or --latents says, if either is given.
-fn given_belief(args: &Args) -> Result<Option<Belief>> {
-    if let Some(path) = &args.belief {
-        return parse::belief(path).map(Some);
+/// Parameter samples of --posterior or --latents, if given.
+fn given_samples(args: &Args) -> Result<Option<ParameterSamples>> {
+    if let Some(path) = &args.posterior {
+        return parse::parameter_samples(path).map(Some);
     }
     let Some(latents) = &args.latents else { return Ok(None) };
-    Belief::point(parse::latents(latents)?, parse::effects(&args.effects)?).map(Some)
+    ParameterSamples::point(parse::latents(latents)?, parse::effects(&args.effects)?).map(Some)
 }
 
-fn prior(args: &Args, family: &Family) -> Result<Belief> {
-    Belief::prior(family.prior, parse::effects(&args.effects)?, PRIOR_DRAWS.max(2 * args.draws), args.seed)
+fn prior(args: &Args, family: &Family) -> Result<ParameterSamples> {
+    ParameterSamples::prior(
+        family.prior,
+        parse::effects(&args.effects)?,
+        PRIOR_SAMPLE_COUNT.max(2 * args.draws),
+        args.seed,
+    )
 }
 
-/// Plans every test task and tries the orders in the hidden world.
-fn whole(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
+/// Plans every test task and evaluates the plans in the hidden world.
+fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
-    let mut beliefs = vec![("prior", prior(args, family)?)];
-    beliefs.extend(given_belief(args)?.map(|belief| ("belief", belief)));
-    beliefs.push(("truth", Belief::point(truth.latents, truth.effects)?));
+    let mut samples_by_row = vec![("prior", prior(args, family)?)];
+    samples_by_row.extend(given_samples(args)?.map(|samples| ("posterior", samples)));
+    samples_by_row.push(("truth", ParameterSamples::point(truth.latents, truth.effects)?));
     if !args.rows.is_empty() {
-        let known: Vec<&str> = beliefs.iter().map(|(name, _)| *name).collect();
-        if let Some(odd) = args.rows.iter().find(|r| !known.contains(&r.as_str())) {
+        let known: Vec<&str> = samples_by_row.iter().map(|(name, _)| *name).collect();
+        if let Some(unknown) = args.rows.iter().find(|r| !known.contains(&r.as_str())) {
             let allowed =
-                format!("some of {} (belief, where --belief or --latents is given)", known.join(", "));
-            return Err(Error::input("--rows", format!("{odd:?}"), allowed));
+                format!("some of {} (posterior, where --posterior or --latents is given)", known.join(", "));
+            return Err(Error::input("--rows", format!("{unknown:?}"), allowed));
         }
-        beliefs.retain(|(name, _)| args.rows.iter().any(|r| r == name));
+        samples_by_row.retain(|(name, _)| args.rows.iter().any(|r| r == name));
     }
     let test = split(tasks, Split::Test);
     let tasks = if test.is_empty() { tasks.to_vec() } else { test };
@@ -176,20 +180,20 @@ fn whole(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Re
     }
     let out = args.out.clone().unwrap_or_else(|| "plans".into());
     let setup = PlanningConfig { plan: config, hidden, predictions: args.predictions };
-    let cells = Cells::new(&out, beliefs.len() * tasks.len())?;
+    let cells = CellStore::new(&out, samples_by_row.len() * tasks.len())?;
     let mut rows = Vec::new();
-    for (name, belief) in &beliefs {
+    for (name, samples) in &samples_by_row {
         let mut found = Vec::new();
         for task in &tasks {
             let of =
-                json!({"setup": setup, "belief": belief.draws(), "seconds": args.seconds, "task": task.id});
+                json!({"setup": setup, "belief": samples.draws(), "seconds": args.seconds, "task": task.id});
             let make = |progress: &dyn iplw::progress::Progress| {
-                plan_and_try(task, belief, &setup, until(args.seconds).as_ref(), progress)
+                evaluate_plan(task, samples, &setup, time_budget(args.seconds).as_ref(), progress)
             };
-            let (planned, seconds) = cells.get(&format!("{name}-{}", task.id), &of, make)?;
+            let (planned, seconds) = cells.get_or_compute(&format!("{name}-{}", task.id), &of, make)?;
             found.push((planned, seconds));
         }
-        rows.push(Row::of(name, &tasks, found));
+        rows.push(PlanningRow::of(name, &tasks, found));
     }
     cells.finish();
     let about = json!({"format": "iplw.planning/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
@@ -197,29 +201,29 @@ fn whole(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Re
     let text = pretty(&about)?;
     output::write_whole(&out.join("planning.json"), text.as_bytes())?;
     let scores: Vec<_> = rows.iter().map(|row| (row.name.as_str(), &row.score)).collect();
-    let page = planned::page(family.name, tasks.len(), &scores);
+    let page = plan_report::page(family.name, tasks.len(), &scores);
     output::write_whole(&out.join("report.html"), page.as_bytes())?;
     output::print(&if args.json { text } else { table(&rows, tasks.len(), &out) })
 }
 
-/// A belief's plans.
+/// Results for one source of parameter samples.
 #[derive(Serialize)]
-struct Row {
+struct PlanningRow {
     name: String,
     score: PlanningScore,
-    /// Mean copies of a plan.
+    /// Mean rollouts per plan.
     rollouts: f64,
-    /// Median of what a task took, with its tries and predictions, s.
+    /// Median time per task, evaluation included, s.
     seconds: f64,
     tasks: Vec<Value>,
 }
 
-impl Row {
-    fn of(name: &str, tasks: &[Task], found: Vec<(PlannedTask, f64)>) -> Row {
-        let (planned, mut seconds): (Vec<PlannedTask>, Vec<f64>) = found.into_iter().unzip();
+impl PlanningRow {
+    fn of(name: &str, tasks: &[Task], found: Vec<(PlanEvaluation, f64)>) -> PlanningRow {
+        let (planned, mut seconds): (Vec<PlanEvaluation>, Vec<f64>) = found.into_iter().unzip();
         seconds.sort_by(f64::total_cmp);
-        let one = |(task, p): (&Task, &PlannedTask)| json!({"task": task.id, "solved_at": p.solved_at, "rollouts": p.rollouts, "complete": p.complete});
-        Row {
+        let one = |(task, p): (&Task, &PlanEvaluation)| json!({"task": task.id, "solved_at": p.solved_at, "rollouts": p.rollouts, "complete": p.complete});
+        PlanningRow {
             name: name.into(),
             score: score(&planned),
             rollouts: planned.iter().map(|p| p.rollouts as f64).sum::<f64>() / planned.len() as f64,
@@ -229,18 +233,18 @@ impl Row {
     }
 }
 
-/// Looks at a clock; without one, endless.
-fn until(seconds: Option<f64>) -> Box<dyn Budget> {
-    struct Until(Instant, f64);
-    impl Budget for Until {
-        fn look(&self) -> Result<()> {
+/// A budget of wall-clock time; unlimited without a limit.
+fn time_budget(seconds: Option<f64>) -> Box<dyn Budget> {
+    struct WallClockBudget(Instant, f64);
+    impl Budget for WallClockBudget {
+        fn check(&self) -> Result<()> {
             let over = Instant::now() >= self.0;
             if over { Err(Error::Deadline { seconds: self.1 }) } else { Ok(()) }
         }
     }
     match seconds {
-        Some(s) => Box::new(Until(Instant::now() + Duration::from_secs_f64(s), s)),
-        None => Box::new(Endless),
+        Some(s) => Box::new(WallClockBudget(Instant::now() + Duration::from_secs_f64(s), s)),
+        None => Box::new(Unlimited),
     }
 }
 
@@ -249,8 +253,8 @@ fn pretty(value: &impl Serialize) -> Result<String> {
     Ok(text + "\n")
 }
 
-/// A plan for people.
-fn told(task: &Task, plan: &PlanDocument, seconds: f64, out: Option<&Path>) -> String {
+/// A plan as text.
+fn summary(task: &Task, plan: &PlanDocument, seconds: f64, out: Option<&Path>) -> String {
     let names: Vec<String> = task
         .actions()
         .components
@@ -258,11 +262,11 @@ fn told(task: &Task, plan: &PlanDocument, seconds: f64, out: Option<&Path>) -> S
         .map(|c| format!("{}.{}", c.target, format!("{:?}", c.set).to_lowercase()))
         .collect();
     let mut text = format!(
-        "{}: {} actions, {} cannot be placed; {} rollouts under {} draws, {seconds:.1} s\n",
+        "{}: {} actions, {} invalid; {} rollouts, up to {} per action, {seconds:.1} s\n",
         plan.task, plan.candidates, plan.invalid, plan.rollouts, plan.config.draws
     );
-    text += &format!("probability     solved of raced   {}\n", names.join(", "));
-    for row in plan.actions.iter().take(SHOWN) {
+    text += &format!("probability            ranking   {}\n", names.join(", "));
+    for row in plan.actions.iter().take(MAX_LISTED_ACTIONS) {
         let probability = match (row.probability, row.standard_error) {
             (Some(p), Some(e)) => format!("{p:.3} +- {e:.3}"),
             _ => "-".into(),
@@ -272,15 +276,15 @@ fn told(task: &Task, plan: &PlanDocument, seconds: f64, out: Option<&Path>) -> S
         text += &format!("{probability:<15} {raced:>15}   {}\n", values.join(", "));
     }
     if !plan.complete {
-        text += "not complete: there may be better ones among those that were not tried to the end\n";
+        text += "not complete: actions that were not fully evaluated may be better\n";
     }
     out.map_or(text.clone(), |out| format!("{text}plan and maps: {}\n", out.display()))
 }
 
-/// Rows for people.
-fn table(rows: &[Row], tasks: usize, out: &Path) -> String {
+/// Rows as a text table.
+fn table(rows: &[PlanningRow], tasks: usize, out: &Path) -> String {
     let mut text = format!("{tasks} test tasks of the hidden world\n");
-    text += "belief    AUCCESS   first attempt   complete   calibration error   rollouts a plan\n";
+    text += "samples   AUCCESS   first attempt   complete   calibration error   rollouts per plan\n";
     for row in rows {
         let (s, n) = (&row.score, row.score.calibration.bins.iter().map(|b| b.count).sum::<usize>());
         text += &format!(

@@ -1,4 +1,4 @@
-//! `iplw rollout`: scenes in, trajectories out, one JSON document a line.
+//! `iplw rollout`: simulates scenes, one JSON document per line in and out.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -6,32 +6,34 @@ use std::path::PathBuf;
 
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
-use iplw::trajectory::{Contact, End, Trajectory};
-use iplw::world::{Engine, Rollout, chosen, simulate};
+use iplw::trajectory::{Contact, Termination, Trajectory};
+use iplw::world::{Engine, Rollout, Simulator, select_engine};
 use serde::Serialize;
 
 use super::output;
 
-/// Each line of the input is a scene (`iplw.scene/1`); each line of the output is its rollout:
+/// Simulate scenes: one scene per line in, one trajectory per line out.
+///
+/// Simulates scenes. Each line of the input is a scene (`iplw.scene/1`); each line of the output is its trajectory:
 /// `{"solved", "steps", "t", "bodies": {name: {"x", "y", "angle"}}, "contacts": {...}}`.
 /// All lines are checked before anything is simulated or written.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Engine that integrates: auto, rapier or lanes.
+    /// Physics engine: auto, rapier or lanes.
     #[arg(long, default_value = "auto")]
     engine: String,
-    /// File of scenes, one a line; `-` is standard input.
+    /// File with one scene per line; - is standard input.
     #[arg(long = "in", value_name = "FILE", default_value = "-")]
     input: String,
-    /// Where results go; `-` is standard output.
+    /// Output file; - is standard output.
     #[arg(long, value_name = "FILE", default_value = "-")]
     out: String,
 }
 
 /// Scenes simulated between two writes to standard output.
-const CHUNK: usize = 512;
+const SCENES_PER_WRITE: usize = 512;
 
-/// Whether scenes come from standard input.
+/// Whether scenes are read from standard input.
 pub fn reads_stdin(args: &Args) -> bool {
     args.input == "-"
 }
@@ -44,16 +46,16 @@ pub fn run(args: &Args) -> Result<()> {
         let place = format!("{name}:{}", i + 1);
         let scene = Scene::from_json(line).map_err(|e| at_line(e, &place))?;
         let rollout = Rollout::of(&scene);
-        engines.push(chosen(engine, &rollout).map_err(|e| at_line(e, &place))?.name());
+        engines.push(select_engine(engine, &rollout).map_err(|e| at_line(e, &place))?.name());
         scenes.push(scene);
     }
     let file = (args.out != "-").then(|| PathBuf::from(&args.out));
-    file.as_deref().map_or(Ok(()), |path| output::file("--out", path))?;
+    file.as_deref().map_or(Ok(()), |path| output::prepare_file("--out", path))?;
     let mut results = Vec::new();
-    for (chunk, engines) in scenes.chunks(CHUNK).zip(engines.chunks(CHUNK)) {
+    for (chunk, engines) in scenes.chunks(SCENES_PER_WRITE).zip(engines.chunks(SCENES_PER_WRITE)) {
         let rollouts: Vec<Rollout> = chunk.iter().map(Rollout::of).collect();
-        for (engine, trajectory) in engines.iter().zip(simulate(&rollouts, engine)?) {
-            let line = serde_json::to_writer(&mut results, &Record::of(&trajectory, engine));
+        for (engine, trajectory) in engines.iter().zip(Simulator::new(engine).run(&rollouts)?) {
+            let line = serde_json::to_writer(&mut results, &RolloutRecord::of(&trajectory, engine));
             line.map_err(|e| Error::Failed(e.to_string()))?;
             results.push(b'\n');
         }
@@ -64,12 +66,12 @@ pub fn run(args: &Args) -> Result<()> {
     file.map_or(Ok(()), |path| output::write_whole(&path, &results))
 }
 
-/// A trajectory as the contract has it; bodies in the order of their names.
+/// The output format of a trajectory; bodies in the order of their names.
 #[derive(Serialize)]
-struct Record<'a> {
-    bodies: BTreeMap<&'a str, Places<'a>>,
-    contacts: Counts,
-    end: End,
+struct RolloutRecord<'a> {
+    bodies: BTreeMap<&'a str, BodyPoses<'a>>,
+    contacts: ContactCounts,
+    end: Termination,
     engine: &'a str,
     events: &'a [Contact],
     solved: Option<bool>,
@@ -78,27 +80,27 @@ struct Record<'a> {
 }
 
 #[derive(Serialize)]
-struct Places<'a> {
+struct BodyPoses<'a> {
     angle: &'a [f64],
     x: &'a [f64],
     y: &'a [f64],
 }
 
 #[derive(Serialize)]
-struct Counts {
+struct ContactCounts {
     collisions: u32,
     rolling_steps: u32,
 }
 
-impl<'a> Record<'a> {
-    fn of(seen: &'a Trajectory, engine: &'a str) -> Record<'a> {
+impl<'a> RolloutRecord<'a> {
+    fn of(seen: &'a Trajectory, engine: &'a str) -> RolloutRecord<'a> {
         let places = seen.bodies.iter().map(|track| {
-            let places = Places { angle: &track.angle, x: &track.x, y: &track.y };
+            let places = BodyPoses { angle: &track.angle, x: &track.x, y: &track.y };
             (track.name.as_str(), places)
         });
-        Record {
+        RolloutRecord {
             bodies: places.collect(),
-            contacts: Counts { collisions: seen.collisions, rolling_steps: seen.rolling_steps },
+            contacts: ContactCounts { collisions: seen.collisions, rolling_steps: seen.rolling_steps },
             end: seen.outcome.end,
             engine,
             events: &seen.events,
@@ -118,11 +120,11 @@ fn read(input: &str) -> Result<(String, String)> {
         std::fs::read(input).map(|b| bytes = b)
     };
     read.map_err(|e| Error::Io { path: name.clone(), message: e.to_string() })?;
-    let text = String::from_utf8(bytes).map_err(|_| Error::input("", "", "UTF-8 text").at(&name))?;
+    let text = String::from_utf8(bytes).map_err(|_| Error::input("", "", "UTF-8 text").in_file(&name))?;
     Ok((name, text))
 }
 
-/// The line within the file replaces the line within the document, which is always 1.
+/// Replaces the line within the document, which is always 1, by the line within the file.
 fn at_line(error: Error, place: &str) -> Error {
     match error {
         Error::Input(mut input) => {

@@ -1,11 +1,11 @@
-//! `iplw surface`: which latents a task's performance depends on.
+//! `iplw surface`: dependence of task performance on the latents.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::estimate::Surface;
-use iplw::estimate::surface::{Axis, Route};
+use iplw::estimate::PerformanceSurface;
+use iplw::estimate::surface::{EvaluationMethod, SurfaceAxis};
 use iplw::experiment::surface::{SurfaceConfig, surface};
 use iplw::picture::surface::{Mark, surface_svg};
 use iplw::task::{DEFAULT_FAMILY, Family, family};
@@ -13,46 +13,47 @@ use iplw::world::latent::FACTORS;
 
 use super::{output, parse};
 
-/// Jump-start performance over the latents of the simulation, in related environments whose physics is known: at a
-/// few design points, with a Gaussian process between them. Its slope says how much each latent matters; `iplw
-/// estimate --surface` spends actions accordingly.
+/// Compute how task performance depends on the latents (a performance surface).
+///
+/// Computes jump-start performance over the latents of the simulation in related environments with known physics: at design points,
+/// interpolated by a Gaussian process. Its gradient shows how much each latent matters; `iplw estimate --surface` chooses actions
+/// accordingly.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A family (`iplw tasks` lists them).
+    /// Family (see `iplw tasks`).
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// `ideal`: actions that solve in the simulation are tried first, no learning (a minute or so); `dqn`: a policy
-    /// is trained at every point (ten seconds or so each).
+    /// Route: ideal (simulated successes first, a minute) or dqn (trains a policy, 10 s per point).
     #[arg(long, default_value = "ideal")]
     route: String,
-    /// Design points.
+    /// Number of design points.
     #[arg(long, default_value_t = 40)]
     points: usize,
-    /// A grid with this many values of each factor instead of design points.
+    /// Values per factor of a grid that replaces the design points [default: no grid]
     #[arg(long)]
     grid: Option<usize>,
-    /// What is varied.
+    /// Latent factors to vary.
     #[arg(long, default_value = "friction,restitution", value_delimiter = ',')]
     factors: Vec<String>,
-    /// A related environment, `damping=..,density=..,friction=..,restitution=..`; latents not named are the prior's
-    /// means. May be repeated; damping 0.7 and 0.6 if not given.
+    /// Related environment: damping=..,friction=..,..; may be repeated [default: damping 0.7 and 0.6]
     #[arg(long = "related", value_name = "ENVIRONMENT")]
     related: Vec<String>,
-    /// Actions sampled per task (ideal) or labelled per training task (dqn); the family's own if not given.
+    /// Actions per task [default: the family's]
     #[arg(long)]
     actions: Option<usize>,
-    /// A place to mark and to report on, `name:friction=..,restitution=..`; may be repeated.
+    /// Point to mark and report, name:friction=..,restitution=..; may be repeated.
     #[arg(long = "mark", value_name = "MARK")]
     marks: Vec<String>,
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Where to write the surface.
+    /// Output file.
     #[arg(long, default_value = "surface.json")]
     out: PathBuf,
-    /// Where to draw it.
+    /// Output file of a plot [default: none]
     #[arg(long)]
     svg: Option<PathBuf>,
-    /// Draw and report on a surface already found, instead of finding one.
+    /// Plot and report an existing surface file instead of computing one.
     #[arg(long, conflicts_with_all = ["route", "points", "grid", "related", "actions"])]
     from: Option<PathBuf>,
 }
@@ -60,16 +61,16 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let (found, family, seconds) = match &args.from {
         Some(path) => {
-            let found = parsed(path)?;
+            let found = parse_surface(path)?;
             let family = family(&found.family)?;
             (found, family, None)
         }
         None => {
             let family = family(&args.task)?;
             let config = config(args, family)?;
-            output::file("--out", &args.out)?;
-            args.svg.as_deref().map_or(Ok(()), |svg| output::file("--svg", svg))?;
-            let bar = output::Bar::new();
+            output::prepare_file("--out", &args.out)?;
+            args.svg.as_deref().map_or(Ok(()), |svg| output::prepare_file("--svg", svg))?;
+            let bar = output::TerminalProgress::new();
             let started = Instant::now();
             let found = surface(family, &config, &bar)?;
             bar.clear();
@@ -88,9 +89,9 @@ pub fn run(args: &Args) -> Result<()> {
     output::print(&text)
 }
 
-/// The surface in a file, which must be the family's.
-pub fn read(path: &Path, family: &Family) -> Result<Surface> {
-    let found = parsed(path)?;
+/// Reads the surface of a family from a file.
+pub fn read(path: &Path, family: &Family) -> Result<PerformanceSurface> {
+    let found = parse_surface(path)?;
     if found.family != family.name {
         let field = format!("{}: family", path.display());
         return Err(Error::input(field, format!("{:?}", found.family), format!("{:?}", family.name)));
@@ -98,14 +99,14 @@ pub fn read(path: &Path, family: &Family) -> Result<Surface> {
     Ok(found)
 }
 
-fn parsed(path: &Path) -> Result<Surface> {
+fn parse_surface(path: &Path) -> Result<PerformanceSurface> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-    Surface::from_json(&text).map_err(|e| e.at(path.display()))
+    PerformanceSurface::from_json(&text).map_err(|e| e.in_file(path.display()))
 }
 
 fn config(args: &Args, family: &Family) -> Result<SurfaceConfig> {
-    let mut config = SurfaceConfig::new(family, Route::from_name(&args.route)?)?;
-    let axis = |name: &String| Axis::of_prior(name.trim(), family.prior);
+    let mut config = SurfaceConfig::new(family, EvaluationMethod::from_name(&args.route)?)?;
+    let axis = |name: &String| SurfaceAxis::from_prior(name.trim(), family.prior);
     config.axes = args.factors.iter().map(axis).collect::<Result<_>>()?;
     (config.points, config.grid, config.seed) = (args.points, args.grid, args.seed);
     if let Some(actions) = args.actions {
@@ -128,8 +129,8 @@ fn mark(text: &str, base: [f64; 3]) -> Result<Mark> {
     Ok(Mark { name: name.to_string(), latents: std::array::from_fn(|i| given[i].unwrap_or(base[i])) })
 }
 
-/// What the surface says, for people.
-fn table(found: &Surface, family: &Family, marks: &[Mark]) -> Result<String> {
+/// The surface as text.
+fn table(found: &PerformanceSurface, family: &Family, marks: &[Mark]) -> Result<String> {
     let (low, high) = found
         .points
         .iter()
@@ -142,7 +143,7 @@ fn table(found: &Surface, family: &Family, marks: &[Mark]) -> Result<String> {
         found.tasks,
         found.surrogate.noise
     );
-    text += "over what the prior holds likely:\nfactor         mean |dP/d factor|   sd at a place   times the prior's deviation\n";
+    text += "averaged over the prior:\nfactor         mean |dP/d factor|   sd at a point   times the prior's sd\n";
     let felt = found.sensitivities(family.prior)?;
     for s in &felt {
         text += &format!("{:<14} {:>18.3}   {:>13.3}   {:>10.3}\n", s.factor, s.slope, s.sd, s.stake);
@@ -150,14 +151,14 @@ fn table(found: &Surface, family: &Family, marks: &[Mark]) -> Result<String> {
     let of = |name: &str| felt.iter().find(|s| s.factor == name);
     if let (Some(friction), Some(restitution)) = (of("friction"), of("restitution")) {
         text += &format!(
-            "restitution over friction: {:.2} (per unit), {:.2} (per deviation of the prior)\n",
+            "restitution over friction: {:.2} (per unit), {:.2} (per prior sd)\n",
             restitution.slope / friction.slope,
             restitution.stake / friction.stake
         );
     }
     let predictor = found.predictor()?;
     for mark in marks {
-        let (there, slope) = (predictor.at(mark.latents), predictor.gradient(mark.latents));
+        let (there, slope) = (predictor.predict(mark.latents), predictor.gradient(mark.latents));
         text += &format!("\nat {}: AUCCESS {:.3} +- {:.3}", mark.name, there.mean, there.sd);
         for axis in &found.axes {
             let g = slope[axis.index()];

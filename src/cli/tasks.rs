@@ -1,9 +1,9 @@
-//! `iplw tasks`: what there is to do.
+//! `iplw tasks`: task families and tasks.
 
 mod check;
+mod family_import;
 mod import;
 mod journal;
-mod taken;
 
 use iplw::error::{Error, Result};
 use iplw::reality::certify::certify;
@@ -11,56 +11,56 @@ use iplw::task::{Family, Split, families, family};
 use serde_json::{Value, json};
 
 use super::output;
-use super::own::OwnFamilies;
+use super::task_sources::TaskSources;
 
-/// Without a name, every family; with one, its tasks.
+/// List task families, tasks, splits and action spaces; check or import families.
+///
+/// Lists all families, or the tasks of one family.
 #[derive(clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct Args {
     #[command(subcommand)]
-    command: Option<Sub>,
-    /// A family.
+    command: Option<TasksCommand>,
+    /// Family [default: all]
     name: Option<String>,
-    /// Print JSON: tasks with scenes and certificates, splits, action space.
+    /// Print JSON with scenes, certificates, splits and action spaces.
     #[arg(long)]
     json: bool,
-    /// Search the family's tasks anew and print their certificates (takes minutes).
+    /// Certify the family's tasks again and print the certificates (takes minutes).
     #[arg(long)]
     certify: bool,
-    /// Seed of that search.
+    /// Random seed of the certification.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]
-    families: OwnFamilies,
+    families: TaskSources,
 }
 
 #[derive(clap::Subcommand)]
-enum Sub {
-    /// Try a family of your own: draw its candidates, certify its tasks, say what is too easy, unsolvable or unstable.
+enum TasksCommand {
+    /// Check a family of your own: sample candidates and certify tasks.
     ///
-    /// Reads a family's file (`iplw.family/1`, docs/formats.md), draws its candidates and looks at one after the other: how many of
-    /// its valid actions solve it in the family's real world, and whether a solution goes on to if it is perturbed 40 times. Says
-    /// of each range of that share how many tasks were found, and of the rest whether they are too easy, too hard, unsolvable or
-    /// unstable.
+    /// Reads a family file (`iplw.family/1`, docs/reference/formats.md), samples candidates, and computes for each one the share of valid
+    /// actions that solve it in the family's real world, and whether a solution still works when perturbed 40 times. Reports the number of
+    /// tasks in each range of that share, and how many candidates are too easy, too hard, unsolvable or unstable.
     ///
-    /// Where all tasks are found, they are written beside the file, NAME.certified.json beside NAME.toml, and the folder can be
-    /// served: `iplw serve --tasks DIR`. Exit code 1 if they are not.
+    /// If all tasks are found, they are written to NAME.certified.json next to NAME.toml, and the directory can be served: `iplw serve
+    /// --tasks DIR`. Otherwise the exit code is 1.
     ///
-    /// A search that was stopped goes on where it was when it is run again: NAME.search.jsonl beside the file has what was found,
-    /// until all is. It begins anew when the file was changed.
+    /// An interrupted search resumes from NAME.search.jsonl unless the family file was changed.
     Check(check::Args),
-    /// Make families of tasks that others wrote: PHYRE's, or any list of scenes.
+    /// Import tasks from PHYRE or from a list of scenes as families.
     #[command(subcommand)]
-    Import(import::Sub),
+    Import(import::ImportSource),
 }
 
 pub fn run(args: &Args) -> Result<()> {
     match &args.command {
-        Some(Sub::Check(args)) => return check::run(args),
-        Some(Sub::Import(sub)) => return import::run(sub),
+        Some(TasksCommand::Check(args)) => return check::run(args),
+        Some(TasksCommand::Import(sub)) => return import::run(sub),
         None => {}
     }
-    args.families.take()?;
+    args.families.load()?;
     let families: Vec<&Family> = match &args.name {
         Some(name) => vec![family(name)?],
         None => families().to_vec(),
@@ -106,13 +106,13 @@ pub fn run(args: &Args) -> Result<()> {
     output::print(&text)
 }
 
-/// Prints the file of a family's certified tasks, searched anew.
+/// Certifies a family's tasks and prints the file of certified tasks.
 fn certified(families: &[&Family], seed: u64) -> Result<()> {
     let [family] = families else {
         let known = families.iter().map(|f| f.name).collect::<Vec<_>>().join(", ");
         return Err(Error::input("name", "missing", format!("one family to certify of {known}")));
     };
-    let bar = output::Bar::new();
+    let bar = output::TerminalProgress::new();
     let found = certify(family, seed, &bar)?;
     bar.clear();
     output::print(&found.to_json())

@@ -1,63 +1,65 @@
-//! `iplw token`: who may do what on a server.
+//! `iplw token`: access tokens of a server.
 
 use std::path::PathBuf;
 
 use clap::Subcommand;
-use iplw::access::{Kept, Scope, TokenFile, days, digest, fresh, now, written};
+use iplw::access::{HashedToken, Scope, TokenFile, digest, format_time, generate, now, parse_duration};
 use iplw::error::{Error, Result};
 use serde_json::json;
 
 use super::output;
 
-/// Tokens, by which a server knows who asks. Of a token its SHA-256 is kept: it is shown once.
+/// Create, list and revoke access tokens of a server.
+///
+/// Manages access tokens. Only the SHA-256 of a token is stored: the token itself is printed once.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
-    command: Command,
+    command: TokenCommand,
 }
 
 #[derive(Subcommand)]
-enum Command {
-    /// Make a token and print it. With neither file nor directory nothing is kept: the row for IPLW_TOKENS is printed
-    /// to standard error.
+enum TokenCommand {
+    /// Create a token and print it.
+    ///
+    /// Without --data-dir and --token-file nothing is stored: a value for IPLW_TOKENS is printed to standard error.
     New {
-        /// Whose it is: worlds, jobs and policies made with it belong to this name.
+        /// Name of the owner of worlds, jobs and policies created with this token.
         name: String,
-        /// read: see everybody's things. act: make worlds, jobs and policies and act in one's own and in the shared
-        /// worlds. admin: the same with everybody's.
+        /// read (all resources), act (create resources, act in own and shared worlds) or admin (all resources).
         #[arg(long, value_name = "SCOPE")]
-        may: String,
-        /// How long it is good: 30d, 12h, 15m, 90s, or never.
+        scope: String,
+        /// Lifetime: 30d, 12h, 15m, 90s, or never.
         #[arg(long, value_name = "SPAN", default_value = "90d")]
         expires: String,
         #[command(flatten)]
-        place: Place,
+        location: TokenLocation,
     },
-    /// List tokens: name, scope, when made, until when.
+    /// List tokens with scope, creation and expiry.
     List {
         #[command(flatten)]
-        place: Place,
+        location: TokenLocation,
     },
-    /// Take a token back; a running server knows within a second or two.
+    /// Revoke a token; a running server notices within two seconds.
     Revoke {
-        /// Whose it is.
+        /// Name of the owner.
         name: String,
         #[command(flatten)]
-        place: Place,
+        location: TokenLocation,
     },
 }
 
 #[derive(clap::Args)]
-struct Place {
-    /// The server's data directory, which keeps the tokens of those who may ask it.
+struct TokenLocation {
+    /// Data directory of the server.
     #[arg(long, value_name = "DIR", conflicts_with = "token_file")]
     data_dir: Option<PathBuf>,
-    /// A file of tokens by itself, for `iplw serve --token-file`.
+    /// Separate token file, for `iplw serve --token-file`.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
 
-impl Place {
+impl TokenLocation {
     fn file(&self) -> Option<TokenFile> {
         match (&self.token_file, &self.data_dir) {
             (Some(path), _) => Some(TokenFile::at(path)),
@@ -66,7 +68,7 @@ impl Place {
         }
     }
 
-    fn needed(&self) -> Result<TokenFile> {
+    fn required_file(&self) -> Result<TokenFile> {
         self.file()
             .ok_or_else(|| Error::input("--data-dir", "missing", "--data-dir DIR or --token-file FILE"))
     }
@@ -74,31 +76,37 @@ impl Place {
 
 pub fn run(args: &Args) -> Result<()> {
     match &args.command {
-        Command::New { name, may, expires, place } => new(name, may, expires, place),
-        Command::List { place } => list(place),
-        Command::Revoke { name, place } => revoke(name, place),
+        TokenCommand::New { name, scope, expires, location } => new(name, scope, expires, location),
+        TokenCommand::List { location } => list(location),
+        TokenCommand::Revoke { name, location } => revoke(name, location),
     }
 }
 
-fn new(name: &str, may: &str, expires: &str, place: &Place) -> Result<()> {
-    Kept::check_name("name", name)?;
-    let scope = Scope::from_name("--may", may)?;
-    let (made, token) = (now(), fresh()?);
-    let expires = days("--expires", expires)?.map(|span| made + span);
-    let kept = Kept { name: name.into(), scope, digest: digest(token.as_bytes()), made, expires };
-    match place.file() {
+fn new(name: &str, scope: &str, expires: &str, location: &TokenLocation) -> Result<()> {
+    HashedToken::check_name("name", name)?;
+    let parsed_scope = Scope::from_name("--scope", scope)?;
+    let (made, token) = (now(), generate()?);
+    let expires = parse_duration("--expires", expires)?.map(|span| made + span);
+    let record = HashedToken {
+        name: name.into(),
+        scope: parsed_scope,
+        digest: digest(token.as_bytes()),
+        made,
+        expires,
+    };
+    match location.file() {
         Some(file) => {
-            file.add(&kept)?;
-            let until = expires.map_or("for ever".into(), |at| format!("until {}", written(at)));
+            file.add(&record)?;
+            let until = expires.map_or("forever".into(), |at| format!("until {}", format_time(at)));
             eprintln!(
-                "{name} may {may} {until}; kept in {}. The token is shown this once:",
+                "{name} has scope {scope} {until}; saved to {}. The token is printed only once:",
                 file.path().display()
             );
         }
         None => {
-            let mut row = json!({"name": name, "may": may, "sha256": kept.digest.hex()});
+            let mut row = json!({"name": name, "scope": scope, "sha256": record.digest.hex()});
             if let Some(at) = expires {
-                row["expires"] = written(at).into();
+                row["expires"] = format_time(at).into();
             }
             eprintln!("IPLW_TOKENS='[{row}]'");
         }
@@ -106,18 +114,23 @@ fn new(name: &str, may: &str, expires: &str, place: &Place) -> Result<()> {
     output::print(&format!("{token}\n"))
 }
 
-fn list(place: &Place) -> Result<()> {
-    let file = place.needed()?;
+fn list(location: &TokenLocation) -> Result<()> {
+    let file = location.required_file()?;
     let mut text = String::new();
-    for kept in file.read()?.unwrap_or_default() {
-        let until = kept.expires.map_or("never expires".into(), |at| {
-            format!("{} {}", if kept.ended(now()) { "expired" } else { "expires" }, written(at))
+    for record in file.read()?.unwrap_or_default() {
+        let until = record.expires.map_or("never expires".into(), |at| {
+            format!("{} {}", if record.is_expired(now()) { "expired" } else { "expires" }, format_time(at))
         });
-        text += &format!("{:<24} {:<6} made {}  {until}\n", kept.name, kept.scope.name(), written(kept.made));
+        text += &format!(
+            "{:<24} {:<6} made {}  {until}\n",
+            record.name,
+            record.scope.name(),
+            format_time(record.made)
+        );
     }
     output::print(&text)
 }
 
-fn revoke(name: &str, place: &Place) -> Result<()> {
-    place.needed()?.revoke(name)
+fn revoke(name: &str, location: &TokenLocation) -> Result<()> {
+    location.required_file()?.revoke(name)
 }

@@ -1,96 +1,103 @@
-//! `iplw train` and `iplw evaluate`: a policy as a safetensors file, and how it does in a hidden world.
+//! `iplw train` and `iplw evaluate`: training of a policy, and its evaluation in a hidden world.
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::experiment::try_out;
+use iplw::experiment::evaluate_in_hidden_world;
 use iplw::policy::{
-    CHUNK, Dqn, EvaluateConfig, Evaluation, Judge, LabelConfig, Labelled, Lesson, Place, Saturation, Table,
-    TrainConfig, TrainLog, Training, label, rank, train, train_saturated,
+    CHUNK, Dqn, EarlyStopping, EvaluateConfig, Evaluation, LabelConfig, LabelledData, OutcomeDataset,
+    OutcomeTable, SimulatedValidator, TaskIndex, TrainConfig, TrainLog, TrainingPhysics, label, rank, train,
+    train_with_early_stopping,
 };
 use iplw::progress::Progress;
 use iplw::reality::standard;
-use iplw::task::{DEFAULT_FAMILY, Labels, Learning, Split, Task, split};
+use iplw::task::{DEFAULT_FAMILY, LabelCounts, Learning, Split, Task, split};
 use iplw::world::Engine;
 use serde_json::json;
 
 use super::outcomes::read_all;
 use super::{output, parse};
 
-/// Labels random actions of the training tasks in a simulation and trains a policy on them.
+/// Train a policy in simulation; writes its weights.
+///
+/// Labels random actions of the training tasks by simulation and trains a policy on them.
 #[derive(clap::Args)]
 pub struct TrainArgs {
-    /// A family, or one of its tasks.
+    /// Family, or one of its tasks.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// Latents of the simulation, `density=..,friction=..,restitution=..`; the scene's own where not given.
+    /// Latents of the simulation: density=..,friction=..,restitution=.. [default: the scene's]
     #[arg(long, default_value = "")]
     latents: String,
-    /// Train under domain randomisation over the paper's ranges instead of at `--latents`.
+    /// Domain randomisation over the paper's ranges instead of --latents.
     #[arg(long, conflicts_with = "latents")]
     randomised: bool,
-    /// Train under what is known: every action is labelled in a world drawn from a posterior (`iplw.posterior/1`), so that what
-    /// works in most of them ranks high.
+    /// Posterior samples (iplw.posterior/2): every action is labelled in a sampled world.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["latents", "randomised", "effects"])]
-    belief: Option<PathBuf>,
-    /// Effect of the simulation, `name:parameter=value,...`; may be repeated.
+    posterior: Option<PathBuf>,
+    /// Effect of the simulation, name:parameter=value,..; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Learn from tables that `iplw outcomes` wrote, one a family, and from their training tasks: no simulator is asked. Of
-    /// several families the policy becomes one for any that has the same kind of actions.
-    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "belief", "effects", "preset", "fold"])]
+    /// Learn from tables of `iplw outcomes`, one per family, without simulation.
+    ///
+    /// With several families, the policy applies to all families with the same kind of actions.
+    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "posterior", "effects", "preset", "fold"])]
     outcomes: Vec<PathBuf>,
-    /// Labelled actions per training task, and further ones of a task that few of them solve; the family's number if
-    /// not given, with --outcomes the usual one of any family.
+    /// Labelled actions per training task, at least [default: the family's]
     #[arg(long)]
     per_task: Option<usize>,
-    /// How long to train. `saturating`: stretches of the family's number of updates until AUCCESS on its validation tasks, tried
-    /// in the simulation trained in, grows no more; the best weights are kept. `paper`: that number and no more. If not given,
-    /// `saturating` for a family, `paper` for one task, with --batches and with --outcomes. `saturating` labels at least 1000
-    /// actions a task and takes batches of at least 64, if nothing else is asked for.
+    /// Length of training: saturating or paper [default: saturating for a family, otherwise paper]
+    ///
+    /// `saturating` trains until AUCCESS on the simulated validation tasks stops improving, and keeps the best weights; by default it
+    /// labels at least 1000 actions per task and uses batches of at least 64. `paper` does the family's number of updates. With --batches,
+    /// with --outcomes and for a single task the default is `paper`.
     #[arg(long)]
     preset: Option<String>,
-    /// Updates, as many as this: a fixed training, as with `--preset paper`.
+    /// Number of updates, which implies --preset paper [default: the family's]
     #[arg(long)]
     batches: Option<usize>,
-    /// Examples per update, half of them solving; likewise.
+    /// Examples per update, half of them successes [default: the family's]
     #[arg(long)]
     batch_size: Option<usize>,
-    /// Deal the family's tasks anew to train, validation and test; 0 is how they are dealt if not given.
+    /// Fold: another random split of the family's tasks into train, validation and test [default: 0]
     #[arg(long)]
     fold: Option<u64>,
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// File for the weights (safetensors).
+    /// Output file of the weights (safetensors).
     #[arg(long, default_value = "policy.safetensors")]
     out: PathBuf,
 }
 
-/// Lets a policy rank the actions of each task and tries them in the hidden world, best first, up to 100.
+/// Evaluate a policy in a hidden world.
+///
+/// Ranks the actions of each task by a policy and executes them in the hidden world, best first, up to 100 attempts.
 #[derive(clap::Args)]
 pub struct EvaluateArgs {
-    /// A family, or one task such as bowling:017.
+    /// Family, or a task such as bowling:017.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// Try it in the world of tables that `iplw outcomes` wrote, instead: all their actions are ranked, no simulator is asked.
+    /// Evaluate on tables of `iplw outcomes` instead, without simulation.
     #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "real", "candidates"])]
     outcomes: Vec<PathBuf>,
-    /// File of weights that `iplw train` wrote.
+    /// Weights of `iplw train`.
     #[arg(long)]
     policy: PathBuf,
-    /// train, validation or test.
+    /// Split: train, validation or test.
     #[arg(long, default_value = "test")]
     split: String,
-    /// The fold that the policy was trained in, as `iplw train --fold` deals it.
+    /// Fold of `iplw train --fold` [default: 0]
     #[arg(long, conflicts_with = "outcomes")]
     fold: Option<u64>,
-    /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..`.
+    /// Hidden world: damping=0.8,density=..,friction=..,restitution=.. [default: the family's]
     #[arg(long, default_value = "")]
     real: String,
-    /// Actions ranked per task.
+    /// Number of actions ranked per task.
     #[arg(long, default_value_t = 10_000)]
     candidates: usize,
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Print the result as JSON.
@@ -108,8 +115,8 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
         _ => Learning::STANDARD,
     };
     let per_task = args.per_task.unwrap_or(usual.labels.per_task);
-    iplw::error::within("--per-task", per_task as f64, 1.0, 50_000.0)?;
-    let labels = Labels { per_task, ..usual.labels };
+    iplw::error::check_range("--per-task", per_task as f64, 1.0, 50_000.0)?;
+    let labels = LabelCounts { per_task, ..usual.labels };
     let config = TrainConfig {
         batches: args.batches.unwrap_or(usual.batches),
         batch_size: args.batch_size.unwrap_or(usual.batch_size),
@@ -117,34 +124,34 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
         ..TrainConfig::preset(&usual)
     };
     config.validate()?;
-    output::file("--out", &args.out)?;
+    output::prepare_file("--out", &args.out)?;
     if !args.outcomes.is_empty() {
-        let tables: Vec<Table> =
+        let tables: Vec<OutcomeTable> =
             read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
-        let lesson = Lesson::new(&tables, &places(&tables, Split::Train)?, &labels, args.seed);
+        let lesson = OutcomeDataset::new(&tables, &task_indices(&tables, Split::Train)?, &labels, args.seed);
         let [solving, failing] = lesson.counts();
-        return learn(args, &lesson, [solving + failing, solving], &config, None);
+        return train_and_save(args, &lesson, [solving + failing, solving], &config, None);
     }
     let training = training(args)?;
-    let bar = output::Bar::new();
+    let bar = output::TerminalProgress::new();
     let own = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks.clone() };
     let data = label(&own, &training, &LabelConfig::preset(&labels, args.seed), &bar)?;
     bar.clear();
     let counts = [data.rows.len(), data.solving()];
     if !saturating {
-        return learn(args, &data, counts, &config, None);
+        return train_and_save(args, &data, counts, &config, None);
     }
-    let until = Saturation::usual(&config);
-    let judge = Judge::new(
+    let until = EarlyStopping::standard(&config);
+    let judge = SimulatedValidator::new(
         &split(&tasks, Split::Validation),
         training.worlds(until.worlds, args.seed),
         &EvaluateConfig::phyre(args.seed),
         Engine::Auto,
     )?;
-    learn(args, &data, counts, &config, Some((&judge, &until)))
+    train_and_save(args, &data, counts, &config, Some((&judge, &until)))
 }
 
-/// Whether to train for as long as it helps.
+/// Whether to train until validation performance saturates.
 fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
     let can = tasks.len() > 1 && tasks.iter().any(|t| t.split == Split::Validation);
     match args.preset.as_deref() {
@@ -154,7 +161,7 @@ fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
             Err(Error::input("--batches", "given beside --preset saturating", "one or the other"))
         }
         Some("saturating") if !can => {
-            let allowed = "a family with validation tasks, which say when to stop";
+            let allowed = "a family with validation tasks, which determine when to stop";
             Err(Error::input("--task", format!("{:?} with --preset saturating", args.task), allowed))
         }
         Some("saturating") => Ok(true),
@@ -162,31 +169,30 @@ fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
     }
 }
 
-/// The physics that labels come from, as it was asked for.
-fn training(args: &TrainArgs) -> Result<Training> {
+/// The physics of the labels, given by the options.
+fn training(args: &TrainArgs) -> Result<TrainingPhysics> {
     let effects = parse::effects(&args.effects)?;
-    if let Some(path) = &args.belief {
-        return Ok(Training::believed(&parse::belief(path)?));
+    if let Some(path) = &args.posterior {
+        return Ok(TrainingPhysics::from_posterior(&parse::parameter_samples(path)?));
     }
     if args.randomised {
-        return Ok(Training::paper_randomised(effects));
+        return Ok(TrainingPhysics::paper_randomised(effects));
     }
-    Ok(Training::Fixed { latents: parse::latents(&args.latents)?, effects })
+    Ok(TrainingPhysics::Fixed { latents: parse::latents(&args.latents)?, effects })
 }
 
-/// Trains on labelled actions, of which there are so many and so many that solve, and writes the weights; for as long as it
-/// helps if there is somebody to judge it.
-fn learn(
+/// Trains on labelled actions ([all, successful] of them) and writes the weights; with a validator, until saturation.
+fn train_and_save(
     args: &TrainArgs,
-    data: &dyn Labelled,
+    data: &dyn LabelledData,
     [all, solving]: [usize; 2],
     config: &TrainConfig,
-    judged: Option<(&Judge, &Saturation)>,
+    validator: Option<(&SimulatedValidator, &EarlyStopping)>,
 ) -> Result<()> {
-    let (bar, started) = (output::Bar::new(), Instant::now());
-    let (policy, log) = match judged {
+    let (bar, started) = (output::TerminalProgress::new(), Instant::now());
+    let (policy, log) = match validator {
         None => train(data, config, &bar)?,
-        Some((judge, until)) => train_saturated(data, judge, config, until, &bar)?,
+        Some((judge, until)) => train_with_early_stopping(data, judge, config, until, &bar)?,
     };
     bar.clear();
     let weights = iplw::policy::Policy::to_safetensors(&policy)
@@ -199,32 +205,32 @@ fn learn(
         started.elapsed().as_secs_f64(),
         tail.len(),
         tail.iter().sum::<f32>() / tail.len().max(1) as f32,
-        looks(&policy, &log),
+        validation_summary(&policy, &log),
         args.out.display()
     ))
 }
 
-/// What validation said after every stretch, and which weights were kept.
-fn looks(policy: &Dqn, log: &TrainLog) -> String {
+/// Validation results, and the number of updates of the selected weights.
+fn validation_summary(policy: &Dqn, log: &TrainLog) -> String {
     if log.validation.is_empty() {
         return String::new();
     }
-    let kept = policy.card().batches();
-    let told: Vec<String> =
+    let selected = policy.card().batches();
+    let checks: Vec<String> =
         log.validation.iter().map(|c| format!("{:.3} after {}", c.auccess, c.batches)).collect();
     format!(
-        "AUCCESS on the validation tasks in simulation: {}\nkept: the weights after {kept} batches\n",
-        told.join(", ")
+        "AUCCESS on the validation tasks in simulation: {}\nkept: the weights after {selected} batches\n",
+        checks.join(", ")
     )
 }
 
-/// Where the tasks of a part are in tables.
-fn places(tables: &[Table], part: Split) -> Result<Vec<Place>> {
-    let of = |(table, t): (usize, &Table)| {
-        let mine = t.tasks().iter().enumerate().filter(|(_, task)| task.split == part);
-        mine.map(|(task, _)| Place { table, task }).collect::<Vec<_>>()
+/// Indices of a split's tasks in tables.
+fn task_indices(tables: &[OutcomeTable], part: Split) -> Result<Vec<TaskIndex>> {
+    let of = |(table, t): (usize, &OutcomeTable)| {
+        let indices = t.tasks().iter().enumerate().filter(|(_, task)| task.split == part);
+        indices.map(|(task, _)| TaskIndex { table, task }).collect::<Vec<_>>()
     };
-    let found: Vec<Place> = tables.iter().enumerate().flat_map(of).collect();
+    let found: Vec<TaskIndex> = tables.iter().enumerate().flat_map(of).collect();
     if found.is_empty() {
         let allowed = format!("tables with {} tasks", part.name());
         return Err(Error::input("--outcomes", format!("no {} task", part.name()), allowed));
@@ -234,41 +240,42 @@ fn places(tables: &[Table], part: Split) -> Result<Vec<Place>> {
 
 pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
-    iplw::error::within("--candidates", args.candidates as f64, 1.0, 1e6)?;
+    iplw::error::check_range("--candidates", args.candidates as f64, 1.0, 1e6)?;
     let part = parse::part(&args.split)?;
     let bytes = std::fs::read(&args.policy).map_err(|e| Error::io(&args.policy, e))?;
-    let policy = Dqn::from_safetensors(&bytes).map_err(|e| e.at(args.policy.display()))?;
+    let policy = Dqn::from_safetensors(&bytes).map_err(|e| e.in_file(args.policy.display()))?;
     if !args.outcomes.is_empty() {
         return evaluate_in_tables(args, &policy, part);
     }
     let tasks = parse::fold(tasks, family, args.fold)?;
     let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };
-    policy.fits(&chosen[0]).map_err(|e| e.at(args.policy.display()))?;
+    policy.check_compatible(&chosen[0]).map_err(|e| e.in_file(args.policy.display()))?;
     let hidden = parse::real(&args.real, standard(family))?;
     let config = EvaluateConfig { candidates: args.candidates, ..EvaluateConfig::phyre(args.seed) };
-    let bar = output::Bar::new();
-    let found = try_out(&policy, &chosen, &hidden, &config, &bar)?;
+    let bar = output::TerminalProgress::new();
+    let found = evaluate_in_hidden_world(&policy, &chosen, &hidden, &config, &bar)?;
     bar.clear();
-    tell(args, &chosen, &found)
+    print_evaluation(args, &chosen, &found)
 }
 
-/// The same where tables say what an action does.
+/// Evaluation on tables of outcomes.
 fn evaluate_in_tables(args: &EvaluateArgs, policy: &Dqn, part: Split) -> Result<()> {
-    let tables: Vec<Table> = read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
-    let bar = output::Bar::new();
-    let (places, mut tasks, mut solved_at) = (places(&tables, part)?, Vec::new(), Vec::new());
+    let tables: Vec<OutcomeTable> =
+        read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
+    let bar = output::TerminalProgress::new();
+    let (places, mut tasks, mut solved_at) = (task_indices(&tables, part)?, Vec::new(), Vec::new());
     for (i, place) in places.iter().enumerate() {
         bar.report("evaluate", i as u64, places.len() as u64)?;
         let (table, task) = (&tables[place.table], &tables[place.table].tasks()[place.task]);
-        policy.fits(task).map_err(|e| e.at(args.policy.display()))?;
+        policy.check_compatible(task).map_err(|e| e.in_file(args.policy.display()))?;
         solved_at.push(table.solved_at(place.task, &rank(policy, task, table.actions(), CHUNK)?));
         tasks.push(task.clone());
     }
     bar.clear();
-    tell(args, &tasks, &Evaluation::of(solved_at))
+    print_evaluation(args, &tasks, &Evaluation::of(solved_at))
 }
 
-fn tell(args: &EvaluateArgs, chosen: &[Task], found: &Evaluation) -> Result<()> {
+fn print_evaluation(args: &EvaluateArgs, chosen: &[Task], found: &Evaluation) -> Result<()> {
     if args.json {
         let rows: Vec<_> =
             chosen.iter().zip(&found.solved_at).map(|(t, k)| json!({"task": t.id, "solved_at": k})).collect();

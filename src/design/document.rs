@@ -1,39 +1,39 @@
-//! `iplw.design/1`: a design as it is written and sent.
+//! `iplw.design/1`: the design document.
 
 use serde::{Deserialize, Serialize};
 
 use super::config::DesignConfig;
 use super::costs;
-use super::gain::Gain;
-use super::narrowed::Narrowed;
+use super::gain::InformationGain;
+use super::posterior_sd::ExpectedSd;
 use super::question::Question;
 use super::search::{Design, Experiment};
 
 /// The format's name.
 pub const DESIGN_FORMAT: &str = "iplw.design/1";
-/// Least share of its spread that a number must lose to be spoken of.
-const SPOKEN: f64 = 0.2;
+/// Minimal relative reduction of a parameter's standard deviation for the parameter to be mentioned.
+const MIN_SD_REDUCTION: f64 = 0.2;
 
-/// A design with everything that it follows from.
+/// A design with the configuration that reproduces it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DesignDocument {
     pub format: String,
-    /// Of the program.
+    /// Version of the program.
     pub version: String,
     pub config: DesignConfig,
-    /// Sets of effects of the belief, and how likely each is.
+    /// Sets of effects in the posterior, and the probability of each.
     pub sets: Vec<SetRow>,
-    /// Candidates that were looked at.
+    /// Number of candidates that were evaluated.
     pub candidates: usize,
     pub rollouts: usize,
-    /// What the batch tells together.
-    pub together: Gain,
-    /// What the batch costs, in the unit of `config.costs`.
+    /// Information gain of the whole batch.
+    pub together: InformationGain,
+    /// Cost of the batch, in the unit of `config.costs`.
     #[serde(default)]
     pub cost: f64,
     /// The batch, in order.
     pub experiments: Vec<ExperimentRow>,
-    /// Others that were looked at closely, the most telling first.
+    /// Other shortlisted experiments, the most informative first.
     pub others: Vec<ExperimentRow>,
 }
 
@@ -50,20 +50,20 @@ pub struct ExperimentRow {
     pub task: String,
     /// Components in [0, 1].
     pub action: Vec<f64>,
-    /// What it tells by itself.
+    /// Information gain of this experiment alone.
     #[serde(flatten)]
-    pub gain: Gain,
-    /// What it adds to those of the batch before it, nats.
+    pub gain: InformationGain,
+    /// Information gain beyond the experiments of the batch before it, nats.
     pub adds: Option<f64>,
-    /// What it costs: after those of the batch before it, or by itself.
+    /// Cost: after the experiments of the batch before it, or alone.
     #[serde(default)]
     pub cost: f64,
-    /// How far numbers that all draws have would be known, standard deviations.
-    pub expected: Vec<Narrowed>,
+    /// Expected standard deviations of the parameters that all draws share.
+    pub expected: Vec<ExpectedSd>,
     /// Contacts begun between movable bodies, and seconds on surfaces summed over bodies; means over worlds.
     pub collisions: f64,
     pub rolling_s: f64,
-    /// Why it was chosen, for people.
+    /// Reason for the choice, in words.
     pub reason: String,
 }
 
@@ -100,41 +100,39 @@ pub fn document(design: &Design, config: &DesignConfig) -> DesignDocument {
     }
 }
 
-/// What an experiment is expected to tell, in words.
+/// The information that an experiment is expected to bring, in words.
 fn reason(e: &Experiment, design: &Design, config: &DesignConfig) -> String {
-    let told = match (&config.question, e.gain.right) {
-        _ if e.gain.information == 0.0 => "tells nothing that is not believed already".to_string(),
+    let information = match (&config.question, e.gain.right) {
+        _ if e.gain.information == 0.0 => "adds no information to the posterior".to_string(),
         (Question::Effects, Some([before, after])) => {
-            let sets: Vec<String> = design.sets.iter().map(|(s, _)| named(s)).collect();
+            let sets: Vec<String> = design.sets.iter().map(|(s, _)| set_name(s)).collect();
             format!(
-                "tells {} apart: the right one is believed at {after:.2}, at {before:.2} before",
+                "discriminates between {}: expected probability of the right one {after:.2}, {before:.2} before",
                 sets.join(", ")
             )
         }
         (Question::Success, Some([before, after])) => {
-            format!("tells whether plans work: right at {after:.2}, at {before:.2} before")
+            format!("predicts whether plans work: right with probability {after:.2}, {before:.2} before")
         }
         _ => {
-            let mut most: Vec<&Narrowed> =
-                e.expected.iter().filter(|n| n.after < (1.0 - SPOKEN) * n.before).collect();
+            let mut most: Vec<&ExpectedSd> =
+                e.expected.iter().filter(|n| n.after < (1.0 - MIN_SD_REDUCTION) * n.before).collect();
             most.sort_by(|a, b| (a.after / a.before).total_cmp(&(b.after / b.before)));
             let each = most.iter().map(|n| format!("{} from {:.2e} to {:.2e}", n.name, n.before, n.after));
             match most.is_empty() {
-                true => {
-                    "narrows no number by a straight guess, but tells some worlds from others".to_string()
-                }
+                true => "narrows no parameter linearly, but discriminates between worlds".to_string(),
                 false => format!("narrows {}", each.collect::<Vec<_>>().join(", ")),
             }
         }
     };
-    let paid = match (config.costs.alike(), e.cost > config.costs.trial) {
+    let cost_note = match (config.costs.is_uniform(), e.cost > config.costs.trial) {
         (true, _) => String::new(),
-        (false, true) => format!("; costs {} with setting up", costs::shown(e.cost)),
-        (false, false) => format!("; costs {}", costs::shown(e.cost)),
+        (false, true) => format!("; costs {} with setting up", costs::rounded(e.cost)),
+        (false, false) => format!("; costs {}", costs::rounded(e.cost)),
     };
-    format!("{told}; {:.1} collisions, {:.1} s on surfaces{paid}", e.collisions, e.rolling)
+    format!("{information}; {:.1} collisions, {:.1} s on surfaces{cost_note}", e.collisions, e.rolling)
 }
 
-fn named(set: &[String]) -> String {
+fn set_name(set: &[String]) -> String {
     if set.is_empty() { "no effect".into() } else { set.join(" + ") }
 }

@@ -1,4 +1,4 @@
-//! What is asked, and which draws of a belief answer it alike.
+//! Questions that an experiment can answer.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,11 +8,11 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Question {
-    /// How large latents and effects' parameters are.
+    /// The values of latents and effect parameters.
     Latents,
-    /// Which of the belief's sets of effects the world has.
+    /// The set of effects that the world has, among those in the posterior.
     Effects,
-    /// Whether what is planned for some tasks solves them.
+    /// Whether planned actions solve their tasks.
     Success,
 }
 
@@ -25,7 +25,7 @@ impl Question {
             .ok_or_else(|| Error::input("question", format!("{name:?}"), "latents, effects or success"))
     }
 
-    /// What it is called.
+    /// The question's name.
     pub fn name(&self) -> &'static str {
         match self {
             Question::Latents => "latents",

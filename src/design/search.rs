@@ -1,16 +1,16 @@
-//! A design: candidates, a first look at all, a close one at the best, and of those the batch that tells most together.
+//! Search for a design: random candidates are screened, the shortlist is evaluated in more worlds, and a batch is chosen greedily.
 
 use super::config::DesignConfig;
 use super::costs::{self, Costs};
-use super::gain::{Gain, Labels, over};
-use super::look::{Candidate, Search};
-use super::narrowed::{Narrowed, narrowed};
+use super::gain::{AnswerPartition, InformationGain, mean_information_gain};
+use super::likelihood::{ComponentScores, Grouping};
+use super::posterior_sd::{ExpectedSd, expected_sds};
+use super::predicted_observations::ActuationNoise;
 use super::question::Question;
-use super::shown::Hand;
-use super::told::{Alike, Seen};
-use super::worlds::{Worlds, worlds};
+use super::screening::{CandidateScreening, DesignCandidate};
+use super::worlds::{SampledWorlds, sample_worlds};
 use crate::error::{Error, Result};
-use crate::estimate::Belief;
+use crate::estimate::ParameterSamples;
 use crate::explore;
 use crate::progress::Progress;
 use crate::rng;
@@ -18,109 +18,115 @@ use crate::task::{Split, Task, ValidAction, split};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Fewest worlds of a look, and of a set that is asked about; and so many of each set are looked at where there are: fewer do not tell
-/// the shape of what a set's worlds show.
-const FEW: usize = 8;
-const EACH: usize = 16;
+/// Minimal number of worlds, in total and (for the question of effects) of each set. Where available, `WORLDS_PER_SET` worlds of each
+/// set are used: the covariance of a set's observations isn't well determined by fewer.
+const MIN_WORLDS: usize = 8;
+const WORLDS_PER_SET: usize = 16;
 
-/// What was found.
+/// Result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Design {
-    /// The batch, in the order in which it was chosen; then the others that were looked at closely, the most telling first.
+    /// The batch, in the order in which it was chosen; then the rest of the shortlist, the most informative first.
     pub experiments: Vec<Experiment>,
-    /// How many of them are the batch.
+    /// Size of the batch.
     pub batch: usize,
-    /// Of the batch together.
-    pub together: Gain,
-    /// Sets of effects of the belief, and how likely each is.
+    /// Information gain of the whole batch.
+    pub together: InformationGain,
+    /// Sets of effects in the posterior, and the probability of each.
     pub sets: Vec<(Vec<String>, f64)>,
-    /// Candidates that were looked at.
+    /// Number of candidates that were evaluated.
     pub candidates: usize,
     pub rollouts: usize,
 }
 
-/// An action, and what it would tell.
+/// An action with its expected information gain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Experiment {
     /// Id of its task.
     pub task: String,
     pub action: ValidAction,
-    /// What it tells by itself.
-    pub gain: Gain,
-    /// What it adds to those of the batch before it, nats; of the batch only.
+    /// Information gain of this experiment alone.
+    pub gain: InformationGain,
+    /// Information gain beyond the experiments of the batch before it, nats; for the batch only.
     pub adds: Option<f64>,
-    /// What it costs: after those of the batch before it, or by itself.
+    /// Cost: after the experiments of the batch before it, or alone.
     pub cost: f64,
-    /// How far latents and parameters would be known.
-    pub expected: Vec<Narrowed>,
-    /// What happens, over worlds: contacts begun between movable bodies, and seconds that bodies spend on surfaces, of all bodies together.
+    /// Expected standard deviations of latents and effect parameters.
+    pub expected: Vec<ExpectedSd>,
+    /// Contacts begun between movable bodies, and seconds on surfaces summed over bodies; means over worlds.
     pub collisions: f64,
     pub rolling: f64,
 }
 
-/// Which actions on `tasks` would tell the most about the question, under a belief; `asked`: the tasks whose success is asked about, where
-/// it is. Same seed, same bits, on any number of threads.
+/// The most informative actions on `tasks` about the question. `test_tasks`: the tasks whose success is in question, for that question
+/// only. The result depends on the seed only, to the bit, with any number of threads.
 pub fn design(
     tasks: &[Task],
-    asked: &[Task],
-    belief: &Belief,
+    test_tasks: &[Task],
+    belief: &ParameterSamples,
     config: &DesignConfig,
     progress: &dyn Progress,
 ) -> Result<Design> {
     config.validate()?;
-    let [early, closely] = looks(belief, config)?;
-    let hand = Hand { copies: config.copies, perturb: config.perturb, seed: config.seed };
+    let [screening, refined] = screening_worlds(belief, config)?;
+    let actuation = ActuationNoise { copies: config.copies, perturb: config.perturb, seed: config.seed };
     let mut stream = rng::stream(config.seed, "design candidates");
-    let mut copied = Vec::with_capacity(config.candidates);
-    for (task, action, _) in explore::draw(tasks, config.candidates, &mut stream)? {
-        copied.extend(hand.copied(&tasks[task], &action).map(|c| (task, action, c)));
+    let mut candidates = Vec::with_capacity(config.candidates);
+    for (task, action, _) in explore::draw_placeable(tasks, config.candidates, &mut stream)? {
+        candidates.extend(actuation.perturb(&tasks[task], &action).map(|c| (task, action, c)));
     }
-    if copied.is_empty() {
-        let allowed = "actions that can be placed a little aside, too: a smaller `perturb`";
+    if candidates.is_empty() {
+        let allowed = "a smaller perturbation: no candidate action can be placed when perturbed";
         return Err(Error::input("perturb", config.perturb, allowed));
     }
-    let mut search = Search { config, belief, asked, planned: Vec::new(), rollouts: 0, progress };
-    let labels = search.labels(&early)?;
-    let look = search.look("first look", &copied, (&early, &labels), |_, gain| gain.information)?;
-    let mut order: Vec<usize> = (0..copied.len()).collect();
-    order.sort_by(|a, b| look[*b].total_cmp(&look[*a]).then(a.cmp(b)));
-    let order = costs::shortlist(&order, |i| copied[i].0, config.shortlist, &config.costs);
-    let mut shortlist: Vec<Candidate> = Vec::with_capacity(order.len());
-    let mut rest: Vec<Option<Candidate>> = copied.into_iter().map(Some).collect();
+    let mut search =
+        CandidateScreening { config, belief, test_tasks, planned_actions: Vec::new(), rollouts: 0, progress };
+    let labels = search.partitions(&screening)?;
+    let gains =
+        search.screen("first look", &candidates, (&screening, &labels), |_, gain| gain.information)?;
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    order.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]).then(a.cmp(b)));
+    let order = costs::shortlist(&order, |i| candidates[i].0, config.shortlist, &config.costs);
+    let mut shortlist: Vec<DesignCandidate> = Vec::with_capacity(order.len());
+    let mut rest: Vec<Option<DesignCandidate>> = candidates.into_iter().map(Some).collect();
     shortlist.extend(order.iter().filter_map(|i| rest[*i].take()));
-    let labels = search.labels(&closely)?;
-    let found = search.look("close look", &shortlist, (&closely, &labels), |seen, gain| (seen, gain))?;
-    let on: Vec<usize> = shortlist.iter().map(|(task, ..)| *task).collect();
-    let (chosen, together) = batch(&found, &labels, closely.alike(), (&on, config), progress)?;
-    let happens = search.happens(tasks, &shortlist, &closely)?;
+    let labels = search.partitions(&refined)?;
+    let evaluated_shortlist =
+        search.screen("close look", &shortlist, (&refined, &labels), |seen, gain| (seen, gain))?;
+    let task_of: Vec<usize> = shortlist.iter().map(|(task, ..)| *task).collect();
+    let (chosen, together) =
+        select_batch(&evaluated_shortlist, &labels, refined.grouping(), (&task_of, config), progress)?;
+    let contacts = search.contact_statistics(tasks, &shortlist, &refined)?;
     let mut after: Vec<usize> =
         (0..shortlist.len()).filter(|i| !chosen.iter().any(|c| c.index == *i)).collect();
-    after.sort_by(|a, b| found[*b].1.information.total_cmp(&found[*a].1.information).then(a.cmp(b)));
-    let alone = config.costs.of(0, &BTreeSet::new());
+    after.sort_by(|a, b| {
+        evaluated_shortlist[*b].1.information.total_cmp(&evaluated_shortlist[*a].1.information).then(a.cmp(b))
+    });
+    let alone = config.costs.cost_of(0, &BTreeSet::new());
     let all = chosen.iter().map(|c| (c.index, Some(c.adds), c.cost));
     let all = all.chain(after.into_iter().map(|i| (i, None, alone)));
     let experiment = |(i, adds, cost): (usize, Option<f64>, f64)| Experiment {
         task: tasks[shortlist[i].0].id.clone(),
         action: shortlist[i].1.clone(),
-        gain: found[i].1,
+        gain: evaluated_shortlist[i].1,
         adds,
         cost,
-        expected: narrowed(&found[i].0, &closely.worlds),
-        collisions: happens[i][0],
-        rolling: happens[i][1],
+        expected: expected_sds(&evaluated_shortlist[i].0, &refined.worlds),
+        collisions: contacts[i][0],
+        rolling: contacts[i][1],
     };
     Ok(Design {
         experiments: all.map(experiment).collect(),
         batch: chosen.len(),
         together,
-        sets: closely.sets.iter().cloned().zip(closely.weights.iter().copied()).collect(),
-        candidates: look.len(),
+        sets: refined.sets.iter().cloned().zip(refined.weights.iter().copied()).collect(),
+        candidates: gains.len(),
         rollouts: search.rollouts,
     })
 }
 
-/// Tasks that are acted on, and those whose success is asked about; of one task, or of a family without such parts, all.
-pub fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
+/// Training tasks to act on, and test tasks whose success is in question; all tasks for a single task or a family without splits.
+pub fn training_and_test_tasks(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
     let part = |of: Split| {
         let own = split(tasks, of);
         if tasks.len() > 1 && !own.is_empty() { own } else { tasks.to_vec() }
@@ -128,75 +134,78 @@ pub fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
     (part(Split::Train), part(Split::Test))
 }
 
-/// The worlds of the first look and of the close one; an error where a belief has no two answers to a question.
-pub fn looks<'a>(belief: &'a Belief, config: &DesignConfig) -> Result<[Worlds<'a>; 2]> {
+/// Worlds for the screening and for the shortlist; an error where the posterior has fewer than two answers to the question.
+pub fn screening_worlds<'a>(
+    belief: &'a ParameterSamples,
+    config: &DesignConfig,
+) -> Result<[SampledWorlds<'a>; 2]> {
     let evenly = config.question == Question::Effects;
-    let drawn = |count| worlds(belief, count, evenly.then_some(EACH), config.seed);
-    let looks = [drawn(config.worlds[0])?, drawn(config.worlds[1])?];
-    let sets = looks[0].sets.len();
+    let sample = |count| sample_worlds(belief, count, evenly.then_some(WORLDS_PER_SET), config.seed);
+    let stages = [sample(config.worlds[0])?, sample(config.worlds[1])?];
+    let sets = stages[0].sets.len();
     let refused = |value: String, allowed: &str| Err(Error::input("belief", value, allowed));
     if evenly && sets < 2 {
-        let allowed = "draws of two sets of effects or more (`--set` of iplw posterior, repeated)";
+        let allowed = "draws of two sets of effects or more (repeat `--set` of iplw posterior)";
         return refused("one set of effects".into(), allowed);
     }
-    if looks[0].worlds.len() < FEW {
+    if stages[0].worlds.len() < MIN_WORLDS {
         let allowed = "at least 8 draws: a posterior, or a prior";
-        return refused(format!("{} draws", looks[0].worlds.len()), allowed);
+        return refused(format!("{} draws", stages[0].worlds.len()), allowed);
     }
-    let counts = |s: usize| looks[0].groups.iter().filter(|g| **g == s).count();
-    if let Some(s) = (0..sets).find(|s| evenly && counts(*s) < FEW) {
-        let set = looks[0].sets[s].join("+");
-        let allowed =
-            "at least 8 draws of every set that is asked about: more draws, or a belief without the set";
+    let counts = |s: usize| stages[0].groups.iter().filter(|g| **g == s).count();
+    if let Some(s) = (0..sets).find(|s| evenly && counts(*s) < MIN_WORLDS) {
+        let set = stages[0].sets[s].join("+");
+        let allowed = "at least 8 draws of every set: more draws, or a posterior without this set";
         return refused(format!("{} draws of the set {set:?}", counts(s)), allowed);
     }
-    Ok(looks)
+    Ok(stages)
 }
 
-/// One of a batch.
-struct Chosen {
+/// One experiment of a batch.
+struct BatchEntry {
     index: usize,
-    /// What it adds to those before it, nats.
+    /// Information gain beyond those before it, nats.
     adds: f64,
     cost: f64,
 }
 
-/// The batch, each the one that adds most for its cost to those before it, and what they tell together; `on`: the task of each.
-fn batch(
-    found: &[(Seen, Gain)],
-    labels: &[Labels],
-    alike: Alike,
-    (on, config): (&[usize], &DesignConfig),
+/// The greedily chosen batch, each experiment the one that adds most per cost, and the gain of all together. `task_of`: each candidate's task.
+fn select_batch(
+    evaluated_shortlist: &[(ComponentScores, InformationGain)],
+    labels: &[AnswerPartition],
+    grouping: Grouping,
+    (task_of, config): (&[usize], &DesignConfig),
     progress: &dyn Progress,
-) -> Result<(Vec<Chosen>, Gain)> {
-    let (size, costs) = (config.batch.min(found.len()), &config.costs);
-    let mut chosen: Vec<Chosen> = Vec::with_capacity(size);
-    let (mut sum, mut known): (Option<Seen>, Gain) = (None, Gain::default());
+) -> Result<(Vec<BatchEntry>, InformationGain)> {
+    let (size, costs) = (config.batch.min(evaluated_shortlist.len()), &config.costs);
+    let mut chosen: Vec<BatchEntry> = Vec::with_capacity(size);
+    let (mut sum, mut known): (Option<ComponentScores>, InformationGain) = (None, InformationGain::default());
     let (mut set_up, mut spent) = (BTreeSet::new(), 0.0);
     while chosen.len() < size {
-        progress.report("choosing together", chosen.len() as u64, size as u64)?;
+        progress.report("choosing the batch", chosen.len() as u64, size as u64)?;
         let with = |i: usize| match &sum {
             Some(sum) => {
-                let both = sum.and(&found[i].0, alike);
-                let gain = over(&both.told(alike)?, labels);
+                let both = sum.combined_with(&evaluated_shortlist[i].0, grouping);
+                let gain = mean_information_gain(&both.likelihoods(grouping)?, labels);
                 Ok((both, gain))
             }
-            None => Ok(found[i].clone()),
+            None => Ok(evaluated_shortlist[i].clone()),
         };
-        let left = (0..found.len()).filter(|i| !chosen.iter().any(|c| c.index == *i));
-        let paid: Vec<(usize, f64)> = left
-            .map(|i| (i, costs.of(on[i], &set_up)))
-            .filter(|(_, cost)| costs.pays(spent, *cost))
+        let remaining = (0..evaluated_shortlist.len()).filter(|i| !chosen.iter().any(|c| c.index == *i));
+        let affordable: Vec<(usize, f64)> = remaining
+            .map(|i| (i, costs.cost_of(task_of[i], &set_up)))
+            .filter(|(_, cost)| costs.affords(spent, *cost))
             .collect();
-        let told: Vec<(usize, f64, (Seen, Gain))> =
-            paid.into_par_iter().map(|(i, cost)| Ok((i, cost, with(i)?))).collect::<Result<_>>()?;
-        let worth = |(_, cost, (_, gain)): &(usize, f64, (Seen, Gain))| {
-            Costs::worth(gain.information - known.information, *cost)
+        let evaluated: Vec<(usize, f64, (ComponentScores, InformationGain))> =
+            affordable.into_par_iter().map(|(i, cost)| Ok((i, cost, with(i)?))).collect::<Result<_>>()?;
+        let worth = |(_, cost, (_, gain)): &(usize, f64, (ComponentScores, InformationGain))| {
+            Costs::priority(gain.information - known.information, *cost)
         };
-        let best = told.into_iter().reduce(|best, own| if worth(&own) > worth(&best) { own } else { best });
+        let best =
+            evaluated.into_iter().reduce(|best, own| if worth(&own) > worth(&best) { own } else { best });
         let Some((index, cost, (seen, gain))) = best else { break };
-        chosen.push(Chosen { index, adds: gain.information - known.information, cost });
-        set_up.insert(on[index]);
+        chosen.push(BatchEntry { index, adds: gain.information - known.information, cost });
+        set_up.insert(task_of[index]);
         spent += cost;
         (sum, known) = (Some(seen), gain);
     }

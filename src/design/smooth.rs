@@ -1,32 +1,31 @@
-//! Smooth functions of a world's numbers, and what each leaves of a world when it is foretold from the others.
+//! Gaussian-process regression on a world's parameters, and its leave-one-out residuals.
 //!
-//! A Gaussian process with a straight mean and a squared exponential kernel of a length for every number, the same for all that is
-//! foretold. Its left-out residuals are in closed form: Rasmussen and Williams 2006, equation 5.12.
+//! A Gaussian process with a linear mean and a squared exponential kernel, with one length scale for each parameter, shared by all
+//! targets. The leave-one-out residuals have a closed form: Rasmussen and Williams 2006, equation 5.12.
 //!
-//! Differences from the source: lengths are chosen from a few, number by number, by the left-out residuals and not by the marginal
-//! likelihood, which a wrong kernel misleads.
+//! Differences from the source: length scales are chosen from a short list, parameter by parameter, by the leave-one-out residuals
+//! instead of the marginal likelihood, which is unreliable for a misspecified kernel.
 
 use nalgebra::{Cholesky, DMatrix};
 
-/// Lengths that are tried, in standard deviations of a number; endless: it is only straight in it.
-const LENGTHS: [f64; 4] = [f64::INFINITY, 4.0, 1.5, 0.6];
-/// Variance of the straight part's slopes, and of what is neither straight nor smooth, of that of the smooth part.
-const STRAIGHT: f64 = 100.0;
-const ROUGH: f64 = 1e-4;
+/// Candidate length scales, in standard deviations of a parameter; infinity makes the function linear in it.
+const LENGTH_SCALES: [f64; 4] = [f64::INFINITY, 4.0, 1.5, 0.6];
+/// Prior variance of the linear part's slopes, and of the white noise part, relative to the smooth part's variance.
+const LINEAR_VARIANCE: f64 = 100.0;
+const NUGGET: f64 = 1e-4;
 
-/// (worlds, directions): targets less what numbers foretell them to be from the other worlds. `noise`: variance of each direction that
-/// nothing can foretell.
-pub fn left_out(numbers: &[&[f64]], targets: &DMatrix<f64>, noise: &[f64]) -> DMatrix<f64> {
-    let scaled = scaled(numbers);
+/// (worlds, directions): leave-one-out residuals of the targets. `noise`: known noise variance of each direction.
+pub fn leave_one_out_residuals(numbers: &[&[f64]], targets: &DMatrix<f64>, noise: &[f64]) -> DMatrix<f64> {
+    let scaled = standardise(numbers);
     let mut lengths = vec![f64::INFINITY; scaled.ncols()];
     let mut best = residuals(&scaled, &lengths, targets);
-    let mut worth = score(&best, noise);
+    let mut worth = total_log_variance(&best, noise);
     for k in 0..lengths.len() {
-        for length in LENGTHS {
+        for length in LENGTH_SCALES {
             let mut tried = lengths.clone();
             tried[k] = length;
             let found = residuals(&scaled, &tried, targets);
-            let own = score(&found, noise);
+            let own = total_log_variance(&found, noise);
             if own < worth {
                 (lengths, best, worth) = (tried, found, own);
             }
@@ -35,8 +34,8 @@ pub fn left_out(numbers: &[&[f64]], targets: &DMatrix<f64>, noise: &[f64]) -> DM
     best
 }
 
-/// Numbers that vary, each with mean 0 and variance 1, (worlds, numbers).
-fn scaled(numbers: &[&[f64]]) -> DMatrix<f64> {
+/// The parameters that vary, each with mean 0 and variance 1, (worlds, parameters).
+fn standardise(numbers: &[&[f64]]) -> DMatrix<f64> {
     let (n, d) = (numbers.len(), numbers.first().map_or(0, |p| p.len()));
     let all = DMatrix::from_fn(n, d, |i, k| numbers[i][k]);
     let of = |k: usize| {
@@ -57,7 +56,7 @@ fn residuals(scaled: &DMatrix<f64>, lengths: &[f64], targets: &DMatrix<f64>) -> 
             straight += scaled[(i, k)] * scaled[(j, k)];
             square += ((scaled[(i, k)] - scaled[(j, k)]) / length).powi(2);
         }
-        STRAIGHT * straight + libm::exp(-0.5 * square) + if i == j { ROUGH } else { 0.0 }
+        LINEAR_VARIANCE * straight + libm::exp(-0.5 * square) + if i == j { NUGGET } else { 0.0 }
     });
     let Some(kernel) = Cholesky::new(kernel) else { return targets.clone() };
     let inverse = kernel.inverse();
@@ -68,8 +67,8 @@ fn residuals(scaled: &DMatrix<f64>, lengths: &[f64], targets: &DMatrix<f64>) -> 
     left
 }
 
-/// Sum over directions of the logarithm of what is left, noise with it.
-fn score(left: &DMatrix<f64>, noise: &[f64]) -> f64 {
+/// Sum over directions of the logarithm of residual variance plus noise.
+fn total_log_variance(left: &DMatrix<f64>, noise: &[f64]) -> f64 {
     let n = left.nrows().max(1) as f64;
     let of = |(r, noise): (usize, &f64)| libm::log(left.column(r).norm_squared() / n + noise);
     noise.iter().enumerate().map(of).sum()
@@ -81,9 +80,9 @@ mod tests {
     use crate::rng;
     use rand::RngExt;
 
-    /// What is straight, and what bends and then stays as a sliding contact that sticks, is foretold; noise is not.
+    /// Linear and saturating dependence (a sliding contact that sticks) is predicted; noise is not.
     #[test]
-    fn what_follows_the_numbers_is_foretold() {
+    fn predicts_smooth_dependence() {
         let mut stream = rng::stream(5, "smooth");
         let mut points = || -> Vec<Vec<f64>> {
             (0..120).map(|_| vec![3.0 + stream.random::<f64>(), 1e-3 * stream.random::<f64>()]).collect()
@@ -96,7 +95,7 @@ mod tests {
             _ => 100.0 * noise[i][0],
         });
         let own: Vec<&[f64]> = numbers.iter().map(Vec::as_slice).collect();
-        let left = left_out(&own, &targets, &[1.0; 3]);
+        let left = leave_one_out_residuals(&own, &targets, &[1.0; 3]);
         let spread = |m: &DMatrix<f64>, r: usize| m.column(r).variance().sqrt();
         let share = |r: usize| spread(&left, r) / spread(&targets, r);
         assert!(share(0) < 0.01, "{}", share(0));
@@ -105,10 +104,10 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_do_not_vary_foretell_the_mean() {
+    fn predicts_the_mean_from_constant_parameters() {
         let own = vec![[1.0].as_slice(); 5];
         let targets = DMatrix::from_column_slice(5, 1, &[0.0, 0.0, 5.0, 0.0, 0.0]);
-        let left = left_out(&own, &targets, &[1.0]);
+        let left = leave_one_out_residuals(&own, &targets, &[1.0]);
         assert!((left[(2, 0)] - 5.0).abs() < 0.05 && (left[(0, 0)] + 1.25).abs() < 0.05, "{left}");
     }
 }

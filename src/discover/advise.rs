@@ -1,17 +1,17 @@
 //! What to measure next: the simple experiment that would part the rivals, a launch or an action of a task, or a look at an
 //! instrument where none does.
 
-use super::config::Config;
+use super::config::DiagnosisConfig;
 use super::fit::Fitted;
 use super::noise::Noise;
 use super::parting::{REPEATS, best_launch};
-use super::report::{NextExperiment, Verdict};
+use super::report::{RecommendedExperiment, Verdict};
 use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::task::{Placement, Scene};
 use crate::trajectory::Trajectory;
 use crate::world::effect::{Effect, REGISTRY};
-use crate::world::{Rollout, simulate};
+use crate::world::{Rollout, Simulator};
 
 /// Number of actions of a task that are compared.
 const ACTIONS: usize = 24;
@@ -26,10 +26,10 @@ pub fn next(
     rivals: &[usize],
     verdict: Verdict,
     noise: &Noise,
-    config: &Config,
-) -> Result<Option<NextExperiment>> {
+    config: &DiagnosisConfig,
+) -> Result<Option<RecommendedExperiment>> {
     if verdict == Verdict::Unknown {
-        return Ok(Some(NextExperiment {
+        return Ok(Some(RecommendedExperiment {
             why: "no set in the library explains what is left".into(),
             action:
                 "repeat one launch exactly, at another hour and with the body turned: what stays the same is \
@@ -63,7 +63,7 @@ fn separates(fits: &[&Fitted]) -> Vec<String> {
 }
 
 /// A launch, and a look at the instruments where no launch can tell.
-fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<NextExperiment> {
+fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<RecommendedExperiment> {
     let found = best_launch(windows, rivals, noise);
     let apart = |i: usize, j: usize| {
         found.as_ref().is_some_and(|(_, _, clear)| clear.contains(&[i, j]) || clear.contains(&[j, i]))
@@ -76,7 +76,7 @@ fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<NextExpe
     }
     // Each once, in the registry's order.
     let shown = |e: &&&Effect| twins.iter().any(|i| rivals[*i].names().contains(&e.name));
-    let checks: Vec<&str> = REGISTRY.iter().filter(shown).filter_map(|e| e.check).collect();
+    let checks: Vec<&str> = REGISTRY.iter().filter(shown).filter_map(|e| e.instrument_check).collect();
     let sets = rivals.iter().map(|f| label(f)).collect::<Vec<_>>().join(", ");
     let (mut actions, mut why, mut scene) = (Vec::new(), format!("{sets} tie"), None);
     if let Some((launch, least, clear)) = &found
@@ -97,7 +97,7 @@ fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<NextExpe
     if actions.is_empty() {
         actions.push("measure more trials, over as wide a range of speeds and places as can be".into());
     }
-    Some(NextExperiment { why, action: actions.join("; and "), separates: separates(rivals), scene })
+    Some(RecommendedExperiment { why, action: actions.join("; and "), separates: separates(rivals), scene })
 }
 
 /// The action of a task about which two rivals disagree most.
@@ -106,22 +106,22 @@ fn act(
     window: &Window,
     rivals: [&Fitted; 2],
     noise: &Noise,
-    config: &Config,
-) -> Result<Option<NextExperiment>> {
+    config: &DiagnosisConfig,
+) -> Result<Option<RecommendedExperiment>> {
     let trials = actions(scene, window);
     let physics = rivals.map(|f| f.layout.physics(&f.state.values, 0, 0.0));
     let mut rollouts = Vec::new();
     for (_, scene) in &trials {
         for (effects, latents) in &physics {
-            rollouts.push(Rollout { latents: *latents, effects, stop: false, ..Rollout::of(scene) });
+            rollouts.push(Rollout { latents: *latents, effects, stop_at_goal: false, ..Rollout::of(scene) });
         }
     }
-    let paths = simulate(&rollouts, config.engine)?;
+    let paths = Simulator::new(config.engine).run(&rollouts)?;
     let apart = |i: usize| furthest(&paths[2 * i], &paths[2 * i + 1]);
     let Some(best) = (0..trials.len()).max_by(|i, j| apart(*i).total_cmp(&apart(*j))) else {
         return Ok(None);
     };
-    Ok(Some(NextExperiment {
+    Ok(Some(RecommendedExperiment {
         why: format!(
             "{} and {} tie; here their predictions part by {:.3} m, {:.0} times the noise",
             label(rivals[0]),
@@ -182,14 +182,14 @@ mod tests {
     fn advice_is_a_launch_where_one_tells_and_a_look_where_none_does() {
         let (windows, fits, noise) = fitted(&[&["gravity_error"], &["position_scale"], &[]]);
         let ask = |rivals: &[usize], verdict| {
-            next(&ball(), &windows, &fits, rivals, verdict, &noise, &Config::standard(0)).unwrap()
+            next(&ball(), &windows, &fits, rivals, verdict, &noise, &DiagnosisConfig::standard(0)).unwrap()
         };
         let launch = ask(&[0, 2], Verdict::Ambiguous).unwrap();
         let start = &launch.scene.expect("it can be simulated").bodies[0];
         assert!(start.position.is_some() && launch.action.ends_with("6 times"), "{}", launch.action);
         assert_eq!(launch.separates, ["gravity_error"]);
         let look = ask(&[0, 1], Verdict::Ambiguous).unwrap();
-        let check = crate::world::effect::find("position_scale").unwrap().check.unwrap();
+        let check = crate::world::effect::find("position_scale").unwrap().instrument_check.unwrap();
         assert!(look.action.contains(check), "{}", look.action);
         assert!(ask(&[0], Verdict::Named).is_none() && ask(&[], Verdict::None).is_none());
         assert!(ask(&[0], Verdict::Unknown).unwrap().action.starts_with("repeat one launch"));

@@ -8,7 +8,7 @@ use super::window::{self, Kind, Window};
 use crate::error::Result;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
-use crate::world::effect::ActsOn;
+use crate::world::effect::EffectTarget;
 use crate::world::latent::FACTORS;
 
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
@@ -166,7 +166,7 @@ fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass)
     }
     let laws = library::candidates(scene, &library::ground(data.windows)).into_iter();
     let terms: Vec<model::Term> = laws
-        .filter(|(e, _)| e.acts_on() == ActsOn::Contact)
+        .filter(|(e, _)| e.target() == EffectTarget::Contact)
         .filter_map(|(_, starts)| starts.into_iter().next())
         .collect();
     let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();

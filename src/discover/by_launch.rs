@@ -17,10 +17,10 @@ use super::fit::{Fitted, prior};
 use super::gaussian::{self, Components, Pooled, Told};
 use super::launch::Part;
 use super::model::What;
-use super::report::{LaunchSize, rounded};
+use super::report::{TrialEffectEstimate, round_to_six_digits};
 
 /// Sizes by launch: of every amplitude that concerns it; empty where launches say nothing. `settings`: of each launch.
-pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<LaunchSize>> {
+pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<TrialEffectEstimate>> {
     let amplitude =
         |k: &usize| matches!(model.layout.slots[*k].what, What::Parameter(..)) && !model.layout.shapes(*k);
     let amplitudes: Vec<usize> = (0..model.layout.slots.len()).filter(amplitude).collect();
@@ -44,13 +44,13 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
             let What::Parameter(t, p) = model.layout.slots[*k].what else { return None };
             let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
             // What is known less well than before anything was seen is not told.
-            let told = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].plausible);
-            Some(LaunchSize {
+            let told = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].prior_sd);
+            Some(TrialEffectEstimate {
                 effect: effect.name.into(),
                 parameter: effect.parameters[p].name.into(),
-                value: rounded(value + among[i][0]),
-                sd: rounded(among[i][1]),
-                alone: told.map(|[off, sd]| [rounded(value + off), rounded(sd)]),
+                value: round_to_six_digits(value + among[i][0]),
+                sd: round_to_six_digits(among[i][1]),
+                alone: told.map(|[off, sd]| [round_to_six_digits(value + off), round_to_six_digits(sd)]),
             })
         };
         Some(chosen.iter().enumerate().filter_map(size).collect())

@@ -15,32 +15,37 @@
 use super::fit::{Fitted, Fitter};
 use super::gaussian::FREEDOM;
 use super::launch::Part;
-use super::report::{Predicted, Predictive, rounded};
+use super::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
 use super::score;
 use super::stats::median;
-use crate::distribution::f_above;
+use crate::distribution::f_survival;
 
 /// Probability on either side of the range that predictions are held against.
 const TAIL: f64 = 0.025;
 
 /// How launches stand to what the others predict of them; `None` where that cannot be told. `kept`: the trial of each.
-pub fn predictive(fitter: &Fitter, model: &Fitted, parts: &[Part], kept: &[usize]) -> Option<Predictive> {
+pub fn predictive(
+    fitter: &Fitter,
+    model: &Fitted,
+    parts: &[Part],
+    kept: &[usize],
+) -> Option<PredictiveCheck> {
     let prior = &model.prior;
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); kept.len()];
     score::each_held_out(parts, prior, &model.components, &fitter.folds, |told, others| {
         let Some((square, _)) = told.predictive(others) else { return };
         let (all, squares, count) = &mut of[told.launch];
-        all.push(f_above(square / told.count, told.count, FREEDOM));
+        all.push(f_survival(square / told.count, told.count, FREEDOM));
         (*squares, *count) = (*squares + square, *count + told.count);
     })?;
-    let launches: Vec<Predicted> = of
+    let launches: Vec<TrialPredictiveCheck> = of
         .iter()
         .zip(kept)
         .filter(|((all, ..), _)| !all.is_empty())
-        .map(|((all, squares, count), trial)| Predicted {
+        .map(|((all, squares, count), trial)| TrialPredictiveCheck {
             trial: *trial,
-            p: rounded(joined(all)),
-            squares: rounded(*squares),
+            p: round_to_six_digits(joined(all)),
+            squares: round_to_six_digits(*squares),
             count: *count as usize,
         })
         .collect();
@@ -48,23 +53,23 @@ pub fn predictive(fitter: &Fitter, model: &Fitted, parts: &[Part], kept: &[usize
 }
 
 /// What the launches together say of the predictions.
-fn summary(launches: Vec<Predicted>) -> Predictive {
+fn summary(launches: Vec<TrialPredictiveCheck>) -> PredictiveCheck {
     let n = launches.len();
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| launches[*a].p.total_cmp(&launches[*b].p).then(a.cmp(b)));
     let sorted: Vec<f64> = order.iter().map(|i| launches[*i].p).collect();
     let outside = sorted.iter().filter(|p| **p < TAIL || **p > 1.0 - TAIL).count();
-    let ratio = |l: &Predicted| (l.squares / l.count.max(1) as f64).sqrt();
+    let ratio = |l: &TrialPredictiveCheck| (l.squares / l.count.max(1) as f64).sqrt();
     let distance = distance(&sorted);
     let banded = |(k, p): (usize, &f64)| {
-        let [low, high] = range_of_place(k + 1, n).map(rounded);
+        let [low, high] = range_of_place(k + 1, n).map(round_to_six_digits);
         [*p, low, high]
     };
-    Predictive {
-        outside_share: rounded(outside as f64 / n as f64),
+    PredictiveCheck {
+        outside_share: round_to_six_digits(outside as f64 / n as f64),
         further_off: order.iter().filter(|i| launches[**i].p < TAIL).map(|i| launches[*i].trial).collect(),
-        usual_ratio: rounded(median(&launches.iter().map(ratio).collect::<Vec<_>>())),
-        uniform_p: rounded(kolmogorov(distance, n)),
+        usual_ratio: round_to_six_digits(median(&launches.iter().map(ratio).collect::<Vec<_>>())),
+        uniform_p: round_to_six_digits(kolmogorov(distance, n)),
         sorted: sorted.iter().enumerate().map(banded).collect(),
         launches,
     }
@@ -112,7 +117,7 @@ fn range_of_place(place: usize, n: usize) -> [f64; 2] {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
             let middle: f64 = 0.5 * (low + high);
-            let above = f_above(b * middle / (a * (1.0 - middle)), 2.0 * a, 2.0 * b);
+            let above = f_survival(b * middle / (a * (1.0 - middle)), 2.0 * a, 2.0 * b);
             if above > wanted { low = middle } else { high = middle }
         }
         0.5 * (low + high)
@@ -162,7 +167,7 @@ mod tests {
                     };
                     let part = Part { launch: 0, blocks: vec![block], differs: true };
                     let told = gaussian::all_told(&[part], &components).unwrap().remove(0);
-                    f_above(told.predictive(&others).unwrap().0 / told.count, told.count, FREEDOM)
+                    f_survival(told.predictive(&others).unwrap().0 / told.count, told.count, FREEDOM)
                 })
                 .collect();
             all.sort_by(f64::total_cmp);

@@ -44,18 +44,18 @@ impl Columns {
         let pushes = pushes_beside(&set);
         let slots = layout.slots.len();
         let own = (0..slots).filter_map(|i| match layout.slots[i].what {
-            What::Parameter(t, p) if set[t].renewed && set[t].parameters[p].is_amplitude() => {
-                Some((i, set[t].parameters[p].plausible))
+            What::Parameter(t, p) if set[t].reset_by_contact && set[t].parameters[p].is_amplitude() => {
+                Some((i, set[t].parameters[p].prior_sd))
             }
             _ => None,
         });
         let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
             let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
-            let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
+            let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.reset_by_contact)?;
             let one = (extra.values[p] - extra.effect.parameters[p].neutral).abs() / extra.unit;
-            Some((slots + k, extra.effect.parameters[p].plausible / one))
+            Some((slots + k, extra.effect.parameters[p].prior_sd / one))
         };
-        let of = pushes.iter().map(|(place, p)| (*place, p.effect.renewed)).collect();
+        let of = pushes.iter().map(|(place, p)| (*place, p.effect.reset_by_contact)).collect();
         let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
         Columns { slots, pushes: pushes.len(), of, renewed, strengths: layout.strengths(values) }
     }
@@ -66,7 +66,7 @@ impl Columns {
 pub fn pushes() -> Vec<Extra> {
     let of = |effect: &'static Effect| {
         let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
-        amplitudes.zip(effect.differs).map(move |(p, sd)| {
+        amplitudes.zip(effect.between_trial_sd).map(move |(p, sd)| {
             let value = |k: usize| effect.parameters[k].neutral + if k == p { SLIGHTLY * *sd } else { 0.0 };
             Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: SLIGHTLY }
         })

@@ -14,14 +14,15 @@ use super::noise::Noise;
 use super::paths;
 use super::picture;
 use super::report::{
-    self, Diagnosis, Gain, Launch, LaunchSize, NextExperiment, Predictive, Residual, Verdict,
+    self, BaseMisfit, Diagnosis, PredictionGain, PredictiveCheck, RecommendedExperiment, TrialEffectEstimate,
+    TrialEffects, Verdict,
 };
 use super::search::Found;
 use super::sizes::{calibrated, effects, scores, strings};
 use super::unlike;
 use super::verdict::Judged;
 use super::words::{self, reason, remainder};
-use super::{Config, Finding, advise};
+use super::{DiagnosisConfig, DiagnosisResult, advise};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
@@ -41,7 +42,12 @@ pub struct Given<'a> {
 }
 
 /// The report of a search, the extended scene and what pictures show.
-pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -> Result<Finding> {
+pub fn conclude(
+    given: &Given,
+    found: Found,
+    judged: &Judged,
+    config: &DiagnosisConfig,
+) -> Result<DiagnosisResult> {
     let Given { scene, trials, data, kept, names, noise, expected } = *given;
     let (windows, settings, verdict) = (data.windows, data.settings, judged.verdict);
     let Found { base, fits, .. } = &found;
@@ -97,17 +103,17 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
         seed: config.seed,
     };
     let extended = extend(scene, trials, windows, kept, shown);
-    Ok(Finding { diagnosis, extended, evidence })
+    Ok(DiagnosisResult { diagnosis, extended, evidence })
 }
 
 /// What a model makes of every launch, and how those stand to what the others predict of them.
-fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<Launch>, Option<Predictive>)> {
+fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<TrialEffects>, Option<PredictiveCheck>)> {
     let Given { trials, data, kept, names, noise, .. } = *given;
     let fitter = Fitter::new(data, noise);
     let Some((_, parts)) = fitter.parts(&model.layout, &model.set, &model.state, &[])? else {
         return Ok((Vec::new(), None));
     };
-    let launch = |(sizes, (i, trial)): (Vec<LaunchSize>, (usize, &usize))| Launch {
+    let launch = |(sizes, (i, trial)): (Vec<TrialEffectEstimate>, (usize, &usize))| TrialEffects {
         trial: *trial,
         name: trials[*trial].name.clone(),
         setting: trials[*trial].setting.as_ref().map(|_| names[data.settings[i]].clone()),
@@ -130,7 +136,12 @@ fn bands(given: &Given, model: &Fitted, shown: Shown) -> Result<Option<Bands>> {
 }
 
 /// The report where too little can be told from the trials to judge anything.
-pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Config) -> Finding {
+pub fn insufficient(
+    scene: &Scene,
+    trials: &[Trial],
+    reason: &str,
+    config: &DiagnosisConfig,
+) -> DiagnosisResult {
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict: Verdict::InsufficientData,
@@ -138,7 +149,7 @@ pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Conf
         effects: Vec::new(),
         rivals: Vec::new(),
         calibrated: Vec::new(),
-        residual: Residual {
+        residual: BaseMisfit {
             base_rmse: 0.0,
             floor_rmse: 0.0,
             lack_of_fit_p: 1.0,
@@ -146,12 +157,12 @@ pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Conf
             autocorrelation: 0.0,
             noise_correlation: 0.0,
         },
-        gain: Gain::default(),
+        gain: PredictionGain::default(),
         unexplained_share: None,
         residual_law: None,
         remainder: None,
         failed: Vec::new(),
-        next_experiment: Some(NextExperiment {
+        next_experiment: Some(RecommendedExperiment {
             why: reason.to_string(),
             action: "measure more trials, each with ten or more observations between contacts".into(),
             separates: Vec::new(),
@@ -169,7 +180,7 @@ pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Conf
     if let Some(trial) = trials.first() {
         place(&mut extended, &trial.scene, None);
     }
-    Finding { diagnosis, extended, evidence: Evidence::default() }
+    DiagnosisResult { diagnosis, extended, evidence: Evidence::default() }
 }
 
 #[cfg(test)]
@@ -181,7 +192,7 @@ mod tests {
     #[test]
     fn too_little_is_a_report_too() {
         let trials = seen(&[vec![[0.0, 1.0, 2.0], [0.1, 1.3, 2.1]]]);
-        let found = insufficient(&ball(), &trials, "one trial", &Config::standard(5));
+        let found = insufficient(&ball(), &trials, "one trial", &DiagnosisConfig::standard(5));
         assert_eq!(found.diagnosis.verdict, Verdict::InsufficientData);
         assert_eq!((found.diagnosis.reason.as_str(), found.diagnosis.seed), ("one trial", 5));
         assert!(found.diagnosis.next_experiment.is_some() && found.diagnosis.effects.is_empty());

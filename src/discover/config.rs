@@ -1,32 +1,32 @@
-//! What a diagnosis is asked for, and what it gives.
+//! Configuration and result of a diagnosis.
 
 use super::evidence::Evidence;
 use super::report::Diagnosis;
 use crate::task::Scene;
 use crate::world::Engine;
 
-/// Knobs of a diagnosis.
+/// Configuration of a diagnosis.
 #[derive(Clone, Debug)]
-pub struct Config {
-    /// Seed of the bootstrap over launches, and of the surveys of values where starts are known.
+pub struct DiagnosisConfig {
+    /// Seed of the bootstrap over trials and of global searches.
     pub seed: u64,
-    /// Most effects in a set.
-    pub most_effects: usize,
-    /// Engine that simulates.
+    /// Maximum number of effects in a set.
+    pub max_effects: usize,
+    /// Physics engine.
     pub engine: Engine,
 }
 
-impl Config {
-    /// What `iplw diagnose` uses.
-    pub fn standard(seed: u64) -> Config {
-        Config { seed, most_effects: 3, engine: Engine::Auto }
+impl DiagnosisConfig {
+    /// Defaults of `iplw diagnose`.
+    pub fn standard(seed: u64) -> DiagnosisConfig {
+        DiagnosisConfig { seed, max_effects: 3, engine: Engine::Auto }
     }
 }
 
-/// A diagnosis with what it was made from.
-pub struct Finding {
+/// A diagnosis with the extended scene and its evidence.
+pub struct DiagnosisResult {
     pub diagnosis: Diagnosis,
-    /// The scene with the found effects and latents; it rolls out.
+    /// The scene with the selected effects and estimated latents, ready for rollouts.
     pub extended: Scene,
     pub evidence: Evidence,
 }

@@ -175,7 +175,7 @@ fn law_terms(law: &Law, first: usize, unit: f64) -> Vec<LawTerm> {
             Some((effect.parameters[p].name.to_string(), ci95))
         };
         let ci95: BTreeMap<_, _> = layout.of_term(t).into_iter().filter_map(interval).collect();
-        LawTerm { term: effect.at_clock(&numbers[t], 0.0), ci95 }
+        LawTerm { term: effect.term_at_clock(&numbers[t], 0.0), ci95 }
     };
     (first..layout.terms.len()).map(of).collect()
 }

@@ -1,5 +1,4 @@
-//! What a diagnosis rests on, point by point, for pictures: residuals before and after, the pushes that they show, and
-//! what contacts gave.
+//! Evidence of a diagnosis for plots: residuals before and after, missing accelerations and bounces.
 
 use super::fit::Shown;
 use super::model::{self, Data};
@@ -8,17 +7,17 @@ use super::stats::slope;
 use super::window::{Kind, Point, Window};
 use crate::error::Result;
 
-/// Residuals, pushes and bounces.
+/// Residuals, missing accelerations and bounces.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence {
     pub points: Vec<EvidencePoint>,
-    pub pushes: Vec<Push>,
-    pub bounces: Vec<Bounce>,
+    pub accelerations: Vec<MissingAcceleration>,
+    pub bounces: Vec<BounceRecord>,
     /// Names of the settings, in the order of their indices.
     pub settings: Vec<String>,
 }
 
-/// An observation with what the models leave of it; observations that do not count are left out.
+/// An observation with the residuals of both models; unused observations are omitted.
 #[derive(Clone, Copy, Debug)]
 pub struct EvidencePoint {
     /// Index of the trial.
@@ -31,60 +30,60 @@ pub struct EvidencePoint {
     pub setting: usize,
     /// s on the trial's clock
     pub time: f64,
-    /// m, as seen
+    /// Observed position, m.
     pub position: [f64; 2],
-    /// m/s, of the extended model
+    /// Velocity by the extended model, m/s.
     pub velocity: [f64; 2],
-    /// Seen - simulated, m, by the base model.
+    /// Observed minus simulated position by the base model, m.
     pub before: [f64; 2],
-    /// Seen - simulated, m, by the extended model.
+    /// Observed minus simulated position by the extended model, m.
     pub after: [f64; 2],
-    /// Standard deviations that `before` and `after` should have by their models, m; not numbers where that is not told.
+    /// Predictive standard deviations of `before` and `after`, m; NaN if unknown.
     pub bands: [[f64; 2]; 2],
 }
 
-/// A piece of a flight and the acceleration that the base model lacks along it.
+/// Part of a flight and the acceleration that the base model lacks along it.
 #[derive(Clone, Copy, Debug)]
-pub struct Push {
-    /// Mean of the piece, m.
+pub struct MissingAcceleration {
+    /// Mean position, m.
     pub position: [f64; 2],
-    /// m/s, mean of the piece
+    /// Mean speed, m/s.
     pub speed: f64,
-    /// m/s^2, by the base model's residuals
-    pub seen: [f64; 2],
-    /// m/s^2, by the laws of motion that the extended model has and the base model has not; mean of the piece
-    pub found: [f64; 2],
+    /// Acceleration from the base model's residuals, m/s^2.
+    pub observed: [f64; 2],
+    /// Mean acceleration by the effects that the extended model adds, m/s^2.
+    pub modelled: [f64; 2],
 }
 
-/// A bounce on a static.
+/// A bounce on a static body.
 #[derive(Clone, Copy, Debug)]
-pub struct Bounce {
+pub struct BounceRecord {
     pub setting: usize,
-    /// By the observations around it.
-    pub seen: Met,
-    pub base: Met,
-    pub extended: Met,
+    /// From the surrounding observations.
+    pub observed: ImpactRecord,
+    pub base: ImpactRecord,
+    pub extended: ImpactRecord,
 }
 
-/// What a bounce takes and gives.
+/// Kinematics of an impact.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
-    /// Speed of approach along the normal, m/s.
-    pub approach: f64,
-    /// Speed of the disc's rim along the surface before, m/s.
-    pub slip: f64,
+pub struct ImpactRecord {
+    /// Normal approach speed, m/s.
+    pub approach_speed: f64,
+    /// Tangential slip speed of the rim before impact, m/s.
+    pub slip_speed: f64,
     /// Impulse over mass along the normal and along the surface, m/s.
     pub impulse: [f64; 2],
 }
 
-/// Fewest observations of a piece that shows an acceleration, and pieces that a flight is cut into at most.
+/// Minimum number of observations per part of a flight, and maximum number of parts.
 const PIECE: usize = 7;
 const PIECES: usize = 4;
 
 /// Standard deviations of a model's residuals, m: by window and point.
 pub type Bands = Vec<Vec<[f64; 2]>>;
 
-/// What the windows show of a base model and an extended one; `bands` of either.
+/// Evidence from segments for a base and an extended model; `bands`: predictive standard deviations of either.
 pub fn evidence(
     data: &Data,
     [base, model]: [Shown; 2],
@@ -129,7 +128,7 @@ pub fn evidence(
             let count = (points.len() / PIECE).min(PIECES);
             for k in 0..count {
                 let piece = k * points.len() / count..(k + 1) * points.len() / count;
-                out.pushes.push(pushed(&only[piece.clone()], &added[piece]));
+                out.accelerations.push(pushed(&only[piece.clone()], &added[piece]));
             }
         }
         out.points.extend(points.into_iter().map(|p| p.1));
@@ -138,7 +137,7 @@ pub fn evidence(
 }
 
 /// The constant acceleration that a piece's base residuals are nearest to, its start and velocity being free.
-fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> Push {
+fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> MissingAcceleration {
     let n = piece.len() as f64;
     let mean = |f: &dyn Fn(&EvidencePoint) -> f64| piece.iter().map(f).sum::<f64>() / n;
     let middle = mean(&|p| p.time);
@@ -151,16 +150,16 @@ fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> Push {
     let square = 0.25 * (fourth - second * second - third * third / second.max(1e-300));
     let along = |axis: usize| mean(&|p| curve(p) * p.before[axis]) / square.max(1e-300);
     let average = |axis: usize| added.iter().map(|a| a[axis]).sum::<f64>() / n;
-    Push {
+    MissingAcceleration {
         position: [mean(&|p| p.position[0]), mean(&|p| p.position[1])],
         speed: mean(&|p| p.velocity[0].hypot(p.velocity[1])),
-        seen: [along(0), along(1)],
-        found: [average(0), average(1)],
+        observed: [along(0), along(1)],
+        modelled: [average(0), average(1)],
     }
 }
 
-/// What a contact took and gave: by the models, and by what the extended model's residuals still have before and after.
-fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<Bounce> {
+/// Impact kinematics: by the models, and by the extended model's residuals before and after.
+fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<BounceRecord> {
     let [nx, ny] = window.surface.as_ref()?.normal;
     let of = |f: &Shown| model::impact(window, w, f.layout, f.state);
     let (base, extended) = (of(&base)?, of(&model)?);
@@ -168,13 +167,17 @@ fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<Bounce
     let (before, after) = (drift(false)?, drift(true)?);
     let along = |v: [f64; 2]| [v[0] * nx + v[1] * ny, v[1] * nx - v[0] * ny];
     let (before, kink) = (along(before), along([after[0] - before[0], after[1] - before[1]]));
-    let met = |i: &Impact| Met { approach: i.approach, slip: i.slip, impulse: [i.normal, i.tangent] };
-    let seen = Met {
-        approach: extended.approach - before[0],
-        slip: extended.slip + before[1],
+    let met = |i: &Impact| ImpactRecord {
+        approach_speed: i.approach,
+        slip_speed: i.slip,
+        impulse: [i.normal, i.tangent],
+    };
+    let observed = ImpactRecord {
+        approach_speed: extended.approach - before[0],
+        slip_speed: extended.slip + before[1],
         impulse: [extended.normal + kink[0], extended.tangent + kink[1]],
     };
-    Some(Bounce { setting: window.setting, seen, base: met(&base), extended: met(&extended) })
+    Some(BounceRecord { setting: window.setting, observed, base: met(&base), extended: met(&extended) })
 }
 
 /// The residuals' velocity before or after a time since the window's start, m/s; `None` with observations at fewer than
@@ -193,7 +196,7 @@ fn drift(window: &Window, residual: &[f64], time: f64, after: bool) -> Option<[f
 mod tests {
     use super::*;
 
-    /// Uneven times, a start of its own, and a push of (3, -2): it is found, and nothing else.
+    /// Recovers an acceleration of (3, -2) from unevenly spaced times.
     #[test]
     fn a_piece_shows_its_push() {
         let piece: Vec<EvidencePoint> = (0..9)
@@ -215,7 +218,7 @@ mod tests {
             .collect();
         let added: Vec<[f64; 2]> = piece.iter().map(|p| [p.time, 0.0]).collect();
         let push = pushed(&piece, &added);
-        assert!((push.seen[0] - 3.0).abs() < 1e-9 && (push.seen[1] + 2.0).abs() < 1e-9, "{push:?}");
-        assert!((push.found[0] - push.position[0]).abs() < 1e-12 && push.speed == 5.0);
+        assert!((push.observed[0] - 3.0).abs() < 1e-9 && (push.observed[1] + 2.0).abs() < 1e-9, "{push:?}");
+        assert!((push.modelled[0] - push.position[0]).abs() < 1e-12 && push.speed == 5.0);
     }
 }

@@ -1,4 +1,4 @@
-//! The scene with what was found, so that it rolls out.
+//! The scene extended by the selected effects and fitted latents.
 
 use super::fit::Shown;
 use super::window::{Kind, Window};
@@ -7,8 +7,8 @@ use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
 
-/// The scene with the found effects, the calibrated latents and a start, so that it rolls out. Where settings differ,
-/// it is the first trial's setting.
+/// The scene with the selected effects, the estimated latents and an initial state, ready for rollouts. If
+/// settings differ, uses the first trial's setting.
 pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize], model: Shown) -> Scene {
     let mut out = scene.clone();
     let first = windows.iter().position(|w| w.kind != Kind::Contact).unwrap_or(0);
@@ -20,12 +20,12 @@ pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize
     let window = &windows[first];
     let fitted = (window.kind == Kind::Flight)
         .then(|| (window.scene.bodies[0].name.as_str(), model.state.nuisances[first].as_slice()));
-    // A task's scene rolls out once an action has placed what it places: here, the first trial's.
+    // A task's scene needs the bodies that an action places: here, the first trial's.
     place(&mut out, &trial.scene, fitted);
     out
 }
 
-/// Gives everything that carries the latents those that were fitted.
+/// Sets the fitted latents on everything that carries them.
 fn ground(scene: &mut Scene, latents: &Latents) {
     let bodies: Vec<bool> = scene.bodies.iter().map(|b| scene.carries_latents(&b.name)).collect();
     let statics: Vec<bool> = scene.statics.iter().map(|s| scene.carries_latents(&s.name)).collect();
@@ -33,7 +33,7 @@ fn ground(scene: &mut Scene, latents: &Latents) {
         body.friction = latents.friction.unwrap_or(body.friction);
         body.restitution = latents.restitution.unwrap_or(body.restitution);
         if latents.density.is_some() {
-            // As in every rollout that was fitted: the density stands in for a mass that was given.
+            // As in the fitted rollouts, density replaces a given mass.
             (body.mass, body.density) = (None, latents.density);
         }
     }
@@ -43,7 +43,7 @@ fn ground(scene: &mut Scene, latents: &Latents) {
     }
 }
 
-/// Gives every body of `scene` a start: `from`'s, and for the only body of a window its fitted one.
+/// Sets the initial state of every body: `from`'s, and for a segment's single body the fitted one.
 pub fn place(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
     for body in &mut scene.bodies {
         if let Some(start) = from.body(&body.name) {
@@ -66,7 +66,7 @@ mod tests {
     use crate::discover::fixture::ball;
     use crate::task::scene::Body;
 
-    /// A body that gives its mass once kept it, and rolled out otherwise than it had been fitted.
+    /// Regression test: a body with a given mass kept it and diverged from the fit.
     #[test]
     fn a_fitted_density_replaces_a_given_mass() {
         let mut scene = Scene::from_json(
@@ -83,7 +83,8 @@ mod tests {
         assert_eq!((scene.statics[0].friction, scene.statics[0].restitution), (1.0, 0.6));
     }
 
-    /// What the scene says of a start stays; what it leaves open is the trial's, and of the body that was fitted the fit's.
+    /// Initial values in the scene are kept; missing ones come from the trial, or from the fit for the fitted
+    /// body.
     #[test]
     fn what_a_scene_leaves_open_is_placed() {
         let scene = |position: Option<[f64; 2]>, velocity: [f64; 2]| {

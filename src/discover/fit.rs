@@ -18,7 +18,7 @@ use super::robust;
 use super::score;
 use super::stats::inverse;
 use super::window::Kind;
-use crate::distribution::f_above;
+use crate::distribution::f_survival;
 use crate::distribution::t_quantile;
 use crate::error::{Error, Result};
 use crate::world::effect::Effect;
@@ -305,7 +305,7 @@ fn differs(layout: &Layout, slot: usize) -> f64 {
     let What::Parameter(t, p) = layout.slots[slot].what else { return 0.0 };
     let effect = layout.terms[t].effect;
     let place = (0..p).filter(|k| effect.parameters[*k].is_amplitude()).count();
-    effect.differs.get(place).copied().unwrap_or(0.0)
+    effect.between_trial_sd.get(place).copied().unwrap_or(0.0)
 }
 
 /// Least deviation of a size between settings, as a share of what is plausible.
@@ -328,16 +328,16 @@ pub fn prior(layout: &Layout, state: &State) -> Prior {
             What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
             What::Latent(_) => None,
         };
-        let Some(parameter) = parameter.filter(|p| p.plausible.is_finite()) else {
+        let Some(parameter) = parameter.filter(|p| p.prior_sd.is_finite()) else {
             out.precision[(i, i)] = slot.ridge();
             continue;
         };
         out.off[i] = parameter.neutral - state.values[i];
         out.reason[i] = (SIZES * out.off[i].abs()).max(DECLARED * differs(layout, i));
-        out.plausible[i] = if parameter.is_amplitude() { parameter.plausible } else { 0.0 };
+        out.plausible[i] = if parameter.is_amplitude() { parameter.prior_sd } else { 0.0 };
         let alike: Vec<usize> = (0..q).filter(|j| layout.slots[*j].what == slot.what).collect();
         if alike.len() < 2 {
-            out.precision[(i, i)] = parameter.plausible.powi(-2);
+            out.precision[(i, i)] = parameter.prior_sd.powi(-2);
         }
         if alike.len() < 2 || alike[0] != i {
             continue;
@@ -345,9 +345,9 @@ pub fn prior(layout: &Layout, state: &State) -> Prior {
         let n = alike.len() as f64;
         let mean = alike.iter().map(|j| state.values[*j]).sum::<f64>() / n;
         let between = alike.iter().map(|j| (state.values[*j] - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let between = between.max((BETWEEN * parameter.plausible).powi(2));
+        let between = between.max((BETWEEN * parameter.prior_sd).powi(2));
         // Inverse of between I + plausible^2 J.
-        let shared = parameter.plausible.powi(2) / (between + n * parameter.plausible.powi(2));
+        let shared = parameter.prior_sd.powi(2) / (between + n * parameter.prior_sd.powi(2));
         for (j, k) in alike.iter().flat_map(|j| alike.iter().map(move |k| (*j, *k))) {
             out.precision[(j, k)] = (f64::from(j == k) - shared) / between;
         }
@@ -400,7 +400,7 @@ impl Fitted {
         let off = DVector::from_fn(own.len(), |i, _| self.state.values[own[i]] - self.neutral(own[i]));
         let v = DMatrix::from_fn(own.len(), own.len(), |i, j| self.covariance[(own[i], own[j])]);
         let (p, g) = (own.len() as f64, self.score.len() as f64);
-        f_above(off.dot(&(inverse(&v) * &off)) / p, p, (g - p).max(1.0))
+        f_survival(off.dot(&(inverse(&v) * &off)) / p, p, (g - p).max(1.0))
     }
 
     /// Half the width of a slot's 95 % interval; infinite if the data do not tell the value.
@@ -476,14 +476,14 @@ pub fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
 /// A term's values with amplitudes of some sizes.
 pub fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
     let mut sizes = sizes.iter();
-    let value = |(p, parameter): (usize, &crate::world::effect::Parameter)| {
+    let value = |(p, parameter): (usize, &crate::world::effect::ParameterDeclaration)| {
         if !parameter.is_amplitude() || !term.free[p] {
             return term.start[p];
         }
         let value = parameter.neutral + sizes.next().copied().unwrap_or(0.0);
         let [low, high] = library::bounds(term.effect, parameter);
         // Off the bound, where nothing could be told.
-        let hair = 1e-3 * parameter.step;
+        let hair = 1e-3 * parameter.fd_step;
         value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
     };
     term.effect.parameters.iter().enumerate().map(value).collect()
@@ -510,7 +510,7 @@ mod tests {
         let prior = prior(&layout, &State::new(vec![0.5, 0.3, 0.1], Vec::new()));
         assert!(prior.precision[(0, 1)] < 0.0 && prior.precision[(0, 2)] == 0.0);
         assert_eq!(prior.by_setting, [true, true, false]);
-        let usual = term("lift").effect.differs[0];
+        let usual = term("lift").effect.between_trial_sd[0];
         assert_eq!(prior.reason[..2], [DECLARED * usual; 2]);
         assert!((prior.reason[2] - SIZES * 0.1).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! Recordings for unit tests, of which everything is known.
+//! Synthetic recordings with known truth, for unit tests.
 
 use super::fit::{Fitted, Fitter};
 use super::model::{Data, Layout, State, Term};
@@ -8,7 +8,7 @@ use crate::reality::{Trial, trials_from_csv};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::find;
-use crate::world::{Engine, Rollout, simulate};
+use crate::world::{Engine, Rollout, Simulator};
 
 /// A ball of 5 cm above a floor.
 pub fn ball() -> Scene {
@@ -79,8 +79,8 @@ fn thrown(wind: f64) -> (Scene, Trial) {
     )
     .unwrap();
     let term = EffectTerm { name: "wind".into(), parameters: [("ax".to_string(), wind)].into() };
-    let rollout = Rollout { effects: &[term], stop: false, ..Rollout::of(&scene) };
-    let observed = simulate(&[rollout], Engine::Lanes).unwrap().remove(0);
+    let rollout = Rollout { effects: &[term], stop_at_goal: false, ..Rollout::of(&scene) };
+    let observed = Simulator::new(Engine::Lanes).run(&[rollout]).unwrap().remove(0);
     (scene.clone(), Trial { name: String::new(), setting: None, scene, observed })
 }
 

@@ -4,7 +4,7 @@ use super::expected::Expected;
 use super::fit::{Fitted, held};
 use super::leave_out::leave_out;
 use super::noise::Noise;
-use super::report::{Gain, HeldOut, Residual};
+use super::report::{BaseMisfit, HeldOutError, PredictionGain};
 use super::stats::normal_above;
 use super::window::{Kind, Window};
 
@@ -33,10 +33,10 @@ impl Scale {
     }
 
     /// What an extension makes of the base's held-out loss.
-    pub fn gain(&self, base: f64, extended: f64) -> HeldOut {
+    pub fn gain(&self, base: f64, extended: f64) -> HeldOutError {
         let rmse = |squares: f64| self.noise * (squares / self.coordinates).sqrt();
         let excess = base - self.floor;
-        HeldOut {
+        HeldOutError {
             trials: self.trials,
             base_rmse: rmse(base),
             extended_rmse: rmse(extended),
@@ -47,9 +47,15 @@ impl Scale {
 }
 
 /// What a model gains over the base model, on trials and on settings that it was not fitted to.
-pub fn gain(base: &Fitted, best: Option<&Fitted>, settings: &[usize], count: usize, scale: &Scale) -> Gain {
+pub fn gain(
+    base: &Fitted,
+    best: Option<&Fitted>,
+    settings: &[usize],
+    count: usize,
+    scale: &Scale,
+) -> PredictionGain {
     let loss = |f: &Fitted| at_other_settings(f, settings, count);
-    Gain {
+    PredictionGain {
         held_out: best.map(|f| scale.gain(held(base), held(f))),
         extrapolation: best.and_then(|f| Some(scale.gain(loss(base)?, loss(f)?))),
     }
@@ -62,9 +68,9 @@ pub fn residual(
     expected: &Expected,
     noise: &Noise,
     scale: &Scale,
-) -> Residual {
+) -> BaseMisfit {
     let (autocorrelation, whiteness_p) = whiteness(windows, &base.pass.residuals);
-    Residual {
+    BaseMisfit {
         base_rmse: root_mean_square(&base.pass.residuals),
         floor_rmse: scale.rmse(expected.total()),
         lack_of_fit_p: expected.misfit_of(base, windows).1,

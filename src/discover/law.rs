@@ -18,7 +18,7 @@ use super::path::INSTANT;
 use super::stats::{inverse, solve};
 use super::window::{Kind, Point, Window};
 use crate::error::Result;
-use crate::world::effect::{Act, Effect, Moving, Surroundings, gust, monomial};
+use crate::world::effect::{Effect, EffectKind, MotionState, SimulationContext, gust, monomial};
 
 /// Powers of x, y, vx, vy and |v|.
 pub const POWERS: [[u8; 5]; 12] = [
@@ -159,14 +159,14 @@ fn sparse(gram: &DMatrix<f64>, score: &DVector<f64>, total: f64, floor: f64) -> 
 
 /// The functions along a window's path (x, y, vx, vy by point), each with an amplitude of 1: by function, then by point.
 fn pushes(window: &Window, path: &[[f64; 4]], functions: &[(&'static Effect, Vec<f64>)]) -> Vec<Vec<f64>> {
-    let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+    let around = SimulationContext { time_step: INSTANT, gravity: window.scene.gravity };
     let along = |(effect, values): &(&'static Effect, Vec<f64>)| {
-        let Act::Motion(law) = effect.act else { return vec![0.0; path.len()] };
+        let EffectKind::Motion(law) = effect.kind else { return vec![0.0; path.len()] };
         let mut values = values.clone();
         values[0] = 1.0;
         let constants = law.constants(&values, &around);
         let push = |(point, &[x, y, vx, vy]): (&Point, &[f64; 4])| {
-            let body = Moving { time: window.start + point.time, x, y, vx, vy, omega: 0.0 };
+            let body = MotionState { time: window.start + point.time, x, y, vx, vy, omega: 0.0 };
             (law.kick(&constants, body, INSTANT)[0] - vx) / INSTANT
         };
         window.points.iter().zip(path).map(push).collect()

@@ -7,12 +7,12 @@ use super::model::Term;
 pub use super::model::bounds;
 use super::window::{Kind, Window};
 use crate::task::Scene;
-use crate::world::effect::{ActsOn, Effect, REGISTRY, Search, Span};
+use crate::world::effect::{DataRange, Effect, EffectTarget, REGISTRY, SearchStrategy};
 
 /// What decides which effects can be told at all, and where their search starts.
 #[derive(Clone, Copy, Debug)]
 pub struct Ground {
-    pub span: Span,
+    pub span: DataRange,
     /// Whether anything touches anything.
     pub contacts: bool,
     /// Whether any stretch starts where the scene says, and not where something was seen or may be.
@@ -21,17 +21,17 @@ pub struct Ground {
 
 /// Where to start fitting each candidate: for every effect at least one start.
 pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<(&'static Effect, Vec<Term>)> {
-    let told = |e: &&'static Effect| match e.acts_on() {
-        ActsOn::Contact => ground.contacts,
+    let told = |e: &&'static Effect| match e.target() {
+        EffectTarget::Contact => ground.contacts,
         // A free start takes up whatever a placement does, and one that was seen holds it.
-        ActsOn::Action => ground.runs,
-        ActsOn::Motion | ActsOn::Region | ActsOn::Sensor => true,
+        EffectTarget::Action => ground.runs,
+        EffectTarget::Motion | EffectTarget::Region | EffectTarget::Sensor => true,
     };
     let of = |e: &'static Effect| {
         let starts = match e.search {
-            Search::Never => return None,
-            Search::Downhill => vec![e.parameters.iter().map(|p| p.neutral).collect()],
-            Search::From(starts) => starts(&ground.span),
+            SearchStrategy::Excluded => return None,
+            SearchStrategy::FromNeutral => vec![e.parameters.iter().map(|p| p.neutral).collect()],
+            SearchStrategy::FromStarts(starts) => starts(&ground.span),
         };
         let per_setting = scene.per_setting.iter().any(|n| n == e.name);
         let free = vec![true; e.parameters.len()];
@@ -51,7 +51,7 @@ pub fn ground(windows: &[Window]) -> Ground {
 }
 
 /// What a recording spans.
-pub fn span(windows: &[Window]) -> Span {
+pub fn span(windows: &[Window]) -> DataRange {
     let mut area = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     let (mut duration, mut path, mut time, mut count) = (0.0f64, 0.0, 0.0, 0usize);
     for w in windows {
@@ -72,7 +72,7 @@ pub fn span(windows: &[Window]) -> Span {
             count += 1;
         }
     }
-    Span {
+    DataRange {
         area,
         duration,
         speed: if time > 0.0 { path / time } else { 1.0 },
@@ -92,14 +92,14 @@ mod tests {
     /// What acts at contacts is a candidate where something touches; what is off in placing, where a start is the scene's.
     #[test]
     fn candidates_are_what_can_show_at_all() {
-        let of = |acts: ActsOn, names: &[&str]| {
-            REGISTRY.iter().filter(|e| e.acts_on() == acts && names.contains(&e.name)).count()
+        let of = |acts: EffectTarget, names: &[&str]| {
+            REGISTRY.iter().filter(|e| e.target() == acts && names.contains(&e.name)).count()
         };
         let flown = names(&flights([0.0, 0.0], 1).0);
         assert!(flown.contains(&"wind") && flown.contains(&"camera_tilt"));
-        assert_eq!((of(ActsOn::Contact, &flown), of(ActsOn::Action, &flown)), (0, 0));
-        assert!(of(ActsOn::Contact, &names(&bounces(0.8, 1).0)) > 0);
-        assert!(of(ActsOn::Contact, &names(&leaps(0.0).0)) > 0, "a leap may hit anything");
+        assert_eq!((of(EffectTarget::Contact, &flown), of(EffectTarget::Action, &flown)), (0, 0));
+        assert!(of(EffectTarget::Contact, &names(&bounces(0.8, 1).0)) > 0);
+        assert!(of(EffectTarget::Contact, &names(&leaps(0.0).0)) > 0, "a leap may hit anything");
     }
 
     #[test]

@@ -1,28 +1,32 @@
-//! What the simulation gets wrong: measured trials in, the named cause, the extended model and its gain out.
+//! Structural model discrepancy diagnosis: from measured trials to the named missing effect, the extended model
+//! and its gain in predictive accuracy.
 //!
-//! 1. Data, made ready by `prepare`. `window`: trials are cut into windows whose starts are nuisances; `smooth`: motion as any
-//!    law could have it; `noise`: what that leaves; `phase`: which moment velocities seen are of; `trust`: what can be foreseen
-//!    and is no outlier.
-//! 2. Models. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
-//!    candidate. `base`: the scene as it is, fitted; `steps`: what another engine's steps make of contacts.
-//! 3. Scores. `launch`: what a model leaves of each launch, as a Gaussian of known components; `score`: its predictive
-//!    density, told from the other launches; `fit`: a model fitted and scored, linear about how each launch is unlike the others (`modes`).
-//! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three of them; `survey`: where starts are
-//!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
-//! 5. `decide`: which of two models is better, the one place where it is decided; `reason`: what launches may differ by;
-//!    `verdict`: what that amounts to.
-//! 6. `advise` and `parting`: what would separate those that tie; `described`: what no set explains, as terms that can be
-//!    simulated, a formula (`law`) or the field that launches share (`bumps`); `conclude`: the report, of `sizes`, of `gain` by
-//!    `expected` and `leave_out`, and in `words`; `by_launch`: what each launch says; `unlike`: what launches differ by beside
-//!    the model; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
-//!    be seen; `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show, `drawn`: as
-//!    tables.
+//! 1. Data. Trials are cut into segments with unknown initial states (`window`); the noise is estimated
+//!    (`smooth`, `noise`), velocity offsets are aligned (`phase`), and segments are truncated at the
+//!    predictability horizon and cleaned of outliers (`trust`).
+//! 2. Models. `path` and the engines simulate segments; `model` computes residuals and Jacobians; latents are
+//!    fitted with every candidate. `base`: fit of the base model; `steps`: noise inflation for the
+//!    discretisation of another engine.
+//! 3. Scores. `launch`: residuals of each trial as a mixed-effects model with variance components; `score`: log
+//!    predictive density of held-out trials; `fit`: fitted models with the conditional modes of their random
+//!    effects (`modes`).
+//! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three effects; `survey`:
+//!    global search where initial states are known; `field`: a shared force field without a named effect.
+//! 5. Decision. `decide`: pairwise model comparison; `reason`: adequacy of the between-trial variation;
+//!    `verdict`: the verdict.
+//! 6. Report. `advise`, `parting`: the experiment that best discriminates tied models; `described`, `law`,
+//!    `bumps`: empirical force law for unexplained discrepancy; `conclude`, `sizes`, `gain`, `expected`,
+//!    `leave_out`, `words`: report; `by_launch`: per-trial estimates; `unlike`: between-trial variation;
+//!    `check`: predictive checks; `band`, `paths`: trajectory residuals; `picture`: residual field; `extend`:
+//!    extended scene; `evidence`, `plot_tables`: data for plots.
 //!
-//! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
-//! process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+ (Yao et al. 2018).
+//! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a
+//! Gaussian process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+
+//! (Yao et al. 2018).
 //!
-//! Differences from the sources: positions are never differentiated; the launch is what is left out, never the sample; the
-//! discrepancy is drawn anew for every launch, and what launches share is a rival of its own (`field`).
+//! Differences from the sources: positions are never differentiated; cross-validation leaves out trials, not
+//! observations; the discrepancy is independent between trials, and discrepancy shared by all trials is a
+//! candidate model of its own (`field`).
 
 mod advise;
 mod band;
@@ -36,7 +40,6 @@ mod conclude;
 mod config;
 mod decide;
 mod described;
-pub mod drawn;
 mod evidence;
 mod expected;
 mod extend;
@@ -58,6 +61,7 @@ mod path;
 mod paths;
 mod phase;
 mod picture;
+pub mod plot_tables;
 pub mod posterior;
 mod prepare;
 mod reason;
@@ -86,8 +90,8 @@ use crate::trajectory::Trajectory;
 use crate::world::Engine;
 use crate::world::latent::factor_index;
 use conclude::{Given, conclude, insufficient};
-pub use config::{Config, Finding};
-pub use evidence::{Bounce, Evidence, EvidencePoint, Met, Push};
+pub use config::{DiagnosisConfig, DiagnosisResult};
+pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use expected::expected;
 use fit::Fitter;
 use model::{Data, Layout, State};
@@ -95,17 +99,17 @@ use prepare::{RUN, Ready, prepare};
 pub use report::Diagnosis;
 use window::Window;
 
-/// Added to the reason of a verdict on such data.
-const OTHER_STEPS: &str = " (what was measured moves in other time steps than the simulation: velocities were shifted to the \
-                           simulation's moments, and contacts are allowed what such steps make of them)";
+/// Appended to the reason of a verdict on data with another time step.
+const OTHER_STEPS: &str = " (the measured system uses another time step than the simulation: velocities were shifted to the \
+                           simulation's times, and the contact noise includes the discretisation error)";
 
 /// Diagnoses a scene from measured trials.
 pub fn diagnose(
     scene: &Scene,
     trials: &[Trial],
-    config: &Config,
+    config: &DiagnosisConfig,
     progress: &dyn Progress,
-) -> Result<Finding> {
+) -> Result<DiagnosisResult> {
     scene.validate()?;
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
     let ready = match prepare(scene, trials, config.engine, RUN)? {
@@ -125,15 +129,17 @@ pub fn diagnose(
     let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
         let fitter = Fitter::new(data, noise);
         let base = fitter.refined(layout.clone(), state)?;
-        let base = base.ok_or_else(|| Error::Failed("the base model could not be scored".into()))?;
+        let base = base.ok_or_else(|| {
+            Error::Failed("the log likelihood of the base model could not be evaluated".into())
+        })?;
         let hunt = search::Hunt::new(scene, &fitter, &latents, config.seed);
-        let found = hunt.search(base, config.most_effects, progress)?;
+        let found = hunt.search(base, config.max_effects, progress)?;
         let judged = verdict::judge(&fitter, &found)?;
         Ok((found, judged))
     };
     let (mut found, mut judged) = seek(&data, &layout, state)?;
     if let Some(stepping) = *stepping {
-        // What the other engine's steps make of contacts is known once it is known where things go.
+        // The discretisation error of contacts can be evaluated once the trajectories are fitted.
         let best = judged.champion.map_or(&found.base, |c| &found.fits[c]);
         data.sd.clone_from(sd);
         steps::allow(&mut data, &observed, &best.layout, &best.state, stepping)?;
@@ -148,16 +154,16 @@ pub fn diagnose(
     Ok(finding)
 }
 
-/// Trials' windows with the base model fitted to them.
+/// Segments with the fitted base model.
 struct Opened<'a> {
     data: Data<'a>,
     layout: Layout,
     state: State,
-    /// What was seen, by trial kept.
+    /// Observations by used trial.
     observed: Vec<&'a Trajectory>,
 }
 
-/// Fits the base model, the scene as it is with its `latents`, to windows of what was made ready.
+/// Fits the base model, the scene with its `latents`, to segments.
 fn open<'a>(
     scene: &Scene,
     trials: &'a [Trial],

@@ -1,7 +1,7 @@
 //! Residuals along launches for a report: few rows of each, evenly taken.
 
 use super::evidence::{Evidence, EvidencePoint};
-use super::report::{Path, Paths, rounded};
+use super::report::{TrajectoryResiduals, TrialResiduals, round_to_six_digits};
 
 /// Most rows of a launch.
 const ROWS: usize = 24;
@@ -23,14 +23,14 @@ const COLUMNS: [&str; 13] = [
 ];
 
 /// Rows of every launch; `kept`: the trial of each.
-pub fn paths(evidence: &Evidence, kept: &[usize]) -> Paths {
+pub fn paths(evidence: &Evidence, kept: &[usize]) -> TrajectoryResiduals {
     let launch = |(i, trial): (usize, &usize)| {
         let own: Vec<&EvidencePoint> = evidence.points.iter().filter(|p| p.trial == i).collect();
         let first = own.first().map_or(0, |p| p.window);
         let rows = own.iter().step_by(own.len().div_ceil(ROWS).max(1)).map(|p| row(p, first)).collect();
-        Path { trial: *trial, rows }
+        TrialResiduals { trial: *trial, rows }
     };
-    Paths { columns: &COLUMNS, launches: kept.iter().enumerate().map(launch).collect() }
+    TrajectoryResiduals { columns: &COLUMNS, launches: kept.iter().enumerate().map(launch).collect() }
 }
 
 fn row(p: &EvidencePoint, first: usize) -> Vec<Option<f64>> {
@@ -38,7 +38,7 @@ fn row(p: &EvidencePoint, first: usize) -> Vec<Option<f64>> {
     let start = [p.time, p.body as f64, (p.window - first) as f64];
     let all = [p.position, p.before, p.after, before, after];
     let numbers = start.into_iter().chain(all.into_iter().flatten());
-    numbers.map(|v| v.is_finite().then(|| rounded(v))).collect()
+    numbers.map(|v| v.is_finite().then(|| round_to_six_digits(v))).collect()
 }
 
 #[cfg(test)]

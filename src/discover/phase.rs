@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
-use crate::world::{Engine, Rollout, simulate};
+use crate::world::{Engine, Rollout, Simulator};
 
 /// Trials whose simulation tells the engine's own moments.
 const TRIALS: usize = 20;
@@ -68,7 +68,7 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
     let usual = Default::default();
     let rollouts: Vec<Rollout> =
         leaps.iter().zip(&steps).map(|(w, scene)| windows[*w].rollout(scene, &usual)).collect();
-    let after = simulate(&rollouts, engine)?;
+    let after = Simulator::new(engine).run(&rollouts)?;
     for (w, after) in leaps.into_iter().zip(after) {
         let window = &mut windows[w];
         let observed = &trials[window.trial].observed;
@@ -108,8 +108,8 @@ fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<Stepping>> {
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
     let Some(seen) = lag(&observed, gravity, step) else { return Ok(None) };
     let scenes: Vec<Scene> = trials.iter().take(TRIALS).map(|t| t.scene.clone()).collect();
-    let usual = |scene| Rollout { stop: false, ..Rollout::of(scene) };
-    let paths = simulate(&scenes.iter().map(usual).collect::<Vec<_>>(), engine)?;
+    let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
+    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
     let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
     let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
     Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some(Stepping { own, later }))

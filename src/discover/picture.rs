@@ -1,23 +1,23 @@
-//! The field of what is left: what pushes launches beside the reported model, where they flew.
+//! Residual force field: the mean acceleration that the reported model lacks, per cell of the plane.
 //!
-//! The shared force field without a name (`field`), fitted to all launches beside the model, as its mean over the states that
-//! were flown through in each cell of the plane: what it says of velocities and of times nobody flew with is not asked.
+//! The shared discrepancy field (`field`) is fitted to all trials in addition to the model, and averaged over
+//! the observed states in each cell.
 
 use super::field::{Form, left};
 use super::fit::{Fitted, Fitter};
 use super::model;
-use super::report::{FieldLeft, rounded};
+use super::report::{ResidualField, round_to_six_digits};
 use super::window::Kind;
 use crate::error::Result;
 
-/// Cells along x and y.
+/// Number of cells along x and y.
 const CELLS: [usize; 2] = [12, 8];
 
-/// A state on a path: clock time, s; x, y, vx, vy.
+/// Time, s, and state x, y, vx, vy of a point on a path.
 type Flown = (f64, [f64; 4]);
 
-/// A field beside a model in every cell that was flown through; `None` where it cannot be fitted.
-pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<FieldLeft>> {
+/// Residual field in every visited cell; `None` if it cannot be fitted.
+pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<ResidualField>> {
     let Some(left) = left(fitter, model, form)? else { return Ok(None) };
     let paths = model::paths(fitter.data, &model.layout, &model.state)?;
     let flights = fitter.data.windows.iter().zip(&paths).filter(|(w, _)| w.kind == Kind::Flight);
@@ -26,14 +26,14 @@ pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Field
         cells(states.filter(|(_, s)| s.iter().all(|v| v.is_finite())).collect()).into_iter().map(|own| {
             let mean = |k: usize| own.iter().map(|(_, s)| s[k]).sum::<f64>() / own.len() as f64;
             let [push, sd] = left.mean(&own);
-            [mean(0), mean(1), push[0], push[1], sd[0], sd[1]].map(rounded)
+            [mean(0), mean(1), push[0], push[1], sd[0], sd[1]].map(round_to_six_digits)
         });
     let rows: Vec<[f64; 6]> = rows.collect();
     let columns = &["x", "y", "ax", "ay", "sd_ax", "sd_ay"];
-    Ok((!rows.is_empty()).then_some(FieldLeft { columns, rows }))
+    Ok((!rows.is_empty()).then_some(ResidualField { columns, rows }))
 }
 
-/// States by the cell that they are in; cells without any are left out.
+/// Groups states by cell; empty cells are omitted.
 fn cells(states: Vec<Flown>) -> Vec<Vec<Flown>> {
     let span = [0, 1].map(|k| {
         let all = || states.iter().map(|(_, s)| s[k]);
@@ -59,14 +59,13 @@ mod tests {
 
     const FIELD: Form = Form { over: Over::All, strength: 2.0 };
 
-    /// A drag that the model has not is left: it pushes against the launches, by about its size where it is told; and what a
-    /// model has is not left.
+    /// A missing drag appears with its sign and size; a modelled one does not.
     #[test]
     fn what_a_model_lacks_pushes_where_launches_flew() {
         thrown::fitted(&[0.4; 10], &[], 10, |fitter, base| {
             let left = field(fitter, base, FIELD).unwrap().unwrap();
             assert!(left.rows.len() > 10 && left.rows.len() <= CELLS[0] * CELLS[1]);
-            // Launches fly along x at 4 to 11 m/s.
+            // Trials move along x at 4 to 11 m/s.
             let told: Vec<_> = left.rows.iter().filter(|r| r[2].abs() > 2.0 * r[4]).collect();
             assert!(told.len() > 5 && told.iter().all(|r| (-6.0..-0.3).contains(&r[2])), "{told:?}");
         });

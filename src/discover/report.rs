@@ -1,4 +1,4 @@
-//! What a diagnosis says: `iplw.diagnosis/1`.
+//! Report of a diagnosis, `iplw.diagnosis/1`.
 
 use std::collections::BTreeMap;
 
@@ -10,19 +10,19 @@ use crate::task::scene::EffectTerm;
 /// The value of a diagnosis's `format` field.
 pub const FORMAT: &str = "iplw.diagnosis/1";
 
-/// What was found.
+/// Verdict of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The base model explains the data to its noise floor.
+    /// The base model explains the data down to the noise.
     None,
-    /// One set of effects does.
+    /// One set of effects explains the discrepancy.
     Named,
-    /// Several sets tie.
+    /// Several sets of effects explain it equally well.
     Ambiguous,
-    /// Real misfit that no set in the library explains.
+    /// There is discrepancy, but no set of library effects explains it.
     Unknown,
-    /// Too little to say.
+    /// The data are insufficient.
     InsufficientData,
 }
 
@@ -44,129 +44,129 @@ impl Verdict {
 pub struct Diagnosis {
     pub format: &'static str,
     pub verdict: Verdict,
-    /// Why: a sentence for people.
+    /// Explanation for readers.
     pub reason: String,
-    /// The found set; the simplest of several.
-    pub effects: Vec<FoundEffect>,
-    /// Every set that the data cannot tell from the best, by names.
+    /// The selected set of effects; the simplest of tied ones.
+    pub effects: Vec<EffectEstimate>,
+    /// Sets that the data do not distinguish from the best, by effect names.
     pub rivals: Vec<Vec<String>>,
-    pub calibrated: Vec<Calibrated>,
-    pub residual: Residual,
-    pub gain: Gain,
-    /// Share of the excess mean squared error that the effects leave.
+    pub calibrated: Vec<CalibratedLatent>,
+    pub residual: BaseMisfit,
+    pub gain: PredictionGain,
+    /// Share of the excess mean squared error that the effects do not explain.
     pub unexplained_share: Option<f64>,
-    /// What acceleration the unexplained looks like; only for the verdict `unknown`.
+    /// Empirical law of the unexplained acceleration; only for the verdict `unknown`.
     pub residual_law: Option<ResidualLaw>,
-    pub next_experiment: Option<NextExperiment>,
-    /// Every set that was fitted and the base model (no effects), best first.
-    pub scores: Vec<Score>,
-    /// What the reported model leaves.
-    pub remainder: Option<Remainder>,
-    /// What the reported model makes of every launch that was used.
-    pub launches: Vec<Launch>,
-    /// What launches differ by, each in its own way, beside the reported model.
-    pub unlike: Vec<Unlike>,
-    /// Whether launches are as far as they should be from what the others predict of them; `None` where that is not told.
-    pub predictive: Option<Predictive>,
-    /// What pushes launches beside the reported model, where they flew; `None` where that was not asked.
-    pub field: Option<FieldLeft>,
-    /// Residuals along launches by the base model and the extended one, and how wide they should be.
-    pub paths: Paths,
-    /// Sets that could not be fitted: they have not lost.
+    pub next_experiment: Option<RecommendedExperiment>,
+    /// All fitted sets and the base model (no effects), best first.
+    pub scores: Vec<ModelScore>,
+    /// Residuals of the reported model.
+    pub remainder: Option<ResidualSummary>,
+    /// Estimates of the reported model per trial.
+    pub launches: Vec<TrialEffects>,
+    /// Random accelerations by which trials differ in addition to the reported model.
+    pub unlike: Vec<BetweenTrialVariation>,
+    /// Predictive checks of each trial from the others; `null` if not available.
+    pub predictive: Option<PredictiveCheck>,
+    /// Mean acceleration that the reported model lacks, by position; `null` if not requested.
+    pub field: Option<ResidualField>,
+    /// Residuals along trials by the base and the extended model, with predictive standard deviations.
+    pub paths: TrajectoryResiduals,
+    /// Sets whose fit failed; they are not ruled out.
     pub failed: Vec<Vec<String>>,
     pub seed: u64,
 }
 
-/// An effect of the found set.
+/// An effect of the selected set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FoundEffect {
+pub struct EffectEstimate {
     pub name: String,
     pub acts_on: String,
-    /// Corrected for the search over the library.
+    /// p-value, corrected for the search over the library.
     pub p_value: f64,
-    pub parameters: Vec<FoundParameter>,
+    pub parameters: Vec<ParameterEstimate>,
 }
 
-/// A parameter with its 95 % interval.
+/// A parameter estimate with its 95 % confidence interval.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FoundParameter {
+pub struct ParameterEstimate {
     pub name: String,
     pub value: f64,
-    /// `null` where the data set no bound.
+    /// 95 % confidence interval; `null` where unbounded.
     pub ci95: [Option<f64>; 2],
     pub unit: String,
     pub setting: Option<String>,
-    /// Standard deviation from launch to launch; `None` if launches share it.
+    /// Standard deviation between trials; `null` if shared by all trials.
     pub spread: Option<f64>,
 }
 
-/// An acceleration that every launch has of its own, by more than every launch may a little.
+/// A random acceleration per trial, larger than the tolerated variation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Unlike {
-    /// The effect that it is an amplitude of, and which.
+pub struct BetweenTrialVariation {
+    /// Name of the effect.
     pub effect: String,
     pub parameter: String,
-    /// Standard deviation from launch to launch, about a mean of nothing, in the parameter's unit.
+    /// Standard deviation between trials around a mean of zero, in the parameter's unit.
     pub spread: f64,
     pub unit: String,
 }
 
-/// An acceleration without a name that describes what effects leave.
+/// Empirical law of the acceleration that the effects do not explain.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResidualLaw {
-    /// In words and symbols: m, s. Of a force field, how many bumps of which kind it is.
+    /// Formula in SI units, or a description of a fitted force field.
     pub formula: String,
     pub terms: Vec<LawTerm>,
-    /// The base model's error, and that of the effects found and the law, on trials whose numbers they were not fitted to.
-    /// (Which functions make the law up was chosen on all trials; that choice is charged where it is decided about `offered`.)
-    pub held_out: HeldOut,
-    /// Whether it is part of the extended scene: it is if it is likely to help on trials that it was not fitted to.
+    /// Errors of the base model and of the effects with the law, on trials whose parameters were not fitted.
+    /// (The law's terms were selected on all trials; `offered` accounts for that.)
+    pub held_out: HeldOutError,
+    /// Whether the extended scene includes it: it does if it is expected to improve predictions of new trials.
     pub offered: bool,
 }
 
-/// A term of a law.
+/// A term of an empirical law.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LawTerm {
-    /// As a scene takes it.
+    /// The term as a scene's effect.
     pub term: EffectTerm,
-    /// 95 % intervals of the parameters that were fitted, by name; the others are the shape.
+    /// 95 % confidence intervals of the fitted parameters, by name.
     pub ci95: BTreeMap<String, [Option<f64>; 2]>,
 }
 
 /// A calibrated latent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Calibrated {
+pub struct CalibratedLatent {
     pub name: String,
     pub value: f64,
     pub ci95: [Option<f64>; 2],
     pub identifiable: bool,
 }
 
-/// The base model's misfit.
+/// Misfit of the base model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Residual {
+pub struct BaseMisfit {
     /// m
     pub base_rmse: f64,
     /// m
     pub floor_rmse: f64,
     pub lack_of_fit_p: f64,
     pub whiteness_p: f64,
-    /// Of neighbouring residuals.
+    /// Autocorrelation of neighbouring residuals.
     pub autocorrelation: f64,
-    /// Of the noise itself.
+    /// Autocorrelation of the noise.
     pub noise_correlation: f64,
 }
 
-/// What the extension gains.
+/// Prediction gain of the extension.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Gain {
-    pub held_out: Option<HeldOut>,
-    pub extrapolation: Option<HeldOut>,
+pub struct PredictionGain {
+    pub held_out: Option<HeldOutError>,
+    pub extrapolation: Option<HeldOutError>,
 }
 
-/// Errors on trials that were not fitted.
+/// Errors on held-out trials.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct HeldOut {
+pub struct HeldOutError {
     pub trials: usize,
     /// m
     pub base_rmse: f64,
@@ -178,142 +178,146 @@ pub struct HeldOut {
     pub excess_removed: Option<f64>,
 }
 
-/// What to measure next.
+/// Recommended next experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct NextExperiment {
+pub struct RecommendedExperiment {
     pub why: String,
     #[serde(rename = "do")]
     pub action: String,
     pub separates: Vec<String>,
-    /// The experiment as it would be simulated: its first body's start is the launch. `None` where it is not of that
+    /// The experiment as a scene: its first body's initial state is to be set. `None` if it is not of that
     /// kind.
     #[serde(skip)]
     pub scene: Option<Scene>,
 }
 
-/// How a set compares with the best.
+/// Comparison of a set with the best one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Score {
+pub struct ModelScore {
     pub effects: Vec<String>,
-    /// Log predictive density of all launches, each told from the others, less what choosing the set costs; nats above the
-    /// best whose effects are all there.
+    /// Log predictive density over trials, each predicted from the others, minus the model-space penalty; nats
+    /// relative to the best set whose effects are all significant.
     pub score: f64,
-    /// Probability that it predicts launches worse than the best.
+    /// Probability that it predicts worse than the best.
     pub probability_worse: f64,
-    /// Its effects with their sizes, where it ties with the best; nothing of others.
-    pub sizes: Vec<FoundEffect>,
+    /// Its effects with estimates if it ties with the best; otherwise empty.
+    pub sizes: Vec<EffectEstimate>,
 }
 
-/// What the reported model leaves.
+/// Residual summary of the reported model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Remainder {
-    /// Root of the mean square of what held-out launches leave above the noise and what changes slowly along a path, by the base
-    /// model, m.
+pub struct ResidualSummary {
+    /// Root-mean-square of the smooth part of held-out residuals above the noise by the base model, m.
     pub slow_before_m: f64,
     /// The same by the reported model, m.
     pub slow_after_m: f64,
     /// Standard deviation of the noise, m.
     pub noise_m: f64,
-    /// Share of what can be predicted of launches, with a force field of no name beside the model, that the model explains by
-    /// itself; `None` where that cannot be asked.
+    /// Share of the predictable misfit, as judged with a discrepancy field, that the model explains by itself;
+    /// `null` if not available.
     pub explained_share: Option<f64>,
-    /// Nats by which such a field predicts launches better, and the probability that it does.
+    /// Gain in log predictive density by such a field, nats, and the probability that it is positive.
     pub field: Option<[f64; 2]>,
-    /// The same in words.
+    /// The same as a sentence.
     pub text: String,
 }
 
-/// A launch by the reported model.
+/// Estimates for one trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Launch {
+pub struct TrialEffects {
     /// Index of the trial, from 0.
     pub trial: usize,
     pub name: String,
     pub setting: Option<String>,
-    /// Every amplitude of the model.
-    pub sizes: Vec<LaunchSize>,
+    /// Amplitude estimates.
+    pub sizes: Vec<TrialEffectEstimate>,
 }
 
-/// The size that an effect has in a launch.
+/// Amplitude estimate of an effect in one trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LaunchSize {
+pub struct TrialEffectEstimate {
     pub effect: String,
     pub parameter: String,
-    /// Best linear prediction: what the launch says, and how sizes are spread among launches; in the parameter's unit.
+    /// Best linear unbiased prediction (BLUP), in the parameter's unit.
     pub value: f64,
     /// Its standard deviation.
     pub sd: f64,
-    /// Least squares of the launch alone, and its standard deviation; `None` where the launch does not tell it.
+    /// Least-squares estimate from the trial alone, and its standard deviation; `null` if not identified.
     pub alone: Option<[f64; 2]>,
 }
 
-/// How launches stand to what the others predict of them.
+/// Leave-one-trial-out predictive checks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Predictive {
-    pub launches: Vec<Predicted>,
-    /// Share of launches outside the 95 % range of predictions: 0.05 if they are right.
+pub struct PredictiveCheck {
+    pub launches: Vec<TrialPredictiveCheck>,
+    /// Share of trials outside their 95 % predictive interval; 0.05 if predictions are calibrated.
     pub outside_share: f64,
-    /// Trials that are further off than 97.5 % of predictions, the furthest first.
+    /// Outlying trials, beyond the 97.5 % predictive quantile, most extreme first.
     pub further_off: Vec<usize>,
-    /// How far off the usual launch is over what was predicted, the launch's own scale aside: 1 if they are right.
+    /// Median ratio of observed to predicted deviation, up to the trial's own scale; 1 if calibrated.
     pub usual_ratio: f64,
-    /// Probability of launches' p being so far from uniform (Kolmogorov), if predictions are right.
+    /// p-value of a Kolmogorov-Smirnov test for uniform p-values.
     pub uniform_p: f64,
-    /// All p in order, each with the 95 % range of its place if they are uniform.
+    /// Sorted p-values, each with the 95 % interval of its order statistic under uniformity.
     pub sorted: Vec<[f64; 3]>,
 }
 
-/// A launch and what the others predict of it.
+/// Predictive check of one trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Predicted {
+pub struct TrialPredictiveCheck {
     /// Index of the trial, from 0.
     pub trial: usize,
-    /// Probability of a launch further off than this.
+    /// Predictive p-value: probability of a larger deviation.
     pub p: f64,
-    /// Square of how far off it is under the predictive covariance, the launch's own scale aside, and the number of
-    /// coordinates: what is expected of it.
+    /// Squared Mahalanobis distance under the predictive covariance, up to the trial's own scale, and the
+    /// number of coordinates, its expectation.
     pub squares: f64,
     pub count: usize,
 }
 
-/// A force field without a name beside the reported model.
+/// Residual force field of the reported model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FieldLeft {
-    /// What the numbers of a row are: m, m/s^2.
+pub struct ResidualField {
+    /// Names of the columns; m, m/s^2.
     pub columns: &'static [&'static str],
-    /// A cell of the plane each: its mean place, the mean acceleration there, and standard deviations.
+    /// One row per cell of the plane: mean position, mean acceleration and its standard deviations.
     pub rows: Vec<[f64; 6]>,
 }
 
-/// Residuals along launches, few enough to be drawn.
+/// Residuals along trials, thinned for plots.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Paths {
-    /// What the numbers of a row are.
+pub struct TrajectoryResiduals {
+    /// Names of the columns.
     pub columns: &'static [&'static str],
-    pub launches: Vec<Path>,
+    pub launches: Vec<TrialResiduals>,
 }
 
-/// A launch's rows; `None` where a number is not told.
+/// Rows of one trial; `null` for a missing value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Path {
+pub struct TrialResiduals {
     /// Index of the trial, from 0.
     pub trial: usize,
     pub rows: Vec<Vec<Option<f64>>>,
 }
 
-/// A number to six significant digits: so that long lists stay short.
-pub fn rounded(v: f64) -> f64 {
+/// Rounds to six significant digits, to keep long lists short.
+pub fn round_to_six_digits(v: f64) -> f64 {
     format!("{v:.5e}").parse().unwrap_or(v)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::rounded;
+    use super::round_to_six_digits;
 
     #[test]
     fn six_digits_are_kept() {
-        assert_eq!(rounded(1.0 / 3.0), 0.333333);
-        assert_eq!((rounded(-123456789.0), rounded(0.0), rounded(2e-300)), (-123457000.0, 0.0, 2e-300));
-        assert!(rounded(f64::NAN).is_nan() && rounded(f64::INFINITY) == f64::INFINITY);
+        assert_eq!(round_to_six_digits(1.0 / 3.0), 0.333333);
+        assert_eq!(
+            (round_to_six_digits(-123456789.0), round_to_six_digits(0.0), round_to_six_digits(2e-300)),
+            (-123457000.0, 0.0, 2e-300)
+        );
+        assert!(
+            round_to_six_digits(f64::NAN).is_nan() && round_to_six_digits(f64::INFINITY) == f64::INFINITY
+        );
     }
 }

@@ -19,7 +19,7 @@ use super::window;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::task::Scene;
-use crate::world::effect::{ActsOn, Effect, REGISTRY};
+use crate::world::effect::{Effect, EffectTarget, REGISTRY};
 
 /// Sets of the size before from which larger ones are made, and how many of those are fitted.
 const BEAM: [(usize, usize); 2] = [(usize::MAX, 12), (3, 6)];
@@ -234,7 +234,8 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let promise = told[c][0].0 - chance;
                 let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| self.starting(fit, c, *s, sizes);
                 // A survey frames regions by itself.
-                let framed = effect.acts_on() == ActsOn::Region && window::leaping(self.fitter.data.windows);
+                let framed =
+                    effect.target() == EffectTarget::Region && window::leaping(self.fitter.data.windows);
                 let starts = told[c].iter().take(if framed { 1 } else { STARTS }).map(start).collect();
                 let union = Union { names, promise, starts };
                 match all.iter_mut().find(|u| u.names == union.names) {
@@ -343,7 +344,8 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let mut out: Vec<Union> = Vec::new();
         for i in found.ranked(|f| f.set.len() == size).into_iter().take(3) {
             let own = &found.fits[i].layout.terms;
-            for (large, small) in REGISTRY.iter().flat_map(|e| e.holds.iter().map(move |h| (e.name, h.name)))
+            for (large, small) in
+                REGISTRY.iter().flat_map(|e| e.special_cases.iter().map(move |h| (e.name, h.name)))
             {
                 let candidate = self.library.iter().find(|c| c.0.name == small);
                 let (Some(at), Some(term)) =
@@ -381,13 +383,13 @@ fn directions(term: &Term) -> Vec<Extra> {
     let direction = |p: usize| {
         let own = |k: usize| match k {
             _ if shapes(k) => term.start[k],
-            _ if k == p => parameters[k].neutral + parameters[k].step,
+            _ if k == p => parameters[k].neutral + parameters[k].fd_step,
             _ => parameters[k].neutral,
         };
         Extra {
             effect: term.effect,
             values: (0..parameters.len()).map(own).collect(),
-            unit: parameters[p].step,
+            unit: parameters[p].fd_step,
         }
     };
     (0..parameters.len()).filter(|p| !shapes(*p) && term.free[*p]).map(direction).collect()
@@ -396,7 +398,7 @@ fn directions(term: &Term) -> Vec<Extra> {
 /// Precisions of what is believed of a term's amplitudes.
 fn weak(term: &Term) -> Vec<f64> {
     let parameters = term.effect.parameters.iter().zip(&term.free);
-    parameters.filter(|(p, free)| p.is_amplitude() && **free).map(|(p, _)| p.plausible.powi(-2)).collect()
+    parameters.filter(|(p, free)| p.is_amplitude() && **free).map(|(p, _)| p.prior_sd.powi(-2)).collect()
 }
 
 impl Found {

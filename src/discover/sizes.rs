@@ -3,13 +3,13 @@
 use super::decide::Compared;
 use super::fit::Fitted;
 use super::model;
-use super::report::{Calibrated, FoundEffect, FoundParameter, Score};
+use super::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
 use super::search::Found;
 use super::verdict::Judged;
 use crate::world::latent::FACTORS;
 
 /// The effects of a fit.
-pub fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
+pub fn effects(f: &Fitted, names: &[String]) -> Vec<EffectEstimate> {
     f.layout
         .terms
         .iter()
@@ -25,7 +25,7 @@ pub fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
                     let half = f.half_width(i);
                     let value = f.state.values[i];
                     let end = |v: f64| half.is_finite().then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
-                    Some(FoundParameter {
+                    Some(ParameterEstimate {
                         name: term.effect.parameters[p].name.into(),
                         value,
                         ci95: [end(value - half), end(value + half)],
@@ -35,9 +35,9 @@ pub fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
                     })
                 })
                 .collect();
-            FoundEffect {
+            EffectEstimate {
                 name: term.effect.name.into(),
-                acts_on: term.effect.acts_on().name().into(),
+                acts_on: term.effect.target().name().into(),
                 p_value: f.p_values[t],
                 parameters,
             }
@@ -46,7 +46,7 @@ pub fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
 }
 
 /// The first `count` slots of a fit: its latents.
-pub fn calibrated(f: &Fitted, count: usize) -> Vec<Calibrated> {
+pub fn calibrated(f: &Fitted, count: usize) -> Vec<CalibratedLatent> {
     let of = |i: usize| {
         let slot = &f.layout.slots[i];
         let latent = slot.latent().expect("latents come first in a layout");
@@ -57,14 +57,14 @@ pub fn calibrated(f: &Fitted, count: usize) -> Vec<Calibrated> {
         let value = f.state.values[i];
         let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
         let ci95 = [end(value - half), end(value + half)];
-        Calibrated { name: FACTORS[latent].name.into(), value, ci95, identifiable }
+        CalibratedLatent { name: FACTORS[latent].name.into(), value, ci95, identifiable }
     };
     (0..count).map(of).collect()
 }
 
 /// Every model that was fitted beside the best; `names` of the settings.
-pub fn scores(found: &Found, judged: &Judged, names: &[String]) -> Vec<Score> {
-    let of = |effects: Vec<String>, c: &Compared, sizes: Vec<FoundEffect>| Score {
+pub fn scores(found: &Found, judged: &Judged, names: &[String]) -> Vec<ModelScore> {
+    let of = |effects: Vec<String>, c: &Compared, sizes: Vec<EffectEstimate>| ModelScore {
         effects,
         score: -c.worse,
         probability_worse: c.probability,
@@ -75,7 +75,7 @@ pub fn scores(found: &Found, judged: &Judged, names: &[String]) -> Vec<Score> {
         of(strings(&f.names()), c, if ties { effects(f, names) } else { Vec::new() })
     };
     let fits = found.fits.iter().zip(&judged.compared).enumerate().map(fit);
-    let mut out: Vec<Score> = fits.chain([of(Vec::new(), &judged.base, Vec::new())]).collect();
+    let mut out: Vec<ModelScore> = fits.chain([of(Vec::new(), &judged.base, Vec::new())]).collect();
     out.sort_by(|a, b| b.score.total_cmp(&a.score));
     out
 }

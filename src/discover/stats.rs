@@ -2,12 +2,12 @@
 //!
 //! Student's tail by Fisher's (Abramowitz and Stegun 26.7.1).
 
-use crate::distribution::f_above;
+use crate::distribution::f_survival;
 use nalgebra::{DMatrix, DVector};
 
 /// P(T > t), one-sided, Student with `freedom` degrees.
 pub fn t_above(t: f64, freedom: f64) -> f64 {
-    let half = 0.5 * f_above(t * t, 1.0, freedom);
+    let half = 0.5 * f_survival(t * t, 1.0, freedom);
     if t > 0.0 { half } else { 1.0 - half }
 }
 
@@ -94,8 +94,8 @@ mod tests {
     #[test]
     fn tables_are_met() {
         // Any table: F(1, 10) 5 % 4.965, F(3, 20) 1 % 4.938; t(13) 2.5 % 2.160; normal 2.5 % 1.96.
-        assert!((f_above(4.965, 1.0, 10.0) - 0.05).abs() < 1e-4);
-        assert!((f_above(4.938, 3.0, 20.0) - 0.01).abs() < 1e-4);
+        assert!((f_survival(4.965, 1.0, 10.0) - 0.05).abs() < 1e-4);
+        assert!((f_survival(4.938, 3.0, 20.0) - 0.01).abs() < 1e-4);
         assert!((t_above(2.160, 13.0) - 0.025).abs() < 1e-4);
         assert!((normal_above(1.959_964) - 0.025).abs() < 1e-6);
     }

@@ -11,7 +11,7 @@ use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
-use crate::world::{Rollout, simulate};
+use crate::world::{Rollout, Simulator};
 
 /// What a leap errs by at least, m: what contacts bear that go on at its start is not seen, and found only nearly.
 pub const COLD: f64 = 1e-3;
@@ -53,7 +53,7 @@ pub fn allow(
         .enumerate()
         .map(|(i, scene)| data.windows[leaps[i / each]].rollout(scene, &physics[i / each]))
         .collect();
-    let paths = simulate(&rollouts, data.engine)?;
+    let paths = Simulator::new(data.engine).run(&rollouts)?;
     for (w, paths) in leaps.into_iter().zip(paths.chunks(each)) {
         let by_step: f64 =
             paths.windows(2).map(|p| mean_square(&p[0], &p[1])).sum::<f64>() / f64::from(HALVINGS);
@@ -121,8 +121,8 @@ mod tests {
         let scene: Scene = serde_json::from_str(&text).unwrap();
         let [whole, fine] = [0, 2].map(|k| {
             let scene = &halved(&scene, k, own);
-            let usual = Rollout { stop: false, ..Rollout::of(scene) };
-            simulate(&[usual], Engine::Lanes).unwrap().remove(0)
+            let usual = Rollout { stop_at_goal: false, ..Rollout::of(scene) };
+            Simulator::new(Engine::Lanes).run(&[usual]).unwrap().remove(0)
         });
         mean_square(&whole, &fine).sqrt()
     }

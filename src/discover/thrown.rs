@@ -9,7 +9,7 @@ use super::verdict::Judged;
 use super::window::{self, Window};
 use crate::reality::trials_from_csv;
 use crate::rng;
-use crate::task::ball::Ball;
+use crate::task::ball::BallScene;
 use crate::world::Engine;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -21,7 +21,8 @@ pub const NOISE: f64 = 0.002;
 
 /// Windows of launches, one for each drag (1/s, not 0).
 pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
-    let scene = Ball { radius: 0.05, mass: None, gravity: GRAVITY, floor: None }.scene("ball", 1.0).unwrap();
+    let scene =
+        BallScene { radius: 0.05, mass: None, gravity: GRAVITY, floor: None }.build("ball", 1.0).unwrap();
     let mut stream = rng::stream(seed, "thrown");
     let mut noise =
         || -> f64 { NOISE * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut stream) };

@@ -5,7 +5,7 @@ use super::smooth::spikes;
 use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::task::Scene;
-use crate::world::{Engine, Rollout, simulate};
+use crate::world::{Engine, Rollout, Simulator};
 
 /// A start's smallest error, m, and its growth beyond which a run is no longer trusted.
 const SMALLEST: f64 = 1e-7;
@@ -33,8 +33,8 @@ fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
             p[0] += SMALLEST;
         }
     }
-    let usual = |scene| Rollout { stop: false, ..Rollout::of(scene) };
-    let paths = simulate(&scenes.iter().map(usual).collect::<Vec<_>>(), engine)?;
+    let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
+    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
     let (own, moved) = (&paths[0], &paths[1..]);
     let pairs = || moved.iter().flat_map(|p| p.bodies.iter().zip(&own.bodies));
     let parted = |i: &usize| {

@@ -6,22 +6,22 @@
 
 use super::columns::pushes;
 use super::fit::Fitted;
-use super::report::{Unlike, rounded};
+use super::report::{BetweenTrialVariation, round_to_six_digits};
 
 /// Largest spreads first, in what their effects declare.
-pub fn unlike(model: &Fitted) -> Vec<Unlike> {
+pub fn unlike(model: &Fitted) -> Vec<BetweenTrialVariation> {
     let own = pushes().into_iter().zip(&model.components.push);
     let beside = own.filter(|(push, _)| model.set.iter().all(|e| e.name != push.effect.name));
-    let mut out: Vec<(f64, Unlike)> = Vec::new();
+    let mut out: Vec<(f64, BetweenTrialVariation)> = Vec::new();
     for (push, usual) in beside.filter(|(_, times)| **times > 1.0) {
         let moved = |p: &usize| push.values[*p] != push.effect.parameters[*p].neutral;
         let Some(p) = (0..push.values.len()).find(moved) else { continue };
         let parameter = &push.effect.parameters[p];
         let spread = usual * (push.values[p] - parameter.neutral).abs() / push.unit;
-        let told = Unlike {
+        let told = BetweenTrialVariation {
             effect: push.effect.name.into(),
             parameter: parameter.name.into(),
-            spread: rounded(spread),
+            spread: round_to_six_digits(spread),
             unit: parameter.unit.into(),
         };
         out.push((*usual, told));
@@ -31,8 +31,9 @@ pub fn unlike(model: &Fitted) -> Vec<Unlike> {
 }
 
 /// The same in words; nothing where launches are alike.
-pub fn text(all: &[Unlike]) -> String {
-    let one = |u: &Unlike| format!("{}.{} by {:.3} {}", u.effect, u.parameter, u.spread, u.unit);
+pub fn text(all: &[BetweenTrialVariation]) -> String {
+    let one =
+        |u: &BetweenTrialVariation| format!("{}.{} by {:.3} {}", u.effect, u.parameter, u.spread, u.unit);
     match all.is_empty() {
         true => String::new(),
         false => format!(
@@ -54,7 +55,7 @@ mod tests {
         thrown::fitted(&[0.4; 6], &["linear_drag"], 5, |fitter, f| {
             assert!(unlike(f).is_empty());
             let at = pushes().iter().position(|p| p.effect.name == "lift").unwrap();
-            let usual = find("lift").unwrap().differs[0];
+            let usual = find("lift").unwrap().between_trial_sd[0];
             let with = |times: f64, names: &[&str]| {
                 let layout = crate::discover::model::Layout::new(
                     &[],

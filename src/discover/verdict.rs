@@ -189,7 +189,7 @@ fn simplest(found: &Found, group: Vec<usize>) -> Vec<usize> {
 
 /// Whether an effect is another for some of its values, or by way of one that is.
 fn contains(large: &Effect, small: &Effect) -> bool {
-    large.holds.iter().any(|h| h.name == small.name || contains(h, small))
+    large.special_cases.iter().any(|h| h.name == small.name || contains(h, small))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::fit::{Fitted, held};
 use super::gain::Scale;
 use super::noise::Noise;
-use super::report::{Gain, Remainder, ResidualLaw, Verdict};
+use super::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
 use super::search::Found;
 use super::verdict::Judged;
 
@@ -16,9 +16,9 @@ pub fn remainder(
     model: &Fitted,
     judged: &Judged,
     noise: &Noise,
-    gain: &Gain,
+    gain: &PredictionGain,
     scale: &Scale,
-) -> Remainder {
+) -> ResidualSummary {
     let [before, after] = [base, model].map(|f| f.slow() * noise.sd);
     let error = gain.held_out.as_ref().map_or(scale.rmse(held(base)), |g| g.extended_rmse);
     let floor = scale.rmse(scale.floor);
@@ -30,7 +30,7 @@ pub fn remainder(
             100.0 * s.explained
         );
     }
-    Remainder {
+    ResidualSummary {
         slow_before_m: before,
         slow_after_m: after,
         noise_m: noise.sd,
@@ -59,7 +59,7 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
 }
 
 /// The verdict on so many launches in a sentence or two.
-pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, launches: usize) -> String {
+pub fn reason(found: &Found, judged: &Judged, remainder: &ResidualSummary, launches: usize) -> String {
     let names = |i: usize| found.fits[i].names().join(" + ");
     let left = &remainder.text;
     let nats = |i: usize| judged.base.worse - judged.compared[i].worse;
@@ -146,7 +146,7 @@ mod tests {
             let scale = Scale { noise: thrown::NOISE, coordinates: 360.0, floor: 300.0, trials: 6 };
             let noise = Noise { sd: thrown::NOISE, rho: 0.0, freedom: 1e3 };
             let judged = thrown::judged(Verdict::None);
-            let left = remainder(base, base, &judged, &noise, &Gain::default(), &scale);
+            let left = remainder(base, base, &judged, &noise, &PredictionGain::default(), &scale);
             assert!(
                 left.slow_before_m > 5.0 * thrown::NOISE && left.slow_before_m == left.slow_after_m,
                 "{left:?}"

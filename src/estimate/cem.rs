@@ -4,74 +4,75 @@
 //! Rubinstein and Kroese 2004.
 //!
 //! Differences from the source:
-//! - Samples outside a factor's bounds are moved to the bound; outside narrower limits they are drawn again.
-//! - The preset `fast` smooths mean and covariance (keeps part of the old), because the plain method collapses
-//!   too soon when parameters trade off, and takes several iterations for each round of measurements.
-//! - The covariance keeps a floor, so that a later round with other trials can still move the estimate.
+//! - Samples outside a factor's bounds are clamped; samples outside narrower limits are redrawn.
+//! - The preset `fast` smooths mean and covariance, because the plain method converges prematurely when
+//!   parameters are correlated. It runs several iterations per round of measurements.
+//! - The covariance has a floor, so that later rounds with other trials can still move the estimate.
 
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 use crate::rng::Stream;
-use crate::world::DRAG;
+use crate::world::LINEAR_DRAG;
 use crate::world::latent::FACTORS;
-use crate::world::{Coordinates, EffectParameter, Sample};
+use crate::world::{EffectParameter, ParameterSpace, ParameterVector};
 
-/// Knobs of the method.
+/// Parameters of the method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CemConfig {
-    /// Latent samples per iteration.
+    /// Samples per iteration.
     pub samples: usize,
-    /// How many of the best samples the next distribution is fitted to.
+    /// Number of best samples that the next distribution is fitted to.
     pub elites: usize,
-    /// Iterations for each round of measurements.
+    /// Iterations per round of measurements.
     pub iterations: usize,
-    /// Share of the old mean and covariance that is kept, [0, 1).
+    /// Weight of the previous mean and covariance, in [0, 1).
     pub smoothing: f64,
-    /// Mean and standard deviation of density, friction and restitution to start from.
+    /// Prior mean and standard deviation of density, friction and restitution.
     pub prior: [(f64, f64); 3],
-    /// Mean and standard deviation of the coefficient of linear drag (1/s) where it is fitted along; `None` leaves
-    /// the simulation without.
+    /// Prior mean and standard deviation of the linear drag coefficient, 1/s, if it is estimated; `None`
+    /// simulates without drag.
     #[serde(default)]
     pub drag: Option<(f64, f64)>,
-    /// Other parameters of effects that are fitted along.
+    /// Other effect parameters to estimate.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub fit: Vec<Along>,
-    /// Standard deviations never shrink below this share of the prior's.
+    pub fit: Vec<FreeParameter>,
+    /// Minimum standard deviation as a share of the prior's.
     pub floor: f64,
-    /// Least and greatest density, friction and restitution to be considered; `None` leaves the factors' bounds.
-    /// Samples beyond are drawn again, up to [`REDRAWN`] times, then moved to the limit.
+    /// Search limits of density, friction and restitution; `None` uses the factors' bounds. Samples outside are
+    /// redrawn up to [`MAX_REDRAWS`] times, then clamped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<[[f64; 2]; 3]>,
 }
 
-/// A parameter of an effect that is fitted along with the latents.
+/// An effect parameter that is estimated together with the latents.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Along {
-    /// `quadratic_drag.k`, say.
+pub struct FreeParameter {
+    /// The parameter, for example `quadratic_drag.k`.
     pub parameter: EffectParameter,
-    /// Where the search for it starts, and how wide.
+    /// Mean of the initial distribution.
     pub mean: f64,
     pub sd: f64,
 }
 
-/// Most times a sample beyond a limit is drawn again. With half of the distribution beyond, all but one in 10^9 get in.
-const REDRAWN: usize = 30;
+/// Maximum number of redraws of a sample outside the limits. If half of the distribution is outside, all but
+/// one in 10^9 samples succeed.
+const MAX_REDRAWS: usize = 30;
 
-/// Where a search stands, as plain data: [`Cem::at`] takes it up again to the bit.
+/// State of a search as plain data; [`Cem::resume`] continues from it bit for bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct State {
+pub struct CemState {
     /// Mean of every coordinate.
-    pub mean: Sample,
+    pub mean: ParameterVector,
     /// Covariance, by rows.
-    pub covariance: Vec<Sample>,
+    pub covariance: Vec<ParameterVector>,
 }
 
-/// The state of the search.
+/// A cross-entropy search.
 #[derive(Clone, Debug)]
 pub struct Cem {
     config: CemConfig,
@@ -80,7 +81,7 @@ pub struct Cem {
 }
 
 impl CemConfig {
-    /// As in the paper: one iteration of 1000 samples and 200 elites a round, no smoothing.
+    /// The paper's settings: one iteration of 1000 samples and 200 elites a round, no smoothing.
     pub fn paper(prior: [(f64, f64); 3]) -> CemConfig {
         CemConfig {
             samples: 1000,
@@ -110,25 +111,25 @@ impl CemConfig {
         }
     }
 
-    /// Fits a parameter along, from what is weakly believed of it.
-    pub fn fit_along(&mut self, parameter: EffectParameter) {
-        let (mean, sd) = parameter.parameter().prior();
-        if parameter == DRAG {
+    /// Adds a parameter to estimate, with its weak default prior.
+    pub fn add_free_parameter(&mut self, parameter: EffectParameter) {
+        let (mean, sd) = parameter.parameter().weak_prior();
+        if parameter == LINEAR_DRAG {
             self.drag = Some((mean, sd));
         } else {
-            self.fit.push(Along { parameter, mean, sd });
+            self.fit.push(FreeParameter { parameter, mean, sd });
         }
     }
 
-    /// The parameters that are fitted along.
-    pub fn fitted(&self) -> Vec<EffectParameter> {
-        self.drag.map(|_| DRAG).into_iter().chain(self.fit.iter().map(|a| a.parameter)).collect()
+    /// Effect parameters that are estimated.
+    pub fn free_parameters(&self) -> Vec<EffectParameter> {
+        self.drag.map(|_| LINEAR_DRAG).into_iter().chain(self.fit.iter().map(|a| a.parameter)).collect()
     }
 
-    /// Names of the effects of which something is fitted along, each once.
-    pub fn effects_fitted(&self) -> Vec<String> {
+    /// Names of the effects with an estimated parameter, each once.
+    pub fn free_effects(&self) -> Vec<String> {
         let mut names: Vec<String> = Vec::new();
-        for name in self.fitted().iter().map(|own| own.effect.name) {
+        for name in self.free_parameters().iter().map(|own| own.effect.name) {
             if !names.iter().any(|known| known == name) {
                 names.push(name.to_string());
             }
@@ -136,32 +137,32 @@ impl CemConfig {
         names
     }
 
-    /// What the numbers of a sample are.
-    pub fn coordinates(&self) -> Coordinates {
-        Coordinates::new(&self.fitted())
+    /// The coordinates of a sample.
+    pub fn coordinates(&self) -> ParameterSpace {
+        ParameterSpace::new(&self.free_parameters())
     }
 
-    /// Where the search starts: mean and standard deviation of every coordinate; (0, 0) for one that is held.
+    /// Initial mean and standard deviation of every coordinate; (0, 0) for a fixed coordinate.
     pub fn start(&self) -> Vec<(f64, f64)> {
         let drag = self.drag.unwrap_or((0.0, 0.0));
         self.prior.into_iter().chain([drag]).chain(self.fit.iter().map(|a| (a.mean, a.sd))).collect()
     }
 
-    /// Standard deviations of the start; 0 for what is held.
-    pub fn deviations(&self) -> Sample {
+    /// Initial standard deviations; 0 for a fixed coordinate.
+    pub fn prior_sd(&self) -> ParameterVector {
         self.start().iter().map(|p| p.1).collect()
     }
 
-    /// Least and greatest value of every coordinate.
+    /// Lower and upper limit of every coordinate.
     pub fn limits(&self) -> Vec<[f64; 2]> {
         let factors = self.limits.unwrap_or(FACTORS.map(|f| f.bounds));
         let all = self.coordinates();
         (0..all.len()).map(|i| factors.get(i).copied().unwrap_or_else(|| all.bounds(i))).collect()
     }
 
-    /// Errors name the knob that is out of range.
+    /// Errors name the parameter that is out of range.
     pub fn validate(&self) -> Result<()> {
-        within("samples", self.samples as f64, 4.0, 100_000.0)?;
+        check_range("samples", self.samples as f64, 4.0, 100_000.0)?;
         if !(2..=self.samples).contains(&self.elites) {
             return Err(Error::input(
                 "elites",
@@ -169,38 +170,38 @@ impl CemConfig {
                 format!("2 to the number of samples, {}", self.samples),
             ));
         }
-        within("iterations", self.iterations as f64, 1.0, 1000.0)?;
-        within("smoothing", self.smoothing, 0.0, 0.99)?;
-        within("floor", self.floor, 0.0, 1.0)?;
+        check_range("iterations", self.iterations as f64, 1.0, 1000.0)?;
+        check_range("smoothing", self.smoothing, 0.0, 0.99)?;
+        check_range("floor", self.floor, 0.0, 1.0)?;
         for (i, limits) in self.limits.iter().flatten().enumerate() {
             let [low, high] = FACTORS[i].bounds;
-            within(&format!("limits[{i}][0]"), limits[0], low, high)?;
-            within(&format!("limits[{i}][1]"), limits[1], limits[0], high)?;
+            check_range(&format!("limits[{i}][0]"), limits[0], low, high)?;
+            check_range(&format!("limits[{i}][1]"), limits[1], limits[0], high)?;
         }
         if let Some((mean, sd)) = self.drag {
-            within("drag[0]", mean, 0.0, 100.0)?;
-            within("drag[1]", sd, 1e-9, 100.0)?;
+            check_range("drag[0]", mean, 0.0, 100.0)?;
+            check_range("drag[1]", sd, 1e-9, 100.0)?;
         }
         for (i, along) in self.fit.iter().enumerate() {
             let name = along.parameter;
-            if name == DRAG || self.fit[..i].iter().any(|other| other.parameter == name) {
-                let allowed = format!("each parameter once, and {DRAG} as `drag`");
+            if name == LINEAR_DRAG || self.fit[..i].iter().any(|other| other.parameter == name) {
+                let allowed = format!("each parameter once, and {LINEAR_DRAG} as `drag`");
                 return Err(Error::input(format!("fit[{i}].parameter"), name, allowed));
             }
             let [low, high] = name.parameter().bounds;
-            within(&format!("fit[{i}].mean"), along.mean, low, high)?;
-            within(&format!("fit[{i}].sd"), along.sd, 1e-9, high - low)?;
+            check_range(&format!("fit[{i}].mean"), along.mean, low, high)?;
+            check_range(&format!("fit[{i}].sd"), along.sd, 1e-9, high - low)?;
         }
         for (i, (mean, sd)) in self.prior.iter().enumerate() {
-            within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
-            within(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
+            check_range(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
+            check_range(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
         }
         Ok(())
     }
 }
 
 impl Cem {
-    /// A search that starts from the configured prior.
+    /// Starts a search from the configured prior.
     pub fn new(config: CemConfig) -> Result<Cem> {
         config.validate()?;
         let (start, limits) = (config.start(), config.limits());
@@ -212,8 +213,8 @@ impl Cem {
         Ok(Cem { config, mean, covariance })
     }
 
-    /// The search as it stood at `state`.
-    pub fn at(config: CemConfig, state: &State) -> Result<Cem> {
+    /// Resumes a search from `state`.
+    pub fn resume(config: CemConfig, state: &CemState) -> Result<Cem> {
         config.validate()?;
         let (n, found) = (config.start().len(), state.mean.len());
         let square = state.covariance.len() == n && state.covariance.iter().all(|row| row.len() == n);
@@ -225,15 +226,15 @@ impl Cem {
         Ok(Cem { config, mean: DVector::from_column_slice(&state.mean), covariance })
     }
 
-    /// Where the search stands.
-    pub fn state(&self) -> State {
+    /// The current state.
+    pub fn state(&self) -> CemState {
         let covariance = self.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
-        State { mean: self.mean.as_slice().to_vec(), covariance }
+        CemState { mean: self.mean.as_slice().to_vec(), covariance }
     }
 
-    /// The next iteration's samples, each within bounds.
-    pub fn ask(&self, stream: &mut Stream) -> Vec<Sample> {
-        let root = self.root();
+    /// Draws the next iteration's samples, each within bounds.
+    pub fn ask(&self, stream: &mut Stream) -> Vec<ParameterVector> {
+        let root = self.cholesky_factor();
         (0..self.config.samples)
             .map(|_| {
                 let mut draw = || -> DVector<f64> {
@@ -241,19 +242,19 @@ impl Cem {
                     &self.mean + &root * z
                 };
                 let mut x = draw();
-                for _ in 0..REDRAWN {
-                    if self.allowed(&x) {
+                for _ in 0..MAX_REDRAWS {
+                    if self.is_within_limits(&x) {
                         break;
                     }
                     x = draw();
                 }
-                self.bounded(&x)
+                self.clamp(&x)
             })
             .collect()
     }
 
-    /// Fits the distribution to the samples with the least losses; ties go to the earlier sample.
-    pub fn tell(&mut self, samples: &[Sample], losses: &[f64]) {
+    /// Fits the distribution to the samples with the lowest losses; ties keep the order of samples.
+    pub fn tell(&mut self, samples: &[ParameterVector], losses: &[f64]) {
         let mut order: Vec<usize> = (0..samples.len()).collect();
         order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
         order.truncate(self.config.elites);
@@ -275,12 +276,12 @@ impl Cem {
     }
 
     /// The current estimate, within bounds.
-    pub fn estimate(&self) -> Sample {
-        self.bounded(&self.mean)
+    pub fn estimate(&self) -> ParameterVector {
+        self.clamp(&self.mean)
     }
 
     /// The current standard deviations.
-    pub fn deviations(&self) -> Sample {
+    pub fn standard_deviations(&self) -> ParameterVector {
         self.covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
     }
 
@@ -289,27 +290,27 @@ impl Cem {
         self.config.elites
     }
 
-    /// Whether a sample keeps within the limits that were asked for.
-    fn allowed(&self, x: &DVector<f64>) -> bool {
+    /// Whether a sample is within the configured limits.
+    fn is_within_limits(&self, x: &DVector<f64>) -> bool {
         let limits = self.config.limits.iter().flatten().enumerate();
         limits.into_iter().all(|(i, [low, high])| (*low..=*high).contains(&x[i]))
     }
 
-    fn bounded(&self, x: &DVector<f64>) -> Sample {
-        // What is held has no part in the noise that keeps the covariance definite.
+    fn clamp(&self, x: &DVector<f64>) -> ParameterVector {
+        // Fixed coordinates are 0: the jitter that keeps the covariance definite does not apply to them.
         let bounded = |((value, (_, sd)), [low, high]): ((&f64, (f64, f64)), [f64; 2])| {
             if sd > 0.0 { value.clamp(low, high) } else { 0.0 }
         };
         x.iter().zip(self.config.start()).zip(self.config.limits()).map(bounded).collect()
     }
 
-    /// A square root of the covariance; the diagonal one if rounding made it indefinite.
-    fn root(&self) -> DMatrix<f64> {
+    /// Cholesky factor of the covariance; diagonal if rounding made the covariance indefinite.
+    fn cholesky_factor(&self) -> DMatrix<f64> {
         let start = self.config.start();
         let jitter = DVector::from_fn(start.len(), |i, _| 1e-18 + 1e-12 * start[i].1.powi(2));
         match (&self.covariance + DMatrix::from_diagonal(&jitter)).cholesky() {
             Some(cholesky) => cholesky.l(),
-            None => DMatrix::from_diagonal(&DVector::from_vec(self.deviations())),
+            None => DMatrix::from_diagonal(&DVector::from_vec(self.standard_deviations())),
         }
     }
 }
@@ -319,7 +320,7 @@ mod tests {
     use super::*;
     use crate::rng;
 
-    fn search(config: CemConfig, loss: impl Fn(&Sample) -> f64, iterations: usize) -> Cem {
+    fn search(config: CemConfig, loss: impl Fn(&ParameterVector) -> f64, iterations: usize) -> Cem {
         let mut cem = Cem::new(config).unwrap();
         let mut stream = rng::stream(5, "cem");
         for _ in 0..iterations {
@@ -333,9 +334,9 @@ mod tests {
     const PRIOR: [(f64, f64); 3] = [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)];
 
     #[test]
-    fn finds_the_bottom_of_a_tilted_bowl() {
+    fn converges_to_the_minimum_of_a_quadratic() {
         let truth = [0.6, 0.4, 0.8];
-        let loss = |x: &Sample| {
+        let loss = |x: &ParameterVector| {
             let d: [f64; 3] = std::array::from_fn(|i| x[i] - truth[i]);
             d[0] * d[0] + d[1] * d[1] + 4.0 * d[2] * d[2] + 1.5 * d[0] * d[1]
         };
@@ -348,11 +349,16 @@ mod tests {
     }
 
     #[test]
-    fn an_idle_direction_stays_wide() {
-        // Density plays no part: its spread must not collapse the way restitution's does.
-        let loss = |x: &Sample| (x[1] - 0.5).powi(2) + (x[2] - 0.5).powi(2);
+    fn unidentified_direction_keeps_its_width() {
+        // The loss does not depend on density: its standard deviation must not collapse like that of
+        // restitution.
+        let loss = |x: &ParameterVector| (x[1] - 0.5).powi(2) + (x[2] - 0.5).powi(2);
         let found = search(CemConfig::fast(PRIOR), loss, 12);
-        assert!(found.deviations()[0] > 10.0 * found.deviations()[2], "{:?}", found.deviations());
+        assert!(
+            found.standard_deviations()[0] > 10.0 * found.standard_deviations()[2],
+            "{:?}",
+            found.standard_deviations()
+        );
     }
 
     #[test]

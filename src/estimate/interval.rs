@@ -1,88 +1,91 @@
-//! How well a latent is known, and whether the trials tell it at all.
+//! Confidence intervals and identifiability of latents.
 //!
-//! Identifiability: a latent is moved across its prior's width with the others held; where not even the median
-//! trial's residual notices, no amount of such trials will tell it. (Of trials cut into stretches, in which chance
-//! does not grow, one in five must notice.) The interval is then infinite, as it is where it would reach from one limit
-//! of the latent to the other: trials that contradict each other, as those of a world that the simulation cannot match
-//! may. Else it is [`Refined::interval`], which
-//! says what it covers.
+//! A latent is identifiable if moving it by its prior standard deviation, with the others fixed, changes the
+//! residual of the median trial noticeably. (For segments, in which chaos does not grow, one trial in five must
+//! change.) The interval of an unidentifiable latent is infinite. So is an interval that spans the latent's
+//! limits, as contradictory trials produce (for example of a world that the simulation cannot match). Otherwise
+//! the interval is [`RefinedEstimate::confidence_interval`], which documents its coverage.
 
 use serde::{Deserialize, Serialize};
 
-use super::fitness::{Simulation, vectors};
-use super::piece::Piece;
-use super::refine::{Field, Refined};
+use super::loss::{Simulation, segment_residuals};
+use super::refine::{RefinedEstimate, SearchBounds};
+use super::segment::TrialSegment;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::world::{Coordinates, Sample};
+use crate::world::{ParameterSpace, ParameterVector};
 
-/// What is known of one coordinate: a latent factor, or an effect's parameter that is fitted along.
+/// Estimate of one coordinate: a latent factor or an estimated effect parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatentEstimate {
     /// Name of the factor, or `effect.parameter`.
     pub name: String,
-    /// The estimate; for a latent that cannot be identified, merely where the search ended.
+    /// The estimate. For an unidentifiable latent it is only where the search ended.
     pub value: f64,
     /// 95 % interval; `[null, null]` stands for an infinite one.
     pub ci95: [Option<f64>; 2],
-    /// Whether the trials tell it.
+    /// Whether the trials identify it.
     pub identifiable: bool,
 }
 
-/// Relative change of the median trial's residual below which a latent is not identifiable. Chance differences
-/// from rounding stay below 1e-6 in the median trial; a tenfold weaker effect than friction's is above 1e-2.
-const NOTICEABLE: f64 = 1e-3;
+/// Relative change of the median trial's residual below which a latent is not identifiable. Rounding changes
+/// the median trial's residual by less than 1e-6; an effect ten times weaker than friction changes it by more
+/// than 1e-2.
+const MIN_RELATIVE_CHANGE: f64 = 1e-3;
 
-/// Which coordinates the trials tell, seen from `estimate`; and the rollouts it took to see it.
-pub fn told(
-    estimate: &Sample,
-    field: &Field,
-    pieces: &[Piece],
+/// Identifiable coordinates at `estimate`, and the number of rollouts used.
+pub fn identifiable_coordinates(
+    estimate: &ParameterVector,
+    bounds: &SearchBounds,
+    segments: &[TrialSegment],
     simulation: Simulation,
     progress: &dyn Progress,
 ) -> Result<(Vec<bool>, u64)> {
     let mut samples = vec![estimate.clone()];
     for i in 0..estimate.len() {
-        for to in [-1.0, 1.0] {
+        for sign in [-1.0, 1.0] {
             let mut moved = estimate.clone();
-            // A coefficient is not taken for nothing: close to zero laws bend.
-            let least = if field.limits[i][0] >= 0.0 { moved[i] * 0.25 } else { f64::NEG_INFINITY };
-            let far = (moved[i] + to * field.prior[i]).max(least);
-            moved[i] = far.clamp(field.limits[i][0], field.limits[i][1]);
+            // The lower end stays at a quarter of a coefficient: force laws are non-linear near zero.
+            let least = if bounds.limits[i][0] >= 0.0 { moved[i] * 0.25 } else { f64::NEG_INFINITY };
+            let end = (moved[i] + sign * bounds.prior_sd[i]).max(least);
+            moved[i] = end.clamp(bounds.limits[i][0], bounds.limits[i][1]);
             samples.push(moved);
         }
     }
-    let rows = vectors(&samples, pieces, simulation, "measuring confidence", progress)?;
-    let trials = pieces.iter().map(|p| p.trial + 1).max().unwrap_or(0);
+    let rows = segment_residuals(&samples, segments, simulation, "measuring confidence", progress)?;
+    let trials = segments.iter().map(|p| p.trial + 1).max().unwrap_or(0);
     let by_trial = |row: &[Vec<f64>]| {
         let mut sums = vec![0.0; trials];
-        for (piece, vector) in pieces.iter().zip(row) {
-            sums[piece.trial] += vector.iter().filter(|r| r.is_finite()).map(|r| r * r).sum::<f64>();
+        for (segment, vector) in segments.iter().zip(row) {
+            sums[segment.trial] += vector.iter().filter(|r| r.is_finite()).map(|r| r * r).sum::<f64>();
         }
         sums
     };
     let sums: Vec<Vec<f64>> = rows.iter().map(|row| by_trial(row)).collect();
-    let silent = if pieces.iter().any(|p| p.weighing.is_some()) { 0.8 } else { 0.5 };
-    let told =
-        |i: usize| field.prior[i] > 0.0 && notices(&sums[0], &[&sums[1 + 2 * i], &sums[2 + 2 * i]], silent);
-    let told = (0..estimate.len()).map(told).collect();
-    Ok((told, (samples.len() * pieces.len()) as u64))
+    let insensitive_share = if segments.iter().any(|p| p.whitening.is_some()) { 0.8 } else { 0.5 };
+    let identifiable = |i: usize| {
+        bounds.prior_sd[i] > 0.0
+            && is_sensitive(&sums[0], &[&sums[1 + 2 * i], &sums[2 + 2 * i]], insensitive_share)
+    };
+    let identifiable = (0..estimate.len()).map(identifiable).collect();
+    Ok((identifiable, (samples.len() * segments.len()) as u64))
 }
 
-/// What is known of every coordinate that was searched, for an `estimate` and what refining it found.
-pub fn intervals(
-    estimate: &Sample,
-    refined: &Refined,
-    field: &Field,
-    coordinates: &Coordinates,
+/// Estimates with intervals for every searched coordinate, from `estimate` and the result of refinement.
+pub fn confidence_intervals(
+    estimate: &ParameterVector,
+    refinement: &RefinedEstimate,
+    bounds: &SearchBounds,
+    coordinates: &ParameterSpace,
 ) -> Vec<LatentEstimate> {
     (0..coordinates.len())
-        .filter(|i| field.prior[*i] > 0.0)
+        .filter(|i| bounds.prior_sd[*i] > 0.0)
         .map(|i| {
-            let [low, high] = refined.interval(i, field);
-            // An interval from end to end of what is allowed says nothing, whatever single trials react to.
-            let everything = low <= field.limits[i][0] && high >= field.limits[i][1];
-            let identifiable = field.told[i] && refined.error[i].is_finite() && !everything;
+            let [low, high] = refinement.confidence_interval(i, bounds);
+            // An interval that spans the limits carries no information.
+            let everything = low <= bounds.limits[i][0] && high >= bounds.limits[i][1];
+            let identifiable =
+                bounds.identifiable[i] && refinement.standard_error[i].is_finite() && !everything;
             LatentEstimate {
                 name: coordinates.name(i),
                 value: estimate[i],
@@ -96,12 +99,12 @@ pub fn intervals(
         .collect()
 }
 
-/// Whether moving a latent changes the residuals noticeably in more trials than the share that may be `silent`.
-fn notices(base: &[f64], moved: &[&Vec<f64>], silent: f64) -> bool {
+/// Whether moving a latent changes the residuals noticeably in more trials than the share `silent`.
+fn is_sensitive(base: &[f64], moved: &[&Vec<f64>], insensitive_share: f64) -> bool {
     let scale = quantile(base.to_vec(), 0.5).max(1e-9);
     moved.iter().any(|row| {
         let changes = row.iter().zip(base).map(|(m, b)| (m - b).abs() / scale.max(*b)).collect();
-        quantile(changes, silent) > NOTICEABLE
+        quantile(changes, insensitive_share) > MIN_RELATIVE_CHANGE
     })
 }
 

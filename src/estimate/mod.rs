@@ -1,27 +1,33 @@
-//! Trials in, latents out: the cross-entropy method over simulated residuals.
+//! Estimates latent factors from measured trials.
 //!
-//! [`cem`] proposes and learns from losses (ask, tell); [`piece`] is what is simulated for a trial; [`fitness`] turns
-//! samples and pieces into losses; [`shooting`] cuts trials into pieces; [`refine`] goes from where the search ends to
-//! the optimum; [`interval`] says how well each latent is known, and whether it can be known at all. [`surface`] holds
-//! what a task asks of the latents, by way of [`gp`]. [`belief`] is what is known as equally likely worlds, and [`forces`]
-//! what of them has no name. [`tunenet`] learns a step of the latents from pairs of worlds, as another estimator to compare with.
+//! - [`cem`]: cross-entropy search over simulated residuals (ask, tell).
+//! - [`segment`]: the unit of a trial that is simulated and compared with its observations.
+//! - [`loss`]: losses of parameter samples on segments.
+//! - [`shooting`]: cuts trials into multiple-shooting segments.
+//! - [`refine`]: Gauss-Newton refinement from the end of the search to the optimum.
+//! - [`interval`]: identifiability and confidence intervals.
+//! - [`surface`]: performance surface of a task over the latents, interpolated by [`gp`].
+//! - [`parameter_samples`]: equally weighted samples of a world's parameters; [`discrepancy_forces`]: their
+//!   forces without a named effect.
+//! - [`sampler`]: posterior samplers.
+//! - [`tunenet`]: an estimator learned from pairs of simulated worlds, for comparison.
 
-pub mod belief;
 pub mod cem;
-pub mod fitness;
-pub mod forces;
+pub mod discrepancy_forces;
 pub mod gp;
 pub mod interval;
-pub mod piece;
+pub mod loss;
+pub mod parameter_samples;
 pub mod refine;
 pub mod sampler;
+pub mod segment;
 pub mod shooting;
 pub mod surface;
 pub mod tunenet;
 
-pub use belief::{Belief, Believed};
 pub use cem::{Cem, CemConfig};
-pub use interval::{LatentEstimate, told};
-pub use piece::Piece;
-pub use refine::{Field, Refined, refine};
-pub use surface::Surface;
+pub use interval::{LatentEstimate, identifiable_coordinates};
+pub use parameter_samples::{ParameterSample, ParameterSamples};
+pub use refine::{RefinedEstimate, SearchBounds, refine};
+pub use segment::TrialSegment;
+pub use surface::PerformanceSurface;

@@ -1,215 +1,221 @@
-//! From somewhere near the optimum to the optimum, and how well it is then known: a guarded Gauss-Newton search.
+//! Guarded Gauss-Newton refinement of an estimate, with standard errors.
 //!
-//! With r the differences between observed and simulated coordinates and J their derivatives by the latents, a
-//! step solves (sum w J J^T) delta = -sum w J r (Nocedal and Wright 2006, section 10.3). Two things make it fit
-//! for trajectories with contacts:
-//! - Derivatives are differences over a reach h about as wide as the latents are uncertain. A coordinate that is
-//!   not linear in the latents over that reach (behind a collision that may come out either way, say) is left out.
-//!   As the estimate sharpens, h shrinks, and more and more of each trajectory takes part.
-//! - Differences far beyond the scale of the others are weighed down: w = 1 / (1 + (r / 4 s)^2), Cauchy's.
+//! With r the residuals (observed minus simulated coordinates) and J their Jacobian with respect to the
+//! latents, a step solves (sum w J J^T) delta = -sum w J r (Nocedal and Wright 2006, section 10.3). Two
+//! modifications handle trajectories with contacts:
+//! - Derivatives are finite differences over a step h about as wide as the latents' uncertainty. A coordinate
+//!   that is not linear in the latents over that step (for example after a collision that may come out either
+//!   way) is excluded. As the estimate sharpens, h shrinks and more of each trajectory takes part.
+//! - Residuals far beyond the scale of the others are down-weighted with Cauchy's weight w = 1 / (1 + (r / 4
+//!   s)^2).
 //!
-//! Standard errors: the model's, phi s^2 A^-1, and not below [`RESOLUTION`]. Differences within a trial may depend on
-//! each other, so phi is how much harder the trials pull at the latents (squared, mean over trials and latents, the
-//! pull of each trial at the estimate itself allowed for) than independent differences of that size would, and at
-//! least 1. One phi for all, as a sandwich or a jackknife by latent, tried first, rests on the one or two trials that
-//! tell a latent most and is erratic: intervals came out several times too wide. Intervals are Student's with the degrees of freedom of phi.
+//! Standard errors are the model's, phi s^2 A^-1, and at least [`RELATIVE_RESOLUTION`]. Residuals within a
+//! trial may be correlated, so phi is a dispersion factor: the mean squared score of a trial (over trials and
+//! latents, corrected for the fitted parameters) relative to its expectation for independent residuals, at
+//! least 1. One phi is shared by all latents, because per-latent sandwich or jackknife estimates depend on the
+//! one or two most informative trials and are erratic. Intervals are Student's t with the degrees of freedom of
+//! phi.
 //!
-//! Range of validity: the interval covers what noise and the choice of trials do to the estimate. It does not
-//! cover what the simulation leaves out: an estimate that makes up for a missing effect is tightly known and still
-//! not the true value. Without noise and with a right model the loss is exactly zero at the truth; the interval is
-//! then the resolution.
+//! Range of validity: the interval covers the effects of noise and of the choice of trials. It does not cover
+//! model error: an estimate that compensates for a missing effect is precise and wrong. Without noise and with
+//! a correct model the loss is exactly zero at the truth; the interval is then the resolution.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fitness::{Simulation, vectors};
-use super::piece::Piece;
+use super::loss::{Simulation, segment_residuals};
+use super::segment::TrialSegment;
 use crate::distribution::t_quantile;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::world::Sample;
+use crate::world::ParameterVector;
 
-/// Where latents may lie, and how wide they might.
+/// Search space of the latents.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Field {
-    /// Standard deviation of the prior; 0 for a coordinate that is not searched.
-    pub prior: Sample,
-    /// Least and greatest value.
+pub struct SearchBounds {
+    /// Prior standard deviation; 0 for a coordinate that is not searched.
+    pub prior_sd: ParameterVector,
+    /// Lower and upper limit.
     pub limits: Vec<[f64; 2]>,
-    /// Which coordinates the search may move; one that the trials do not tell would only wander.
-    pub told: Vec<bool>,
+    /// Coordinates that the trials identify; the others stay fixed.
+    pub identifiable: Vec<bool>,
 }
 
-/// What the search found.
+/// Result of a refinement.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Refined {
-    /// The latents.
-    pub estimate: Sample,
-    /// Standard errors; infinite where the trials do not tell.
-    pub error: Sample,
-    /// Degrees of freedom of the interval.
-    pub freedom: f64,
-    /// Typical difference of a coordinate, m.
-    pub scale: f64,
-    /// Rollouts simulated.
+pub struct RefinedEstimate {
+    /// Estimated latents.
+    pub estimate: ParameterVector,
+    /// Standard errors; infinite where not identified.
+    pub standard_error: ParameterVector,
+    /// Degrees of freedom of the confidence interval.
+    pub degrees_of_freedom: f64,
+    /// Robust standard deviation of the residuals, m.
+    pub residual_scale: f64,
+    /// Number of simulated rollouts.
     pub rollouts: u64,
-    /// Differences of all pieces in turn, for comparing with another's.
-    differences: Vec<f64>,
+    /// Residuals of all segments in order.
+    residuals: Vec<f64>,
 }
 
-/// Standard errors are not believed below this share of the prior's deviation: steps in time, a contact that begins
-/// a step sooner or later, are not what latents are told by.
-pub const RESOLUTION: f64 = 2e-4;
-/// Share of a coordinate's change over the reach by which it may miss a straight line.
-const STRAIGHT: f64 = 0.3;
-/// Crooked coordinates of a body after which its later ones are not believed to be straight, even if they look so.
-const CROOKED: usize = 4;
-/// Misfits that differ by less, a tenth of a standard error's worth, are as good as each other.
-const SAME: f64 = 0.01;
-/// Differences beyond this many scales count less and less.
-const FAR: f64 = 4.0;
-/// Least scale of differences, m.
-const LEAST: f64 = 1e-5;
-/// Least reach as a share of the prior's deviation.
-const REACH: f64 = 1e-5;
+/// Minimum standard error as a share of the prior's standard deviation: time-step discretisation, such as a
+/// contact that starts one step later, limits the resolution.
+pub const RELATIVE_RESOLUTION: f64 = 2e-4;
+/// Maximum deviation from linearity, as a share of a coordinate's change over the finite-difference step.
+const LINEARITY_TOLERANCE: f64 = 0.3;
+/// Number of non-linear points of a body after which its later points are excluded.
+const MAX_NONLINEAR_POINTS: usize = 4;
+/// Misfits that differ by less (a tenth of a standard error) count as equal.
+const MISFIT_TIE: f64 = 0.01;
+/// Scale of Cauchy's weight, in units of the residual scale.
+const CAUCHY_SCALE: f64 = 4.0;
+/// Minimum residual scale, m.
+const MIN_RESIDUAL_SCALE_M: f64 = 1e-5;
+/// Minimum finite-difference step as a share of the prior's standard deviation.
+const MIN_RELATIVE_FD_STEP: f64 = 1e-5;
 
-/// Searches from `start`; `reach` says how far off each coordinate may be.
+/// Refines `start`; `fd_step` is the initial finite-difference step of each coordinate.
 pub fn refine(
-    start: &Sample,
-    reach: &Sample,
-    field: &Field,
-    pieces: &[Piece],
+    start: &ParameterVector,
+    fd_step: &ParameterVector,
+    bounds: &SearchBounds,
+    segments: &[TrialSegment],
     simulation: Simulation,
-    most_steps: usize,
+    max_steps: usize,
     progress: &dyn Progress,
-) -> Result<Refined> {
+) -> Result<RefinedEstimate> {
     let active: Vec<usize> =
-        (0..field.prior.len()).filter(|j| field.prior[*j] > 0.0 && field.told[*j]).collect();
+        (0..bounds.prior_sd.len()).filter(|j| bounds.prior_sd[*j] > 0.0 && bounds.identifiable[*j]).collect();
     let mut at = start.clone();
-    let mut reach: Sample =
-        reach.iter().zip(&field.prior).map(|(r, prior)| r.clamp(0.02 * prior, 0.3 * prior)).collect();
-    let mut visited: Vec<Visit> = Vec::new();
-    for step in 0..=most_steps {
-        let visit = Visit::at(&at, &reach, &active, field, pieces, simulation, progress)?;
-        let delta = visit.step(&active, field);
-        let done = step == most_steps || delta.is_none();
+    let mut fd_step: ParameterVector =
+        fd_step.iter().zip(&bounds.prior_sd).map(|(r, prior)| r.clamp(0.02 * prior, 0.3 * prior)).collect();
+    let mut iterates: Vec<GaussNewtonIterate> = Vec::new();
+    for step in 0..=max_steps {
+        let iterate =
+            GaussNewtonIterate::evaluate(&at, &fd_step, &active, bounds, segments, simulation, progress)?;
+        let delta = iterate.step(&active, bounds);
+        let done = step == max_steps || delta.is_none();
         let (next, close) = match delta {
             Some((delta, error)) => {
                 let share = active
                     .iter()
-                    .map(|j| 2.0 * reach[*j] / delta[*j].abs().max(1e-300))
+                    .map(|j| 2.0 * fd_step[*j] / delta[*j].abs().max(1e-300))
                     .fold(1.0f64, f64::min);
                 let mut next = at.clone();
                 for j in &active {
                     let moved = delta[*j] * share;
-                    next[*j] = (at[*j] + moved).clamp(field.limits[*j][0], field.limits[*j][1]);
+                    next[*j] = (at[*j] + moved).clamp(bounds.limits[*j][0], bounds.limits[*j][1]);
                     let wanted = (2.0 * error[*j]).max(0.5 * moved.abs());
-                    let most = if share < 1.0 { 1.5 * reach[*j] } else { reach[*j] };
-                    reach[*j] = wanted.clamp(0.15 * reach[*j], most).max(REACH * field.prior[*j]);
+                    let most = if share < 1.0 { 1.5 * fd_step[*j] } else { fd_step[*j] };
+                    fd_step[*j] = wanted
+                        .clamp(0.15 * fd_step[*j], most)
+                        .max(MIN_RELATIVE_FD_STEP * bounds.prior_sd[*j]);
                 }
                 let small = |j: &usize| {
-                    delta[*j].abs() < 0.05 * error[*j].max(RESOLUTION * field.prior[*j])
-                        && reach[*j] < 4.0 * error[*j].max(RESOLUTION * field.prior[*j])
+                    delta[*j].abs() < 0.05 * error[*j].max(RELATIVE_RESOLUTION * bounds.prior_sd[*j])
+                        && fd_step[*j] < 4.0 * error[*j].max(RELATIVE_RESOLUTION * bounds.prior_sd[*j])
                 };
                 (next, active.iter().all(small))
             }
             None => (at.clone(), true),
         };
-        visited.push(visit);
+        iterates.push(iterate);
         if done || close {
             break;
         }
         at = next;
     }
-    let scale = visited.iter().map(|v| v.scale).fold(f64::INFINITY, f64::min);
-    let rollouts = visited.iter().map(|v| v.rollouts).sum();
-    // Compared by what is straight at the end, since the rest is chance; of equals the later, whose reach, and so what
-    // it says of the error, is the better one.
-    let straight = visited.last().map(|v| v.straight.clone()).unwrap_or_default();
-    let among = |v: &Visit| misfit(v.differences.iter().zip(&straight).filter(|d| *d.1).map(|d| d.0), scale);
-    let off: Vec<f64> = visited.iter().map(among).collect();
-    let least = off.iter().copied().fold(f64::INFINITY, f64::min);
-    let best = off.iter().rposition(|o| *o <= least + SAME).unwrap_or(0);
-    let best = visited.swap_remove(best);
-    let (error, freedom) = best.error(&active, field);
-    Ok(Refined {
+    let scale = iterates.iter().map(|v| v.scale).fold(f64::INFINITY, f64::min);
+    let rollouts = iterates.iter().map(|v| v.rollouts).sum();
+    // Iterates are compared on the coordinates that are linear at the end. Among equal misfits the later
+    // iterate wins: its smaller step gives the better standard error.
+    let linear = iterates.last().map(|v| v.linear.clone()).unwrap_or_default();
+    let among = |v: &GaussNewtonIterate| {
+        cauchy_misfit(v.residuals.iter().zip(&linear).filter(|d| *d.1).map(|d| d.0), scale)
+    };
+    let misfits: Vec<f64> = iterates.iter().map(among).collect();
+    let lowest = misfits.iter().copied().fold(f64::INFINITY, f64::min);
+    let best = misfits.iter().rposition(|o| *o <= lowest + MISFIT_TIE).unwrap_or(0);
+    let best = iterates.swap_remove(best);
+    let (error, freedom) = best.standard_errors(&active, bounds);
+    Ok(RefinedEstimate {
         estimate: best.at,
-        error,
-        freedom,
-        scale: best.scale,
+        standard_error: error,
+        degrees_of_freedom: freedom,
+        residual_scale: best.scale,
         rollouts,
-        differences: best.differences,
+        residuals: best.residuals,
     })
 }
 
-impl Refined {
-    /// Whether these latents explain the pieces better than another's.
-    pub fn beats(&self, other: &Refined) -> bool {
-        let scale = self.scale.min(other.scale);
-        misfit(&self.differences, scale) < misfit(&other.differences, scale)
+impl RefinedEstimate {
+    /// Whether these latents have a smaller misfit than another estimate.
+    pub fn fits_better_than(&self, other: &RefinedEstimate) -> bool {
+        let scale = self.residual_scale.min(other.residual_scale);
+        cauchy_misfit(&self.residuals, scale) < cauchy_misfit(&other.residuals, scale)
     }
 
-    /// 95 % interval of a coordinate, within the limits.
-    pub fn interval(&self, j: usize, field: &Field) -> [f64; 2] {
-        let half = t_quantile(0.05, self.freedom) * self.error[j];
-        let [low, high] = field.limits[j];
+    /// 95 % confidence interval of a coordinate, clipped to the limits.
+    pub fn confidence_interval(&self, j: usize, bounds: &SearchBounds) -> [f64; 2] {
+        let half = t_quantile(0.05, self.degrees_of_freedom) * self.standard_error[j];
+        let [low, high] = bounds.limits[j];
         [(self.estimate[j] - half).clamp(low, high), (self.estimate[j] + half).clamp(low, high)]
     }
 }
 
-/// Negative log-likelihood of heavy-tailed differences (Cauchy's), up to constants: most differences small beats few
-/// differences large, so a chaotic minority decides nothing.
-fn misfit<'a>(differences: impl IntoIterator<Item = &'a f64>, scale: f64) -> f64 {
+/// Negative log-likelihood of Cauchy residuals, up to constants. It prefers many small residuals to few large
+/// ones, so a chaotic minority has little influence.
+fn cauchy_misfit<'a>(residuals: impl IntoIterator<Item = &'a f64>, scale: f64) -> f64 {
     let s = scale.max(1e-5);
-    differences.into_iter().filter(|r| r.is_finite()).map(|r| libm::log(1.0 + (r / s).powi(2))).sum()
+    residuals.into_iter().filter(|r| r.is_finite()).map(|r| libm::log(1.0 + (r / s).powi(2))).sum()
 }
 
-/// One coordinate at one time.
-struct Term {
+/// Residual of one coordinate at one time.
+struct ResidualTerm {
     trial: usize,
     r: f64,
-    /// Its derivatives, one a coordinate.
+    /// Gradient with respect to the latents.
     j: DVector<f64>,
 }
 
-/// What was found at a point of the search.
-struct Visit {
-    at: Sample,
-    terms: Vec<Term>,
-    differences: Vec<f64>,
-    /// Which of them are linear in the latents over the reach.
-    straight: Vec<bool>,
+/// Linearisation at one iterate.
+struct GaussNewtonIterate {
+    at: ParameterVector,
+    terms: Vec<ResidualTerm>,
+    residuals: Vec<f64>,
+    /// Which residuals are linear in the latents over the finite-difference step.
+    linear: Vec<bool>,
     scale: f64,
     rollouts: u64,
 }
 
-impl Visit {
-    fn at(
-        at: &Sample,
-        reach: &Sample,
+impl GaussNewtonIterate {
+    fn evaluate(
+        at: &ParameterVector,
+        fd_step: &ParameterVector,
         active: &[usize],
-        field: &Field,
-        pieces: &[Piece],
+        bounds: &SearchBounds,
+        segments: &[TrialSegment],
         simulation: Simulation,
         progress: &dyn Progress,
-    ) -> Result<Visit> {
+    ) -> Result<GaussNewtonIterate> {
         let mut samples = vec![at.clone()];
         for j in active {
             for to in [-1.0, 1.0] {
                 let mut moved = at.clone();
-                moved[*j] = (at[*j] + to * reach[*j]).clamp(field.limits[*j][0], field.limits[*j][1]);
+                moved[*j] = (at[*j] + to * fd_step[*j]).clamp(bounds.limits[*j][0], bounds.limits[*j][1]);
                 samples.push(moved);
             }
         }
-        let rows = vectors(&samples, pieces, simulation, "refining", progress)?;
-        let (mut terms, mut all_straight) = (Vec::new(), Vec::new());
-        for (p, piece) in pieces.iter().enumerate() {
-            let times = piece.observed.times.len();
-            let mut crooked = 0;
+        let rows = segment_residuals(&samples, segments, simulation, "refining", progress)?;
+        let (mut terms, mut all_linear) = (Vec::new(), Vec::new());
+        for (p, segment) in segments.iter().enumerate() {
+            let times = segment.observed.times.len();
+            let mut nonlinear = 0;
             for i in (0..rows[0][p].len()).step_by(2) {
                 if i % (2 * times) == 0 {
-                    crooked = 0;
+                    nonlinear = 0;
                 }
-                let (mut pair, mut straight) = (Vec::new(), true);
+                let (mut pair, mut linear) = (Vec::new(), true);
                 for c in [i, i + 1] {
                     let r = rows[0][p][c];
                     let (mut slope, mut change, mut miss) = (DVector::zeros(at.len()), 0.0, 0.0);
@@ -224,89 +230,93 @@ impl Visit {
                     if !(r.is_finite() && change.is_finite()) {
                         continue;
                     }
-                    straight &= miss <= STRAIGHT.powi(2) * change + 1e-24;
+                    linear &= miss <= LINEARITY_TOLERANCE.powi(2) * change + 1e-24;
                     if change > 0.0 {
-                        pair.push(Term { trial: piece.trial, r, j: slope });
+                        pair.push(ResidualTerm { trial: segment.trial, r, j: slope });
                     }
                 }
-                let believed = straight && crooked < CROOKED;
-                all_straight.extend([believed; 2]);
-                if believed {
+                let is_linear = linear && nonlinear < MAX_NONLINEAR_POINTS;
+                all_linear.extend([is_linear; 2]);
+                if is_linear {
                     terms.append(&mut pair);
-                } else if !straight && piece.weighing.is_none() {
-                    crooked += 1;
+                } else if !linear && segment.whitening.is_none() {
+                    nonlinear += 1;
                 }
             }
         }
-        let differences: Vec<f64> = rows[0].iter().flatten().copied().collect();
-        let scale = (1.4826 * median(terms.iter().map(|t| t.r.abs()).collect())).max(LEAST);
-        let rollouts = (samples.len() * pieces.len()) as u64;
-        Ok(Visit { at: at.clone(), terms, differences, straight: all_straight, scale, rollouts })
+        let residuals: Vec<f64> = rows[0].iter().flatten().copied().collect();
+        let scale = (1.4826 * median(terms.iter().map(|t| t.r.abs()).collect())).max(MIN_RESIDUAL_SCALE_M);
+        let rollouts = (samples.len() * segments.len()) as u64;
+        Ok(GaussNewtonIterate { at: at.clone(), terms, residuals, linear: all_linear, scale, rollouts })
     }
 
-    /// Nothing summed yet.
+    /// Zero normal equations.
     fn zeros(&self) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.at.len();
         (DMatrix::zeros(n, n), DVector::zeros(n))
     }
 
-    /// Weight of a term, and the share of it by which its influence still grows.
+    /// Weight of a residual, and derivative of its influence.
     fn weight(&self, r: f64) -> (f64, f64) {
-        let q = (r / (FAR * self.scale)).powi(2);
+        let q = (r / (CAUCHY_SCALE * self.scale)).powi(2);
         (1.0 / (1.0 + q), (1.0 - q).max(0.0) / (1.0 + q).powi(2))
     }
 
-    /// The Gauss-Newton step and the model's standard errors; `None` if the terms do not determine one.
-    fn step(&self, active: &[usize], field: &Field) -> Option<(DVector<f64>, Sample)> {
+    /// Gauss-Newton step and model-based standard errors; `None` if the normal matrix is singular.
+    fn step(&self, active: &[usize], bounds: &SearchBounds) -> Option<(DVector<f64>, ParameterVector)> {
         let (mut a, mut b) = self.zeros();
         for t in &self.terms {
             let w = self.weight(t.r).0;
-            add_square(&mut a, &t.j, w);
+            add_outer_product(&mut a, &t.j, w);
             b.axpy(w * t.r, &t.j, 1.0);
         }
-        let inverse = inverse(a, active, field)?;
+        let inverse = active_inverse(a, active, bounds)?;
         let error = inverse.diagonal().iter().map(|v| self.scale * v.max(0.0).sqrt()).collect();
         Some((-(inverse * b), error))
     }
 
     /// Standard errors and degrees of freedom.
-    fn error(&self, active: &[usize], field: &Field) -> (Sample, f64) {
+    fn standard_errors(&self, active: &[usize], bounds: &SearchBounds) -> (ParameterVector, f64) {
         let trials = self.terms.iter().map(|t| t.trial + 1).max().unwrap_or(0);
-        let mut parts = vec![self.zeros(); trials];
+        let mut per_trial = vec![self.zeros(); trials];
         let mut influence = 0.0;
         for t in &self.terms {
             let (w, growth) = self.weight(t.r);
-            add_square(&mut parts[t.trial].0, &t.j, growth);
-            parts[t.trial].1.axpy(w * t.r, &t.j, 1.0);
+            add_outer_product(&mut per_trial[t.trial].0, &t.j, growth);
+            per_trial[t.trial].1.axpy(w * t.r, &t.j, 1.0);
             influence += (w * t.r).powi(2);
         }
-        let a = parts.iter().fold(self.zeros().0, |sum, p| sum + &p.0);
+        let a = per_trial.iter().fold(self.zeros().0, |sum, p| sum + &p.0);
         let n = self.at.len();
         let unknown = (0..n).map(|j| if active.contains(&j) { f64::INFINITY } else { 0.0 }).collect();
-        let Some(inverse_a) = inverse(a, active, field) else { return (unknown, 1.0) };
+        let Some(inverse_a) = active_inverse(a, active, bounds) else { return (unknown, 1.0) };
         let variance = influence / (self.terms.len() as f64 - active.len() as f64).max(1.0);
-        // How much more the trials pull than independent differences would, seen over all trials and latents.
-        let (mut excess, mut seen) = (0.0, 0.0);
-        for (of_trial, pull) in &parts {
+        // Dispersion: squared scores of the trials relative to their expectation for independent residuals.
+        let (mut excess, mut count) = (0.0, 0.0);
+        for (of_trial, score) in &per_trial {
             let expected = (of_trial - of_trial * &inverse_a * of_trial) * variance;
             for j in active {
-                let whole = of_trial[(*j, *j)] * variance;
-                if expected[(*j, *j)] > 0.1 * whole && whole > 0.0 {
-                    excess += pull[*j].powi(2) / expected[(*j, *j)];
-                    seen += 1.0;
+                let information = of_trial[(*j, *j)] * variance;
+                if expected[(*j, *j)] > 0.1 * information && information > 0.0 {
+                    excess += score[*j].powi(2) / expected[(*j, *j)];
+                    count += 1.0;
                 }
             }
         }
-        let inflation = if seen > 0.0 { (excess / seen).max(1.0) } else { 1.0 };
+        let inflation = if count > 0.0 { (excess / count).max(1.0) } else { 1.0 };
         let error = (0..n)
-            .map(|j| (inflation * variance * inverse_a[(j, j)]).sqrt().hypot(RESOLUTION * field.prior[j]))
+            .map(|j| {
+                (inflation * variance * inverse_a[(j, j)])
+                    .sqrt()
+                    .hypot(RELATIVE_RESOLUTION * bounds.prior_sd[j])
+            })
             .collect();
-        (error, (seen - active.len() as f64).max(1.0))
+        (error, (count - active.len() as f64).max(1.0))
     }
 }
 
 /// a += w j j^T
-fn add_square(a: &mut DMatrix<f64>, j: &DVector<f64>, w: f64) {
+fn add_outer_product(a: &mut DMatrix<f64>, j: &DVector<f64>, w: f64) {
     for column in 0..j.len() {
         for row in 0..j.len() {
             a[(row, column)] += j[row] * j[column] * w;
@@ -314,11 +324,11 @@ fn add_square(a: &mut DMatrix<f64>, j: &DVector<f64>, w: f64) {
     }
 }
 
-/// Inverse over the active coordinates, zero elsewhere; `None` if it has none.
-fn inverse(a: DMatrix<f64>, active: &[usize], field: &Field) -> Option<DMatrix<f64>> {
+/// Inverse over the active coordinates, zero elsewhere; `None` if singular.
+fn active_inverse(a: DMatrix<f64>, active: &[usize], bounds: &SearchBounds) -> Option<DMatrix<f64>> {
     let n = a.nrows();
-    // In units of the prior's deviation, with ones for what is not active.
-    let unit = DVector::from_fn(n, |j, _| if active.contains(&j) { field.prior[j] } else { 0.0 });
+    // Scaled by the prior's standard deviation; inactive coordinates get a unit diagonal.
+    let unit = DVector::from_fn(n, |j, _| if active.contains(&j) { bounds.prior_sd[j] } else { 0.0 });
     let mut scaled = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * unit[i] * unit[j]);
     let largest = (0..n).map(|j| scaled[(j, j)]).fold(0.0, f64::max);
     if !(largest.is_finite() && largest > 0.0) {

@@ -1,19 +1,21 @@
-//! Performance surfaces: how well a policy trained at given latents does in a related, known environment.
+//! Performance surface: performance, in a related known environment, of a policy trained at given latents.
 //!
-//! P(theta) is the jump-start performance (AUCCESS, [0, 1]) of what is learned in a simulation with latents theta and
-//! tried in an environment whose physics is known and is not the simulation's. Its slope says which latents the task
-//! needs (partial grounding), before the real world is touched.
+//! P(theta) is the jump-start performance (AUCCESS, [0, 1]) of a policy learned in a simulation with latents
+//! theta and tested in an environment with known physics that differs from the simulation. Its gradient shows
+//! which latents the task needs (partial grounding), before any real trial.
 //!
-//! Source: Semage et al., section on partial grounding and algorithm 2. Differences from the source: P is known at a
-//! few design points and a Gaussian process ([`super::gp`]) fills the rest in, with its uncertainty, where the source
-//! computes a dense grid and takes finite differences. How a point's performance is found is `experiment::surface`.
+//! Source: Semage et al., section on partial grounding and algorithm 2.
 //!
-//! A [`Surface`] is plain data; [`Predictor`] is it ready to answer.
+//! Differences from the source: P is evaluated at a few design points and interpolated by a Gaussian process
+//! ([`super::gp`]) with its uncertainty; the source computes a dense grid and finite differences.
+//! `experiment::surface` computes the performance of a point.
+//!
+//! A [`PerformanceSurface`] is plain data; a [`SurfacePredictor`] evaluates it.
 
 use serde::{Deserialize, Serialize};
 
-use super::gp::{Belief, Gp, Hyper};
-use crate::error::{Error, Result, within};
+use super::gp::{GaussianProcess, GpHyperparameters, GpPrediction};
+use crate::error::{Error, Result, check_range};
 use crate::explore::Importance;
 use crate::rng;
 use crate::task::scene::EffectTerm;
@@ -23,112 +25,117 @@ use rand::RngExt;
 /// Value of [`Surface::format`].
 pub const FORMAT: &str = "iplw.surface/1";
 
-/// Performance over latents, as points and what is fitted to them.
+/// Performance over latents: design points and the fitted surrogate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Surface {
+pub struct PerformanceSurface {
     /// Always [`FORMAT`].
     pub format: String,
-    /// Version of the program that made it.
+    /// Version of the program that computed it.
     pub program: String,
     /// Name of the task family.
     pub family: String,
-    /// How performance was found.
-    pub route: Route,
+    /// Method that computed the performance.
+    pub route: EvaluationMethod,
     /// The related environments; a point's performance is the mean over them.
-    pub related: Vec<Related>,
-    /// What was varied, each over a range.
-    pub axes: Vec<Axis>,
-    /// Latents where they are not varied: density (kg/m^2), friction, restitution.
+    pub related: Vec<RelatedEnvironment>,
+    /// The varied factors and their ranges.
+    pub axes: Vec<SurfaceAxis>,
+    /// Values of latents that are not varied: density (kg/m^2), friction, restitution.
     pub base: [f64; 3],
-    /// Tasks that counted: those that something solves in a related environment.
+    /// Number of tasks that count: those with a solution in a related environment.
     pub tasks: usize,
-    pub points: Vec<Point>,
-    /// Fitted to the points; length scales are in shares of the axes' ranges.
-    pub surrogate: Hyper,
+    pub points: Vec<SurfacePoint>,
+    /// Hyperparameters of the Gaussian process; length scales are in shares of the axes' ranges.
+    pub surrogate: GpHyperparameters,
     pub seed: u64,
 }
 
-/// How a point's performance is found.
+/// Method that computes the performance of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Route {
-    /// Actions that the simulation says solve are tried first, in random order: no learning.
+pub enum EvaluationMethod {
+    /// Actions that solve the task in simulation are tried first, in random order; no learning.
     Ideal,
-    /// A DQN is trained in the simulation (the source's way).
+    /// A DQN is trained in simulation, as in the source.
     Dqn,
 }
 
-/// An environment whose physics is known.
+/// A related environment with known physics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Related {
+pub struct RelatedEnvironment {
     /// Density (kg/m^2), friction, restitution.
     pub latents: [f64; 3],
-    /// Effects that the simulation does not have.
+    /// Effects that the simulation lacks.
     pub effects: Vec<EffectTerm>,
 }
 
 /// A latent factor and the range over which it is varied.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Axis {
+pub struct SurfaceAxis {
     /// Name of the factor.
     pub factor: String,
     pub low: f64,
     pub high: f64,
 }
 
-/// The performance at one place.
+/// Performance at one design point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Point {
+pub struct SurfacePoint {
     /// Density (kg/m^2), friction, restitution.
     pub latents: [f64; 3],
     /// Mean over the related environments, [0, 1].
     pub performance: f64,
-    /// In each of them.
+    /// Performance in each related environment.
     pub each: Vec<f64>,
 }
 
-/// A surface ready to answer.
-pub struct Predictor<'a> {
-    surface: &'a Surface,
-    gp: Gp,
+/// A surface with its factorised surrogate.
+pub struct SurfacePredictor<'a> {
+    surface: &'a PerformanceSurface,
+    gp: GaussianProcess,
 }
 
-/// How much performance depends on one latent.
+/// Dependence of performance on one latent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sensitivity {
+pub struct LatentSensitivity {
     /// Name of the factor.
     pub factor: String,
     /// Mean magnitude of the partial derivative, AUCCESS per unit of the factor.
     pub slope: f64,
-    /// Mean standard deviation of the partial derivative at a place: there, a slope below it is not known to be one.
-    /// The mean over places is known better.
+    /// Mean pointwise standard deviation of the partial derivative. A slope below it is not significant at a
+    /// single point; the mean over points is more precise.
     pub sd: f64,
-    /// The slope times the prior's standard deviation: AUCCESS at stake in not knowing the latent.
+    /// Slope times the prior's standard deviation: AUCCESS at stake in not knowing the latent.
     pub stake: f64,
 }
 
-/// Standard deviations of the prior on either side of its mean that a surface covers.
-const REACH: f64 = 2.0;
+/// Half width of an axis in prior standard deviations.
+const AXIS_HALF_WIDTH_SD: f64 = 2.0;
 
-impl Point {
-    /// The point whose performance is the mean of `each`.
-    pub fn mean(latents: [f64; 3], each: Vec<f64>) -> Point {
-        Point { latents, performance: each.iter().sum::<f64>() / each.len() as f64, each }
+impl SurfacePoint {
+    /// A point whose performance is the mean of `each`.
+    pub fn mean(latents: [f64; 3], each: Vec<f64>) -> SurfacePoint {
+        SurfacePoint { latents, performance: each.iter().sum::<f64>() / each.len() as f64, each }
     }
 }
 
-impl Axis {
-    /// The factor over its prior's mean and [`REACH`] deviations on either side, within what a world accepts.
-    pub fn of_prior(factor: &str, prior: [(f64, f64); 3]) -> Result<Axis> {
+impl SurfaceAxis {
+    /// Axis of a factor: prior mean plus and minus [`AXIS_HALF_WIDTH_SD`] standard deviations, within the
+    /// factor's bounds.
+    pub fn from_prior(factor: &str, prior: [(f64, f64); 3]) -> Result<SurfaceAxis> {
         let i = factor_index(factor)?;
         let [least, most] = FACTORS[i].bounds;
         let (mean, sd) = prior[i];
-        let low = (mean - REACH * sd).max(if i == 0 { 0.1 * mean } else { least });
-        Ok(Axis { factor: FACTORS[i].name.into(), low, high: (mean + REACH * sd).min(most) })
+        let low = (mean - AXIS_HALF_WIDTH_SD * sd).max(if i == 0 { 0.1 * mean } else { least });
+        Ok(SurfaceAxis {
+            factor: FACTORS[i].name.into(),
+            low,
+            high: (mean + AXIS_HALF_WIDTH_SD * sd).min(most),
+        })
     }
 
     /// Index into [`FACTORS`].
@@ -139,8 +146,8 @@ impl Axis {
     fn validate(&self) -> Result<()> {
         let i = factor_index(&self.factor)?;
         let [least, most] = FACTORS[i].bounds;
-        within("low", self.low, least, most)?;
-        within("high", self.high, least, most)?;
+        check_range("low", self.low, least, most)?;
+        check_range("high", self.high, least, most)?;
         if self.low >= self.high {
             return Err(Error::input("high", self.high, format!("more than low, {}", self.low)));
         }
@@ -148,23 +155,23 @@ impl Axis {
     }
 }
 
-/// `count` latents that fill the box of the axes evenly: a Halton sequence, shifted by the seed.
-pub fn design(axes: &[Axis], base: [f64; 3], count: usize, seed: u64) -> Vec<[f64; 3]> {
+/// `count` quasi-random points in the box of the axes: a Halton sequence with a seeded shift.
+pub fn halton_design(axes: &[SurfaceAxis], base: [f64; 3], count: usize, seed: u64) -> Vec<[f64; 3]> {
     let mut stream = rng::stream(seed, "surface design");
     let shifts: Vec<f64> = axes.iter().map(|_| stream.random()).collect();
-    let unit = |k: usize, i: usize| (halton(k as u64 + 1, [2, 3, 5][i % 3]) + shifts[i]).fract();
-    (0..count).map(|k| place(axes, base, |i| unit(k, i))).collect()
+    let unit = |k: usize, i: usize| (van_der_corput(k as u64 + 1, [2, 3, 5][i % 3]) + shifts[i]).fract();
+    (0..count).map(|k| point_in_box(axes, base, |i| unit(k, i))).collect()
 }
 
-/// All latents of a grid with `side` values an axis, ends included.
-pub fn grid(axes: &[Axis], base: [f64; 3], side: usize) -> Vec<[f64; 3]> {
+/// Full grid with `side` values per axis, ends included.
+pub fn grid(axes: &[SurfaceAxis], base: [f64; 3], side: usize) -> Vec<[f64; 3]> {
     let step = |k: usize| k as f64 / (side - 1).max(1) as f64;
     (0..side.pow(axes.len() as u32))
-        .map(|n| place(axes, base, |i| step(n / side.pow(i as u32) % side)))
+        .map(|n| point_in_box(axes, base, |i| step(n / side.pow(i as u32) % side)))
         .collect()
 }
 
-fn place(axes: &[Axis], base: [f64; 3], unit: impl Fn(usize) -> f64) -> [f64; 3] {
+fn point_in_box(axes: &[SurfaceAxis], base: [f64; 3], unit: impl Fn(usize) -> f64) -> [f64; 3] {
     let mut latents = base;
     for (i, axis) in axes.iter().enumerate() {
         latents[axis.index()] = axis.low + unit(i) * (axis.high - axis.low);
@@ -173,7 +180,7 @@ fn place(axes: &[Axis], base: [f64; 3], unit: impl Fn(usize) -> f64) -> [f64; 3]
 }
 
 /// The k-th number of the van der Corput sequence in a base, [0, 1).
-fn halton(mut k: u64, base: u64) -> f64 {
+fn van_der_corput(mut k: u64, base: u64) -> f64 {
     let (mut value, mut digit) = (0.0, 1.0);
     while k > 0 {
         digit /= base as f64;
@@ -183,29 +190,29 @@ fn halton(mut k: u64, base: u64) -> f64 {
     value
 }
 
-impl Surface {
-    /// The surface with its surrogate fitted to its points.
-    pub fn fitted(mut self) -> Result<Surface> {
-        let inputs: Vec<Vec<f64>> = self.points.iter().map(|p| self.unit(p.latents)).collect();
+impl PerformanceSurface {
+    /// Fits the surrogate to the points.
+    pub fn fit(mut self) -> Result<PerformanceSurface> {
+        let inputs: Vec<Vec<f64>> = self.points.iter().map(|p| self.normalise(p.latents)).collect();
         let values: Vec<f64> = self.points.iter().map(|p| p.performance).collect();
-        self.surrogate = Hyper::fit(&inputs, &values)?;
+        self.surrogate = GpHyperparameters::fit(&inputs, &values)?;
         self.validate()?;
         Ok(self)
     }
 
-    /// Reads what [`Surface::to_json`] wrote.
-    pub fn from_json(text: &str) -> Result<Surface> {
-        let surface: Surface = crate::json::parse(text)?;
+    /// Reads a surface from JSON.
+    pub fn from_json(text: &str) -> Result<PerformanceSurface> {
+        let surface: PerformanceSurface = crate::json::parse(text)?;
         surface.validate()?;
         Ok(surface)
     }
 
-    /// For a file.
+    /// Writes the surface as JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("numbers and names are always representable") + "\n"
     }
 
-    /// Errors name what is wrong.
+    /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
         if self.format != FORMAT {
             return Err(Error::input("format", format!("{:?}", self.format), format!("{FORMAT:?}")));
@@ -214,18 +221,18 @@ impl Surface {
             return Err(Error::input("axes", self.axes.len(), "1 to 3 factors"));
         }
         for (i, axis) in self.axes.iter().enumerate() {
-            axis.validate().map_err(|e| e.under(&format!("axes[{i}]")))?;
+            axis.validate().map_err(|e| e.in_field(&format!("axes[{i}]")))?;
             if self.axes[..i].iter().any(|a| a.factor == axis.factor) {
                 let field = format!("axes[{i}].factor");
                 return Err(Error::input(field, format!("{:?}", axis.factor), "each factor once"));
             }
         }
-        within("points", self.points.len() as f64, 3.0, 5000.0)?;
+        check_range("points", self.points.len() as f64, 3.0, 5000.0)?;
         for (i, point) in self.points.iter().enumerate() {
-            within(&format!("points[{i}].performance"), point.performance, 0.0, 1.0)?;
+            check_range(&format!("points[{i}].performance"), point.performance, 0.0, 1.0)?;
             for (factor, v) in FACTORS.iter().zip(point.latents) {
                 let field = format!("points[{i}].latents.{}", factor.name);
-                within(&field, v, factor.bounds[0], factor.bounds[1])?;
+                check_range(&field, v, factor.bounds[0], factor.bounds[1])?;
             }
         }
         let scales = &self.surrogate.length_scales;
@@ -237,32 +244,35 @@ impl Surface {
             ("noise", self.surrogate.noise),
             ("mean", self.surrogate.mean.abs()),
         ]) {
-            within(&format!("surrogate.{name}"), v, if name == "mean" { 0.0 } else { 1e-12 }, 1e6)?;
+            check_range(&format!("surrogate.{name}"), v, if name == "mean" { 0.0 } else { 1e-12 }, 1e6)?;
         }
         self.predictor().map(|_| ())
     }
 
-    /// Ready to answer; work of the cube of the number of points.
-    pub fn predictor(&self) -> Result<Predictor<'_>> {
-        let inputs = self.points.iter().map(|p| self.unit(p.latents)).collect();
+    /// Factorises the surrogate; cost is cubic in the number of points.
+    pub fn predictor(&self) -> Result<SurfacePredictor<'_>> {
+        let inputs = self.points.iter().map(|p| self.normalise(p.latents)).collect();
         let values: Vec<f64> = self.points.iter().map(|p| p.performance).collect();
-        Ok(Predictor { surface: self, gp: Gp::new(inputs, &values, self.surrogate.clone())? })
+        Ok(SurfacePredictor {
+            surface: self,
+            gp: GaussianProcess::new(inputs, &values, self.surrogate.clone())?,
+        })
     }
 
-    /// How much performance depends on each axis' factor, averaged over what a prior holds likely.
-    pub fn sensitivities(&self, prior: [(f64, f64); 3]) -> Result<Vec<Sensitivity>> {
+    /// Dependence of performance on each axis' factor, averaged over a prior.
+    pub fn sensitivities(&self, prior: [(f64, f64); 3]) -> Result<Vec<LatentSensitivity>> {
         let predictor = self.predictor()?;
-        // The box is the prior's within two deviations; points of an even grid are weighed by the prior.
+        // Grid points within two prior standard deviations, weighted by the prior density.
         let side = [65, 17, 9][(self.axes.len() - 1).min(2)];
         let at: Vec<([f64; 3], f64)> = grid(&self.axes, self.base, side)
             .into_iter()
             .map(|l| {
-                let z2 = |a: &Axis| ((l[a.index()] - prior[a.index()].0) / prior[a.index()].1).powi(2);
+                let z2 = |a: &SurfaceAxis| ((l[a.index()] - prior[a.index()].0) / prior[a.index()].1).powi(2);
                 (l, libm::exp(-0.5 * self.axes.iter().map(z2).sum::<f64>()))
             })
             .collect();
         let total: f64 = at.iter().map(|(_, w)| w).sum();
-        let slopes: Vec<([Belief; 3], f64)> =
+        let slopes: Vec<([GpPrediction; 3], f64)> =
             at.iter().map(|(l, w)| (predictor.gradient(*l), w / total)).collect();
         Ok(self
             .axes
@@ -271,55 +281,55 @@ impl Surface {
                 let i = axis.index();
                 let slope = slopes.iter().map(|(g, w)| w * g[i].mean.abs()).sum::<f64>();
                 let sd = slopes.iter().map(|(g, w)| w * g[i].sd).sum();
-                Sensitivity { factor: axis.factor.clone(), slope, sd, stake: slope * prior[i].1 }
+                LatentSensitivity { factor: axis.factor.clone(), slope, sd, stake: slope * prior[i].1 }
             })
             .collect())
     }
 
-    /// Latents as shares of the axes' ranges, moved to the nearest within.
-    fn unit(&self, latents: [f64; 3]) -> Vec<f64> {
-        let share = |a: &Axis| ((latents[a.index()] - a.low) / (a.high - a.low)).clamp(0.0, 1.0);
+    /// Latents as shares of the axes' ranges, clamped to [0, 1].
+    fn normalise(&self, latents: [f64; 3]) -> Vec<f64> {
+        let share = |a: &SurfaceAxis| ((latents[a.index()] - a.low) / (a.high - a.low)).clamp(0.0, 1.0);
         self.axes.iter().map(share).collect()
     }
 }
 
-impl Predictor<'_> {
-    /// Performance at `latents`; outside the axes' ranges that of the nearest place within.
-    pub fn at(&self, latents: [f64; 3]) -> Belief {
-        self.gp.at(&self.surface.unit(latents))
+impl SurfacePredictor<'_> {
+    /// Performance at `latents`; outside the ranges that of the nearest point inside.
+    pub fn predict(&self, latents: [f64; 3]) -> GpPrediction {
+        self.gp.at(&self.surface.normalise(latents))
     }
 
     /// Partial derivatives by density (per kg/m^2), friction and restitution; 0 for a factor that was not varied.
-    pub fn gradient(&self, latents: [f64; 3]) -> [Belief; 3] {
-        let mut found = [Belief { mean: 0.0, sd: 0.0 }; 3];
-        let slopes = self.gp.gradient(&self.surface.unit(latents));
+    pub fn gradient(&self, latents: [f64; 3]) -> [GpPrediction; 3] {
+        let mut found = [GpPrediction { mean: 0.0, sd: 0.0 }; 3];
+        let slopes = self.gp.gradient(&self.surface.normalise(latents));
         for (axis, slope) in self.surface.axes.iter().zip(slopes) {
             let range = axis.high - axis.low;
-            found[axis.index()] = Belief { mean: slope.mean / range, sd: slope.sd / range };
+            found[axis.index()] = GpPrediction { mean: slope.mean / range, sd: slope.sd / range };
         }
         found
     }
 }
 
-impl Importance for Surface {
+impl Importance for PerformanceSurface {
     fn gradient(&self, latents: [f64; 3]) -> [f64; 3] {
-        // A surface that was checked has a predictor; one put together by hand may not.
+        // A validated surface has a predictor; an unchecked one may not.
         self.predictor().map_or([f64::NAN; 3], |p| p.gradient(latents).map(|b| b.mean))
     }
 }
 
-impl Route {
+impl EvaluationMethod {
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            Route::Ideal => "ideal",
-            Route::Dqn => "dqn",
+            EvaluationMethod::Ideal => "ideal",
+            EvaluationMethod::Dqn => "dqn",
         }
     }
 
     /// The route named `name`.
-    pub fn from_name(name: &str) -> Result<Route> {
-        let all = [Route::Ideal, Route::Dqn];
+    pub fn from_name(name: &str) -> Result<EvaluationMethod> {
+        let all = [EvaluationMethod::Ideal, EvaluationMethod::Dqn];
         all.into_iter().find(|r| r.name() == name).ok_or_else(|| Error::NotFound {
             kind: "route",
             id: name.to_string(),
@@ -334,46 +344,46 @@ mod tests {
 
     const PRIOR: [(f64, f64); 3] = [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)];
 
-    fn axes() -> Vec<Axis> {
-        ["friction", "restitution"].map(|f| Axis::of_prior(f, PRIOR).unwrap()).to_vec()
+    fn axes() -> Vec<SurfaceAxis> {
+        ["friction", "restitution"].map(|f| SurfaceAxis::from_prior(f, PRIOR).unwrap()).to_vec()
     }
 
-    /// Performance falls off from friction 1, restitution 0.5, ten times as fast along restitution.
-    fn hill() -> Surface {
+    /// Performance decreases from friction 1, restitution 0.5, ten times as fast along restitution.
+    fn hill() -> PerformanceSurface {
         let base = [1.0, 1.0, 0.5];
-        let points = design(&axes(), base, 40, 1).into_iter().map(|latents| {
+        let points = halton_design(&axes(), base, 40, 1).into_iter().map(|latents| {
             let drop = 0.05 * (latents[1] - 1.0).powi(2) + 0.5 * (latents[2] - 0.5).powi(2);
-            Point::mean(latents, vec![0.9 - drop])
+            SurfacePoint::mean(latents, vec![0.9 - drop])
         });
-        Surface {
+        PerformanceSurface {
             format: FORMAT.into(),
             program: "test".into(),
             family: "bowling".into(),
-            route: Route::Ideal,
+            route: EvaluationMethod::Ideal,
             related: vec![],
             axes: axes(),
             base,
             tasks: 1,
             points: points.collect(),
-            surrogate: Hyper { length_scales: vec![], mean: 0.0, signal: 1.0, noise: 1.0 },
+            surrogate: GpHyperparameters { length_scales: vec![], mean: 0.0, signal: 1.0, noise: 1.0 },
             seed: 1,
         }
-        .fitted()
+        .fit()
         .unwrap()
     }
 
     #[test]
-    fn slopes_are_per_unit_of_the_factor() {
+    fn gradient_is_per_unit_of_the_factor() {
         let surface = hill();
         let [density, friction, restitution] = Importance::gradient(&surface, [3.0, 1.6, 0.8]);
         assert_eq!(density, 0.0, "density was not varied");
         assert!((friction + 0.06).abs() < 0.02, "{friction}");
         assert!((restitution + 0.3).abs() < 0.03, "{restitution}");
-        let there = surface.predictor().unwrap().at([1.0, 1.0, 0.5]);
+        let there = surface.predictor().unwrap().predict([1.0, 1.0, 0.5]);
         assert!((there.mean - 0.9).abs() < 0.01 && there.sd < 0.02, "{there:?}");
-        // Beyond the ranges nothing is made up: the border's answer.
+        // No extrapolation: outside the ranges the value at the border.
         let predictor = surface.predictor().unwrap();
-        assert_eq!(predictor.at([1.0, 9.0, 0.5]), predictor.at([1.0, 2.0, 0.5]));
+        assert_eq!(predictor.predict([1.0, 9.0, 0.5]), predictor.predict([1.0, 2.0, 0.5]));
         let felt = surface.sensitivities(PRIOR).unwrap();
         assert_eq!(felt[1].factor, "restitution");
         assert!(felt[1].slope / felt[0].slope > 3.5 && felt[1].slope > felt[1].sd, "{felt:?}");
@@ -381,13 +391,13 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_back_from_a_file_to_the_bit_and_nonsense_is_refused_by_name() {
+    fn json_round_trip_is_exact_and_rejects_invalid_fields() {
         let surface = hill();
         let text = surface.to_json();
-        assert_eq!(Surface::from_json(&text).unwrap(), surface);
+        assert_eq!(PerformanceSurface::from_json(&text).unwrap(), surface);
         let refused = |from: &str, to: &str, field: &str| {
             assert!(text.contains(from), "{from}");
-            match Surface::from_json(&text.replacen(from, to, 1)) {
+            match PerformanceSurface::from_json(&text.replacen(from, to, 1)) {
                 Err(Error::Input(i)) => assert!(i.field.contains(field), "{i}"),
                 other => panic!("{from} -> {to}: {:?}", other.map(|_| "taken")),
             }
@@ -399,23 +409,23 @@ mod tests {
     }
 
     #[test]
-    fn designs_fill_the_box() {
+    fn designs_cover_the_box_evenly() {
         let base = [0.3, 9.0, 9.0];
         let check = |all: Vec<[f64; 3]>| {
             for l in &all {
                 assert!(l[0] == 0.3 && (0.0..=2.0).contains(&l[1]) && (0.0..=1.0).contains(&l[2]), "{l:?}");
             }
-            // Every quarter of the box has its share.
+            // Every quarter of the box has its share of points.
             for (f, r) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 let there = all.iter().filter(|l| ((l[1] >= 1.0) as i32, (l[2] >= 0.5) as i32) == (f, r));
                 let share = there.count() as f64 / all.len() as f64;
                 assert!((share - 0.25).abs() < 0.08, "{share}");
             }
         };
-        check(design(&axes(), base, 40, 5));
+        check(halton_design(&axes(), base, 40, 5));
         check(grid(&axes(), base, 8));
         assert_eq!(grid(&axes(), base, 8).len(), 64);
-        assert_ne!(design(&axes(), base, 4, 5), design(&axes(), base, 4, 6));
-        assert_eq!(design(&axes(), base, 4, 5), design(&axes(), base, 8, 5)[..4]);
+        assert_ne!(halton_design(&axes(), base, 4, 5), halton_design(&axes(), base, 4, 6));
+        assert_eq!(halton_design(&axes(), base, 4, 5), halton_design(&axes(), base, 8, 5)[..4]);
     }
 }

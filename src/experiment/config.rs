@@ -1,79 +1,80 @@
-//! How an estimation is run.
+//! Configuration of an estimation.
 
 use serde::{Deserialize, Serialize};
 
-use super::sense::Sense;
-use super::ways;
-use crate::error::{Error, Result, within};
+use super::acquisition;
+use super::order_constraint::OrderConstraint;
+use crate::error::{Error, Result, check_range};
 use crate::estimate::CemConfig;
 use crate::task::scene::EffectTerm;
-use crate::world::effect::{self, Parameter};
+use crate::world::effect::{self, ParameterDeclaration};
 use crate::world::{EffectParameter, Engine};
 
-/// How an estimation is run.
+/// Configuration of an estimation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EstimateConfig {
-    /// The way to choose what is spent on the real world: see [`super::ways`].
+    /// Method that selects the actions to measure in the real world: see [`super::acquisition`].
     pub strategy: String,
-    /// Most rounds of exploring, measuring and fitting.
+    /// Maximum number of rounds of exploring, measuring and fitting.
     pub rounds: usize,
-    /// Real interactions a round.
+    /// Real interactions per round.
     pub actions: usize,
-    /// Actions simulated a round for the strategy to choose from.
+    /// Candidate actions simulated per round.
     pub candidates: usize,
-    /// The search.
+    /// Cross-entropy method.
     pub cem: CemConfig,
-    /// Which trials a round's fit sees.
+    /// Trials that a round is fitted to.
     pub memory: Memory,
-    /// How far a sample is from the trials.
+    /// Residual between a sample's simulation and the trials.
     #[serde(default)]
     pub residual: ResidualKind,
-    /// What is sensed of the latents before anything is measured.
+    /// Order constraints on the latents, known before the first measurement.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub senses: Vec<Sense>,
-    /// Whether each round's estimate is refined by a local search from where the cross-entropy method stands; else
-    /// it is that method's mean.
+    pub senses: Vec<OrderConstraint>,
+    /// Whether each round's estimate is refined by a local search that starts at the cross-entropy method's mean; if not, the
+    /// estimate is that mean.
     #[serde(default)]
     pub refine: bool,
-    /// Stop when no latent has moved by more than this share of its prior's deviation for two rounds; 0 never.
+    /// Convergence tolerance: stop when no latent changed by more than this share of its prior standard deviation in each of
+    /// two rounds; 0 disables the test.
     pub settled: f64,
-    /// Whether samples that cannot matter are dropped early; the result is the same.
+    /// Whether samples that cannot become elites are dropped early; the result is the same.
     pub racing: bool,
-    /// Engine of the simulation.
+    /// Physics engine of the simulation.
     pub engine: Engine,
-    /// Effects that the simulation has beside the scenes' own: those a diagnosis found, say.
+    /// Effects of the simulation in addition to those of the scenes, for example those that a diagnosis found.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectTerm>,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
 }
 
-/// Which trials a round's fit sees.
+/// Trials that a round is fitted to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Memory {
     /// All trials so far.
     #[default]
     All,
-    /// Those of the round.
+    /// Trials of the current round.
     LastRound,
 }
 
-/// How far a sample is from the trials.
+/// Residual between a sample's simulation and the trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ResidualKind {
-    /// Simulated from the start to the end (paper, equation 2).
+    /// Simulates each trial from start to end (paper, equation 2).
     #[default]
     Trajectory,
-    /// Simulated anew from where things were seen, a stretch at a time, so that what chance makes of a collision
-    /// does not add up: see `estimate::shooting`.
+    /// Multiple shooting: restarts the simulation at observed states, one segment at a time, so that errors from chaotic
+    /// collisions do not accumulate. See `estimate::shooting`.
     Shooting,
 }
 
 impl ResidualKind {
-    /// The name used on the wire and the command line.
+    /// Name in the HTTP API and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             ResidualKind::Trajectory => "trajectory",
@@ -93,7 +94,7 @@ impl ResidualKind {
 }
 
 impl EstimateConfig {
-    /// As in the paper: 10 rounds of 50 actions, each followed by one iteration of 1000 samples.
+    /// The paper's preset: 10 rounds of 50 actions, each followed by one iteration of 1000 samples.
     pub fn paper(prior: [(f64, f64); 3]) -> EstimateConfig {
         EstimateConfig {
             rounds: 10,
@@ -107,7 +108,7 @@ impl EstimateConfig {
         }
     }
 
-    /// A tenth of the interactions, and a search that needs fewer samples.
+    /// Preset with a tenth of the interactions, and a search that needs fewer samples.
     pub fn fast(prior: [(f64, f64); 3]) -> EstimateConfig {
         EstimateConfig {
             strategy: "mixed".into(),
@@ -127,37 +128,37 @@ impl EstimateConfig {
         }
     }
 
-    /// Errors if a shape is to be fitted of an effect that vanishes: nothing would tell it.
+    /// Errors if a shape parameter is to be fitted for an effect whose amplitudes are all neutral: it is not identifiable.
     fn fits_what_acts(&self) -> Result<()> {
-        let fitted = self.cem.fitted();
+        let fitted = self.cem.free_parameters();
         for own in &fitted {
             let name = own.effect.name;
             let amplitudes = || own.effect.parameters.iter().enumerate().filter(|(_, p)| p.is_amplitude());
-            let given = |p: &Parameter| {
+            let given = |p: &ParameterDeclaration| {
                 let terms = self.effects.iter().filter(|term| term.name == name);
                 terms.filter_map(|term| term.parameters.get(p.name)).any(|v| *v != p.neutral)
             };
             let open = |index| fitted.contains(&EffectParameter { index, ..*own });
             if !amplitudes().any(|(i, p)| open(i) || given(p)) {
                 let wanted: Vec<String> = amplitudes().map(|(_, p)| format!("{name}.{}", p.name)).collect();
-                let allowed = format!("it beside {}, or an effect that is given them", wanted.join(" or "));
+                let allowed = format!("fit {} as well, or set it in `effects`", wanted.join(" or "));
                 return Err(Error::input("fit", own, allowed));
             }
         }
         Ok(())
     }
 
-    /// Errors name what is out of range.
+    /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        ways::question(&self.strategy)?;
-        within("rounds", self.rounds as f64, 1.0, 1000.0)?;
-        within("actions", self.actions as f64, 1.0, 10_000.0)?;
-        within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;
-        within("settled", self.settled, 0.0, 1.0)?;
+        acquisition::question(&self.strategy)?;
+        check_range("rounds", self.rounds as f64, 1.0, 1000.0)?;
+        check_range("actions", self.actions as f64, 1.0, 10_000.0)?;
+        check_range("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;
+        check_range("settled", self.settled, 0.0, 1.0)?;
         for (i, term) in self.effects.iter().enumerate() {
             effect::resolve(term, format_args!("effects[{i}]"))?;
         }
-        self.cem.validate().map_err(|e| e.under("cem"))?;
+        self.cem.validate().map_err(|e| e.in_field("cem"))?;
         self.fits_what_acts()
     }
 }

@@ -1,65 +1,67 @@
-//! The simulation extended by what a diagnosis of the workflow's own trials finds, at no further real interaction.
+//! Extends the simulation by the effects that a diagnosis of the workflow's own trials finds, without further real interactions.
 //!
-//! Past the source, which lets the estimate make up for what the simulation lacks.
+//! Beyond the source, in which the latents compensate for the simulation's missing effects.
 
 use serde::{Deserialize, Serialize};
 
 use super::{EstimateConfig, refit};
-use crate::discover::{self, Finding, diagnose};
+use crate::discover::{self, DiagnosisResult, diagnose};
 use crate::error::{Error, Result};
-use crate::policy::Training;
+use crate::policy::TrainingPhysics;
 use crate::progress::Progress;
 use crate::reality::{Trial, settled};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
-use crate::world::DRAG;
+use crate::world::LINEAR_DRAG;
 use crate::world::Latents;
 
-/// A simulation as a diagnosis extended it.
+/// A simulation extended by a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extension {
-    /// As in `iplw.diagnosis/1`.
+    /// Verdict of the diagnosis, as in `iplw.diagnosis/1`.
     pub verdict: String,
-    /// Why, for people.
+    /// Reason for the verdict.
     pub reason: String,
-    /// Every set of effects that the trials cannot tell from the best.
+    /// All sets of effects that the trials cannot distinguish from the best one.
     pub rivals: Vec<Vec<String>>,
-    /// What is added to the simulation beyond the scenes' own effects: the simplest of those sets; of what is unknown,
-    /// as much as the diagnosis offers.
+    /// Effects added to those of the scenes: the simplest of these sets or, for an unknown effect, the diagnosis's partial
+    /// explanation or empirical law.
     pub effects: Vec<EffectTerm>,
-    /// As estimated in the extended simulation.
+    /// Latents estimated in the extended simulation.
     pub latents: Latents,
-    /// Share of the excess error on held-out trials that goes away.
+    /// Share of the excess error on held-out trials that the extension removes.
     pub excess_removed: Option<f64>,
 }
 
-/// What the trials say the simulation lacks, and the scene that goes with all of them.
-pub fn diagnosed(
+/// Diagnosis of the trials, and the scene common to all of them.
+pub fn diagnose_trials(
     trials: &[Trial],
     config: &EstimateConfig,
     progress: &dyn Progress,
-) -> Result<(Scene, Finding)> {
+) -> Result<(Scene, DiagnosisResult)> {
     let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
     let (scene, trials) = settled(&first.scene.clone(), trials.to_vec())?;
-    let setup = discover::Config { engine: config.engine, ..discover::Config::standard(config.seed) };
+    let setup = discover::DiagnosisConfig {
+        engine: config.engine,
+        ..discover::DiagnosisConfig::standard(config.seed)
+    };
     let finding = diagnose(&scene, &trials, &setup, progress)?;
     Ok((scene, finding))
 }
 
-/// The simulation that a finding asks for. Latents are fitted to the trials again, in the extended simulation and with
-/// the workflow's own estimator, which sees whole trials where a diagnosis sees stretches; `linear_drag` alone is
-/// fitted along, other effects stay as they were found. What has no name, or only part of one, is added all the same where
-/// it holds on trials it was not fitted to. Where nothing was found it is the workflow's simulation with the latents
-/// `found`.
-pub fn extended(
-    finding: &Finding,
+/// The simulation extended according to a diagnosis. The latents are refitted in the extended simulation with the workflow's own
+/// estimator, which uses whole trials where a diagnosis uses segments. `linear_drag` is refitted with them; other effects keep
+/// the diagnosed values. An unnamed or partly named effect is added if it improves the prediction of held-out trials. If
+/// the diagnosis found no effect, the result is the workflow's simulation with the latents `found`.
+pub fn extend_simulation(
+    finding: &DiagnosisResult,
     trials: &[Trial],
     config: &EstimateConfig,
     found: Latents,
     progress: &dyn Progress,
 ) -> Result<Extension> {
     let d = &finding.diagnosis;
-    // The trials' scenes, and those trained in, have their own effects already.
+    // The scenes of the trials and of the training tasks already contain their own effects.
     let own = trials.first().map_or(0, |t| t.scene.effects.len());
     let law = d.residual_law.as_ref().filter(|l| l.offered).map(|l| &l.held_out);
     let gain = law.or(d.gain.held_out.as_ref());
@@ -76,12 +78,14 @@ pub fn extended(
     }
     let mut setup = EstimateConfig { effects: extension.effects.clone(), ..config.clone() };
     let drag = match extension.effects.as_slice() {
-        [one] if one.name == DRAG.effect.name => one.parameters.get(DRAG.parameter().name).copied(),
+        [one] if one.name == LINEAR_DRAG.effect.name => {
+            one.parameters.get(LINEAR_DRAG.parameter().name).copied()
+        }
         _ => None,
     };
     if let Some(c) = drag {
         setup.effects.clear();
-        setup.cem.drag = Some((c, DRAG.parameter().prior().1));
+        setup.cem.drag = Some((c, LINEAR_DRAG.parameter().weak_prior().1));
     }
     let report = refit(trials, &setup, progress)?;
     extension.latents = Latents::of(report.values());
@@ -92,8 +96,8 @@ pub fn extended(
 }
 
 impl Extension {
-    /// Training in the extended simulation.
-    pub fn training(&self) -> Training {
-        Training::Fixed { latents: self.latents, effects: self.effects.clone() }
+    /// Training physics of the extended simulation.
+    pub fn training(&self) -> TrainingPhysics {
+        TrainingPhysics::Fixed { latents: self.latents, effects: self.effects.clone() }
     }
 }

@@ -1,55 +1,55 @@
-//! A round's fit, and the report's last word on it.
+//! Fit of a round, and the report with confidence intervals.
 
-use super::choice::Choice;
 use super::config::{EstimateConfig, ResidualKind};
-use super::report::{EstimateReport, Stopped};
+use super::report::{EstimateReport, StopReason};
+use super::selection_summary::SelectionSummary;
 use crate::error::Result;
-use crate::estimate::fitness::{Racing, Simulation, losses_on};
-use crate::estimate::interval::intervals;
-use crate::estimate::shooting::stretches;
-use crate::estimate::{Cem, Field, Piece, Refined, refine, told};
+use crate::estimate::interval::confidence_intervals;
+use crate::estimate::loss::{Racing, Simulation, segment_losses};
+use crate::estimate::shooting::shooting_segments;
+use crate::estimate::{Cem, RefinedEstimate, SearchBounds, TrialSegment, identifiable_coordinates, refine};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
 use crate::world::latent::FACTORS;
-use crate::world::{Coordinates, Sample};
+use crate::world::{ParameterSpace, ParameterVector};
 
-/// What a round's fit found.
-pub(super) struct Fitted {
-    /// The least loss seen, m^2 per trajectory.
+/// Result of a round's fit.
+pub(super) struct RoundFit {
+    /// Smallest loss of all samples, m^2 per trajectory.
     pub residual: f64,
-    /// The estimate, if the configuration has it refined.
-    pub refined: Option<Sample>,
-    /// Rollouts spent.
+    /// Refined estimate, if the configuration requests refinement.
+    pub refined: Option<ParameterVector>,
+    /// Rollouts simulated.
     pub rollouts: u64,
 }
 
-/// Steps of refining after a round, and for the report, which starts where the last round ended.
-const STEPS: [usize; 2] = [10, 5];
-/// Times that trials are cut and refined on in a round, for the residual `shooting`.
-const LOOKS: usize = 3;
-/// Reach, as a share of the prior's deviation, with which a refined estimate is refined again.
-const AGAIN: f64 = 0.02;
+/// Refinement steps after a round, and for the report, which starts at the last round's estimate.
+const REFINEMENT_STEPS: [usize; 2] = [10, 5];
+/// Repetitions of segmentation and refinement in a round, for the residual `shooting`.
+const MAX_RESEGMENTATIONS: usize = 3;
+/// Initial search radius of a repeated refinement, as a share of the prior's standard deviation.
+const RESTART_SD_SHARE: f64 = 0.02;
 
-/// One round's iterations of the search, then refining from where it stands and from the estimate `before`.
+/// Runs one round's iterations of the cross-entropy method, then refines its mean, its best sample and the estimate `before`.
 pub(super) fn fit_round(
     cem: &mut Cem,
-    before: Option<&Sample>,
+    before: Option<&ParameterVector>,
     trials: &[Trial],
     config: &EstimateConfig,
     round: usize,
     progress: &dyn Progress,
-) -> Result<Fitted> {
+) -> Result<RoundFit> {
     let coordinates = config.cem.coordinates();
     let simulation = simulation(config, &coordinates);
     let reference = before.cloned().unwrap_or_else(|| cem.estimate());
-    let (mut pieces, mut rollouts) = cut(&reference, trials, config, simulation, progress)?;
-    let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
+    let (mut pieces, mut rollouts) = segment_trials(&reference, trials, config, simulation, progress)?;
+    let mut stream = rng::stream(rng::derive_seed(config.seed, "search", round as u64), "cem");
     let (mut residual, mut best) = (f64::INFINITY, cem.estimate());
     for _ in 0..config.cem.iterations {
         let samples = cem.ask(&mut stream);
         let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
-        let scored = losses_on(&samples, &pieces, simulation, racing, progress)?;
+        let scored = segment_losses(&samples, &pieces, simulation, racing, progress)?;
         rollouts += scored.rollouts;
         for (sample, loss) in samples.iter().zip(&scored.values) {
             if *loss < residual {
@@ -59,72 +59,72 @@ pub(super) fn fit_round(
         cem.tell(&samples, &scored.values);
     }
     if !config.refine {
-        return Ok(Fitted { residual, refined: None, rollouts });
+        return Ok(RoundFit { residual, refined: None, rollouts });
     }
-    let near: Sample = config.cem.deviations().iter().map(|sd| AGAIN * sd).collect();
-    let mut starts = vec![(cem.estimate(), cem.deviations()), (best, near.clone())];
+    let near: ParameterVector = config.cem.prior_sd().iter().map(|sd| RESTART_SD_SHARE * sd).collect();
+    let mut starts = vec![(cem.estimate(), cem.standard_deviations()), (best, near.clone())];
     starts.extend(before.map(|b| (b.clone(), near.clone())));
-    let (mut told, mut found): (Vec<bool>, Option<Refined>) = (Vec::new(), None);
-    // Stretches are cut as seen from an estimate, so a better one is worth another look.
-    let looks = if config.residual == ResidualKind::Shooting { LOOKS } else { 1 };
+    let (mut identified, mut found): (Vec<bool>, Option<RefinedEstimate>) = (Vec::new(), None);
+    // The segments depend on the reference estimate, so a better estimate warrants new segments.
+    let looks = if config.residual == ResidualKind::Shooting { MAX_RESEGMENTATIONS } else { 1 };
     for look in 0..looks {
         let from = found.as_ref().map_or_else(|| cem.estimate(), |f| f.estimate.clone());
         if config.residual == ResidualKind::Shooting {
-            let (again, cost) = cut(&from, trials, config, simulation, progress)?;
-            pieces = again;
+            let (segments_at_estimate, cost) = segment_trials(&from, trials, config, simulation, progress)?;
+            pieces = segments_at_estimate;
             rollouts += cost;
         }
-        let (field, cost) = field(&from, config, &pieces, simulation, progress)?;
+        let (field, cost) = identifiable_bounds(&from, config, &pieces, simulation, progress)?;
         rollouts += cost;
-        told.clone_from(&field.told);
+        identified.clone_from(&field.identifiable);
         if look > 0 {
             starts = vec![(from, near.clone())];
             found = None;
         }
         for (start, reach) in &starts {
-            let refined = refine(start, reach, &field, &pieces, simulation, STEPS[0], progress)?;
+            let refined = refine(start, reach, &field, &pieces, simulation, REFINEMENT_STEPS[0], progress)?;
             rollouts += refined.rollouts;
-            if found.as_ref().is_none_or(|f| refined.beats(f)) {
+            if found.as_ref().is_none_or(|f| refined.fits_better_than(f)) {
                 found = Some(refined);
             }
         }
     }
-    // What the trials do not tell stays where the search has it.
+    // Coordinates that the trials do not identify keep the search's estimate.
     let searched = cem.estimate();
     let refined = found.map(|f| {
-        let of = |j: usize| if told[j] { f.estimate[j] } else { searched[j] };
+        let of = |j: usize| if identified[j] { f.estimate[j] } else { searched[j] };
         (0..searched.len()).map(of).collect()
     });
-    Ok(Fitted { residual, refined, rollouts })
+    Ok(RoundFit { residual, refined, rollouts })
 }
 
-/// What a search has gathered when it ends.
-pub(super) struct Found {
+/// History of a search when it ends.
+pub(super) struct FitHistory {
     pub residuals: Vec<f64>,
-    pub estimates: Vec<Sample>,
-    pub choices: Vec<Choice>,
+    pub estimates: Vec<ParameterVector>,
+    pub choices: Vec<SelectionSummary>,
     pub rollouts: u64,
     pub real_interactions: u64,
-    pub stopped: Stopped,
+    pub stopped: StopReason,
 }
 
-/// Adds intervals to what was found.
+/// The report of a search, with confidence intervals.
 pub(super) fn report_on(
-    estimate: &Sample,
-    spread: &Sample,
+    estimate: &ParameterVector,
+    spread: &ParameterVector,
     trials: &[Trial],
     config: &EstimateConfig,
-    found: Found,
+    found: FitHistory,
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
     let coordinates = config.cem.coordinates();
     let simulation = simulation(config, &coordinates);
-    let (pieces, cut_cost) = cut(estimate, trials, config, simulation, progress)?;
-    let (field, cost) = field(estimate, config, &pieces, simulation, progress)?;
-    let again = || field.prior.iter().map(|sd| AGAIN * sd).collect();
-    let reach: Sample = if config.refine { again() } else { spread.clone() };
-    let refined = refine(estimate, &reach, &field, &pieces, simulation, STEPS[1], progress)?;
-    let mut latents = intervals(estimate, &refined, &field, &coordinates);
+    let (pieces, cut_cost) = segment_trials(estimate, trials, config, simulation, progress)?;
+    let (field, cost) = identifiable_bounds(estimate, config, &pieces, simulation, progress)?;
+    let segments_at_estimate = || field.prior_sd.iter().map(|sd| RESTART_SD_SHARE * sd).collect();
+    let reach: ParameterVector = if config.refine { segments_at_estimate() } else { spread.clone() };
+    let refined = refine(estimate, &reach, &field, &pieces, simulation, REFINEMENT_STEPS[1], progress)?;
+    let mut latents = confidence_intervals(estimate, &refined, &field, &coordinates);
     let effects = latents.split_off(FACTORS.len());
     Ok(EstimateReport {
         latents,
@@ -143,41 +143,43 @@ pub(super) fn report_on(
     })
 }
 
-/// What the trials are compared with the simulation by, seen from `reference`; and the rollouts it took.
-fn cut(
-    reference: &Sample,
+/// Segments of the trials for the configured residual, given the estimate `reference`; and the rollouts used.
+fn segment_trials(
+    reference: &ParameterVector,
     trials: &[Trial],
     config: &EstimateConfig,
     simulation: Simulation,
     progress: &dyn Progress,
-) -> Result<(Vec<Piece>, u64)> {
+) -> Result<(Vec<TrialSegment>, u64)> {
     match config.residual {
-        ResidualKind::Trajectory => Ok((Piece::whole(trials), 0)),
-        ResidualKind::Shooting => stretches(trials, reference, &all(config), simulation, progress),
+        ResidualKind::Trajectory => Ok((TrialSegment::whole_trials(trials), 0)),
+        ResidualKind::Shooting => {
+            shooting_segments(trials, reference, &search_bounds(config), simulation, progress)
+        }
     }
 }
 
-/// Where the latents may lie, and which of them the pieces tell; and the rollouts it took.
-fn field(
-    estimate: &Sample,
+/// Search bounds of the coordinates with those that the segments identify; and the rollouts used.
+fn identifiable_bounds(
+    estimate: &ParameterVector,
     config: &EstimateConfig,
-    pieces: &[Piece],
+    pieces: &[TrialSegment],
     simulation: Simulation,
     progress: &dyn Progress,
-) -> Result<(Field, u64)> {
-    let mut field = all(config);
-    let (told, cost) = told(estimate, &field, pieces, simulation, progress)?;
-    field.told = told;
+) -> Result<(SearchBounds, u64)> {
+    let mut field = search_bounds(config);
+    let (identified, cost) = identifiable_coordinates(estimate, &field, pieces, simulation, progress)?;
+    field.identifiable = identified;
     Ok((field, cost))
 }
 
-/// Where the coordinates may lie, all of them open.
-fn all(config: &EstimateConfig) -> Field {
-    let (prior, limits) = (config.cem.deviations(), config.cem.limits());
-    Field { told: vec![true; prior.len()], prior, limits }
+/// Search bounds with all coordinates marked as identifiable.
+fn search_bounds(config: &EstimateConfig) -> SearchBounds {
+    let (prior, limits) = (config.cem.prior_sd(), config.cem.limits());
+    SearchBounds { identifiable: vec![true; prior.len()], prior_sd: prior, limits }
 }
 
-/// The simulation that the trials are compared with.
-pub(super) fn simulation<'a>(config: &'a EstimateConfig, coordinates: &'a Coordinates) -> Simulation<'a> {
+/// The simulation that is fitted to the trials.
+pub(super) fn simulation<'a>(config: &'a EstimateConfig, coordinates: &'a ParameterSpace) -> Simulation<'a> {
     Simulation { engine: config.engine, effects: &config.effects, coordinates }
 }

@@ -1,66 +1,66 @@
-//! Ways to spend a few real interactions so that plans work: what each leaves known, and what that is worth.
+//! Grounding with a few real interactions: estimates after each checkpoint, for comparing the success of the plans they support.
 //!
-//! The ways are those of [`super::ways`], a strategy's candidates being simulated at the belief's mean, and `acting`: the best planned
-//! attempt at a training task (acting and learning in one loop).
+//! The data-collection methods are those of [`super::acquisition`], with a strategy's candidates simulated at the posterior mean, and
+//! `acting`: the best planned attempt at a training task (acting and learning in one loop).
 //!
-//! After the first [`FIRST`], which no posterior can be drawn of before, what is known is drawn anew after every interaction that a
-//! way bases the next one on. Plans are then made for unseen tasks under what is known.
+//! A posterior needs at least [`MIN_INTERACTIONS`]. After those, it is sampled again after every interaction if the method uses it to
+//! choose the next one. Plans for unseen tasks are then made under the posterior.
 
 use serde::{Deserialize, Serialize};
 
-use super::estimators::{Asked, Estimator, Told, parameters};
-use super::ways::{ASKING, question};
-use crate::design::{DesignConfig, Question, design, parts};
-use crate::error::{Error, Result, within};
-use crate::estimate::belief::PRIOR_DRAWS;
-use crate::estimate::{Belief, Believed};
-use crate::explore::{self, Situation};
+use super::acquisition::{DESIGN_METHODS, question};
+use super::estimators::{Estimator, EstimatorInput, EstimatorOutput, parameters};
+use crate::design::{DesignConfig, Question, design, training_and_test_tasks};
+use crate::error::{Error, Result, check_range};
+use crate::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
+use crate::estimate::{ParameterSample, ParameterSamples};
+use crate::explore::{self, AcquisitionContext};
 use crate::plan::{PlanConfig, plan};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial};
 use crate::rng;
 use crate::task::{Family, Placement, Task, ValidAction};
-use crate::world::{Coordinates, Engine};
+use crate::world::{Engine, ParameterSpace};
 
-/// Interactions before anything can be drawn of them.
-pub const FIRST: usize = 4;
+/// Minimum number of interactions for a posterior.
+pub const MIN_INTERACTIONS: usize = 4;
 
-/// What is spent, and how.
+/// Configuration of a grounding run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroundingConfig {
-    /// `probing`, `success`, `acting`, or a strategy.
+    /// Data-collection method: `probing`, `success`, `acting`, or a strategy.
     pub way: String,
-    /// Which estimator reads them.
+    /// Estimator of the latents.
     #[serde(default)]
     pub estimator: Estimator,
-    /// Real interactions after which what is known is handed over; rising.
+    /// Numbers of real interactions after which an estimate is reported, in increasing order.
     pub checkpoints: Vec<usize>,
-    /// Effects whose parameters are to be known beside the latents.
+    /// Effects whose parameters are estimated in addition to the latents.
     pub set: Vec<String>,
     pub hidden: HiddenConfig,
-    /// Draws of every posterior.
+    /// Number of draws of every posterior.
     pub draws: usize,
-    /// Actions and rollouts of a plan of `acting`.
+    /// Planner configuration of the method `acting`.
     pub plan: PlanConfig,
     pub seed: u64,
 }
 
-/// What is known after some interactions.
+/// Estimate after some interactions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Known {
+pub struct GroundingCheckpoint {
     pub interactions: usize,
-    /// Of them, how many solved the task that they were made in.
+    /// Number of interactions that solved their task.
     pub solved: usize,
-    /// Mean of every number, and standard deviation where there is one.
+    /// Name, mean and, if available, standard deviation of every parameter.
     pub numbers: Vec<(String, f64, Option<f64>)>,
-    /// Whether the draws can be trusted.
+    /// Whether the sampler converged.
     pub converged: bool,
-    /// The draws.
-    pub draws: Vec<Believed>,
+    /// Posterior draws.
+    pub draws: Vec<ParameterSample>,
 }
 
 impl GroundingConfig {
-    /// 5 and 20 interactions seen with 5 mm of noise.
+    /// Standard preset: 5 and 20 interactions, 5 mm of measurement noise.
     pub fn standard(way: &str, hidden: HiddenConfig, set: &[String], seed: u64) -> GroundingConfig {
         let plan =
             PlanConfig { actions: 2000, rollouts: Some(15_000), exact: 1, ..PlanConfig::standard(seed) };
@@ -76,117 +76,127 @@ impl GroundingConfig {
         }
     }
 
-    /// Errors name what cannot be.
+    /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
-        // A strategy that needs a performance surface has none here.
+        // No performance surface is available here.
         let known = explore::REGISTRY.iter().filter(|s| !s.needs_importance()).map(|s| s.name());
-        let asking = ASKING.iter().map(|(name, _)| *name);
-        let ways: Vec<&str> = asking.chain([ACTING]).chain(known).collect();
+        let asking = DESIGN_METHODS.iter().map(|(name, _)| *name);
+        let ways: Vec<&str> = asking.chain([BEST_PLAN]).chain(known).collect();
         if !ways.contains(&self.way.as_str()) {
             let allowed = format!("one of {}", ways.join(", "));
             return Err(Error::input("way", format!("{:?}", self.way), allowed));
         }
-        if !self.estimator.draws() && BY_DRAWS.contains(&self.way.as_str()) {
-            let allowed =
-                format!("another way, or an estimator that draws: {} is a point", self.estimator.name());
+        if !self.estimator.draws() && POSTERIOR_METHODS.contains(&self.way.as_str()) {
+            let allowed = format!(
+                "another method, or an estimator with posterior draws; {} gives a point estimate",
+                self.estimator.name()
+            );
             return Err(Error::input("way", format!("{:?}", self.way), allowed));
         }
         if self.checkpoints.is_empty() || !self.checkpoints.is_sorted_by(|a, b| a < b) {
-            return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "rising numbers"));
+            return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "increasing numbers"));
         }
         for (i, checkpoint) in self.checkpoints.iter().enumerate() {
-            within(&format!("checkpoints[{i}]"), *checkpoint as f64, FIRST as f64, 1000.0)?;
+            check_range(&format!("checkpoints[{i}]"), *checkpoint as f64, MIN_INTERACTIONS as f64, 1000.0)?;
         }
-        within("draws", self.draws as f64, 64.0, 100_000.0)?;
-        self.plan.validate().map_err(|e| e.under("plan"))
+        check_range("draws", self.draws as f64, 64.0, 100_000.0)?;
+        self.plan.validate().map_err(|e| e.in_field("plan"))
     }
 }
 
-/// The way that is of plans.
-const ACTING: &str = "acting";
+/// Name of the method that acts on plans.
+const BEST_PLAN: &str = "acting";
 
-/// Ways that go by how sure numbers are.
-const BY_DRAWS: [&str; 3] = ["probing", "success", "informative"];
+/// Methods that use the posterior's spread.
+const POSTERIOR_METHODS: [&str; 3] = ["probing", "success", "informative"];
 
-/// Spends interactions on a family's training tasks; what is known at every checkpoint.
-pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress) -> Result<Vec<Known>> {
+/// Runs a data-collection method on a family's training tasks and reports an estimate at every checkpoint.
+pub fn ground(
+    family: &Family,
+    config: &GroundingConfig,
+    progress: &dyn Progress,
+) -> Result<Vec<GroundingCheckpoint>> {
     config.validate()?;
     let tasks = family.tasks();
-    let (training, asked) = parts(&tasks);
+    let (training, asked) = training_and_test_tasks(&tasks);
     if training.is_empty() {
         let allowed = "a family with certified tasks";
         return Err(Error::input("task", format!("{:?}", family.name), allowed));
     }
-    let mut spent = Spent { family, config, training, asked, trials: Vec::new(), solved: 0 };
+    let mut spent = GroundingRun { family, config, training, asked, trials: Vec::new(), solved: 0 };
     let mut world = HiddenWorld::new(config.hidden.clone())?;
-    let mut belief =
-        Belief::of_sets(family.prior, std::slice::from_ref(&config.set), PRIOR_DRAWS, config.seed)?;
+    let mut belief = ParameterSamples::prior_over_sets(
+        family.prior,
+        std::slice::from_ref(&config.set),
+        PRIOR_SAMPLE_COUNT,
+        config.seed,
+    )?;
     let mut found = Vec::new();
-    // What is known matters to a way only if it looks at it.
+    // Random selection does not use the posterior.
     let blind = config.way == "random";
     for checkpoint in &config.checkpoints {
         while spent.trials.len() < *checkpoint {
             let room = checkpoint - spent.trials.len();
             let count = if blind {
                 room
-            } else if spent.trials.len() < FIRST {
-                FIRST
+            } else if spent.trials.len() < MIN_INTERACTIONS {
+                MIN_INTERACTIONS
             } else {
                 1
             };
             let chosen = spent.choose(&belief, count.min(room), progress)?;
             if chosen.is_empty() {
-                let why = format!("no action of {} was found that can be placed", family.name);
+                let why = format!("found no placeable action for {}", family.name);
                 return Err(Error::Failed(why));
             }
             for (task, action) in chosen {
                 spent.measure(&mut world, task, action)?;
             }
-            if !blind && (FIRST..*checkpoint).contains(&spent.trials.len()) {
-                belief = spent.known(progress)?.1;
+            if !blind && (MIN_INTERACTIONS..*checkpoint).contains(&spent.trials.len()) {
+                belief = spent.checkpoint(progress)?.1;
             }
         }
-        let (known, drawn) = spent.known(progress)?;
+        let (known, drawn) = spent.checkpoint(progress)?;
         belief = drawn;
         found.push(known);
     }
     Ok(found)
 }
 
-/// A grounding under way.
-struct Spent<'a> {
+/// State of a grounding run.
+struct GroundingRun<'a> {
     family: &'a Family,
     config: &'a GroundingConfig,
     training: Vec<Task>,
-    /// Tasks whose success is asked about.
+    /// Tasks whose success the design should predict.
     asked: Vec<Task>,
     trials: Vec<Trial>,
     solved: usize,
 }
 
-impl Spent<'_> {
-    /// The next actions, each with the number of its task.
+impl GroundingRun<'_> {
+    /// The next actions, each with the index of its task.
     fn choose(
         &self,
-        belief: &Belief,
+        belief: &ParameterSamples,
         count: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<(usize, ValidAction)>> {
-        let seed = rng::derive(self.config.seed, "grounding", self.trials.len() as u64);
+        let seed = rng::derive_seed(self.config.seed, "grounding", self.trials.len() as u64);
         let way = self.config.way.as_str();
-        if way == ACTING {
-            return self.attempts(belief, count, progress);
+        if way == BEST_PLAN {
+            return self.plan_attempts(belief, count, progress);
         }
         match question(way)? {
-            Some(question) => self.designed(question, belief, count, seed, progress),
-            None => self.ranked(way, belief, count, seed, progress),
+            Some(question) => self.design_batch(question, belief, count, seed, progress),
+            None => self.rank_candidates(way, belief, count, seed, progress),
         }
     }
 
-    fn designed(
+    fn design_batch(
         &self,
         question: Question,
-        belief: &Belief,
+        belief: &ParameterSamples,
         count: usize,
         seed: u64,
         progress: &dyn Progress,
@@ -200,61 +210,61 @@ impl Spent<'_> {
     }
 
     /// The best planned attempt at each of the next training tasks.
-    fn attempts(
+    fn plan_attempts(
         &self,
-        belief: &Belief,
+        belief: &ParameterSamples,
         count: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<(usize, ValidAction)>> {
         let first = self.trials.len();
         let mut chosen = Vec::with_capacity(count);
         for k in first..first + count {
-            // The golden ratio walks over tasks without coming back soon.
+            // Golden-ratio sequence: spreads the attempts evenly over tasks.
             let task = (k as f64 * 0.618_033_988_75).fract() * self.training.len() as f64;
             let task = task as usize;
             let setup = PlanConfig {
-                seed: rng::derive(self.config.seed, "attempt", k as u64),
+                seed: rng::derive_seed(self.config.seed, "attempt", k as u64),
                 ..self.config.plan.clone()
             };
-            let found = plan(&self.training[task], belief, &setup, &crate::budget::Endless, progress)?;
+            let found = plan(&self.training[task], belief, &setup, &crate::budget::Unlimited, progress)?;
             chosen.extend(found.ranked.into_iter().next().map(|r| (task, r.action)));
         }
         Ok(chosen)
     }
 
-    /// As a strategy ranks candidates on the simulation at the belief's mean.
-    fn ranked(
+    /// Selects candidates by a strategy in the simulation at the posterior mean.
+    fn rank_candidates(
         &self,
         strategy: &str,
-        belief: &Belief,
+        belief: &ParameterSamples,
         count: usize,
         seed: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<(usize, ValidAction)>> {
         let parameters = parameters(&self.config.set)?;
-        let coordinates = Coordinates::new(&parameters);
-        let of = |world: &Believed, i: usize| world.number(&coordinates.name(i)).unwrap_or(0.0);
-        let spread = |draws: &[Believed]| -> (Vec<f64>, Vec<f64>) {
+        let coordinates = ParameterSpace::new(&parameters);
+        let of = |world: &ParameterSample, i: usize| world.value(&coordinates.name(i)).unwrap_or(0.0);
+        let spread = |draws: &[ParameterSample]| -> (Vec<f64>, Vec<f64>) {
             (0..coordinates.len())
-                .map(|i| moments(&draws.iter().map(|d| of(d, i)).collect::<Vec<_>>()))
+                .map(|i| mean_and_sd(&draws.iter().map(|d| of(d, i)).collect::<Vec<_>>()))
                 .unzip()
         };
         let (estimate, deviations) = spread(belief.draws());
-        let prior = Belief::of_sets(
+        let prior = ParameterSamples::prior_over_sets(
             self.family.prior,
             std::slice::from_ref(&self.config.set),
-            PRIOR_DRAWS,
+            PRIOR_SAMPLE_COUNT,
             self.config.seed,
         )?;
         let (_, before) = spread(prior.draws());
-        let world = explore::World {
+        let world = explore::CandidateSimulation {
             latents: coordinates.latents(&estimate),
             effects: coordinates.effects(&estimate, &[]),
             engine: Engine::Auto,
         };
         let mut stream = rng::stream(seed, "grounding candidates");
-        let candidates = explore::candidates(&self.training, 400, &world, &mut stream, progress)?;
-        let situation = Situation {
+        let candidates = explore::simulate_candidates(&self.training, 400, &world, &mut stream, progress)?;
+        let situation = AcquisitionContext {
             tasks: &self.training,
             candidates: &candidates,
             world: &world,
@@ -266,7 +276,7 @@ impl Spent<'_> {
             importance: None,
             progress,
         };
-        let chosen = explore::strategy(strategy)?.choose(&situation, count)?;
+        let chosen = explore::strategy(strategy)?.select(&situation, count)?;
         let of = |i: &usize| (candidates[*i].task, candidates[*i].action.clone());
         Ok(chosen.indices.iter().map(of).collect())
     }
@@ -283,9 +293,9 @@ impl Spent<'_> {
         Ok(())
     }
 
-    /// What the trials so far say.
-    fn known(&self, progress: &dyn Progress) -> Result<(Known, Belief)> {
-        let asked = Asked {
+    /// Estimate from the trials so far.
+    fn checkpoint(&self, progress: &dyn Progress) -> Result<(GroundingCheckpoint, ParameterSamples)> {
+        let asked = EstimatorInput {
             prior: self.family.prior,
             base: &self.training[0].scene,
             set: &self.config.set,
@@ -294,9 +304,10 @@ impl Spent<'_> {
             noise: self.config.hidden.noise,
             seed: self.config.seed,
         };
-        let Told { numbers, converged, draws } = asked.told(self.config.estimator, &self.trials, progress)?;
-        let belief = Belief::of_draws(draws)?;
-        let known = Known {
+        let EstimatorOutput { numbers, converged, draws } =
+            asked.estimate(self.config.estimator, &self.trials, progress)?;
+        let belief = ParameterSamples::from_draws(draws)?;
+        let known = GroundingCheckpoint {
             interactions: self.trials.len(),
             solved: self.solved,
             numbers,
@@ -308,7 +319,7 @@ impl Spent<'_> {
 }
 
 /// Mean and standard deviation.
-pub(super) fn moments(values: &[f64]) -> (f64, f64) {
+pub(super) fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt())
@@ -317,7 +328,7 @@ pub(super) fn moments(values: &[f64]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Silent;
+    use crate::progress::NoProgress;
     use crate::reality::standard;
     use crate::task::family;
 
@@ -326,27 +337,27 @@ mod tests {
         let set = ["linear_drag".to_string()];
         let usual = GroundingConfig::standard(way, standard(family), &set, 3);
         let plan = PlanConfig { actions: 200, draws: 8, rollouts: Some(1000), ..usual.plan };
-        GroundingConfig { checkpoints: vec![FIRST], draws: 64, plan, ..usual }
+        GroundingConfig { checkpoints: vec![MIN_INTERACTIONS], draws: 64, plan, ..usual }
     }
 
-    /// Whatever way four interactions are spent, the drag that is there is found, and the same is found again.
+    /// Four interactions recover the drag for every method, and the result is deterministic.
     #[test]
-    fn four_interactions_tell_the_drag() {
+    fn four_interactions_recover_drag() {
         let family = family("basketball").unwrap();
         for way in ["random", "acting", "informative"] {
-            let found = ground(family, &small(way), &Silent).unwrap();
+            let found = ground(family, &small(way), &NoProgress).unwrap();
             let [known] = found.as_slice() else { panic!("{found:?}") };
-            assert_eq!((known.interactions, known.draws.len()), (FIRST, 64), "{way}");
+            assert_eq!((known.interactions, known.draws.len()), (MIN_INTERACTIONS, 64), "{way}");
             let (_, mean, sd) = known.numbers.iter().find(|n| n.0 == "linear_drag.c").unwrap();
             let truth = -libm::log(0.8);
             assert!((mean - truth).abs() < 0.02 && sd.unwrap() < 0.02, "{way}: {mean} +- {sd:?}");
         }
-        let again = |way| ground(family, &small(way), &Silent).unwrap();
+        let again = |way| ground(family, &small(way), &NoProgress).unwrap();
         assert_eq!(again("random"), again("random"));
     }
 
     #[test]
-    fn what_cannot_be_spent_is_refused_by_name() {
+    fn rejects_invalid_configuration() {
         let refused = |config: GroundingConfig, name: &str| {
             let error = config.validate().unwrap_err().to_string();
             assert!(error.contains(name), "{error}");

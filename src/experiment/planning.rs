@@ -1,72 +1,78 @@
-//! Plans in the hidden world: what ranking by rollouts under a belief is worth, and whether its probabilities are true.
+//! Evaluation of plans in the hidden world: success of the ranking by posterior rollouts, and calibration of its probabilities.
 //!
-//! A plan's order is tried as a policy's is (PHYRE's protocol). What it predicts is held against the hidden world on actions
-//! of every likelihood, not on the best alone: some from each tenth of the order's share, each predicted from fresh draws,
-//! then done once in the hidden world as it was in the simulation: moved a little, and failed if it cannot be placed so.
+//! A plan's ranking is evaluated like a policy's (PHYRE's protocol). Calibration uses actions of all success probabilities, not only
+//! the best ones: some actions per decile of the ranking's success share. Each is predicted from fresh draws and then carried out once
+//! in the hidden world with the same actuation noise as in simulation; an action that cannot be placed counts as a failure.
 
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
-use super::tryout::try_out;
-use crate::budget::{Budget, Endless};
+use super::hidden_evaluation::evaluate_in_hidden_world;
+use crate::budget::{Budget, Unlimited};
 use crate::error::Result;
-use crate::estimate::Belief;
-use crate::plan::{Calibration, Copies, Plan, PlanConfig, Planner, calibration, plan};
+use crate::estimate::ParameterSamples;
+use crate::plan::{Calibration, PerturbedRollouts, Plan, PlanConfig, PlanPolicy, calibration, plan};
 use crate::policy::Evaluation;
-use crate::progress::{Progress, Silent};
+use crate::progress::{NoProgress, Progress};
 use crate::reality::{HiddenConfig, HiddenWorld, Reality};
 use crate::rng;
 use crate::task::{Task, ValidAction};
 
-/// What is tried.
+/// Configuration of plan evaluations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanningConfig {
     pub plan: PlanConfig,
-    /// Where orders are tried.
+    /// Hidden world in which rankings are evaluated.
     pub hidden: HiddenConfig,
-    /// Actions of each tenth of a plan's shares whose predicted success is held against the hidden world's.
+    /// Actions per decile of predicted success that are compared with the hidden world.
     pub predictions: usize,
 }
 
-/// A task's plan, tried.
+/// Evaluation of a task's plan in the hidden world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PlannedTask {
-    /// The attempt that solved it, from 1; `None` if none of 100 did.
+pub struct PlanEvaluation {
+    /// Number of the first solving attempt, from 1; `None` if none of 100 solves the task.
     pub solved_at: Option<usize>,
-    /// Copies tried for the plan.
+    /// Rollouts simulated for the plan.
     pub rollouts: usize,
-    /// Whether the plan's best are exact.
+    /// Whether the plan's best actions were evaluated on all draws.
     pub complete: bool,
-    /// (predicted probability, whether it succeeded).
+    /// Pairs of predicted success probability and observed success.
     pub predictions: Vec<(f64, bool)>,
 }
 
-/// Planned tasks condensed.
+/// Summary over tasks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanningScore {
     /// In [0, 1].
     pub auccess: f64,
-    /// Share of the tasks that the first attempt solved.
+    /// Share of tasks that the first attempt solved.
     pub first: f64,
-    /// Share of the tasks whose plan was complete.
+    /// Share of tasks with a complete plan.
     pub complete: f64,
-    /// Predicted against real success; without predictions, of nothing.
+    /// Calibration of predicted success; empty without predictions.
     pub calibration: Calibration,
 }
 
-/// Plans a task under a belief and tries the order in the hidden world.
-pub fn plan_and_try(
+/// Plans a task under posterior samples and evaluates the ranking in the hidden world.
+pub fn evaluate_plan(
     task: &Task,
-    belief: &Belief,
+    belief: &ParameterSamples,
     config: &PlanningConfig,
     time: &dyn Budget,
     progress: &dyn Progress,
-) -> Result<PlannedTask> {
+) -> Result<PlanEvaluation> {
     let found = plan(task, belief, &config.plan, time, progress)?;
-    let planner = Planner::new("a belief", std::slice::from_ref(&found));
+    let planner = PlanPolicy::new("a belief", std::slice::from_ref(&found));
     let candidates = config.plan.candidates();
-    let tried = try_out(&planner, std::slice::from_ref(task), &config.hidden, &candidates, &Silent)?;
-    Ok(PlannedTask {
+    let tried = evaluate_in_hidden_world(
+        &planner,
+        std::slice::from_ref(task),
+        &config.hidden,
+        &candidates,
+        &NoProgress,
+    )?;
+    Ok(PlanEvaluation {
         solved_at: tried.solved_at.first().copied().flatten(),
         rollouts: found.rollouts,
         complete: found.complete,
@@ -74,9 +80,9 @@ pub fn plan_and_try(
     })
 }
 
-/// What planned tasks come to; NaN of none.
-pub fn score(tasks: &[PlannedTask]) -> PlanningScore {
-    let share = |of: &dyn Fn(&PlannedTask) -> bool| {
+/// Summary of plan evaluations; NaN without tasks.
+pub fn score(tasks: &[PlanEvaluation]) -> PlanningScore {
+    let share = |of: &dyn Fn(&PlanEvaluation) -> bool| {
         tasks.iter().filter(|t| of(t)).count() as f64 / tasks.len() as f64
     };
     let predictions: Vec<(f64, bool)> = tasks.iter().flat_map(|t| t.predictions.iter().copied()).collect();
@@ -88,41 +94,45 @@ pub fn score(tasks: &[PlannedTask]) -> PlanningScore {
     }
 }
 
-/// Predicted and real success of actions of every likelihood.
+/// Predicted and observed success for actions of all success probabilities.
 fn predictions(
     task: &Task,
-    belief: &Belief,
+    belief: &ParameterSamples,
     plan: &Plan,
     config: &PlanningConfig,
     progress: &dyn Progress,
 ) -> Result<Vec<(f64, bool)>> {
-    let copies = Copies::new(task, belief, &config.plan);
-    // The hand that acts in the hidden world trembles in its own way.
-    let seed = rng::derive(config.plan.seed, "hand", 0);
-    let hand = Copies::new(task, belief, &PlanConfig { seed, ..config.plan.clone() });
+    let copies = PerturbedRollouts::new(task, belief, &config.plan);
+    // Independent actuation noise for the hidden world.
+    let seed = rng::derive_seed(config.plan.seed, "hand", 0);
+    let hand = PerturbedRollouts::new(task, belief, &PlanConfig { seed, ..config.plan.clone() });
     let mut world = HiddenWorld::new(HiddenConfig { budget: None, ..config.hidden.clone() })?;
-    let chosen = chosen(plan, config);
+    let chosen = select_actions(plan, config);
     let mut found = Vec::with_capacity(chosen.len());
     for (i, action) in chosen.iter().enumerate() {
         progress.report("predicted against real success", i as u64, chosen.len() as u64)?;
         let draws = copies.draws();
         let fresh: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
-        let solving = copies.solve(&fresh, &Endless)?.into_iter().filter(|s| *s).count();
-        let done = world.measure(task, &[hand.moved(action, i % draws)])?.pop();
+        let solving = copies.solve(&fresh, &Unlimited)?.into_iter().filter(|s| *s).count();
+        let done = world.measure(task, &[hand.perturbed_action(action, i % draws)])?.pop();
         let solved = done.and_then(|a| a.trajectory).is_some_and(|t| t.solved());
         found.push((solving as f64 / draws as f64, solved));
     }
     Ok(found)
 }
 
-/// Some actions of each tenth of the plan's shares, in a seed's order.
-fn chosen<'a>(plan: &'a Plan, config: &PlanningConfig) -> Vec<&'a ValidAction> {
-    let seed = rng::derive(config.plan.seed, &plan.task, 0);
+/// Actions from each decile of the plan's success shares, in random order.
+fn select_actions<'a>(plan: &'a Plan, config: &PlanningConfig) -> Vec<&'a ValidAction> {
+    let seed = rng::derive_seed(config.plan.seed, &plan.task, 0);
     let mut stream = rng::stream(seed, "planning predictions");
     let of = |tenth: usize| {
         let within = |share: f64| ((share * 10.0) as usize).min(9) == tenth;
-        let mut own: Vec<&ValidAction> =
-            plan.ranked.iter().filter(|r| within(r.raced.share())).map(|r| &r.action).collect();
+        let mut own: Vec<&ValidAction> = plan
+            .ranked
+            .iter()
+            .filter(|r| within(r.ranking_count.smoothed_share()))
+            .map(|r| &r.action)
+            .collect();
         own.shuffle(&mut stream);
         own.truncate(config.predictions);
         own
@@ -136,18 +146,18 @@ mod tests {
     use crate::reality::standard;
     use crate::task::family;
 
-    /// Planned with the truth, a task is solved at once, and what is predicted happens.
+    /// Plans under the true parameters solve tasks within few attempts, and their predictions are calibrated.
     #[test]
-    fn the_truth_plans_well() {
+    fn true_parameters_give_good_plans() {
         let family = family("basketball").unwrap();
         let hidden = standard(family);
         let truth = HiddenWorld::new(hidden.clone()).unwrap().reveal();
-        let belief = Belief::point(truth.latents, truth.effects).unwrap();
+        let belief = ParameterSamples::point(truth.latents, truth.effects).unwrap();
         let plan = PlanConfig { actions: 1500, draws: 8, ..PlanConfig::standard(1) };
         let config = PlanningConfig { plan, hidden, predictions: 6 };
         let tasks = family.tasks();
-        let run = |task| plan_and_try(task, &belief, &config, &Endless, &Silent).unwrap();
-        let found: Vec<PlannedTask> = tasks[..3].iter().map(run).collect();
+        let run = |task| evaluate_plan(task, &belief, &config, &Unlimited, &NoProgress).unwrap();
+        let found: Vec<PlanEvaluation> = tasks[..3].iter().map(run).collect();
         assert!(found.iter().all(|t| t.complete && t.solved_at.is_some_and(|k| k <= 3)), "{found:?}");
         let score = score(&found);
         assert!(score.auccess > 0.9 && score.calibration.error < 0.2, "{score:?}");

@@ -1,61 +1,60 @@
-//! The story in one run: a hidden world, exploration, estimate, policies, transfer, a table.
+//! End-to-end experiment: a hidden world, exploration, estimation, training of policies, transfer, and a table of results.
 //!
 //! Source: Semage et al., the jump-start comparison of their bowling experiment, with the baselines domain
 //! randomisation and true latents.
 //!
-//! Differences from the source: policies rank the test tasks' actions right after transfer (the jump start)
-//! and do not learn on; a row for random ranking shows the floor, and one for the true latents *and* the true
-//! unmodelled effect shows what a perfect simulation would bring. Past the paper, the trials are diagnosed: what the
-//! simulation lacks is named, added, and its worth in transfer shown.
+//! Differences from the source: policies are evaluated on the test tasks right after transfer (the jump start) and not trained further.
+//! Additional rows are a random baseline and a perfect simulation (the true latents *and* the true unmodelled effect). Beyond the paper,
+//! the trials are diagnosed: the missing effect is named and added to the simulation, and its benefit in transfer is measured.
 
 use serde::{Deserialize, Serialize};
 
-use super::extension::{self, Extension, diagnosed};
-use super::stages::Named;
-use super::tryout::try_out;
+use super::extension::{self, Extension, diagnose_trials};
+use super::hidden_evaluation::evaluate_in_hidden_world;
+use super::progress_prefix::PrefixedProgress;
 use super::{EstimateConfig, EstimateReport, Round, Workflow, refit, run};
-use crate::discover::Finding;
-use crate::error::{Result, within};
+use crate::discover::DiagnosisResult;
+use crate::error::{Result, check_range};
 use crate::policy::{
-    EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, label, train,
+    EvaluateConfig, Evaluation, LabelConfig, Policy, RandomPolicy, TrainConfig, TrainingPhysics, label, train,
 };
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Split, Task, split};
-use crate::world::DRAG;
+use crate::world::LINEAR_DRAG;
 use crate::world::Latents;
 
-/// What is run.
+/// Configuration of the experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QuickstartConfig {
     /// Name of the task family.
     pub family: String,
-    /// One repetition of the whole story for each.
+    /// Seeds, one repetition of the experiment each.
     pub seeds: Vec<u64>,
     /// The estimation; its seed is replaced by each of `seeds`.
     pub estimate: EstimateConfig,
-    /// How training actions are labelled.
+    /// Labelling of training actions.
     pub label: LabelConfig,
-    /// How policies are trained.
+    /// Training of policies.
     pub train: TrainConfig,
-    /// How they are tried out.
+    /// Evaluation of policies.
     pub evaluate: EvaluateConfig,
 }
 
-/// The result: one row per way of getting a policy.
+/// Results: one row per method.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct QuickstartReport {
-    pub rows: Vec<Row>,
+    pub rows: Vec<QuickstartRow>,
     /// One estimation per seed.
     pub estimates: Vec<EstimateReport>,
     /// The same trials fitted again with linear drag in the simulation, per seed.
     pub extensions: Vec<EstimateReport>,
-    /// What the same trials' diagnosis says the simulation lacks, per seed.
+    /// Extension by a diagnosis of the same trials, per seed.
     pub diagnoses: Vec<Extension>,
-    /// What was hidden, revealed after everything else was done.
+    /// True parameters, revealed at the end.
     pub truth: Truth,
     /// (stage, seconds), summed over seeds.
     pub seconds: Vec<(String, f64)>,
@@ -63,20 +62,20 @@ pub struct QuickstartReport {
     pub version: String,
 }
 
-/// One way of getting a policy, and how it did on the test tasks of the real world.
+/// Performance of one method on the test tasks of the real world.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Row {
-    /// Which way.
+pub struct QuickstartRow {
+    /// Method.
     pub method: Method,
     /// AUCCESS for each seed, [0, 1].
     pub auccess: Vec<f64>,
     /// (100,) share of test tasks solved within k attempts, averaged over seeds.
     pub curve: Vec<f64>,
-    /// Real interactions spent before the policy was tried, for each seed.
+    /// Real interactions before the evaluation of the policy, for each seed.
     pub real_interactions: Vec<u64>,
 }
 
-/// A way of getting a policy.
+/// Method to obtain a policy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -86,10 +85,10 @@ pub enum Method {
     DomainRandomisation,
     /// Trained in the simulation grounded by the workflow.
     Iplw,
-    /// Trained in a simulation grounded by the workflow with linear drag fitted along: past the paper.
+    /// Beyond the paper: trained in a simulation grounded by the workflow with linear drag fitted.
     IplwWithDrag,
-    /// Trained in a simulation grounded by the workflow and extended by what a diagnosis of its trials named: past the
-    /// paper. Where nothing was named it is the workflow's simulation.
+    /// Beyond the paper: trained in a simulation grounded by the workflow and extended by a diagnosis of its trials. Without a
+    /// diagnosed effect it is the workflow's simulation.
     IplwDiagnosed,
     /// Trained in a simulation with the true latents.
     TrueLatents,
@@ -97,49 +96,49 @@ pub enum Method {
     TruePhysics,
 }
 
-/// What the story leaves besides numbers, from the first seed.
-pub struct Keepsakes {
+/// Artifacts of the first seed.
+pub struct QuickstartArtifacts {
     /// Trials of the exploration.
     pub trials: Vec<Trial>,
-    /// The scene that goes with all of them, and what their diagnosis found.
-    pub diagnosed: (Scene, Finding),
+    /// Scene common to all trials, and their diagnosis.
+    pub diagnosed: (Scene, DiagnosisResult),
     /// The rounds of the estimation.
     pub rounds: Vec<Round>,
-    /// Every way of getting a policy, in the order of [`QuickstartReport::rows`].
-    pub schooled: Vec<Schooled>,
+    /// Policies of all methods, in the order of [`QuickstartReport::rows`].
+    pub policies: Vec<TrainedPolicy>,
 }
 
-/// A policy, how it came about and how it did.
-pub struct Schooled {
+/// A policy with its training and evaluation.
+pub struct TrainedPolicy {
     pub method: Method,
     pub policy: Box<dyn Policy>,
-    /// What it learned; `None` for one that ranks at random.
-    pub lesson: Option<Lesson>,
+    /// Training record; `None` for the random baseline.
+    pub training: Option<TrainingRecord>,
     pub evaluation: Evaluation,
 }
 
-/// What a policy learned, and from what.
-pub struct Lesson {
-    pub training: Training,
+/// Training data and loss of a policy.
+pub struct TrainingRecord {
+    pub training: TrainingPhysics,
     pub labels: LabelConfig,
     pub setup: TrainConfig,
-    /// Labelled actions, and how many of them solve their task.
+    /// Numbers of labelled actions and of solving ones.
     pub examples: usize,
     pub solving: usize,
     /// (batches,) binary cross-entropy, nats.
     pub loss: Vec<f32>,
 }
 
-impl Keepsakes {
+impl QuickstartArtifacts {
     /// The policy trained in the grounded simulation.
     pub fn policy(&self) -> &dyn Policy {
-        let ours = self.schooled.iter().find(|s| s.method == Method::Iplw);
+        let ours = self.policies.iter().find(|s| s.method == Method::Iplw);
         ours.expect("one of the methods is ours").policy.as_ref()
     }
 }
 
 impl Method {
-    /// For tables.
+    /// Title in tables.
     pub fn title(self) -> &'static str {
         match self {
             Method::Random => "random ranking",
@@ -153,7 +152,7 @@ impl Method {
     }
 }
 
-impl Row {
+impl QuickstartRow {
     /// Mean AUCCESS over seeds and its standard error (`None` for a single seed).
     pub fn mean(&self) -> (f64, Option<f64>) {
         let n = self.auccess.len() as f64;
@@ -163,17 +162,17 @@ impl Row {
     }
 }
 
-/// Runs the story against hidden worlds made from `hidden`. `clock` gives seconds from any origin.
+/// Runs the experiment in hidden worlds with configuration `hidden`. `clock` returns seconds from an arbitrary origin.
 pub fn quickstart(
     tasks: &[Task],
     hidden: &HiddenConfig,
     config: &QuickstartConfig,
     clock: &dyn Fn() -> f64,
     progress: &dyn Progress,
-) -> Result<(QuickstartReport, Keepsakes)> {
-    within("seeds", config.seeds.len() as f64, 1.0, 1000.0)?;
+) -> Result<(QuickstartReport, QuickstartArtifacts)> {
+    check_range("seeds", config.seeds.len() as f64, 1.0, 1000.0)?;
     config.estimate.validate()?;
-    let mut story = Story {
+    let mut experiment = QuickstartRun {
         training: split(tasks, Split::Train),
         test: split(tasks, Split::Test),
         hidden,
@@ -181,36 +180,37 @@ pub fn quickstart(
         config,
         stopwatch: Stopwatch { clock, laps: Vec::new() },
     };
-    let mut rows: Vec<(Row, Vec<Evaluation>)> = Vec::new();
-    let (mut estimates, mut extensions, mut diagnoses, mut keepsakes) =
+    let mut rows: Vec<(QuickstartRow, Vec<Evaluation>)> = Vec::new();
+    let (mut estimates, mut extensions, mut diagnoses, mut artifacts) =
         (Vec::new(), Vec::new(), Vec::new(), None);
     for (n, seed) in config.seeds.iter().enumerate() {
-        let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
-        let told = story.told(*seed, &staged)?;
-        for (method, evaluation, interactions) in told.tried {
-            take_down(&mut rows, method, evaluation, interactions);
+        let seed_progress =
+            PrefixedProgress { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
+        let result = experiment.run_seed(*seed, &seed_progress)?;
+        for (method, evaluation, interactions) in result.policies {
+            record_evaluation(&mut rows, method, evaluation, interactions);
         }
-        estimates.push(told.estimate);
-        extensions.push(told.with_drag);
-        diagnoses.push(told.extension);
-        keepsakes = keepsakes.or(Some(told.keepsakes));
+        estimates.push(result.estimate);
+        extensions.push(result.with_drag);
+        diagnoses.push(result.extension);
+        artifacts = artifacts.or(Some(result.artifacts));
     }
-    let rows = rows.into_iter().map(|(row, evaluations)| averaged(row, &evaluations)).collect();
+    let rows = rows.into_iter().map(|(row, evaluations)| average_row(row, &evaluations)).collect();
     let report = QuickstartReport {
         rows,
         estimates,
         extensions,
         diagnoses,
-        truth: story.truth,
-        seconds: story.stopwatch.laps,
+        truth: experiment.truth,
+        seconds: experiment.stopwatch.laps,
         config: config.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
     };
-    Ok((report, keepsakes.expect("at least one seed was run")))
+    Ok((report, artifacts.expect("at least one seed was run")))
 }
 
-/// What is the same for every seed.
-struct Story<'a> {
+/// Data shared by all seeds.
+struct QuickstartRun<'a> {
     training: Vec<Task>,
     test: Vec<Task>,
     hidden: &'a HiddenConfig,
@@ -219,19 +219,19 @@ struct Story<'a> {
     stopwatch: Stopwatch<'a>,
 }
 
-/// The story of one seed.
-struct Told {
+/// Result of one seed.
+struct SeedResult {
     estimate: EstimateReport,
     /// The same trials fitted again with linear drag in the simulation.
     with_drag: EstimateReport,
     extension: Extension,
-    /// Every way of getting a policy, how it did, and the real interactions it cost.
-    tried: Vec<(Method, Evaluation, u64)>,
-    keepsakes: Keepsakes,
+    /// Method, evaluation and real interactions of each policy.
+    policies: Vec<(Method, Evaluation, u64)>,
+    artifacts: QuickstartArtifacts,
 }
 
-impl Story<'_> {
-    fn told(&mut self, seed: u64, progress: &dyn Progress) -> Result<Told> {
+impl QuickstartRun<'_> {
+    fn run_seed(&mut self, seed: u64, progress: &dyn Progress) -> Result<SeedResult> {
         let mut world = HiddenWorld::new(HiddenConfig { seed, ..self.hidden.clone() })?;
         let setup = EstimateConfig { seed, ..self.config.estimate.clone() };
         let mut rounds = Vec::new();
@@ -243,82 +243,92 @@ impl Story<'_> {
             })?;
             Ok((workflow.report(progress)?, workflow.trials().to_vec()))
         })?;
-        let spent = world.interactions();
-        let with_drag = extend(&trials, &setup, &mut self.stopwatch, progress)?;
+        let interactions_used = world.interactions();
+        let with_drag = refit_with_drag(&trials, &setup, &mut self.stopwatch, progress)?;
         let found = Latents::of(report.values());
-        let named = Named { inner: progress, name: "what the simulation lacks".into() };
-        let (scene, finding) = self.stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
+        let stage_progress = PrefixedProgress { inner: progress, name: "what the simulation lacks".into() };
+        let (scene, finding) =
+            self.stopwatch.time("diagnose", || diagnose_trials(&trials, &setup, &stage_progress))?;
         let extension = self.stopwatch.time("fit in the extended simulation", || {
-            extension::extended(&finding, &trials, &setup, found, &named)
+            extension::extend_simulation(&finding, &trials, &setup, found, &stage_progress)
         })?;
         let (mut tried, mut all) = (Vec::new(), Vec::new());
-        for (method, schooling) in [
+        for (method, physics) in [
             (Method::Random, None),
-            (Method::DomainRandomisation, Some(Training::paper_randomised(Vec::new()))),
-            (Method::Iplw, Some(fixed(found, &[]))),
-            (Method::IplwWithDrag, Some(fixed(Latents::of(with_drag.values()), &with_drag.extension()))),
-            (Method::IplwDiagnosed, Some(fixed(extension.latents, &extension.effects))),
-            (Method::TrueLatents, Some(fixed(self.truth.latents, &[]))),
-            (Method::TruePhysics, Some(fixed(self.truth.latents, &self.truth.effects))),
+            (Method::DomainRandomisation, Some(TrainingPhysics::paper_randomised(Vec::new()))),
+            (Method::Iplw, Some(fixed_physics(found, &[]))),
+            (
+                Method::IplwWithDrag,
+                Some(fixed_physics(Latents::of(with_drag.values()), &with_drag.extension())),
+            ),
+            (Method::IplwDiagnosed, Some(fixed_physics(extension.latents, &extension.effects))),
+            (Method::TrueLatents, Some(fixed_physics(self.truth.latents, &[]))),
+            (Method::TruePhysics, Some(fixed_physics(self.truth.latents, &self.truth.effects))),
         ] {
-            let named = Named { inner: progress, name: method.title().into() };
-            let (policy, lesson) = self.schooled(schooling, seed, &named)?;
+            let stage_progress = PrefixedProgress { inner: progress, name: method.title().into() };
+            let (policy, lesson) = self.train_policy(physics, seed, &stage_progress)?;
             let evaluation = self.stopwatch.time("transfer and evaluate", || {
-                try_out(policy.as_ref(), &self.test, self.hidden, &self.config.evaluate, &named)
+                evaluate_in_hidden_world(
+                    policy.as_ref(),
+                    &self.test,
+                    self.hidden,
+                    &self.config.evaluate,
+                    &stage_progress,
+                )
             })?;
             let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
-            tried.push((method, evaluation.clone(), if from_trials { spent } else { 0 }));
-            all.push(Schooled { method, policy, lesson, evaluation });
+            tried.push((method, evaluation.clone(), if from_trials { interactions_used } else { 0 }));
+            all.push(TrainedPolicy { method, policy, training: lesson, evaluation });
         }
-        let keepsakes = Keepsakes { trials, diagnosed: (scene, finding), rounds, schooled: all };
-        Ok(Told { estimate: report, with_drag, extension, tried, keepsakes })
+        let artifacts = QuickstartArtifacts { trials, diagnosed: (scene, finding), rounds, policies: all };
+        Ok(SeedResult { estimate: report, with_drag, extension, policies: tried, artifacts })
     }
 
-    /// A policy trained in a simulation, or one that ranks at random.
-    fn schooled(
+    /// A policy trained in simulation, or the random baseline.
+    fn train_policy(
         &mut self,
-        schooling: Option<Training>,
+        physics: Option<TrainingPhysics>,
         seed: u64,
         progress: &dyn Progress,
-    ) -> Result<(Box<dyn Policy>, Option<Lesson>)> {
-        let Some(training) = schooling else { return Ok((Box::new(Random { seed }), None)) };
-        let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..self.config.label.clone() };
+    ) -> Result<(Box<dyn Policy>, Option<TrainingRecord>)> {
+        let Some(training) = physics else { return Ok((Box::new(RandomPolicy { seed }), None)) };
+        let labels = LabelConfig { seed: rng::derive_seed(seed, "label", 0), ..self.config.label.clone() };
         let data =
             self.stopwatch.time("label actions", || label(&self.training, &training, &labels, progress))?;
         let setup = TrainConfig { seed, ..self.config.train.clone() };
         let (dqn, log) = self.stopwatch.time("train policies", || train(&data, &setup, progress))?;
         let (examples, solving) = (data.rows.len(), data.solving());
-        let lesson = Lesson { training, labels, setup, examples, solving, loss: log.loss };
+        let lesson = TrainingRecord { training, labels, setup, examples, solving, loss: log.loss };
         Ok((Box::new(dqn), Some(lesson)))
     }
 }
 
-/// Fits the trials that the workflow measured once more, with linear drag in the simulation; costs no further
-/// real interaction.
-fn extend(
+/// Refits the workflow's trials with linear drag in the simulation, without further real interactions.
+fn refit_with_drag(
     trials: &[Trial],
     config: &EstimateConfig,
     stopwatch: &mut Stopwatch,
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
     let mut config = config.clone();
-    config.cem.fit_along(DRAG);
-    let named = Named { inner: progress, name: "with drag".into() };
-    stopwatch.time("fit again with drag", || refit(trials, &config, &named))
+    config.cem.add_free_parameter(LINEAR_DRAG);
+    let stage_progress = PrefixedProgress { inner: progress, name: "with drag".into() };
+    stopwatch.time("fit again with drag", || refit(trials, &config, &stage_progress))
 }
 
-fn fixed(latents: Latents, effects: &[EffectTerm]) -> Training {
-    Training::Fixed { latents, effects: effects.to_vec() }
+fn fixed_physics(latents: Latents, effects: &[EffectTerm]) -> TrainingPhysics {
+    TrainingPhysics::Fixed { latents, effects: effects.to_vec() }
 }
 
-fn take_down(
-    rows: &mut Vec<(Row, Vec<Evaluation>)>,
+fn record_evaluation(
+    rows: &mut Vec<(QuickstartRow, Vec<Evaluation>)>,
     method: Method,
     evaluation: Evaluation,
     interactions: u64,
 ) {
     let at = rows.iter().position(|(r, _)| r.method == method).unwrap_or_else(|| {
-        let row = Row { method, auccess: Vec::new(), curve: Vec::new(), real_interactions: Vec::new() };
+        let row =
+            QuickstartRow { method, auccess: Vec::new(), curve: Vec::new(), real_interactions: Vec::new() };
         rows.push((row, Vec::new()));
         rows.len() - 1
     });
@@ -327,14 +337,14 @@ fn take_down(
     rows[at].1.push(evaluation);
 }
 
-fn averaged(mut row: Row, evaluations: &[Evaluation]) -> Row {
+fn average_row(mut row: QuickstartRow, evaluations: &[Evaluation]) -> QuickstartRow {
     let n = evaluations.len() as f64;
     let attempts = evaluations[0].curve.len();
     row.curve = (0..attempts).map(|k| evaluations.iter().map(|e| e.curve[k]).sum::<f64>() / n).collect();
     row
 }
 
-/// Sums seconds by stage.
+/// Accumulates seconds per stage.
 struct Stopwatch<'a> {
     clock: &'a dyn Fn() -> f64,
     laps: Vec<(String, f64)>,

@@ -1,53 +1,53 @@
-//! What an estimation found.
+//! Report of an estimation.
 
 use serde::{Deserialize, Serialize};
 
-use super::choice::Choice;
 use super::config::EstimateConfig;
+use super::selection_summary::SelectionSummary;
 use crate::estimate::LatentEstimate;
 use crate::task::scene::EffectTerm;
-use crate::world::Sample;
+use crate::world::ParameterVector;
 
-/// What an estimation found.
+/// Report of an estimation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimateReport {
-    /// In the order of `world::latent::FACTORS`.
+    /// Latents, in the order of `world::latent::FACTORS`.
     pub latents: Vec<LatentEstimate>,
     /// Residual of the best sample of each round, m^2 per trajectory.
     pub residuals: Vec<f64>,
-    /// Effects fitted along with the latents; empty unless asked for.
+    /// Fitted effect parameters; empty if none was requested.
     pub effects: Vec<LatentEstimate>,
-    /// Estimate after each round: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s), 0 where it is not
-    /// fitted, then what else is fitted along, in the order of `config.cem.fit`.
-    pub estimates: Vec<Sample>,
-    /// What the strategy chose in each round.
-    pub choices: Vec<Choice>,
-    /// Valid attempts this estimation cost in the real world.
+    /// Estimate after each round: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s; 0 if it is not fitted), then
+    /// the other fitted parameters in the order of `config.cem.fit`.
+    pub estimates: Vec<ParameterVector>,
+    /// Summary of each round's selection.
+    pub choices: Vec<SelectionSummary>,
+    /// Real interactions (valid attempts) used.
     pub real_interactions: u64,
     /// Rollouts simulated.
     pub rollouts: u64,
-    /// Why it ended.
-    pub stopped: Stopped,
-    /// Wall-clock seconds; filled in by whoever has a clock.
+    /// Reason for stopping.
+    pub stopped: StopReason,
+    /// Wall-clock time, s; set by the caller.
     pub seconds: Option<f64>,
     pub strategy: String,
     pub seed: u64,
     pub config: EstimateConfig,
-    /// Version of this program.
+    /// Version of the program.
     pub version: String,
 }
 
-/// Why an estimation ended.
+/// Reason why an estimation ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stopped {
-    /// All rounds were run.
+pub enum StopReason {
+    /// All rounds are complete.
     Rounds,
-    /// The estimate no longer moved.
+    /// The estimate converged.
     Settled,
-    /// The real world's budget was spent.
+    /// The budget of real interactions is spent.
     Budget,
-    /// It has not: more could be measured.
+    /// Not ended: more rounds are possible.
     Unfinished,
 }
 
@@ -57,10 +57,10 @@ impl EstimateReport {
         std::array::from_fn(|i| self.latents[i].value)
     }
 
-    /// The effects that were fitted along, as a simulation takes them.
+    /// The fitted effects, as terms for a simulation.
     pub fn extension(&self) -> Vec<EffectTerm> {
         let mut terms: Vec<EffectTerm> = Vec::new();
-        for (own, found) in self.config.cem.fitted().iter().zip(&self.effects) {
+        for (own, found) in self.config.cem.free_parameters().iter().zip(&self.effects) {
             let given = self.config.effects.iter().find(|term| term.name == own.effect.name);
             let known = terms.iter().position(|term| term.name == own.effect.name);
             let at = known.unwrap_or_else(|| {

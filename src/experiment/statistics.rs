@@ -1,4 +1,4 @@
-//! Means over repetitions, with honest uncertainty.
+//! Means over repetitions with confidence intervals.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,37 +8,37 @@ use crate::distribution::t_quantile;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub mean: f64,
-    /// Of the mean; `None` for a single repetition.
+    /// Standard error of the mean; `None` for a single repetition.
     pub standard_error: Option<f64>,
-    /// Half the width of the 95 % interval by Student's t; `None` for a single repetition.
+    /// Half-width of the 95 % confidence interval by Student's t; `None` for a single repetition.
     pub half_width: Option<f64>,
-    /// Repetitions.
+    /// Number of repetitions.
     pub n: usize,
 }
 
-/// What can be said of a claim.
+/// Verdict on a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum ClaimVerdict {
     Reproduced,
     NotReproduced,
-    /// Neither, and whatever difference there is, is smaller than what would matter.
+    /// Neither, and the difference is smaller than the relevant one.
     Small,
     Undecided,
 }
 
-/// A claim of the source, and what was found.
+/// A claim of the source with the observed result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
-    /// What is claimed.
+    /// Text of the claim.
     pub text: String,
-    /// The number it is judged by.
+    /// Observed figures.
     pub figure: String,
-    pub verdict: Verdict,
+    pub verdict: ClaimVerdict,
 }
 
 impl Summary {
-    /// Of at least one value.
+    /// Summary of at least one value.
     pub fn of(values: &[f64]) -> Summary {
         let n = values.len();
         let mean = values.iter().sum::<f64>() / n as f64;
@@ -51,20 +51,20 @@ impl Summary {
         Summary { mean, standard_error: Some(error), half_width, n }
     }
 
-    /// Whether the mean is above zero, below it, or cannot be told from it, with 95 % confidence.
-    pub fn above_zero(&self) -> Verdict {
+    /// Whether the mean is above zero, below zero, or not significantly different, with 95 % confidence.
+    pub fn above_zero(&self) -> ClaimVerdict {
         match self.half_width {
-            Some(w) if self.mean - w > 0.0 => Verdict::Reproduced,
-            Some(w) if self.mean + w < 0.0 => Verdict::NotReproduced,
-            _ => Verdict::Undecided,
+            Some(w) if self.mean - w > 0.0 => ClaimVerdict::Reproduced,
+            Some(w) if self.mean + w < 0.0 => ClaimVerdict::NotReproduced,
+            _ => ClaimVerdict::Undecided,
         }
     }
 
-    /// As [`Summary::above_zero`]; where the mean cannot be told from zero, whether it lies within `matters` of it.
-    pub fn above_zero_by(&self, matters: f64) -> Verdict {
+    /// As [`Summary::above_zero`]; if the mean is not significant, tests whether its interval lies within `matters` of zero.
+    pub fn above_zero_by(&self, matters: f64) -> ClaimVerdict {
         let within = self.half_width.is_some_and(|w| self.mean.abs() + w < matters);
         match self.above_zero() {
-            Verdict::Undecided if within => Verdict::Small,
+            ClaimVerdict::Undecided if within => ClaimVerdict::Small,
             decided => decided,
         }
     }
@@ -78,14 +78,14 @@ impl Summary {
     }
 }
 
-impl Verdict {
-    /// For tables.
+impl ClaimVerdict {
+    /// Title for tables.
     pub fn title(self) -> &'static str {
         match self {
-            Verdict::Reproduced => "reproduced",
-            Verdict::NotReproduced => "not reproduced",
-            Verdict::Small => "small",
-            Verdict::Undecided => "undecided",
+            ClaimVerdict::Reproduced => "reproduced",
+            ClaimVerdict::NotReproduced => "not reproduced",
+            ClaimVerdict::Small => "small",
+            ClaimVerdict::Undecided => "undecided",
         }
     }
 }
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn intervals_by_hand() {
+    fn matches_analytic_intervals() {
         let s = Summary::of(&[1.0, 2.0, 3.0, 4.0]);
         assert_eq!((s.mean, s.n), (2.5, 4));
         let error = (5.0f64 / 3.0 / 4.0).sqrt();
@@ -105,15 +105,15 @@ mod tests {
     }
 
     #[test]
-    fn verdicts_need_evidence() {
-        assert_eq!(Summary::of(&[1.0, 1.1, 0.9]).above_zero(), Verdict::Reproduced);
-        assert_eq!(Summary::of(&[-1.0, -1.1, -0.9]).above_zero(), Verdict::NotReproduced);
-        assert_eq!(Summary::of(&[1.0, -1.1, 0.9]).above_zero(), Verdict::Undecided);
-        assert_eq!(Summary::of(&[1.0]).above_zero(), Verdict::Undecided);
+    fn verdicts_require_significance() {
+        assert_eq!(Summary::of(&[1.0, 1.1, 0.9]).above_zero(), ClaimVerdict::Reproduced);
+        assert_eq!(Summary::of(&[-1.0, -1.1, -0.9]).above_zero(), ClaimVerdict::NotReproduced);
+        assert_eq!(Summary::of(&[1.0, -1.1, 0.9]).above_zero(), ClaimVerdict::Undecided);
+        assert_eq!(Summary::of(&[1.0]).above_zero(), ClaimVerdict::Undecided);
         let level = Summary::of(&[0.01, -0.01, 0.012, -0.008, 0.001]);
-        assert_eq!(level.above_zero_by(0.03), Verdict::Small);
-        assert_eq!(level.above_zero_by(0.01), Verdict::Undecided);
-        assert_eq!(Summary::of(&[0.01, 0.011, 0.009]).above_zero_by(0.03), Verdict::Reproduced);
-        assert_eq!(Summary::of(&[0.0]).above_zero_by(0.03), Verdict::Undecided);
+        assert_eq!(level.above_zero_by(0.03), ClaimVerdict::Small);
+        assert_eq!(level.above_zero_by(0.01), ClaimVerdict::Undecided);
+        assert_eq!(Summary::of(&[0.01, 0.011, 0.009]).above_zero_by(0.03), ClaimVerdict::Reproduced);
+        assert_eq!(Summary::of(&[0.0]).above_zero_by(0.03), ClaimVerdict::Undecided);
     }
 }

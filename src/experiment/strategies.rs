@@ -1,80 +1,80 @@
-//! The strategies compared: error of each identifiable latent against real interactions spent.
+//! Comparison of strategies: error of each identifiable latent as a function of real interactions.
 //!
-//! Source: Semage et al., their comparison of action selection strategies: 10 rounds of 50 interactions, five
-//! seeds. Differences from the source: errors of the latents are compared, not only what a policy makes of them;
-//! each strategy is run in two hidden worlds, one that the simulation can match and one with the drag that it
-//! lacks, which shows how far estimates are pulled to make up for it; and arms past the paper stand beside it.
+//! Source: Semage et al., comparison of action selection strategies: 10 rounds of 50 interactions, five seeds.
+//! Differences from the source: errors of the latents are compared, not only the performance of policies. Each strategy is
+//! run in two hidden worlds, one that the simulation can match and one with drag that it lacks, which shows the bias of
+//! estimates due to the missing effect. Additional arms go beyond the paper.
 //!
-//! The work is cut into [`Cell`]s, one estimation each, so that whoever runs it can keep them and go on later.
+//! The experiment consists of [`StrategyCell`]s, one estimation each, so that the caller can store them and resume.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::statistics::{Claim, Summary, Verdict};
-use super::{Choice, EstimateConfig, Memory, ResidualKind, Workflow, run};
+use super::statistics::{Claim, ClaimVerdict, Summary};
+use super::{EstimateConfig, Memory, ResidualKind, SelectionSummary, Workflow, run};
 use crate::error::{Error, Result};
 use crate::estimate::{CemConfig, LatentEstimate};
 use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
-use crate::task::{Family, Nearer, Split, split};
-use crate::world::DRAG;
-use crate::world::Sample;
+use crate::task::{EstimateClaim, Family, Split, split};
+use crate::world::LINEAR_DRAG;
+use crate::world::ParameterVector;
 use crate::world::latent::{FACTORS, factor_index};
 
-/// What is run.
+/// Configuration of the comparison.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StrategiesConfig {
     /// Name of the task family.
     pub family: String,
-    /// One repetition for each.
+    /// Seeds, one repetition each.
     pub seeds: Vec<u64>,
     pub arms: Vec<Arm>,
-    pub natures: Vec<Nature>,
+    pub natures: Vec<WorldVariant>,
 }
 
-/// One way to estimate; its seed is replaced by each of the experiment's.
+/// One arm of the experiment; the seed of its configuration is replaced by each of the experiment's seeds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arm {
-    /// For tables and files.
+    /// Name in tables and files.
     pub name: String,
     pub estimate: EstimateConfig,
 }
 
-/// The hidden world an arm is run in.
+/// Variant of the hidden world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Nature {
-    /// The family's true latents and nothing else: the simulation can match it.
+pub enum WorldVariant {
+    /// The family's true latents without further effects: the simulation can match it.
     Matching,
-    /// With the drag of the paper's real world (kept 0.8 of velocity per second), which the simulation lacks.
+    /// With the drag of the paper's real world (damping 0.8 per second), which the simulation lacks.
     Damped,
 }
 
-/// One estimation of one arm.
+/// Result of one estimation: an arm in one variant of the hidden world with one seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Cell {
+pub struct StrategyCell {
     pub arm: String,
-    pub nature: Nature,
+    pub nature: WorldVariant,
     pub seed: u64,
     /// Real interactions after each round.
     pub interactions: Vec<u64>,
     /// Estimate after each round.
-    pub estimates: Vec<Sample>,
-    /// With intervals, at the end.
+    pub estimates: Vec<ParameterVector>,
+    /// Final estimates with confidence intervals.
     pub latents: Vec<LatentEstimate>,
-    pub choices: Vec<Choice>,
+    pub choices: Vec<SelectionSummary>,
     pub rollouts: u64,
 }
 
-/// Errors of one latent over seeds, after some interactions.
+/// Errors of one latent over seeds, after a number of interactions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorRow {
     pub arm: String,
-    pub nature: Nature,
+    pub nature: WorldVariant,
     /// Name of the factor.
     pub factor: String,
     /// Mean real interactions over seeds.
@@ -83,17 +83,17 @@ pub struct ErrorRow {
     pub error: f64,
     /// Its standard error; `None` for a single seed.
     pub standard_error: Option<f64>,
-    /// Mean over seeds of estimate - truth: where it is pulled to.
+    /// Bias: mean over seeds of estimate - truth.
     pub bias: f64,
     /// Number of seeds.
     pub seeds: usize,
 }
 
-/// Latents that the family's trials can tell: friction and restitution.
-pub const TOLD: [usize; 2] = [1, 2];
+/// Factors that the family's trials identify: friction and restitution.
+pub const IDENTIFIABLE_FACTORS: [usize; 2] = [1, 2];
 
 impl StrategiesConfig {
-    /// As the issue of the paper: every strategy with the paper's preset, 10 rounds of 50; and ours with few.
+    /// The paper's experiment: every strategy with the paper's preset, 10 rounds of 50; and the low-budget arms.
     pub fn paper(family: &Family) -> StrategiesConfig {
         let paper = |name: &str| Arm {
             name: name.to_string(),
@@ -106,16 +106,16 @@ impl StrategiesConfig {
                 estimate: EstimateConfig { memory: Memory::All, ..EstimateConfig::paper(family.prior) },
             });
         }
-        arms.extend(few(family));
+        arms.extend(low_budget_arms(family));
         StrategiesConfig {
             family: family.name.into(),
             seeds: vec![50, 100, 150, 500, 1000],
             arms,
-            natures: vec![Nature::Damped, Nature::Matching],
+            natures: vec![WorldVariant::Damped, WorldVariant::Matching],
         }
     }
 
-    /// A small run of the same shape, for a look.
+    /// A reduced configuration for a quick run.
     pub fn quick(family: &Family) -> StrategiesConfig {
         let mut config = StrategiesConfig::paper(family);
         config.seeds.truncate(2);
@@ -128,16 +128,16 @@ impl StrategiesConfig {
         config
     }
 
-    /// Errors name what is wrong.
+    /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
         if self.seeds.is_empty() || self.arms.is_empty() || self.natures.is_empty() {
             return Err(Error::input("seeds, arms or natures", "empty", "at least one of each"));
         }
-        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.under(&a.name)))
+        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.in_field(&a.name)))
     }
 
     /// All cells to run: (arm, nature, seed).
-    pub fn cells(&self) -> Vec<(&Arm, Nature, u64)> {
+    pub fn cells(&self) -> Vec<(&Arm, WorldVariant, u64)> {
         let mut all = Vec::new();
         for nature in &self.natures {
             for arm in &self.arms {
@@ -154,34 +154,34 @@ impl StrategiesConfig {
 }
 
 impl Arm {
-    /// Whether its strategy needs a performance surface.
+    /// Whether the arm's strategy needs a performance surface.
     pub fn needs_importance(&self) -> bool {
-        super::ways::needs_importance(&self.estimate.strategy).unwrap_or(false)
+        super::acquisition::needs_importance(&self.estimate.strategy).unwrap_or(false)
     }
 }
 
-impl Nature {
-    /// For tables.
+impl WorldVariant {
+    /// Title in tables.
     pub fn title(self) -> &'static str {
         match self {
-            Nature::Matching => "no drag",
-            Nature::Damped => "damping 0.8",
+            WorldVariant::Matching => "no drag",
+            WorldVariant::Damped => "damping 0.8",
         }
     }
 
-    /// The hidden world.
+    /// Configuration of the hidden world.
     pub fn hidden(self, family: &Family, seed: u64) -> HiddenConfig {
         let standard = standard(family);
         let effects = match self {
-            Nature::Matching => Vec::new(),
-            Nature::Damped => standard.effects.clone(),
+            WorldVariant::Matching => Vec::new(),
+            WorldVariant::Damped => standard.effects.clone(),
         };
         HiddenConfig { effects, seed, ..standard }
     }
 }
 
-/// Arms past the paper: a tenth of the interactions, five a round.
-fn few(family: &Family) -> Vec<Arm> {
+/// Arms beyond the paper: a tenth of the interactions, five per round.
+fn low_budget_arms(family: &Family) -> Vec<Arm> {
     let base = EstimateConfig {
         rounds: 10,
         actions: 5,
@@ -201,32 +201,32 @@ fn few(family: &Family) -> Vec<Arm> {
     let (whole, shot) = (ResidualKind::Trajectory, ResidualKind::Shooting);
     vec![
         arm("mixed, 5 a round", "mixed", whole, None),
-        arm(OURS, "informative", shot, None),
+        arm(PROPOSED_ARM, "informative", shot, None),
         arm(
             "informative, shooting, drag fitted, 5 a round",
             "informative",
             shot,
-            Some(DRAG.parameter().prior()),
+            Some(LINEAR_DRAG.parameter().weak_prior()),
         ),
     ]
 }
 
-/// Runs one cell. `importance` is what the strategy `gradient` needs.
-pub fn cell(
+/// Runs one cell. The strategy `gradient` needs `importance`.
+pub fn run_strategy_cell(
     family: &Family,
     arm: &Arm,
-    nature: Nature,
+    nature: WorldVariant,
     seed: u64,
     importance: Option<Arc<dyn Importance>>,
     progress: &dyn Progress,
-) -> Result<Cell> {
+) -> Result<StrategyCell> {
     let training = split(&family.tasks(), Split::Train);
     let config = EstimateConfig { seed, ..arm.estimate.clone() };
     let mut reality = HiddenWorld::new(nature.hidden(family, seed))?;
     let mut workflow = Workflow::new(&training, &config, importance)?;
     run(&mut workflow, &mut reality, progress, &mut |_| Ok(()))?;
     let report = workflow.report(progress)?;
-    Ok(Cell {
+    Ok(StrategyCell {
         arm: arm.name.clone(),
         nature,
         seed,
@@ -239,13 +239,13 @@ pub fn cell(
 }
 
 /// Errors by arm, nature, factor and round, in that order.
-pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
+pub fn errors(family: &Family, cells: &[StrategyCell]) -> Vec<ErrorRow> {
     let truth = standard(family).latents.values();
     let mut rows = Vec::new();
     for (arm, nature) in groups(cells) {
-        let mine: Vec<&Cell> = cells.iter().filter(|c| c.arm == arm && c.nature == nature).collect();
+        let mine: Vec<&StrategyCell> = cells.iter().filter(|c| c.arm == arm && c.nature == nature).collect();
         let rounds = mine.iter().map(|c| c.estimates.len()).min().unwrap_or(0);
-        for i in TOLD {
+        for i in IDENTIFIABLE_FACTORS {
             let Some(truth) = truth[i] else { continue };
             for round in 0..rounds {
                 let off: Vec<f64> = mine.iter().map(|c| c.estimates[round][i] - truth).collect();
@@ -268,28 +268,29 @@ pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
     rows
 }
 
-/// What the cells say of the paper's claims about the family's estimates, and of ours. Errors are in units of the
-/// prior's standard deviation, averaged over the claim's factors; paired by seed.
-pub fn claims(family: &Family, config: &StrategiesConfig, cells: &[Cell]) -> Vec<Claim> {
-    let of = |nature: &Nature| {
-        let scores = Scores { family, seeds: &config.seeds, cells, nature: *nature };
-        let stated: Vec<Claim> = family.claims.estimates.iter().filter_map(|c| scores.nearer(c)).collect();
-        stated.into_iter().chain(scores.with_a_tenth())
+/// Verdicts on the paper's claims about the family's estimates, and on those of this project. Errors are in units of the
+/// prior's standard deviation, averaged over the claim's factors, and paired by seed.
+pub fn claims(family: &Family, config: &StrategiesConfig, cells: &[StrategyCell]) -> Vec<Claim> {
+    let of = |nature: &WorldVariant| {
+        let scores = ArmErrors { family, seeds: &config.seeds, cells, nature: *nature };
+        let stated: Vec<Claim> =
+            family.claims.estimates.iter().filter_map(|c| scores.accuracy_claim(c)).collect();
+        stated.into_iter().chain(scores.sample_efficiency_claim())
     };
     config.natures.iter().flat_map(of).collect()
 }
 
-/// Errors in one hidden world.
-struct Scores<'a> {
+/// Errors of all arms in one variant of the hidden world.
+struct ArmErrors<'a> {
     family: &'a Family,
     seeds: &'a [u64],
-    cells: &'a [Cell],
-    nature: Nature,
+    cells: &'a [StrategyCell],
+    nature: WorldVariant,
 }
 
-impl Scores<'_> {
-    /// Whether an arm's estimates are nearer than another's; `None` where one of them was not run.
-    fn nearer(&self, claim: &Nearer) -> Option<Claim> {
+impl ArmErrors<'_> {
+    /// Verdict on whether one arm's estimates are more accurate than another's; `None` if one of them is missing.
+    fn accuracy_claim(&self, claim: &EstimateClaim) -> Option<Claim> {
         let factors: Vec<usize> = claim.factors.iter().filter_map(|f| factor_index(f).ok()).collect();
         let [better, worse] = [claim.better, claim.worse].map(|arm| self.errors(arm, &factors, None));
         if better.is_empty() || better.len() != worse.len() {
@@ -310,64 +311,76 @@ impl Scores<'_> {
         })
     }
 
-    /// Whether our arm reaches the accuracy of the paper's with a tenth of its interactions.
-    fn with_a_tenth(&self) -> Option<Claim> {
-        let (paper, ours) = (self.errors("mixed", &TOLD, None), self.errors(OURS, &TOLD, None));
+    /// Verdict on whether [`PROPOSED_ARM`] reaches the accuracy of the paper's arm with a tenth of its interactions.
+    fn sample_efficiency_claim(&self) -> Option<Claim> {
+        let (paper, ours) = (
+            self.errors("mixed", &IDENTIFIABLE_FACTORS, None),
+            self.errors(PROPOSED_ARM, &IDENTIFIABLE_FACTORS, None),
+        );
         if paper.is_empty() || ours.is_empty() {
             return None;
         }
         let wanted = Summary::of(&paper).mean;
         let rounds =
-            self.cells.iter().filter(|c| c.arm == OURS).map(|c| c.estimates.len()).min().unwrap_or(0);
-        let reached = (0..rounds).find(|r| Summary::of(&self.errors(OURS, &TOLD, Some(*r))).mean <= wanted);
-        let enough = reached.is_some_and(|r| self.spent(OURS, Some(r)) <= 50.0);
+            self.cells.iter().filter(|c| c.arm == PROPOSED_ARM).map(|c| c.estimates.len()).min().unwrap_or(0);
+        let reached = (0..rounds).find(|r| {
+            Summary::of(&self.errors(PROPOSED_ARM, &IDENTIFIABLE_FACTORS, Some(*r))).mean <= wanted
+        });
+        let enough = reached.is_some_and(|r| self.spent(PROPOSED_ARM, Some(r)) <= 50.0);
         let nature = self.nature.title();
         Some(Claim {
-            text: format!("{nature}: past the paper, {OURS} reaches the accuracy of mixed with a tenth"),
+            text: format!(
+                "{nature}: past the paper, {PROPOSED_ARM} reaches the accuracy of mixed with a tenth"
+            ),
             figure: format!(
                 "mixed {wanted:.4} after {:.0} interactions; ours {:.4} after {:.0}, there first after {}",
                 self.spent("mixed", None),
                 Summary::of(&ours).mean,
-                self.spent(OURS, None),
-                reached.map_or("none".into(), |r| format!("{:.0}", self.spent(OURS, Some(r))))
+                self.spent(PROPOSED_ARM, None),
+                reached.map_or("none".into(), |r| format!("{:.0}", self.spent(PROPOSED_ARM, Some(r))))
             ),
-            verdict: if enough { Verdict::Reproduced } else { Verdict::NotReproduced },
+            verdict: if enough { ClaimVerdict::Reproduced } else { ClaimVerdict::NotReproduced },
         })
     }
 
-    /// An arm's error after a round (the last if none is given), averaged over `factors`, for each seed that was run.
+    /// An arm's error after a round (default: the last), averaged over `factors`, for each available seed.
     fn errors(&self, arm: &str, factors: &[usize], round: Option<usize>) -> Vec<f64> {
         let of = |seed: &u64| {
-            let cell = self.mine(arm).find(|c| c.seed == *seed)?;
+            let cell = self.cells_of(arm).find(|c| c.seed == *seed)?;
             let estimate = round.map_or(cell.estimates.last(), |r| cell.estimates.get(r))?;
-            Some(factors.iter().map(|i| off(self.family, estimate, *i)).sum::<f64>() / factors.len() as f64)
+            Some(
+                factors.iter().map(|i| normalised_error(self.family, estimate, *i)).sum::<f64>()
+                    / factors.len() as f64,
+            )
         };
         self.seeds.iter().filter_map(of).collect()
     }
 
-    /// An arm's mean real interactions up to a round.
+    /// Mean number of an arm's real interactions up to a round.
     fn spent(&self, arm: &str, round: Option<usize>) -> f64 {
-        let of = |c: &Cell| round.map_or(c.interactions.last(), |r| c.interactions.get(r)).map(|n| *n as f64);
-        Summary::of(&self.mine(arm).filter_map(of).collect::<Vec<_>>()).mean
+        let of = |c: &StrategyCell| {
+            round.map_or(c.interactions.last(), |r| c.interactions.get(r)).map(|n| *n as f64)
+        };
+        Summary::of(&self.cells_of(arm).filter_map(of).collect::<Vec<_>>()).mean
     }
 
-    fn mine(&self, arm: &str) -> impl Iterator<Item = &Cell> {
+    fn cells_of(&self, arm: &str) -> impl Iterator<Item = &StrategyCell> {
         self.cells.iter().filter(move |c| c.arm == arm && c.nature == self.nature)
     }
 }
 
-/// |estimate - truth| of a factor, in standard deviations of the prior.
-fn off(family: &Family, estimate: &Sample, factor: usize) -> f64 {
+/// |estimate - truth| of a factor, in units of the prior's standard deviation.
+fn normalised_error(family: &Family, estimate: &ParameterVector, factor: usize) -> f64 {
     let truth = standard(family).latents.values()[factor].unwrap_or(f64::NAN);
     (estimate[factor] - truth).abs() / family.prior[factor].1
 }
 
-/// The arm past the paper.
-pub const OURS: &str = "informative, shooting, 5 a round";
+/// Name of this project's main arm.
+pub const PROPOSED_ARM: &str = "informative, shooting, 5 a round";
 
 /// The (arm, nature) pairs there are, in order of appearance.
-fn groups(cells: &[Cell]) -> Vec<(&str, Nature)> {
-    let mut found: Vec<(&str, Nature)> = Vec::new();
+fn groups(cells: &[StrategyCell]) -> Vec<(&str, WorldVariant)> {
+    let mut found: Vec<(&str, WorldVariant)> = Vec::new();
     for cell in cells {
         if !found.contains(&(cell.arm.as_str(), cell.nature)) {
             found.push((&cell.arm, cell.nature));
@@ -381,9 +394,9 @@ mod tests {
     use super::*;
     use crate::task::families;
 
-    /// A claim about an arm that is not run, or about a factor that there is not, would be left out silently.
+    /// A claim about a missing arm or factor would be omitted silently.
     #[test]
-    fn a_family_is_judged_by_its_own_claims_and_each_can_be_checked() {
+    fn every_claim_refers_to_existing_arms_and_factors() {
         for family in families() {
             let config = StrategiesConfig::paper(family);
             for claim in family.claims.estimates {

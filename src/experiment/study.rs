@@ -1,40 +1,40 @@
-//! The paper's transfer figures: policies grounded in different ways, compared in one hidden world.
+//! The paper's transfer experiments: policies from different sources, compared in one hidden world.
 //!
 //! Source: Semage et al., experiments on bowling and basketball: estimates from 5 seeds, 3 learning trials each.
-//! A [`Study`] is what is compared; it is cut into [`Estimated`] and [`Transfer`] cells, so that whoever runs it
-//! can keep them and go on later. Uncertainty counts estimate seeds, not learning trials, as repetitions: trials
-//! that share an estimate are not independent.
+//! A [`Study`] defines the comparison; it consists of [`ArmEstimate`] and [`Transfer`] cells, so that the caller can store them and
+//! resume. Repetitions for the standard errors are estimate seeds, not learning trials, since trials that share an estimate are not
+//! independent.
 //!
-//! Differences from the source: every estimate seed has a fold of its own (the tasks dealt anew to training and test, as
-//! PHYRE does), so that intervals hold for other tasks, too: with a single split, one hard test task of five decides.
-//! The first experiment's search draws 200 samples a round, not 1000. Rows past the paper stand beside it (a
-//! simulation extended by what a diagnosis finds, or by the drag that it lacks, fitted along; the real world's own ranking).
+//! Differences from the source: every estimate seed has its own fold (a new split of the tasks into training and test, as in PHYRE), so
+//! that confidence intervals generalise to other tasks; with a single split, one hard test task of five would dominate. The first
+//! experiment's search draws 200 samples per round instead of 1000. Additional rows go beyond the paper: a simulation extended by a
+//! diagnosis or by fitted drag, and the real world's own ranking.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::extension::{self, Extension, diagnosed};
-use super::past_point::{self, BY_POLICIES, POLICIES, PastPoint};
-pub use super::rows::{Row, SMALL_AUCCESS};
-use super::rows::{ahead, near_the_oracle};
+use super::extension::{self, Extension, diagnose_trials};
+use super::posterior_training::{self, POLICIES, POLICY_CLAIMS, PosteriorTrainingData};
+pub use super::rows::{MIN_RELEVANT_AUCCESS_DIFFERENCE, StudyRow};
+use super::rows::{jump_start_claim, oracle_claims};
 use super::statistics::{Claim, Summary};
-use super::strategies::{Arm, Nature};
-use super::transfer::{LearnConfig, School, Transfer, TransferConfig, transfer};
+use super::strategies::{Arm, WorldVariant};
+use super::transfer::{LearnConfig, PolicySource, Transfer, TransferConfig, transfer};
 use super::{EstimateConfig, Memory, ResidualKind, Workflow, run};
 use crate::error::{Error, Result};
 use crate::estimate::CemConfig;
 use crate::explore::Importance;
-use crate::policy::Training;
+use crate::policy::TrainingPhysics;
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Ahead, Family, Split, Task, split};
-use crate::world::DRAG;
-use crate::world::{Engine, Sample};
+use crate::task::{Family, JumpStartClaim, Split, Task, split};
+use crate::world::LINEAR_DRAG;
+use crate::world::{Engine, ParameterVector};
 
-/// What is compared.
+/// Definition of a comparison.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Study {
@@ -42,55 +42,55 @@ pub struct Study {
     pub name: String,
     /// Name of the task family.
     pub family: String,
-    /// The real world.
+    /// Hidden real world.
     pub hidden: HiddenConfig,
-    /// Policies that need no estimate.
-    pub schools: Vec<(String, School)>,
-    /// Ways to estimate; a policy is trained in the simulation of the estimate after each of `rounds`.
+    /// Policy sources that need no estimate.
+    pub schools: Vec<(String, PolicySource)>,
+    /// Arms of the estimation; a policy is trained in the simulation at the estimate after each of `rounds`.
     pub arms: Vec<Arm>,
-    /// Rounds after which policies are trained, from 1.
+    /// Rounds after which policies are trained, counted from 1.
     pub rounds: Vec<usize>,
-    /// Names of arms whose trials are diagnosed after the last round; a policy is trained in the simulation extended
-    /// by what is found.
+    /// Names of arms whose trials are diagnosed after the last round; a policy is trained in the simulation extended by the
+    /// diagnosis.
     #[serde(default)]
     pub diagnosed: Vec<String>,
-    /// Names of arms whose trials are worth more than the point: a policy is trained over the draws of their posterior, and one at the
-    /// point after the last round is tuned on what was measured.
+    /// Names of arms with training beyond the point estimate: one policy is trained over posterior draws, and the policy at the last
+    /// point estimate is fine-tuned on the measured outcomes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub past_point: Vec<String>,
-    /// How policies are made and tried.
+    /// Training and evaluation of policies.
     pub transfer: TransferConfig,
-    /// One estimate for each, and one fold of the tasks.
+    /// Seeds: one estimate and one fold of the tasks each.
     pub seeds: Vec<u64>,
-    /// Learning trials for each estimate.
+    /// Learning trials per estimate.
     pub trials: u64,
 }
 
-/// What an arm knew after each round, for one seed.
+/// Estimates of an arm after each round, for one seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Estimated {
-    pub estimates: Vec<Sample>,
+pub struct ArmEstimate {
+    pub estimates: Vec<ParameterVector>,
     /// Real interactions after each round.
     pub interactions: Vec<u64>,
-    /// What a diagnosis of all trials found, if the study asks for one.
+    /// Extension by a diagnosis of all trials, if the study requests one.
     #[serde(default)]
     pub extension: Option<Extension>,
-    /// Draws and labels, if the study asks for them.
+    /// Posterior draws and measured outcomes, if the study requests them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub past_point: Option<PastPoint>,
+    pub past_point: Option<PosteriorTrainingData>,
 }
 
-/// One policy to be made and tried.
+/// One policy to train and evaluate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Cell {
-    /// Row of the table it belongs to.
+pub struct StudyCell {
+    /// Row of the table.
     pub row: String,
-    /// Round of the estimate; `None` for a policy without one.
+    /// Round of the estimate; `None` for a policy without estimate.
     pub round: Option<usize>,
-    pub school: School,
+    pub school: PolicySource,
     pub seed: u64,
     pub trial: u64,
-    /// Real interactions the estimate cost.
+    /// Real interactions used for the estimate.
     pub interactions: u64,
 }
 
@@ -103,23 +103,23 @@ impl Study {
             actions: 1000,
             candidates: 1000,
             memory: Memory::LastRound,
-            // A fifth of the paper's samples, for the time it takes; what that costs in accuracy has not been measured.
+            // A fifth of the paper's samples, to reduce the run time; the effect on accuracy has not been measured.
             cem: CemConfig { samples: 200, elites: 40, ..paper.cem.clone() },
             ..paper
         };
         let arm = |name: &str, estimate: EstimateConfig| Arm { name: name.into(), estimate };
         let mut study = Study::base(LATENTS, family);
         study.arms = vec![
-            arm(BY_SEARCH, random.clone()),
+            arm(CEM_ARM, random.clone()),
             arm("CEM on random trajectories, drag fitted along", with_drag(random)),
         ];
         study.rounds = vec![10];
-        study.schools.insert(1, (DIRECT.into(), School::Direct));
+        study.schools.insert(1, (DIRECT.into(), PolicySource::Direct));
         study.transfer.learn = Some(LearnConfig::paper());
         study
     }
 
-    /// The comparison of strategies by jump start.
+    /// Comparison of strategies by jump start.
     pub fn strategies(family: &Family) -> Study {
         let mut study = Study::base(family.name, family);
         let paper = |name: &str| Arm {
@@ -141,20 +141,20 @@ impl Study {
         study
     }
 
-    /// Real worlds that lack other things than drag, past the paper: one study each. The extension that is fitted
-    /// along knows linear drag alone, so these show what a wrong extension is worth.
+    /// Studies beyond the paper: one for each real world with an effect other than linear drag. Since the fitted extension is linear drag,
+    /// they show the performance of a misspecified extension.
     pub fn harder(family: &Family) -> Vec<Study> {
         let term = |name: &str, parameters: &[(&str, f64)]| EffectTerm {
             name: name.into(),
             parameters: parameters.iter().map(|(k, v)| (k.to_string(), *v)).collect(),
         };
-        // A strong breeze; a ball that loses half its speed in 25 m; carpet on the middle of the floor.
+        // Strong breeze; drag that halves the speed in 25 m; carpet on the middle of the floor.
         let patch = [("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0), ("c", 2.0)];
         let natures = [
             ("wind", vec![term("wind", &[("ax", 1.0), ("ay", 0.0)])], Engine::Auto),
             ("quadratic_drag", vec![term("quadratic_drag", &[("k", 0.028)])], Engine::Auto),
             ("sticky_patch", vec![term("sticky_patch", &patch)], Engine::Auto),
-            ("other_engine", Nature::Damped.hidden(family, 0).effects, Engine::Rapier),
+            ("other_engine", WorldVariant::Damped.hidden(family, 0).effects, Engine::Rapier),
         ];
         natures
             .into_iter()
@@ -163,9 +163,11 @@ impl Study {
                 study.hidden = HiddenConfig { effects: effects.clone(), engine, ..study.hidden };
                 for (row, school) in &mut study.schools {
                     if row == TRUE_PHYSICS {
-                        let training =
-                            Training::Fixed { latents: study.hidden.latents, effects: effects.clone() };
-                        *school = School::Simulated { training };
+                        let training = TrainingPhysics::Fixed {
+                            latents: study.hidden.latents,
+                            effects: effects.clone(),
+                        };
+                        *school = PolicySource::Simulated { training };
                     }
                 }
                 let few = EstimateConfig {
@@ -185,7 +187,7 @@ impl Study {
             .collect()
     }
 
-    /// A small run of the same shape, for a look.
+    /// A reduced study for a quick run.
     pub fn quick(mut self, family: &Family) -> Study {
         let learn = self.transfer.learn.take();
         self.transfer = TransferConfig::quick(family);
@@ -205,16 +207,16 @@ impl Study {
         self
     }
 
-    /// Errors name what is wrong.
+    /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
         if self.seeds.is_empty() || self.trials == 0 {
             return Err(Error::input("seeds or trials", "none", "at least one"));
         }
-        self.transfer.validate().map_err(|e| e.under("transfer"))?;
-        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.under(&a.name)))
+        self.transfer.validate().map_err(|e| e.in_field("transfer"))?;
+        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.in_field(&a.name)))
     }
 
-    /// The tasks of a seed: the fold that has the seed's place among the study's.
+    /// The tasks of a seed: the fold with the seed's index among the study's seeds.
     pub fn tasks(&self, family: &Family, seed: u64) -> Vec<Task> {
         let fold = self.seeds.iter().position(|s| *s == seed).unwrap_or(0);
         family.fold(fold as u64)
@@ -225,12 +227,12 @@ impl Study {
         self.arms.iter().any(Arm::needs_importance)
     }
 
-    /// The policies to make, given what was estimated: `estimated[arm][seed]`.
-    pub fn cells(&self, estimated: &[Vec<Estimated>]) -> Vec<Cell> {
+    /// The policies to train, given the estimates `estimated[arm][seed]`.
+    pub fn cells(&self, estimated: &[Vec<ArmEstimate>]) -> Vec<StudyCell> {
         let mut cells = Vec::new();
         for (s, seed) in self.seeds.iter().enumerate() {
             for trial in 0..self.trials {
-                let cell = |row: &str, round, school, interactions| Cell {
+                let cell = |row: &str, round, school, interactions| StudyCell {
                     row: row.into(),
                     round,
                     school,
@@ -241,21 +243,27 @@ impl Study {
                 cells.extend(self.schools.iter().map(|(name, school)| cell(name, None, school.clone(), 0)));
                 for (arm, found) in self.arms.iter().zip(estimated) {
                     for round in self.rounds.iter().filter(|r| **r <= found[s].estimates.len()) {
-                        let school = grounded(&arm.estimate, &found[s].estimates[round - 1]);
+                        let school = estimate_source(&arm.estimate, &found[s].estimates[round - 1]);
                         cells.push(cell(&arm.name, Some(*round), school, found[s].interactions[round - 1]));
                     }
                     let (last, spent) = (self.rounds.last().copied(), found[s].interactions.last());
                     let spent = spent.copied().unwrap_or(0);
                     let mut after = |row: &str, school| cells.push(cell(row, last, school, spent));
                     if let Some(extension) = &found[s].extension {
-                        let school = School::Simulated { training: extension.training() };
-                        after(&extended(&arm.name), school);
+                        let school = PolicySource::Simulated { training: extension.training() };
+                        after(&extended_row_name(&arm.name), school);
                     }
                     if let (Some(more), Some(point)) = (&found[s].past_point, found[s].estimates.last()) {
-                        let training = Training::Believed { draws: more.draws.clone() };
-                        after(&past_point::over_draws(&arm.name), School::Simulated { training });
-                        let (training, measured) = (at(&arm.estimate, point), more.measured.clone());
-                        after(&past_point::tuned(&arm.name), School::Tuned { training, measured });
+                        let training = TrainingPhysics::Posterior { draws: more.draws.clone() };
+                        after(
+                            &posterior_training::posterior_row_name(&arm.name),
+                            PolicySource::Simulated { training },
+                        );
+                        let (training, measured) = (physics_at(&arm.estimate, point), more.measured.clone());
+                        after(
+                            &posterior_training::tuned_row_name(&arm.name),
+                            PolicySource::Tuned { training, measured },
+                        );
                     }
                 }
             }
@@ -263,8 +271,8 @@ impl Study {
         cells
     }
 
-    /// The table, rows in the study's order; `results` belong to `cells` one to one.
-    pub fn rows(&self, cells: &[Cell], results: &[Transfer]) -> Vec<Row> {
+    /// The table, with rows in the study's order; `results[i]` is the result of `cells[i]`.
+    pub fn rows(&self, cells: &[StudyCell], results: &[Transfer]) -> Vec<StudyRow> {
         let names = self
             .schools
             .iter()
@@ -274,7 +282,7 @@ impl Study {
             .chain(self.afterwards().map(|name| (name, self.rounds.last().copied())));
         names
             .filter_map(|(name, round)| {
-                let mine: Vec<(&Cell, &Transfer)> =
+                let mine: Vec<(&StudyCell, &Transfer)> =
                     cells.iter().zip(results).filter(|(c, _)| c.row == name && c.round == round).collect();
                 let (_, first) = mine.first()?;
                 let by_seed = |point: usize| -> Vec<f64> {
@@ -289,7 +297,7 @@ impl Study {
                     self.seeds.iter().filter_map(of).collect()
                 };
                 let points = mine.iter().map(|(_, t)| t.points.len()).min().unwrap_or(0);
-                Some(Row {
+                Some(StudyRow {
                     name,
                     round,
                     interactions: mine.iter().map(|(c, _)| c.interactions as f64).sum::<f64>()
@@ -302,38 +310,40 @@ impl Study {
             .collect()
     }
 
-    /// What the rows say of the paper's claims about this study and the family's jump starts, and of ours.
-    pub fn claims(&self, family: &Family, rows: &[Row]) -> Vec<Claim> {
-        let own: &[Ahead] = match self.name.as_str() {
-            LATENTS => BY_LATENTS,
-            POLICIES => BY_POLICIES,
+    /// Verdicts on the paper's claims about this study and the family's jump starts, and on those of this project.
+    pub fn claims(&self, family: &Family, rows: &[StudyRow]) -> Vec<Claim> {
+        let own: &[JumpStartClaim] = match self.name.as_str() {
+            LATENTS => LATENT_CLAIMS,
+            POLICIES => POLICY_CLAIMS,
             _ => family.claims.jump_starts,
         };
-        let stated = BY_ALL.iter().chain(own).filter_map(|claim| ahead(claim, rows));
-        stated.chain(near_the_oracle(rows, TRUE_PHYSICS)).collect()
+        let stated = COMMON_CLAIMS.iter().chain(own).filter_map(|claim| jump_start_claim(claim, rows));
+        stated.chain(oracle_claims(rows, TRUE_PHYSICS)).collect()
     }
 
-    /// Rows of policies that are made once, after an arm's last round.
+    /// Names of rows for policies trained once, after an arm's last round.
     pub fn afterwards(&self) -> impl Iterator<Item = String> {
         let past = self.past_point.iter();
-        let two = past.flat_map(|name| [past_point::over_draws(name), past_point::tuned(name)]);
-        self.diagnosed.iter().map(|name| extended(name)).chain(two)
+        let two = past.flat_map(|name| {
+            [posterior_training::posterior_row_name(name), posterior_training::tuned_row_name(name)]
+        });
+        self.diagnosed.iter().map(|name| extended_row_name(name)).chain(two)
     }
 
-    /// Baselines, seeds and trials that every study has.
+    /// Baselines, seeds and trials common to all studies.
     pub(super) fn base(name: &str, family: &Family) -> Study {
-        let hidden = Nature::Damped.hidden(family, 0);
-        let simulated = |training: Training| School::Simulated { training };
-        let fixed = |effects| simulated(Training::Fixed { latents: hidden.latents, effects });
+        let hidden = WorldVariant::Damped.hidden(family, 0);
+        let simulated = |training: TrainingPhysics| PolicySource::Simulated { training };
+        let fixed = |effects| simulated(TrainingPhysics::Fixed { latents: hidden.latents, effects });
         Study {
             name: name.into(),
             family: family.name.into(),
             schools: vec![
-                ("chance".into(), School::Chance),
-                (RANDOMISED.into(), simulated(Training::paper_randomised(Vec::new()))),
+                ("chance".into(), PolicySource::Chance),
+                (RANDOMISED.into(), simulated(TrainingPhysics::paper_randomised(Vec::new()))),
                 (TRUE_LATENTS.into(), fixed(Vec::new())),
                 (TRUE_PHYSICS.into(), fixed(hidden.effects.clone())),
-                ("best possible".into(), School::Itself),
+                ("best possible".into(), PolicySource::Itself),
             ],
             hidden,
             arms: Vec::new(),
@@ -352,27 +362,38 @@ pub const LATENTS: &str = "latents";
 const RANDOMISED: &str = "domain randomisation";
 const TRUE_LATENTS: &str = "true latents";
 const TRUE_PHYSICS: &str = "true latents and effects";
-const BY_SEARCH: &str = "CEM on random trajectories";
+const CEM_ARM: &str = "CEM on random trajectories";
 const DIRECT: &str = "direct learning";
 
-/// What every study checks: it is about its baselines.
-const BY_ALL: &[Ahead] =
-    &[Ahead { text: "true latents beat domain randomisation", better: TRUE_LATENTS, worse: RANDOMISED }];
-/// What the paper's first experiment is about.
-const BY_LATENTS: &[Ahead] = &[
-    Ahead { text: "estimated latents beat domain randomisation", better: BY_SEARCH, worse: RANDOMISED },
-    Ahead { text: "estimated latents beat direct learning at the start", better: BY_SEARCH, worse: DIRECT },
+/// Claims about the baselines, checked in every study.
+const COMMON_CLAIMS: &[JumpStartClaim] = &[JumpStartClaim {
+    text: "true latents beat domain randomisation",
+    better: TRUE_LATENTS,
+    worse: RANDOMISED,
+}];
+/// Claims of the paper's first experiment.
+const LATENT_CLAIMS: &[JumpStartClaim] = &[
+    JumpStartClaim {
+        text: "estimated latents beat domain randomisation",
+        better: CEM_ARM,
+        worse: RANDOMISED,
+    },
+    JumpStartClaim {
+        text: "estimated latents beat direct learning at the start",
+        better: CEM_ARM,
+        worse: DIRECT,
+    },
 ];
 
-/// Runs one arm's estimation on the training tasks, and the diagnosis of its trials if there is to be one.
-pub fn estimated(
+/// Runs one arm's estimation on the training tasks and, if requested, the diagnosis of its trials.
+pub fn estimate_arm(
     family: &Family,
     study: &Study,
     arm: &Arm,
     seed: u64,
     importance: Option<Arc<dyn Importance>>,
     progress: &dyn Progress,
-) -> Result<Estimated> {
+) -> Result<ArmEstimate> {
     let diagnose = study.diagnosed.contains(&arm.name);
     let training = split(&study.tasks(family, seed), Split::Train);
     let mut world = HiddenWorld::new(HiddenConfig { seed, ..study.hidden.clone() })?;
@@ -383,47 +404,50 @@ pub fn estimated(
     let last = estimates.last().filter(|_| diagnose);
     let extension = match last {
         Some(estimate) => {
-            let (_, finding) = diagnosed(workflow.trials(), &config, progress)?;
+            let (_, finding) = diagnose_trials(workflow.trials(), &config, progress)?;
             let latents = config.cem.coordinates().latents(estimate);
-            Some(extension::extended(&finding, workflow.trials(), &config, latents, progress)?)
+            Some(extension::extend_simulation(&finding, workflow.trials(), &config, latents, progress)?)
         }
         None => None,
     };
     let wanted = study.past_point.contains(&arm.name);
-    let past_point = wanted.then(|| PastPoint::of(&training, &workflow, progress)).transpose()?;
-    Ok(Estimated { interactions: workflow.interactions(), estimates, extension, past_point })
+    let past_point = wanted.then(|| PosteriorTrainingData::of(&training, &workflow, progress)).transpose()?;
+    Ok(ArmEstimate { interactions: workflow.interactions(), estimates, extension, past_point })
 }
 
-/// Makes and tries one policy.
-pub fn tried(
+/// Trains and evaluates one policy.
+pub fn run_study_cell(
     family: &Family,
     study: &Study,
-    cell: &Cell,
+    cell: &StudyCell,
     progress: &dyn Progress,
 ) -> Result<(Transfer, Option<crate::policy::Dqn>)> {
-    let seed = rng::derive(cell.seed, "learning trial", cell.trial);
+    let seed = rng::derive_seed(cell.seed, "learning trial", cell.trial);
     let tasks = study.tasks(family, cell.seed);
     transfer(&tasks, &cell.school, &study.hidden, &study.transfer, seed, progress)
 }
 
-/// Row of policies from an arm's extended simulation.
-fn extended(arm: &str) -> String {
+/// Row name of policies from an arm's extended simulation.
+fn extended_row_name(arm: &str) -> String {
     format!("extended by diagnosis ({arm})")
 }
 
-/// Training in the simulation at an estimate, with the effects that were fitted along.
-fn grounded(config: &EstimateConfig, estimate: &Sample) -> School {
-    School::Simulated { training: at(config, estimate) }
+/// Training in the simulation at an estimate, with the fitted effects.
+fn estimate_source(config: &EstimateConfig, estimate: &ParameterVector) -> PolicySource {
+    PolicySource::Simulated { training: physics_at(config, estimate) }
 }
 
-/// One world: an estimate, with the effects that were fitted along.
-fn at(config: &EstimateConfig, estimate: &Sample) -> Training {
+/// Physics at an estimate, with the fitted effects.
+fn physics_at(config: &EstimateConfig, estimate: &ParameterVector) -> TrainingPhysics {
     let coordinates = config.cem.coordinates();
-    Training::Fixed { latents: coordinates.latents(estimate), effects: coordinates.effects(estimate, &[]) }
+    TrainingPhysics::Fixed {
+        latents: coordinates.latents(estimate),
+        effects: coordinates.effects(estimate, &[]),
+    }
 }
 
 pub(super) fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
-    config.cem.fit_along(DRAG);
+    config.cem.add_free_parameter(LINEAR_DRAG);
     config
 }
 
@@ -432,22 +456,22 @@ mod tests {
     use super::*;
     use crate::task::families;
 
-    /// A claim about a row that a study does not have would be left out silently.
+    /// A claim about a missing row would be omitted silently.
     #[test]
-    fn every_claim_about_jump_starts_can_be_checked() {
+    fn every_jump_start_claim_refers_to_existing_rows() {
         for family in families() {
-            let check = |study: Study, claims: &[Ahead]| {
+            let check = |study: Study, claims: &[JumpStartClaim]| {
                 let schools = study.schools.iter().map(|(name, _)| name);
                 let arms = study.arms.iter().map(|a| &a.name);
                 let rows: Vec<String> = schools.chain(arms).cloned().chain(study.afterwards()).collect();
-                for claim in claims.iter().chain(BY_ALL) {
+                for claim in claims.iter().chain(COMMON_CLAIMS) {
                     let row = |name: &str| rows.iter().any(|r| *r == name);
                     assert!(row(claim.better) && row(claim.worse), "{}: {}", study.name, claim.text);
                 }
             };
             check(Study::strategies(family), family.claims.jump_starts);
-            check(Study::latents(family), BY_LATENTS);
-            check(Study::policies(family), BY_POLICIES);
+            check(Study::latents(family), LATENT_CLAIMS);
+            check(Study::policies(family), POLICY_CLAIMS);
         }
     }
 }

@@ -1,72 +1,76 @@
-//! Finding a performance surface: what is learned at each of some latents, tried in related environments.
+//! Computation of a performance surface: performance in related environments of policies trained at each of several latents.
 //!
 //! Source: Semage et al., section on partial grounding: a DQN is trained in simulations with different latents and
 //! its jump-start AUCCESS measured in a related environment, one whose physics is known (damping 0.7 and 0.6 where
 //! the real world has 0.8); the route [`Route::Dqn`].
 //!
 //! Differences from the source:
-//! - The related environments have the latents that the family's prior believes in most, since those of the real
-//!   world are what is sought; [`SurfaceConfig::related`] takes any.
+//! - The related environments have the prior means of the latents, since the real world's latents are unknown;
+//!   [`SurfaceConfig::related`] accepts any values.
 //! - Performance is measured on the validation tasks, so that neither training nor test tasks decide how the real
 //!   world is explored.
-//! - The route [`Route::Ideal`] leaves learning out, which is most of the time and of the noise: a fixed sample of
-//!   actions of every task is simulated once in each related environment and once at the latents. A learner that had
-//!   understood the simulation would try the actions that solve there first, and the others after; within both it
-//!   has no reason to prefer any. Performance is the expected AUCCESS of that random order (exactly, by counting).
-//!   It falls short of a real learner's, which prefers solutions in the middle of many.
-//! - A task of which no sampled action solves in a related environment tells nothing there and is left out (ideal
-//!   route).
+//! - The method [`EvaluationMethod::Ideal`] omits training, which causes most of the run time and noise: a fixed sample of
+//!   actions of every task is simulated once in each related environment and once at the latents. An ideal learner of the simulation
+//!   attempts the actions that solve there first, then the others, in random order within both groups. Performance is the
+//!   expected AUCCESS of that order (exact, by counting). It is lower than that of a real learner, which prefers solutions with
+//!   many solving neighbours.
+//! - A task without a sampled action that solves it in a related environment is not informative and is excluded there (ideal
+//!   method).
 
 use serde::{Deserialize, Serialize};
 
-use super::stages::Named;
-use super::tryout::try_out;
-use crate::error::{Error, Result, within};
-use crate::estimate::gp::Hyper;
-use crate::estimate::surface::{Axis, FORMAT, Point, Related, Route, Surface, design, grid};
-use crate::explore::draw;
-use crate::policy::auccess::{ATTEMPTS, weighted};
-use crate::policy::{EvaluateConfig, LabelConfig, Policy, Random, TrainConfig, Training, label, train};
+use super::hidden_evaluation::evaluate_in_hidden_world;
+use super::progress_prefix::PrefixedProgress;
+use crate::error::{Error, Result, check_range};
+use crate::estimate::gp::GpHyperparameters;
+use crate::estimate::surface::{
+    EvaluationMethod, FORMAT, PerformanceSurface, RelatedEnvironment, SurfaceAxis, SurfacePoint, grid,
+    halton_design,
+};
+use crate::explore::draw_placeable;
+use crate::policy::auccess::{MAX_ATTEMPTS, weighted_mean};
+use crate::policy::{
+    EvaluateConfig, LabelConfig, Policy, RandomPolicy, TrainConfig, TrainingPhysics, label, train,
+};
 use crate::progress::Progress;
 use crate::reality::HiddenConfig;
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Family, Labels, Scene, Split, Task, split};
-use crate::world::{Engine, Latents, Rollout, effect, simulate_map};
+use crate::task::{Family, LabelCounts, Scene, Split, Task, split};
+use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
-/// How a surface is found.
+/// Configuration of a surface computation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceConfig {
-    pub route: Route,
-    /// What is varied, and how far; the rest stays at `base`.
-    pub axes: Vec<Axis>,
-    /// Density (kg/m^2), friction, restitution.
+    pub route: EvaluationMethod,
+    /// Varied factors with their ranges; the other factors stay at `base`.
+    pub axes: Vec<SurfaceAxis>,
+    /// Values of density (kg/m^2), friction and restitution off the axes.
     pub base: [f64; 3],
-    /// Design points, evenly spread.
+    /// Number of space-filling design points.
     pub points: usize,
-    /// A grid with this many values an axis instead.
+    /// Number of values per axis of a grid, instead of `points`.
     pub grid: Option<usize>,
-    /// Where what was learned is tried.
-    pub related: Vec<Related>,
-    /// Actions sampled for each task (ideal route).
+    /// Environments in which performance is evaluated.
+    pub related: Vec<RelatedEnvironment>,
+    /// Actions sampled per task (ideal method).
     pub actions: usize,
-    /// Actions labelled for each training task (DQN route).
+    /// Actions labelled per training task (DQN method).
     pub labels: usize,
-    /// How a policy is trained; its seed is replaced for each point (DQN route).
+    /// Training configuration; its seed is replaced for each point (DQN method).
     pub train: TrainConfig,
-    /// Actions ranked for each validation task (DQN route).
+    /// Actions ranked per validation task (DQN method).
     pub candidates: usize,
     pub engine: Engine,
     pub seed: u64,
 }
 
 impl SurfaceConfig {
-    /// Friction and restitution over what the family's prior believes in, damping 0.7 and 0.6 in the related
-    /// environments.
-    pub fn new(family: &Family, route: Route) -> Result<SurfaceConfig> {
+    /// Default: friction and restitution over the range of the family's prior, damping 0.7 and 0.6 in the related environments.
+    pub fn new(family: &Family, route: EvaluationMethod) -> Result<SurfaceConfig> {
         let base = family.prior.map(|(mean, _)| mean);
-        let axes = ["friction", "restitution"].map(|f| Axis::of_prior(f, family.prior));
+        let axes = ["friction", "restitution"].map(|f| SurfaceAxis::from_prior(f, family.prior));
         Ok(SurfaceConfig {
             route,
             axes: axes.into_iter().collect::<Result<_>>()?,
@@ -74,7 +78,7 @@ impl SurfaceConfig {
             points: 40,
             grid: None,
             related: [0.7, 0.6]
-                .map(|kept| Related { latents: base, effects: vec![effect::damping(kept)] })
+                .map(|kept| RelatedEnvironment { latents: base, effects: vec![effect::damping(kept)] })
                 .to_vec(),
             actions: family.surface_actions,
             labels: family.learning.labels.per_task,
@@ -85,58 +89,64 @@ impl SurfaceConfig {
         })
     }
 
-    /// The one that stands in where none is given: the ideal route at few points. A few seconds for basketball, half a
-    /// minute for bowling.
+    /// Reduced configuration, used if no surface is given: the ideal method at few points. Takes a few seconds for basketball,
+    /// half a minute for bowling.
     pub fn quick(family: &Family) -> Result<SurfaceConfig> {
-        let config = SurfaceConfig::new(family, Route::Ideal)?;
+        let config = SurfaceConfig::new(family, EvaluationMethod::Ideal)?;
         Ok(SurfaceConfig { points: 24, actions: config.actions / 2, ..config })
     }
 
-    /// Errors name what is out of range.
+    /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        within("points", self.points as f64, 3.0, 5000.0)?;
+        check_range("points", self.points as f64, 3.0, 5000.0)?;
         if let Some(side) = self.grid {
-            within("grid", side as f64, 2.0, 50.0)?;
+            check_range("grid", side as f64, 2.0, 50.0)?;
         }
-        within("related", self.related.len() as f64, 1.0, 20.0)?;
-        within("actions", self.actions as f64, 1.0, 50_000.0)?;
-        within("labels", self.labels as f64, 1.0, 50_000.0)?;
-        within("candidates", self.candidates as f64, 1.0, 1e6)?;
+        check_range("related", self.related.len() as f64, 1.0, 20.0)?;
+        check_range("actions", self.actions as f64, 1.0, 50_000.0)?;
+        check_range("labels", self.labels as f64, 1.0, 50_000.0)?;
+        check_range("candidates", self.candidates as f64, 1.0, 1e6)?;
         for (i, related) in self.related.iter().enumerate() {
             let field = format!("related[{i}]");
-            Latents::of(related.latents).validate().map_err(|e| e.under(&field))?;
+            Latents::of(related.latents).validate().map_err(|e| e.in_field(&field))?;
             for (k, term) in related.effects.iter().enumerate() {
                 effect::resolve(term, format_args!("{field}.effects[{k}]"))?;
             }
         }
-        self.train.validate().map_err(|e| e.under("train"))
+        self.train.validate().map_err(|e| e.in_field("train"))
     }
 
     fn design(&self) -> Vec<[f64; 3]> {
         match self.grid {
             Some(side) => grid(&self.axes, self.base, side),
-            None => design(&self.axes, self.base, self.points, self.seed),
+            None => halton_design(&self.axes, self.base, self.points, self.seed),
         }
     }
 }
 
-/// [`SurfaceConfig::quick`]'s surface.
-pub fn quick(family: &Family, progress: &dyn Progress) -> Result<Surface> {
+/// Computes the surface of [`SurfaceConfig::quick`].
+pub fn quick(family: &Family, progress: &dyn Progress) -> Result<PerformanceSurface> {
     surface(family, &SurfaceConfig::quick(family)?, progress)
 }
 
-/// Finds the surface of a family.
-pub fn surface(family: &Family, config: &SurfaceConfig, progress: &dyn Progress) -> Result<Surface> {
+/// Computes the surface of a family.
+pub fn surface(
+    family: &Family,
+    config: &SurfaceConfig,
+    progress: &dyn Progress,
+) -> Result<PerformanceSurface> {
     config.validate()?;
     let tasks = family.tasks();
     let validation = split(&tasks, Split::Validation);
     let places = config.design();
-    let named = Named { inner: progress, name: "performance surface".into() };
+    let named = PrefixedProgress { inner: progress, name: "performance surface".into() };
     let (points, counted) = match config.route {
-        Route::Ideal => ideal(&validation, &places, config, &named)?,
-        Route::Dqn => (learned(family, &validation, &places, config, progress)?, validation.len()),
+        EvaluationMethod::Ideal => ideal_points(&validation, &places, config, &named)?,
+        EvaluationMethod::Dqn => {
+            (dqn_points(family, &validation, &places, config, progress)?, validation.len())
+        }
     };
-    Surface {
+    PerformanceSurface {
         format: FORMAT.into(),
         program: env!("CARGO_PKG_VERSION").into(),
         family: family.name.into(),
@@ -146,24 +156,27 @@ pub fn surface(family: &Family, config: &SurfaceConfig, progress: &dyn Progress)
         base: config.base,
         tasks: counted,
         points,
-        surrogate: Hyper { length_scales: Vec::new(), mean: 0.0, signal: 1.0, noise: 1.0 },
+        surrogate: GpHyperparameters { length_scales: Vec::new(), mean: 0.0, signal: 1.0, noise: 1.0 },
         seed: config.seed,
     }
-    .fitted()
+    .fit()
 }
 
-/// Points by the ideal route, and the number of tasks that counted in any environment.
-fn ideal(
+/// Points by the ideal method, and the number of tasks that are informative in at least one environment.
+fn ideal_points(
     tasks: &[Task],
     places: &[[f64; 3]],
     config: &SurfaceConfig,
     progress: &dyn Progress,
-) -> Result<(Vec<Point>, usize)> {
+) -> Result<(Vec<SurfacePoint>, usize)> {
     let mut samples: Vec<Vec<Box<Scene>>> = Vec::with_capacity(tasks.len());
     for task in tasks {
-        let seed = rng::derive(config.seed, &task.id, 0);
-        let drawn =
-            draw(std::slice::from_ref(task), config.actions, &mut rng::stream(seed, "surface actions"))?;
+        let seed = rng::derive_seed(config.seed, &task.id, 0);
+        let drawn = draw_placeable(
+            std::slice::from_ref(task),
+            config.actions,
+            &mut rng::stream(seed, "surface actions"),
+        )?;
         samples.push(drawn.into_iter().map(|(_, _, scene)| scene).collect());
     }
     let total = (places.len() + config.related.len()) as u64;
@@ -176,7 +189,7 @@ fn ideal(
                 .iter()
                 .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
                 .collect();
-            of_task.push(simulate_map(&rollouts, config.engine, |_, t| t.solved())?);
+            of_task.push(Simulator::new(config.engine).map(&rollouts, |_, t| t.solved())?);
         }
         done += 1;
         Ok(of_task)
@@ -199,20 +212,20 @@ fn ideal(
                 .collect();
             scores.iter().sum::<f64>() / scores.len() as f64
         };
-        points.push(Point::mean(*latents, truths.iter().map(of_truth).collect()));
+        points.push(SurfacePoint::mean(*latents, truths.iter().map(of_truth).collect()));
     }
     Ok((points, counted))
 }
 
-/// AUCCESS expected when the actions that `simulated` marks are tried first, in random order, then the others.
+/// Expected AUCCESS if the actions marked by `simulated` are attempted first, in random order, then the others.
 fn expected_auccess(simulated: &[bool], truth: &[bool]) -> f64 {
     let count = |mark: bool, and: bool| {
         simulated.iter().zip(truth).filter(|(s, t)| **s == mark && (**t || !and)).count()
     };
     let groups = [(count(true, false), count(true, true)), (count(false, false), count(false, true))];
-    // The chance that every attempt so far failed: draws without replacement.
+    // Probability that every attempt so far failed: draws without replacement.
     let mut failed = 1.0;
-    let mut curve = [0.0; ATTEMPTS];
+    let mut curve = [0.0; MAX_ATTEMPTS];
     let mut order = groups.into_iter().flat_map(|(size, hits)| (0..size).map(move |k| (size - k, hits)));
     for solved in &mut curve {
         if let Some((left, hits)) = order.next() {
@@ -220,36 +233,36 @@ fn expected_auccess(simulated: &[bool], truth: &[bool]) -> f64 {
         }
         *solved = 1.0 - failed;
     }
-    weighted(&curve)
+    weighted_mean(&curve)
 }
 
-/// Points by the DQN route.
-fn learned(
+/// Points by the DQN method.
+fn dqn_points(
     family: &Family,
     validation: &[Task],
     places: &[[f64; 3]],
     config: &SurfaceConfig,
     progress: &dyn Progress,
-) -> Result<Vec<Point>> {
+) -> Result<Vec<SurfacePoint>> {
     let evaluation = EvaluateConfig { candidates: config.candidates, ..EvaluateConfig::phyre(config.seed) };
     let training = split(&family.tasks(), Split::Train);
     let mut points = Vec::with_capacity(places.len());
     for (n, latents) in places.iter().enumerate() {
         let name = format!("performance surface: point {} of {}", n + 1, places.len());
-        let named = Named { inner: progress, name };
-        // A seed of its own for each point: chance in learning is then noise, which the surrogate tells from slope.
-        let seed = rng::derive(config.seed, "surface", n as u64);
-        let labels = Labels { per_task: config.labels, ..family.learning.labels };
+        let named = PrefixedProgress { inner: progress, name };
+        // Independent seeds per point, so that the surrogate can treat training randomness as noise.
+        let seed = rng::derive_seed(config.seed, "surface", n as u64);
+        let labels = LabelCounts { per_task: config.labels, ..family.learning.labels };
         let labels = LabelConfig { engine: config.engine, ..LabelConfig::preset(&labels, seed) };
-        let world = Training::Fixed { latents: Latents::of(*latents), effects: Vec::new() };
+        let world = TrainingPhysics::Fixed { latents: Latents::of(*latents), effects: Vec::new() };
         let data = label(&training, &world, &labels, &named)?;
-        // Where nothing solves in simulation there is nothing to learn, and any order is as good as another.
+        // Without solving actions in simulation there is nothing to learn, and any order is equally good.
         let policy: Box<dyn Policy> = if data.solving() == 0 {
-            Box::new(Random { seed })
+            Box::new(RandomPolicy { seed })
         } else {
             Box::new(train(&data, &TrainConfig { seed, ..config.train.clone() }, &named)?.0)
         };
-        let tried = |related: &Related| {
+        let tried = |related: &RelatedEnvironment| {
             let world = HiddenConfig {
                 latents: Latents::of(related.latents),
                 effects: related.effects.clone(),
@@ -258,9 +271,9 @@ fn learned(
                 budget: None,
                 seed: 0,
             };
-            Ok(try_out(policy.as_ref(), validation, &world, &evaluation, &named)?.auccess)
+            Ok(evaluate_in_hidden_world(policy.as_ref(), validation, &world, &evaluation, &named)?.auccess)
         };
-        points.push(Point::mean(*latents, config.related.iter().map(tried).collect::<Result<_>>()?));
+        points.push(SurfacePoint::mean(*latents, config.related.iter().map(tried).collect::<Result<_>>()?));
     }
     Ok(points)
 }
@@ -271,7 +284,7 @@ mod tests {
     use crate::policy::auccess::auccess;
     use rand::seq::SliceRandom;
 
-    /// The counted expectation is what many random orders come to.
+    /// The exact expectation agrees with the mean over many random orders.
     #[test]
     fn expected_auccess_is_the_mean_over_orders() {
         let mut stream = rng::stream(4, "orders");

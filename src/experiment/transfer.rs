@@ -1,141 +1,141 @@
-//! Transfer: a policy from a simulation (or from none) tried in the real world, and learning on there.
+//! Transfer: evaluation of a policy from simulation (or an untrained one) in the real world, and further learning there.
 //!
-//! Source: Semage et al., their transfer experiments: a DQN is trained in simulation, its jump start is the
-//! AUCCESS on unseen tasks before any real training, and it then learns on in the real world, evaluated every
-//! 125 batches of 32. Direct learning starts there without a simulation.
+//! Source: Semage et al., transfer experiments: a DQN is trained in simulation, its jump start is the AUCCESS on unseen tasks
+//! before any real training, and it is then trained further in the real world, with an evaluation every 125 batches of 32. Direct
+//! learning starts in the real world without a simulation.
 //!
-//! Differences from the source: what is learned from in the real world is a growing set of random attempts on
-//! the training tasks (as PHYRE's own agents learn), the same for every learner of a seed; every batch brings as
-//! many new attempts as it holds examples. The step size falls by a half cosine over each stretch between two
-//! evaluations and starts again.
+//! Differences from the source: the real training data are a growing set of random attempts on the training tasks (as for PHYRE's
+//! agents), the same for every learner of a seed; each batch adds as many attempts as it has examples. The learning rate is annealed
+//! by a half cosine between two evaluations and then restarts.
 
 use serde::{Deserialize, Serialize};
 
-use super::past_point::{Measured, mixed};
-use super::tryout::try_out;
-use crate::error::{Result, within};
+use super::hidden_evaluation::evaluate_in_hidden_world;
+use super::posterior_training::{MeasuredOutcome, mix_examples};
+use crate::error::{Result, check_range};
 use crate::explore;
 use crate::policy::{
-    Dataset, Dqn, EvaluateConfig, Example, LabelConfig, Policy, Random, TrainConfig, Training, label, train,
+    Dataset, Dqn, EvaluateConfig, Example, LabelConfig, Policy, RandomPolicy, TrainConfig, TrainingPhysics,
+    label, train,
 };
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality};
 use crate::rng;
-use crate::task::{Family, Labels, Split, Task, ValidAction, split};
+use crate::task::{Family, LabelCounts, Split, Task, ValidAction, split};
 
-/// Where a policy comes from.
+/// Source of a policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum School {
-    /// Nowhere: actions in random order, never learning.
+pub enum PolicySource {
+    /// Random order of actions, without learning.
     Chance,
-    /// No simulation: starts untrained and learns in the real world alone.
+    /// Direct learning: starts untrained and learns in the real world only.
     Direct,
-    /// A simulation.
-    Simulated { training: Training },
-    /// A simulation, and then what was measured while it was estimated, among the simulation's labels: [`TUNING`].
-    Tuned { training: Training, measured: Vec<Measured> },
-    /// The real world ranks the actions itself: nothing can do better.
+    /// Trained in simulation.
+    Simulated { training: TrainingPhysics },
+    /// Trained in simulation, then fine-tuned with [`TUNING`] on simulated labels mixed with the outcomes measured for the estimate.
+    Tuned { training: TrainingPhysics, measured: Vec<MeasuredOutcome> },
+    /// Upper bound: actions are ranked by the real world itself.
     Itself,
 }
 
-/// How policies are made and tried.
+/// Configuration of training and evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransferConfig {
-    /// How training actions are labelled in simulation.
+    /// Labelling in simulation.
     pub label: LabelConfig,
     /// Training in simulation.
     pub train: TrainConfig,
-    /// Trying out.
+    /// Evaluation.
     pub evaluate: EvaluateConfig,
-    /// Learning on in the real world; `None` for the jump start alone.
+    /// Further learning in the real world; `None` for the jump start only.
     pub learn: Option<LearnConfig>,
 }
 
-/// Learning on in the real world.
+/// Configuration of further learning in the real world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnConfig {
     /// Evaluations after the jump start.
     pub evaluations: usize,
-    /// Batches before each.
+    /// Batches before each evaluation.
     pub batches: usize,
-    /// Examples in a batch, and new real attempts for it.
+    /// Examples per batch, and new real attempts per batch.
     pub batch_size: usize,
-    /// Adam's step size at the start of each stretch.
+    /// Initial learning rate of Adam after each evaluation.
     pub learning_rate: f64,
 }
 
-/// How a policy did, before and while it learned in the real world.
+/// Performance of a policy before and during learning in the real world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transfer {
-    /// The jump start first.
-    pub points: Vec<Point>,
+    /// Evaluations, with the jump start first.
+    pub points: Vec<CurvePoint>,
     /// (100,) share of test tasks solved within k attempts, at the jump start.
     pub curve: Vec<f64>,
 }
 
 /// One evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Point {
-    /// Batches learned in the real world.
+pub struct CurvePoint {
+    /// Batches trained in the real world.
     pub batches: usize,
-    /// Real attempts learned from.
+    /// Real attempts used for training.
     pub interactions: u64,
-    /// On the test tasks, [0, 1].
+    /// AUCCESS on the test tasks, [0, 1].
     pub auccess: f64,
 }
 
 impl TransferConfig {
-    /// As in the paper: 1000 batches in simulation, of as many examples as the family's preset has.
+    /// The paper's preset: 1000 batches in simulation, with the batch size of the family's preset.
     pub fn paper(family: &Family) -> TransferConfig {
         let label = LabelConfig::preset(&family.learning.study_labels, 0);
         let train = TrainConfig::preset(&family.learning);
         TransferConfig { label, train, evaluate: EvaluateConfig::phyre(0), learn: None }
     }
 
-    /// A small run of the same shape, for a look.
+    /// A reduced configuration for a quick run.
     pub fn quick(family: &Family) -> TransferConfig {
         let mut config = TransferConfig::paper(family);
-        config.label = LabelConfig::preset(&Labels { per_task: 200, ..family.learning.study_labels }, 0);
+        config.label = LabelConfig::preset(&LabelCounts { per_task: 200, ..family.learning.study_labels }, 0);
         config.train.batches = 500;
         config.evaluate.candidates = 2000;
         config
     }
 
-    /// Errors name what is out of range.
+    /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        self.train.validate().map_err(|e| e.under("train"))?;
-        self.learn.as_ref().map_or(Ok(()), |l| l.validate().map_err(|e| e.under("learn")))
+        self.train.validate().map_err(|e| e.in_field("train"))?;
+        self.learn.as_ref().map_or(Ok(()), |l| l.validate().map_err(|e| e.in_field("learn")))
     }
 }
 
 impl LearnConfig {
-    /// As in the paper: batches of 32, evaluated every 125; eight times.
+    /// The paper's preset: batches of 32, evaluated every 125 batches, eight times.
     pub fn paper() -> LearnConfig {
         LearnConfig { evaluations: 8, ..TUNING }
     }
 
     fn validate(&self) -> Result<()> {
-        within("evaluations", self.evaluations as f64, 1.0, 1000.0)?;
-        within("batches", self.batches as f64, 1.0, 100_000.0).map(drop)
+        check_range("evaluations", self.evaluations as f64, 1.0, 1000.0)?;
+        check_range("batches", self.batches as f64, 1.0, 100_000.0).map(drop)
     }
 }
 
-/// One stretch of the paper's learning in the real world.
+/// Fine-tuning: the paper's learning in the real world between two evaluations.
 pub const TUNING: LearnConfig =
     LearnConfig { evaluations: 1, batches: 125, batch_size: 32, learning_rate: 5e-4 };
 
-/// Actions tried at a time where one that solves is enough: of most tasks a few in a hundred do.
-const ASKED: usize = 64;
+/// Batch size for finding one solving action: in most tasks a few percent of the actions solve.
+const ATTEMPT_BATCH: usize = 64;
 
-/// Schools a policy, tries it on the test tasks of the hidden world, and lets it learn on there.
+/// Creates a policy, evaluates it on the test tasks of the hidden world, and trains it further there.
 ///
-/// `seed` decides the labels drawn, the weights and the batches; `tasks` are split.
+/// `seed` determines labels, weights and batches; `tasks` contain all splits.
 pub fn transfer(
     tasks: &[Task],
-    school: &School,
+    school: &PolicySource,
     hidden: &HiddenConfig,
     config: &TransferConfig,
     seed: u64,
@@ -144,21 +144,24 @@ pub fn transfer(
     config.validate()?;
     let (training, test) = (split(tasks, Split::Train), split(tasks, Split::Test));
     let mut learner = match school {
-        School::Chance | School::Itself => None,
-        School::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),
-        School::Simulated { training: from } => Some(taught(&training, from, config, seed, progress)?),
-        School::Tuned { training: from, measured } => {
-            Some(tuned(&training, from, measured, config, seed, progress)?)
+        PolicySource::Chance | PolicySource::Itself => None,
+        PolicySource::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),
+        PolicySource::Simulated { training: from } => {
+            Some(train_in_simulation(&training, from, config, seed, progress)?)
+        }
+        PolicySource::Tuned { training: from, measured } => {
+            Some(fine_tune(&training, from, measured, config, seed, progress)?)
         }
     };
-    let try_policy = |policy: &dyn Policy| try_out(policy, &test, hidden, &config.evaluate, progress);
+    let try_policy =
+        |policy: &dyn Policy| evaluate_in_hidden_world(policy, &test, hidden, &config.evaluate, progress);
     let first = match (&learner, school) {
         (Some(dqn), _) => try_policy(dqn)?,
-        (None, School::Itself) => best_possible(&test, hidden, &config.evaluate, progress)?,
-        (None, _) => try_policy(&Random { seed })?,
+        (None, PolicySource::Itself) => best_possible(&test, hidden, &config.evaluate, progress)?,
+        (None, _) => try_policy(&RandomPolicy { seed })?,
     };
     let mut found = Transfer {
-        points: vec![Point { batches: 0, interactions: 0, auccess: first.auccess }],
+        points: vec![CurvePoint { batches: 0, interactions: 0, auccess: first.auccess }],
         curve: first.curve.to_vec(),
     };
     let (Some(dqn), Some(learn)) = (&mut learner, &config.learn) else { return Ok((found, learner)) };
@@ -166,17 +169,17 @@ pub fn transfer(
     let mut data = Dataset { tasks: training, rows: Vec::new() };
     for stretch in 0..learn.evaluations {
         let attempts = learn.batches * learn.batch_size;
-        let draw = rng::derive(seed, "real attempts", stretch as u64);
-        gather(&mut data, &mut world, attempts, draw, progress)?;
+        let draw = rng::derive_seed(seed, "real attempts", stretch as u64);
+        add_real_attempts(&mut data, &mut world, attempts, draw, progress)?;
         let setup = TrainConfig {
             batches: learn.batches,
             batch_size: learn.batch_size,
             learning_rate: learn.learning_rate,
             hidden: config.train.hidden,
-            seed: rng::derive(seed, "learning on", stretch as u64),
+            seed: rng::derive_seed(seed, "learning on", stretch as u64),
         };
         *dqn = dqn.learn_more(&data, &setup, progress)?.0;
-        found.points.push(Point {
+        found.points.push(CurvePoint {
             batches: (stretch + 1) * learn.batches,
             interactions: world.interactions(),
             auccess: try_policy(dqn)?.auccess,
@@ -186,55 +189,55 @@ pub fn transfer(
 }
 
 /// A policy trained in simulation.
-pub fn taught(
+pub fn train_in_simulation(
     tasks: &[Task],
-    training: &Training,
+    training: &TrainingPhysics,
     config: &TransferConfig,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Dqn> {
-    Ok(taught_by(tasks, training, config, seed, progress)?.0)
+    Ok(train_with_labels(tasks, training, config, seed, progress)?.0)
 }
 
-/// The same, then trained for a stretch on the same labels with measured ones among them.
-fn tuned(
+/// A policy trained in simulation, then fine-tuned on the same labels mixed with measured ones.
+fn fine_tune(
     tasks: &[Task],
-    training: &Training,
-    measured: &[Measured],
+    training: &TrainingPhysics,
+    measured: &[MeasuredOutcome],
     config: &TransferConfig,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Dqn> {
-    let (policy, data) = taught_by(tasks, training, config, seed, progress)?;
+    let (policy, data) = train_with_labels(tasks, training, config, seed, progress)?;
     let LearnConfig { batches, batch_size, learning_rate, .. } = TUNING;
-    let (hidden, seed) = (config.train.hidden, rng::derive(seed, "tuning", 0));
+    let (hidden, seed) = (config.train.hidden, rng::derive_seed(seed, "tuning", 0));
     let setup = TrainConfig { batches, batch_size, learning_rate, hidden, seed };
-    Ok(policy.learn_more(&mixed(&data, measured)?, &setup, progress)?.0)
+    Ok(policy.learn_more(&mix_examples(&data, measured)?, &setup, progress)?.0)
 }
 
-/// A policy trained in simulation, and the labels that it was trained on.
-fn taught_by(
+/// A policy trained in simulation, and its labels.
+fn train_with_labels(
     tasks: &[Task],
-    training: &Training,
+    training: &TrainingPhysics,
     config: &TransferConfig,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<(Dqn, Dataset)> {
-    let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..config.label.clone() };
+    let labels = LabelConfig { seed: rng::derive_seed(seed, "label", 0), ..config.label.clone() };
     let data = label(tasks, training, &labels, progress)?;
     let policy = train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0;
     Ok((policy, data))
 }
 
 /// Adds `count` random real attempts on the data's tasks.
-fn gather(
+fn add_real_attempts(
     data: &mut Dataset,
     world: &mut HiddenWorld,
     count: usize,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let drawn = explore::draw(&data.tasks, count, &mut rng::stream(seed, "attempts"))?;
+    let drawn = explore::draw_placeable(&data.tasks, count, &mut rng::stream(seed, "attempts"))?;
     for (t, task) in data.tasks.iter().enumerate() {
         progress.report("acting in the real world", t as u64, data.tasks.len() as u64)?;
         let actions: Vec<ValidAction> = drawn.iter().filter(|d| d.0 == t).map(|d| d.1.clone()).collect();
@@ -246,7 +249,7 @@ fn gather(
     Ok(())
 }
 
-/// What the real world's own ranking would reach: a task is solved at once if any of the ranked actions solves it.
+/// Upper bound: the real world's own ranking solves a task at the first attempt if any ranked action solves it.
 fn best_possible(
     tasks: &[Task],
     hidden: &HiddenConfig,
@@ -259,7 +262,7 @@ fn best_possible(
         progress.report("asking the real world itself", t as u64, tasks.len() as u64)?;
         let candidates = crate::policy::evaluate::candidates(task, config)?;
         let mut any = false;
-        for part in candidates.chunks(ASKED) {
+        for part in candidates.chunks(ATTEMPT_BATCH) {
             let attempts = world.measure(task, part)?;
             any = attempts.iter().any(|a| a.trajectory.as_ref().is_some_and(|seen| seen.solved()));
             if any {

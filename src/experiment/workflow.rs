@@ -1,52 +1,52 @@
-//! The workflow as something to ask and to tell: it proposes actions, takes what was measured, moves the
-//! estimate, and proposes again.
+//! The workflow with an ask-and-tell interface: it proposes actions, receives measurements, updates the estimate, and proposes the next
+//! actions.
 //!
-//! Source: Semage et al., algorithm 1. [`Workflow`] holds no reality: whoever does, a hidden world in this
-//! process or a robot far away, carries the proposals out. Every finished round is a [`Round`], plain data, and
-//! [`Workflow::resume`] builds the workflow again from its rounds: proposals and everything after are then the
-//! same bits, because all randomness is drawn from the seed and the number of the round.
+//! Source: Semage et al., algorithm 1. A [`Workflow`] has no access to the real world: the caller, with a hidden world in this process or
+//! a remote robot, measures the proposals. Every finished round is a [`Round`] (plain data), and [`Workflow::resume`] restores the
+//! workflow from its rounds. The result is then bit-identical, because all randomness derives from the seed and the number of the
+//! round.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::choice::Choice;
+use super::acquisition;
+use super::adaptive::{self, select_adaptively};
 use super::config::{EstimateConfig, Memory};
-use super::deciding::{self, decided};
-use super::fit::{Found, fit_round, report_on};
-use super::report::{EstimateReport, Stopped};
-use super::sense;
-use super::stages::Staged;
-use super::ways;
+use super::fit::{FitHistory, fit_round, report_on};
+use super::order_constraint;
+use super::progress_prefix::RoundProgress;
+use super::report::{EstimateReport, StopReason};
+use super::selection_summary::SelectionSummary;
 use crate::error::{Error, Result};
-use crate::estimate::cem::State;
+use crate::estimate::cem::CemState;
 use crate::estimate::{Cem, LatentEstimate};
-use crate::explore::{self, Importance, Situation};
+use crate::explore::{self, AcquisitionContext, Importance};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
 use crate::task::{Placement, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::Sample;
+use crate::world::ParameterVector;
 
-/// An estimation under way.
+/// State of an estimation.
 pub struct Workflow {
     tasks: Vec<Task>,
     config: EstimateConfig,
     importance: Option<Arc<dyn Importance>>,
     cem: Cem,
     rounds: Vec<Round>,
-    /// All trials so far, in the order in which they were proposed.
+    /// All trials so far, in the order of their proposals.
     trials: Vec<Trial>,
-    /// What is proposed and not yet answered.
-    open: Option<Asked>,
-    ended: Option<Stopped>,
+    /// The proposed round without results.
+    open: Option<PendingRound>,
+    ended: Option<StopReason>,
 }
 
-/// An action that is to be carried out on the real world.
+/// An action to measure in the real world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// Counts from 0 over the whole estimation.
+    /// Number of the proposal, from 0 over the whole estimation.
     pub number: u64,
     /// Id of the task.
     pub task: String,
@@ -54,61 +54,62 @@ pub struct Proposal {
     pub action: Vec<f64>,
 }
 
-/// What became of a proposal; one that could not be carried out is left out.
+/// Measured result of a proposal. Proposals that cannot be carried out have no result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Answer {
-    /// The proposal's number.
+pub struct ProposalResult {
+    /// Number of the proposal.
     pub number: u64,
-    /// What was observed.
+    /// Observed trajectory.
     pub observed: Trajectory,
 }
 
-/// A finished round: what was asked, what was measured, where the search stood then.
+/// A finished round: proposals, results, and the state of the search after it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Round {
     pub proposals: Vec<Proposal>,
-    /// In the order of the proposals.
-    pub answers: Vec<Answer>,
-    pub choice: Choice,
-    pub search: State,
-    /// The estimate, if it was refined; else it is the search's mean.
+    /// Results, in the order of the proposals.
+    pub answers: Vec<ProposalResult>,
+    pub choice: SelectionSummary,
+    pub search: CemState,
+    /// Refined estimate; if `None`, the estimate is the search's mean.
     #[serde(default)]
-    pub refined: Option<Sample>,
-    /// Residual of the best sample, m^2 per trajectory; `None` if nothing was measured.
+    pub refined: Option<ParameterVector>,
+    /// Residual of the best sample, m^2 per trajectory; `None` without measurements.
     pub residual: Option<f64>,
     /// Rollouts simulated.
     pub rollouts: u64,
 }
 
-/// A round that is proposed and not yet answered.
+/// A proposed round without results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Asked {
+pub struct PendingRound {
     pub proposals: Vec<Proposal>,
-    pub choice: Choice,
-    /// Rollouts simulated to choose them.
+    pub choice: SelectionSummary,
+    /// Rollouts simulated for the selection.
     pub rollouts: u64,
 }
 
 impl Workflow {
-    /// A workflow that has not asked for anything yet. `importance` is what the strategy `gradient` needs.
+    /// A new workflow. The strategy `gradient` needs `importance`.
     pub fn new(
         tasks: &[Task],
         config: &EstimateConfig,
         importance: Option<Arc<dyn Importance>>,
     ) -> Result<Workflow> {
         config.validate()?;
-        if ways::question(&config.strategy)?.is_some() {
-            deciding::check(config)?;
+        if acquisition::question(&config.strategy)?.is_some() {
+            adaptive::check(config)?;
         }
         if tasks.is_empty() {
             return Err(Error::Failed("no task to estimate on".into()));
         }
-        if ways::needs_importance(&config.strategy)? && importance.is_none() {
-            let allowed = "a strategy that needs no performance surface, or a surface beside it";
+        if acquisition::needs_importance(&config.strategy)? && importance.is_none() {
+            let allowed = "a strategy that needs no performance surface, or give a surface";
             return Err(Error::input("strategy", format!("{:?}", config.strategy), allowed));
         }
         let mut config = config.clone();
-        config.cem = sense::apply(&config.senses, config.cem, tasks.iter().map(|t| &t.scene))?;
+        config.cem =
+            order_constraint::apply_constraints(&config.senses, config.cem, tasks.iter().map(|t| &t.scene))?;
         Ok(Workflow {
             tasks: tasks.to_vec(),
             config: config.clone(),
@@ -121,29 +122,28 @@ impl Workflow {
         })
     }
 
-    /// The workflow as it stood after `rounds`.
+    /// The workflow in its state after `rounds`.
     pub fn resume(mut self, rounds: Vec<Round>) -> Result<Workflow> {
         for round in rounds {
             let fresh = self.trials_of(&round.proposals, &round.answers)?;
-            self.cem = Cem::at(self.config.cem.clone(), &round.search)?;
+            self.cem = Cem::resume(self.config.cem.clone(), &round.search)?;
             self.finish(round, fresh);
         }
         Ok(self)
     }
 
-    /// The workflow with this round proposed: what [`Workflow::asked`] gave where it stood here before.
-    pub fn reopen(mut self, asked: Asked) -> Workflow {
+    /// The workflow with this pending round, as returned by [`Workflow::pending_round`] in the same state.
+    pub fn reopen(mut self, asked: PendingRound) -> Workflow {
         self.open = Some(asked);
         self
     }
 
-    /// The round that is proposed and not yet answered.
-    pub fn asked(&self) -> Option<&Asked> {
+    /// The proposed round without results, if any.
+    pub fn pending_round(&self) -> Option<&PendingRound> {
         self.open.as_ref()
     }
 
-    /// What is to be measured next, at most `room` actions; `None` when the estimation has ended. Asking twice
-    /// gives the same.
+    /// The next actions to measure, at most `room`; `None` if the estimation has ended. Repeated calls return the same proposals.
     pub fn propose(&mut self, room: Option<u64>, progress: &dyn Progress) -> Result<Option<Vec<Proposal>>> {
         if self.ended.is_some() {
             return Ok(None);
@@ -151,20 +151,20 @@ impl Workflow {
         if self.open.is_none() {
             let wanted = (self.config.actions as u64).min(room.unwrap_or(u64::MAX)) as usize;
             if wanted == 0 {
-                self.ended = Some(Stopped::Budget);
+                self.ended = Some(StopReason::Budget);
                 return Ok(None);
             }
-            let staged = self.staged(progress);
-            let asked = self.explore(wanted, &staged)?;
+            let staged = self.round_progress(progress);
+            let asked = self.select_proposals(wanted, &staged)?;
             self.open = Some(asked);
         }
         Ok(self.open.as_ref().map(|o| o.proposals.clone()))
     }
 
-    /// Ends the round with what was measured, in any order; the estimate moves. Errors leave everything as it was.
-    pub fn tell(&mut self, answers: &[Answer], progress: &dyn Progress) -> Result<&Round> {
+    /// Ends the round with its results, in any order, and updates the estimate. Errors leave the state unchanged.
+    pub fn tell(&mut self, answers: &[ProposalResult], progress: &dyn Progress) -> Result<&Round> {
         let Some(asked) = self.open.clone() else {
-            return Err(Error::Refused { reason: "nothing was proposed that could be answered".into() });
+            return Err(Error::Refused { reason: "there is no open proposal to answer".into() });
         };
         let mut answers = answers.to_vec();
         answers.sort_by_key(|a| a.number);
@@ -177,7 +177,7 @@ impl Workflow {
         };
         let (mut residual, mut refined, mut rollouts) = (None, None, asked.rollouts);
         if !all.is_empty() {
-            let staged = self.staged(progress);
+            let staged = self.round_progress(progress);
             let before = self.rounds.iter().rev().find_map(|r| r.refined.as_ref());
             let fitted = fit_round(&mut cem, before, &all, &self.config, self.rounds.len(), &staged)?;
             (residual, refined, rollouts) =
@@ -197,40 +197,40 @@ impl Workflow {
         Ok(&self.rounds[self.rounds.len() - 1])
     }
 
-    /// What is known now, with intervals. Errors if nothing was measured.
+    /// The current report, with confidence intervals. Errors without measurements.
     pub fn report(&self, progress: &dyn Progress) -> Result<EstimateReport> {
         if self.trials.is_empty() {
             return Err(Error::Refused { reason: "nothing has been measured yet".into() });
         }
         report_on(
             &self.estimate(),
-            &self.cem.deviations(),
+            &self.cem.standard_deviations(),
             &self.trials,
             &self.config,
-            self.found(),
+            self.fit_history(),
             progress,
         )
     }
 
-    /// What is known after the last round, as a report has it, and the rollouts it took to know; nothing as long as
-    /// nothing was measured.
-    pub fn known(&self, progress: &dyn Progress) -> Result<(Vec<LatentEstimate>, u64)> {
+    /// Estimates with confidence intervals after the last round, as in the report, and the rollouts for the intervals; empty without
+    /// measurements.
+    pub fn latent_estimates(&self, progress: &dyn Progress) -> Result<(Vec<LatentEstimate>, u64)> {
         let round = self.rounds.len().saturating_sub(1);
         if self.trials.is_empty() {
             return Ok((Vec::new(), 0));
         }
-        let report = self.report(&Staged { inner: progress, round, rounds: self.config.rounds })?;
+        let report = self.report(&RoundProgress { inner: progress, round, rounds: self.config.rounds })?;
         let before: u64 = self.rounds.iter().map(|r| r.rollouts).sum();
         Ok((report.latents.into_iter().chain(report.effects).collect(), report.rollouts - before))
     }
 
     /// The current estimate.
-    pub fn estimate(&self) -> Sample {
+    pub fn estimate(&self) -> ParameterVector {
         self.rounds.last().map_or_else(|| self.cem.estimate(), |r| self.estimate_at(r))
     }
 
     /// The estimate after each round.
-    pub fn estimates(&self) -> Vec<Sample> {
+    pub fn estimates(&self) -> Vec<ParameterVector> {
         self.rounds.iter().map(|r| self.estimate_at(r)).collect()
     }
 
@@ -253,18 +253,18 @@ impl Workflow {
         &self.rounds
     }
 
-    /// Why it has ended, if it has.
-    pub fn ended(&self) -> Option<Stopped> {
+    /// Reason for stopping, if the estimation has ended.
+    pub fn ended(&self) -> Option<StopReason> {
         self.ended
     }
 
-    /// The configuration it runs with.
+    /// Configuration of the estimation.
     pub fn config(&self) -> &EstimateConfig {
         &self.config
     }
 
-    /// The scene of a proposal with the action carried out.
-    pub fn placed(&self, proposal: &Proposal) -> Result<crate::task::Scene> {
+    /// Scene of a proposal with its action placed.
+    pub fn placed_scene(&self, proposal: &Proposal) -> Result<crate::task::Scene> {
         let task = self.task(&proposal.task)?;
         match task.place(&task.actions().validate(&proposal.action)?) {
             Placement::Valid(scene) => Ok(*scene),
@@ -290,64 +290,75 @@ impl Workflow {
         self.trials.extend(fresh);
         self.open = None;
         if self.has_settled() {
-            self.ended = Some(Stopped::Settled);
+            self.ended = Some(StopReason::Settled);
         } else if self.rounds.len() == self.config.rounds {
-            self.ended = Some(Stopped::Rounds);
+            self.ended = Some(StopReason::Rounds);
         }
     }
 
-    /// The actions this round spends on the real world.
-    fn explore(&self, wanted: usize, progress: &dyn Progress) -> Result<Asked> {
+    /// Selects the actions to measure in this round.
+    fn select_proposals(&self, wanted: usize, progress: &dyn Progress) -> Result<PendingRound> {
         let round = self.rounds.len() as u64;
-        let seed = rng::derive(self.config.seed, "explore", round);
-        if let Some(question) = ways::question(&self.config.strategy)? {
-            let made = decided(&self.tasks, &self.trials, &self.config, question, (wanted, seed), progress)?;
+        let seed = rng::derive_seed(self.config.seed, "explore", round);
+        if let Some(question) = acquisition::question(&self.config.strategy)? {
+            let made = select_adaptively(
+                &self.tasks,
+                &self.trials,
+                &self.config,
+                question,
+                (wanted, seed),
+                progress,
+            )?;
             let choice = made.choice(self.tasks[0].scene.time_step);
             let actions = made.experiments.into_iter().map(|e| (e.task, e.action.values().to_vec()));
-            return Ok(Asked { proposals: self.proposed(actions), choice, rollouts: made.rollouts });
+            return Ok(PendingRound {
+                proposals: self.number_proposals(actions),
+                choice,
+                rollouts: made.rollouts,
+            });
         }
         let mut stream = rng::stream(seed, "candidates");
         let (estimate, coordinates) = (self.estimate(), self.config.cem.coordinates());
-        let world = explore::World {
+        let world = explore::CandidateSimulation {
             latents: coordinates.latents(&estimate),
             effects: coordinates.effects(&estimate, &self.config.effects),
             engine: self.config.engine,
         };
         let candidates =
-            explore::candidates(&self.tasks, self.config.candidates, &world, &mut stream, progress)?;
-        let situation = Situation {
+            explore::simulate_candidates(&self.tasks, self.config.candidates, &world, &mut stream, progress)?;
+        let situation = AcquisitionContext {
             tasks: &self.tasks,
             candidates: &candidates,
             world: &world,
             coordinates: &coordinates,
             estimate: &estimate,
-            spread: &self.cem.deviations(),
-            prior: &self.config.cem.deviations(),
+            spread: &self.cem.standard_deviations(),
+            prior: &self.config.cem.prior_sd(),
             trials: &self.trials,
             importance: self.importance.as_deref(),
             progress,
         };
-        let chosen = explore::strategy(&self.config.strategy)?.choose(&situation, wanted)?;
+        let chosen = explore::strategy(&self.config.strategy)?.select(&situation, wanted)?;
         let actions = chosen.indices.iter().map(|i| {
             let own = &candidates[*i];
             (self.tasks[own.task].id.clone(), own.action.values().to_vec())
         });
-        Ok(Asked {
-            proposals: self.proposed(actions),
-            choice: Choice::of(&candidates, &chosen),
+        Ok(PendingRound {
+            proposals: self.number_proposals(actions),
+            choice: SelectionSummary::of(&candidates, &chosen),
             rollouts: candidates.len() as u64 + chosen.rollouts,
         })
     }
 
-    /// Actions, each with the id of its task, as what is proposed next.
-    fn proposed(&self, actions: impl Iterator<Item = (String, Vec<f64>)>) -> Vec<Proposal> {
+    /// Numbers actions, each with the id of its task, as proposals.
+    fn number_proposals(&self, actions: impl Iterator<Item = (String, Vec<f64>)>) -> Vec<Proposal> {
         let first = self.rounds.iter().map(|r| r.proposals.len() as u64).sum::<u64>();
         actions.zip(first..).map(|((task, action), number)| Proposal { number, task, action }).collect()
     }
 
-    /// Answers joined to their proposals; an error names an answer that nothing asked for.
-    fn trials_of(&self, proposals: &[Proposal], answers: &[Answer]) -> Result<Vec<Trial>> {
-        let trial = |answer: &Answer| {
+    /// Trials from results and their proposals; errors for a result without a proposal.
+    fn trials_of(&self, proposals: &[Proposal], answers: &[ProposalResult]) -> Result<Vec<Trial>> {
+        let trial = |answer: &ProposalResult| {
             let asked = proposals.iter().find(|p| p.number == answer.number).ok_or_else(|| {
                 let numbers = proposals.first().zip(proposals.last());
                 let allowed = numbers.map_or("none".into(), |(a, b)| format!("{} to {}", a.number, b.number));
@@ -356,15 +367,15 @@ impl Workflow {
             Ok(Trial {
                 name: format!("{}/{}", asked.task, asked.number),
                 setting: None,
-                scene: self.placed(asked)?,
+                scene: self.placed_scene(asked)?,
                 observed: answer.observed.clone(),
             })
         };
         answers.iter().map(trial).collect()
     }
 
-    /// Whether the last two rounds moved neither friction nor restitution noticeably. Density is left out: in
-    /// tasks of one composition it cancels, and would wander for ever.
+    /// Convergence test: whether friction and restitution changed by less than the tolerance in the last two rounds. Density is
+    /// excluded, since it cancels if all moving bodies share it and its estimate then drifts.
     fn has_settled(&self) -> bool {
         let [.., a, b, c] = &self.rounds[..] else { return false };
         let moved = |from: &Round, to: &Round| {
@@ -375,29 +386,29 @@ impl Workflow {
         settled > 0.0 && moved(a, b) < settled && moved(b, c) < settled
     }
 
-    fn estimate_at(&self, round: &Round) -> Sample {
-        let searched = || Cem::at(self.config.cem.clone(), &round.search).map(|cem| cem.estimate());
+    fn estimate_at(&self, round: &Round) -> ParameterVector {
+        let searched = || Cem::resume(self.config.cem.clone(), &round.search).map(|cem| cem.estimate());
         round.refined.clone().unwrap_or_else(|| searched().unwrap_or_else(|_| round.search.mean.clone()))
     }
 
-    fn found(&self) -> Found {
-        Found {
+    fn fit_history(&self) -> FitHistory {
+        FitHistory {
             residuals: self.rounds.iter().filter_map(|r| r.residual).collect(),
             estimates: self.estimates(),
             choices: self.rounds.iter().map(|r| r.choice.clone()).collect(),
             rollouts: self.rounds.iter().map(|r| r.rollouts).sum(),
             real_interactions: self.trials.len() as u64,
-            stopped: self.ended.unwrap_or(Stopped::Unfinished),
+            stopped: self.ended.unwrap_or(StopReason::Unfinished),
         }
     }
 
-    fn staged<'a>(&self, inner: &'a dyn Progress) -> Staged<'a> {
-        Staged { inner, round: self.rounds.len(), rounds: self.config.rounds }
+    fn round_progress<'a>(&self, inner: &'a dyn Progress) -> RoundProgress<'a> {
+        RoundProgress { inner, round: self.rounds.len(), rounds: self.config.rounds }
     }
 }
 
 impl Proposal {
-    /// The action, checked against the task it is for.
+    /// The action, validated against its task.
     pub fn action_on(&self, task: &Task) -> Result<ValidAction> {
         task.actions().validate(&self.action)
     }

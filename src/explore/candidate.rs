@@ -1,4 +1,4 @@
-//! Candidate actions, tried on the simulation.
+//! Candidate actions and their simulated outcomes.
 
 use rand::RngExt;
 
@@ -8,44 +8,44 @@ use crate::rng::Stream;
 use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene, Task, ValidAction};
 use crate::trajectory::{Contact, Trajectory};
-use crate::world::{Engine, Latents, Rollout, simulate_map};
+use crate::world::{Engine, Latents, Rollout, Simulator};
 
-/// An action that can be placed, with what the simulation says it would do.
+/// A valid action and its simulated outcome.
 #[derive(Clone, Debug)]
-pub struct Candidate {
+pub struct ActionCandidate {
     /// Index into the tasks the candidates were drawn for.
     pub task: usize,
     /// The action.
     pub action: ValidAction,
-    /// Contacts begun between things that both carry the latent factors; see [`collisions_of`].
+    /// Collisions between two bodies that carry the latent factors; see [`informative_collisions`].
     pub collisions: u32,
-    /// Body time steps on a carrying surface.
+    /// Body time steps on a surface that carries the latents.
     pub rolling_steps: u32,
 }
 
-/// The simulation that candidates are tried in.
+/// The simulation in which candidates are evaluated.
 #[derive(Clone, Debug)]
-pub struct World {
+pub struct CandidateSimulation {
     /// The current estimate.
     pub latents: Latents,
     /// Effects of the simulation.
     pub effects: Vec<EffectTerm>,
-    /// Integrating engine.
+    /// Physics engine.
     pub engine: Engine,
 }
 
-/// Draws `count` placeable actions over `tasks` and simulates each in `world`, goals ignored so that every
-/// candidate is seen to its end.
-pub fn candidates(
+/// Draws `count` valid actions over `tasks` and simulates each in `world`, without goals so that every rollout
+/// is complete.
+pub fn simulate_candidates(
     tasks: &[Task],
     count: usize,
-    world: &World,
+    world: &CandidateSimulation,
     stream: &mut Stream,
     progress: &dyn Progress,
-) -> Result<Vec<Candidate>> {
-    let drawn = draw(tasks, count, stream)?;
+) -> Result<Vec<ActionCandidate>> {
+    let drawn = draw_placeable(tasks, count, stream)?;
     let mut found = Vec::with_capacity(drawn.len());
-    // Chunks bound the memory held in scenes and let progress and cancellation through.
+    // Chunks bound memory and allow progress reports and cancellation.
     for chunk in drawn.chunks(256) {
         progress.report("exploring in simulation", found.len() as u64, drawn.len() as u64)?;
         let rollouts: Vec<Rollout> = chunk
@@ -53,27 +53,26 @@ pub fn candidates(
             .map(|(_, _, scene)| Rollout {
                 latents: world.latents,
                 effects: &world.effects,
-                stop: false,
+                stop_at_goal: false,
                 ..Rollout::of(scene)
             })
             .collect();
-        let counts = simulate_map(&rollouts, world.engine, |i, t| {
-            (collisions_of(rollouts[i].scene, &t), t.rolling_steps)
-        })?;
+        let counts = Simulator::new(world.engine)
+            .map(&rollouts, |i, t| (informative_collisions(rollouts[i].scene, &t), t.rolling_steps))?;
         found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
-            Candidate { task: *task, action: action.clone(), collisions, rolling_steps }
+            ActionCandidate { task: *task, action: action.clone(), collisions, rolling_steps }
         }));
     }
     progress.report("exploring in simulation", drawn.len() as u64, drawn.len() as u64)?;
     Ok(found)
 }
 
-/// The collisions of a trajectory that tell restitution: contacts begun between two things that both carry the
-/// latent factors. Where all movable bodies carry them and nothing else does (bowling, and every scene that does
-/// not say), these are the paper's: contacts between movable bodies. In basketball they are the ball's on the plank;
-/// its contacts with floor, walls and basket, whose known coefficients are small, tell little. A scene with a single
-/// carrier has no such pair: then its contacts with anything count.
-pub fn collisions_of(scene: &Scene, trajectory: &Trajectory) -> u32 {
+/// Number of collisions that identify restitution: contact begins between two objects that both carry the
+/// latent factors. Where all movable bodies carry them and nothing else does (bowling, and the default), these
+/// are the paper's contacts between movable bodies. In basketball they are contacts of the ball with the plank;
+/// contacts with floor, walls and basket have known, small coefficients. With a single carrier, its contacts
+/// with anything count.
+pub fn informative_collisions(scene: &Scene, trajectory: &Trajectory) -> u32 {
     let carries = |name: &str| match &scene.carriers {
         Some(carriers) => carriers.iter().any(|c| c == name),
         None => scene.body(name).is_some(),
@@ -84,14 +83,14 @@ pub fn collisions_of(scene: &Scene, trajectory: &Trajectory) -> u32 {
     trajectory.events.iter().filter(counts).count() as u32
 }
 
-/// Random (task, discrete action) pairs that can be placed; an error if next to none can.
-pub(crate) fn draw(
+/// Random valid pairs of task and discrete action; fails if almost none is valid.
+pub(crate) fn draw_placeable(
     tasks: &[Task],
     count: usize,
     stream: &mut Stream,
 ) -> Result<Vec<(usize, ValidAction, Box<Scene>)>> {
     if tasks.is_empty() {
-        return Err(Error::Failed("no task to draw actions for".into()));
+        return Err(Error::Failed("there are no tasks to draw actions for".into()));
     }
     let mut drawn = Vec::with_capacity(count);
     let tries = 1000 + 200 * count;
@@ -107,7 +106,7 @@ pub(crate) fn draw(
         }
     }
     Err(Error::Failed(format!(
-        "only {} of {tries} random actions of {:?} could be placed; {count} wanted",
+        "only {} of {tries} random actions of {:?} were valid; {count} are needed",
         drawn.len(),
         tasks[0].family
     )))

@@ -1,23 +1,23 @@
-//! `mixed`: collisions and rolling in turn, so that no latent goes unseen.
+//! `mixed`: alternates between collisions and rolling, so that both latents are covered.
 //!
 //! Source: Semage et al., action grouping. Differences from the source: the two rankings are interleaved one by
-//! one, collisions first; an action that both want is taken once.
+//! one, collisions first; an action in both is selected once.
 
-use super::{Chosen, Situation, Strategy, collisions, rolling};
+use super::{AcquisitionContext, ActionSelection, Strategy, collisions, rolling};
 use crate::error::Result;
 
 /// The strategy's row in the registry.
-pub struct Mixed;
+pub struct MixedStrategy;
 
-impl Strategy for Mixed {
+impl Strategy for MixedStrategy {
     fn name(&self) -> &'static str {
         "mixed"
     }
 
-    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
-        let (first, second) = (collisions::order(situation.candidates), rolling::order(situation.candidates));
+    fn select(&self, situation: &AcquisitionContext, n: usize) -> Result<ActionSelection> {
+        let (first, second) = (collisions::rank(situation.candidates), rolling::rank(situation.candidates));
         let mut taken = vec![false; situation.candidates.len()];
         let turns = first.into_iter().zip(second).flat_map(|(a, b)| [a, b]);
-        Chosen::free(turns.filter(|i| !std::mem::replace(&mut taken[*i], true)).collect(), n)
+        ActionSelection::first(turns.filter(|i| !std::mem::replace(&mut taken[*i], true)).collect(), n)
     }
 }

@@ -1,7 +1,7 @@
-//! Which actions to spend on the real world.
+//! Selection of actions for real-world trials.
 //!
-//! Source: Semage et al., section on action selection: candidate actions are tried on the simulation at the
-//! current estimate and ranked by what they would tell. A strategy is one file and one row in [`REGISTRY`].
+//! Source: Semage et al., section on action selection: candidate actions are simulated at the current estimate
+//! and ranked by how informative they are. A strategy is one file and one row in [`REGISTRY`].
 
 mod candidate;
 mod collisions;
@@ -13,19 +13,21 @@ mod rolling;
 mod strategy;
 
 use crate::error::{Error, Result};
-pub(crate) use candidate::draw;
-pub use candidate::{Candidate, World, candidates, collisions_of};
-use strategy::ranked;
-pub use strategy::{Chosen, Expected, Groups, Importance, Situation, Strategy};
+pub(crate) use candidate::draw_placeable;
+pub use candidate::{ActionCandidate, CandidateSimulation, informative_collisions, simulate_candidates};
+use strategy::rank_by;
+pub use strategy::{
+    AcquisitionContext, ActionSelection, ExpectedPosteriorSd, GroupCounts, Importance, Strategy,
+};
 
-/// Every known strategy.
+/// All strategies.
 pub static REGISTRY: &[&dyn Strategy] = &[
-    &collisions::Collisions,
-    &rolling::Rolling,
-    &random::Random,
-    &mixed::Mixed,
-    &gradient::Gradient,
-    &informative::Informative,
+    &collisions::CollisionsStrategy,
+    &rolling::RollingStrategy,
+    &random::RandomStrategy,
+    &mixed::MixedStrategy,
+    &gradient::GradientStrategy,
+    &informative::InformativeStrategy,
 ];
 
 /// The strategy named `name`.
@@ -40,18 +42,21 @@ pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Silent;
+    use crate::progress::NoProgress;
     use crate::task::Scene;
-    use crate::task::action::Discrete;
+    use crate::task::action::Discretisation;
     use crate::task::{ActionSpace, family};
     use crate::trajectory::Trajectory;
-    use crate::world::{Coordinates, Engine, Latents, Rollout};
+    use crate::world::{Engine, Latents, ParameterSpace, Rollout};
 
-    pub(super) fn some() -> Vec<Candidate> {
-        let space =
-            ActionSpace { components: vec![], bounds: None, discrete: Discrete::Grid { counts: vec![100] } };
+    pub(super) fn synthetic_candidates() -> Vec<ActionCandidate> {
+        let space = ActionSpace {
+            components: vec![],
+            bounds: None,
+            discrete: Discretisation::Grid { counts: vec![100] },
+        };
         (0..100)
-            .map(|i| Candidate {
+            .map(|i| ActionCandidate {
                 task: 0,
                 action: space.at(i).unwrap(),
                 collisions: (i as u32 * 7) % 13,
@@ -61,63 +66,70 @@ mod tests {
     }
 
     /// The same slope everywhere.
-    pub(super) struct Slope(pub [f64; 3]);
-    impl Importance for Slope {
+    pub(super) struct ConstantGradient(pub [f64; 3]);
+    impl Importance for ConstantGradient {
         fn gradient(&self, _: [f64; 3]) -> [f64; 3] {
             self.0
         }
     }
 
-    /// What a strategy sees that looks at candidates alone.
-    pub(super) fn seen<'a>(
-        candidates: &'a [Candidate],
-        world: &'a World,
+    /// The context for a strategy that uses candidates alone.
+    pub(super) fn context<'a>(
+        candidates: &'a [ActionCandidate],
+        world: &'a CandidateSimulation,
         importance: Option<&'a dyn Importance>,
-    ) -> Situation<'a> {
-        Situation {
+    ) -> AcquisitionContext<'a> {
+        AcquisitionContext {
             tasks: &[],
             candidates,
             world,
-            coordinates: &LATENTS,
+            coordinates: &LATENTS_ONLY,
             estimate: &[1.0, 0.5, 0.5, 0.0],
             spread: &[0.5, 0.2, 0.2, 0.0],
             prior: &[0.5, 0.25, 0.25, 0.0],
             trials: &[],
             importance,
-            progress: &Silent,
+            progress: &NoProgress,
         }
     }
 
-    /// Nothing is fitted along.
-    static LATENTS: std::sync::LazyLock<Coordinates> = std::sync::LazyLock::new(|| Coordinates::new(&[]));
+    /// No estimated effect parameters.
+    static LATENTS_ONLY: std::sync::LazyLock<ParameterSpace> =
+        std::sync::LazyLock::new(|| ParameterSpace::new(&[]));
 
-    pub(super) static WORLD: World = World {
+    pub(super) static SIMULATION: CandidateSimulation = CandidateSimulation {
         latents: Latents { density: Some(1.0), friction: Some(0.5), restitution: Some(0.5) },
         effects: vec![],
         engine: Engine::Auto,
     };
 
-    pub(super) fn chosen_with(
+    pub(super) fn select_with(
         name: &str,
-        candidates: &[Candidate],
+        candidates: &[ActionCandidate],
         n: usize,
         importance: Option<&dyn Importance>,
-    ) -> Chosen {
-        strategy(name).unwrap().choose(&seen(candidates, &WORLD, importance), n).unwrap()
+    ) -> ActionSelection {
+        strategy(name).unwrap().select(&context(candidates, &SIMULATION, importance), n).unwrap()
     }
 
-    fn choose(name: &str, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        chosen_with(name, candidates, n, None).indices
+    fn select_indices(name: &str, candidates: &[ActionCandidate], n: usize) -> Vec<usize> {
+        select_with(name, candidates, n, None).indices
     }
 
-    /// Contract of every strategy, on real candidates: n distinct indices, fewer only if there are fewer, always
-    /// the same ones, with a surface beside it or, where none is needed, without; and as many as the groups say.
+    /// Contract of every strategy, on real candidates: n distinct indices (fewer only if there are fewer
+    /// candidates), deterministic, with and without a surface, and consistent with the group counts.
     #[test]
-    fn every_strategy_keeps_its_contract() {
+    fn every_strategy_fulfils_its_contract() {
         let tasks = family("basketball").unwrap().tasks();
-        let candidates =
-            candidates(&tasks, 40, &WORLD, &mut crate::rng::stream(1, "candidates"), &Silent).unwrap();
-        let slope = Slope([0.0, 0.4, -2.0]);
+        let candidates = simulate_candidates(
+            &tasks,
+            40,
+            &SIMULATION,
+            &mut crate::rng::stream(1, "candidates"),
+            &NoProgress,
+        )
+        .unwrap();
+        let slope = ConstantGradient([0.0, 0.4, -2.0]);
         for strategy in REGISTRY {
             let name = strategy.name();
             for importance in [Some(&slope as &dyn Importance), None] {
@@ -125,9 +137,10 @@ mod tests {
                     continue;
                 }
                 for n in [0, 1, 7, 40, 100] {
-                    let situation = Situation { tasks: &tasks, ..seen(&candidates, &WORLD, importance) };
-                    let chosen = strategy.choose(&situation, n).unwrap();
-                    assert_eq!(chosen, strategy.choose(&situation, n).unwrap(), "{name}");
+                    let situation =
+                        AcquisitionContext { tasks: &tasks, ..context(&candidates, &SIMULATION, importance) };
+                    let chosen = strategy.select(&situation, n).unwrap();
+                    assert_eq!(chosen, strategy.select(&situation, n).unwrap(), "{name}");
                     let mut distinct = chosen.indices.clone();
                     distinct.sort_unstable();
                     distinct.dedup();
@@ -140,17 +153,17 @@ mod tests {
                         assert_eq!(groups.collisions + groups.rolling, chosen.indices.len(), "{name}");
                     }
                 }
-                let nothing = seen(&[], &WORLD, importance);
-                assert!(strategy.choose(&nothing, 5).unwrap().indices.is_empty(), "{name}");
+                let nothing = context(&[], &SIMULATION, importance);
+                assert!(strategy.select(&nothing, 5).unwrap().indices.is_empty(), "{name}");
             }
         }
     }
 
     #[test]
-    fn groups_are_rich_in_what_they_are_named_for() {
-        let candidates = some();
-        let mean = |name: &str, of: fn(&Candidate) -> u32| {
-            let chosen = choose(name, &candidates, 10);
+    fn strategies_favour_their_named_quantity() {
+        let candidates = synthetic_candidates();
+        let mean = |name: &str, of: fn(&ActionCandidate) -> u32| {
+            let chosen = select_indices(name, &candidates, 10);
             chosen.iter().map(|i| f64::from(of(&candidates[*i]))).sum::<f64>() / 10.0
         };
         assert!(mean("collisions", |c| c.collisions) > 11.0 && mean("rolling", |c| c.rolling_steps) > 85.0);
@@ -158,38 +171,40 @@ mod tests {
         assert!(mean("mixed", |c| c.rolling_steps) > mean("random", |c| c.rolling_steps));
     }
 
-    /// In bowling the paper's count; in basketball, where only one body moves, the ball's contacts with the plank;
-    /// with a single carrier, contacts with anything.
+    /// Bowling: the paper's count. Basketball: only one body moves, so contacts of the ball with the plank. A
+    /// single carrier: contacts with anything.
     #[test]
-    fn collisions_are_contacts_of_what_carries_the_latents() {
+    fn collisions_are_contacts_between_latent_carriers() {
         let simulated = |name: &str, carriers: Option<&[&str]>| {
             let tasks = family(name).unwrap().tasks();
-            let drawn = draw(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates")).unwrap();
+            let drawn = draw_placeable(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates")).unwrap();
             let mut scenes: Vec<Scene> = drawn.into_iter().map(|(_, _, scene)| *scene).collect();
             for scene in &mut scenes {
                 let named = |c: &[&str]| c.iter().map(|c| c.to_string()).collect();
                 scene.carriers = carriers.map(named).or(scene.carriers.take());
             }
-            let rollout = |scene| Rollout { latents: WORLD.latents, stop: false, ..Rollout::of(scene) };
+            let rollout =
+                |scene| Rollout { latents: SIMULATION.latents, stop_at_goal: false, ..Rollout::of(scene) };
             let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
-            let found = crate::world::simulate(&rollouts, Engine::Auto).unwrap();
+            let found = crate::world::Simulator::new(Engine::Auto).run(&rollouts).unwrap();
             scenes.into_iter().zip(found).collect::<Vec<_>>()
         };
         let total = |found: &[(Scene, Trajectory)]| -> u32 {
-            found.iter().map(|(scene, t)| collisions_of(scene, t)).sum()
+            found.iter().map(|(scene, t)| informative_collisions(scene, t)).sum()
         };
         let bowling = simulated("bowling", None);
         assert!(
-            bowling.iter().all(|(scene, t)| collisions_of(scene, t) == t.collisions) && total(&bowling) > 20
+            bowling.iter().all(|(scene, t)| informative_collisions(scene, t) == t.collisions)
+                && total(&bowling) > 20
         );
         let basketball = simulated("basketball", None);
         for (scene, t) in &basketball {
             let on_plank = t.events.iter().filter(|e| e.between.iter().any(|name| name == "plank")).count();
-            assert_eq!((collisions_of(scene, t) as usize, t.collisions), (on_plank, 0));
+            assert_eq!((informative_collisions(scene, t) as usize, t.collisions), (on_plank, 0));
         }
         assert!(total(&basketball) > 10);
         let alone = simulated("basketball", Some(&["ball"]));
-        assert!(alone.iter().all(|(scene, t)| collisions_of(scene, t) as usize == t.events.len()));
+        assert!(alone.iter().all(|(scene, t)| informative_collisions(scene, t) as usize == t.events.len()));
         assert!(total(&alone) > total(&basketball));
     }
 }

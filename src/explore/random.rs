@@ -1,17 +1,17 @@
-//! `random`: actions as they were drawn; the baseline.
+//! `random`: candidates in random order; the baseline.
 
-use super::{Chosen, Situation, Strategy};
+use super::{AcquisitionContext, ActionSelection, Strategy};
 use crate::error::Result;
 
 /// The strategy's row in the registry.
-pub struct Random;
+pub struct RandomStrategy;
 
-impl Strategy for Random {
+impl Strategy for RandomStrategy {
     fn name(&self) -> &'static str {
         "random"
     }
 
-    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
-        Chosen::free((0..situation.candidates.len()).collect(), n)
+    fn select(&self, situation: &AcquisitionContext, n: usize) -> Result<ActionSelection> {
+        ActionSelection::first((0..situation.candidates.len()).collect(), n)
     }
 }

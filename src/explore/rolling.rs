@@ -1,24 +1,24 @@
-//! `rolling`: the actions with the most time steps on a carrying surface, which tell friction.
+//! `rolling`: actions with the most time steps on a surface that carries the latents, which identify friction.
 //!
 //! Source: Semage et al., action grouping. Differences from the source: none known; ties keep their order.
 
-use super::{Candidate, Chosen, Situation, Strategy, ranked};
+use super::{AcquisitionContext, ActionCandidate, ActionSelection, Strategy, rank_by};
 use crate::error::Result;
 
 /// The strategy's row in the registry.
-pub struct Rolling;
+pub struct RollingStrategy;
 
-impl Strategy for Rolling {
+impl Strategy for RollingStrategy {
     fn name(&self) -> &'static str {
         "rolling"
     }
 
-    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
-        Chosen::free(order(situation.candidates), n)
+    fn select(&self, situation: &AcquisitionContext, n: usize) -> Result<ActionSelection> {
+        ActionSelection::first(rank(situation.candidates), n)
     }
 }
 
-/// All candidates, most wanted first.
-pub(super) fn order(candidates: &[Candidate]) -> Vec<usize> {
-    ranked(candidates, |c| f64::from(c.rolling_steps))
+/// All candidates, best first.
+pub(super) fn rank(candidates: &[ActionCandidate]) -> Vec<usize> {
+    rank_by(candidates, |c| f64::from(c.rolling_steps))
 }

@@ -1,69 +1,69 @@
-//! What a strategy is: what it may look at, and what it answers.
+//! The interface of a selection strategy.
 
 use serde::{Deserialize, Serialize};
 
-use super::candidate::{Candidate, World};
+use super::candidate::{ActionCandidate, CandidateSimulation};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Task;
-use crate::world::Coordinates;
+use crate::world::ParameterSpace;
 
-/// A way to choose actions from simulated candidates.
+/// Selects actions from simulated candidates.
 pub trait Strategy: Sync {
     /// Name on the command line and in reports.
     fn name(&self) -> &'static str;
 
-    /// Whether [`Situation::importance`] must be there.
+    /// Whether [`AcquisitionContext::importance`] is required.
     fn needs_importance(&self) -> bool {
         false
     }
 
-    /// `n` distinct candidates (fewer if there are fewer), most wanted first.
-    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen>;
+    /// Selects `n` distinct candidates (fewer if there are fewer), best first.
+    fn select(&self, situation: &AcquisitionContext, n: usize) -> Result<ActionSelection>;
 }
 
-/// What a strategy may look at: nothing of it comes from the real world but the trials that were paid for.
-pub struct Situation<'a> {
+/// Input of a strategy. The only real-world information in it is the trials measured so far.
+pub struct AcquisitionContext<'a> {
     /// The tasks the candidates were drawn for.
     pub tasks: &'a [Task],
     /// The actions to choose from.
-    pub candidates: &'a [Candidate],
-    /// The simulation they were tried in.
-    pub world: &'a World,
-    /// What is estimated.
-    pub coordinates: &'a Coordinates,
-    /// The current estimate, one value a coordinate.
+    pub candidates: &'a [ActionCandidate],
+    /// The simulation of the candidates.
+    pub world: &'a CandidateSimulation,
+    /// The estimated coordinates.
+    pub coordinates: &'a ParameterSpace,
+    /// The current estimate, one value per coordinate.
     pub estimate: &'a [f64],
-    /// How far the search still spreads around it, standard deviations.
+    /// Current standard deviations of the search.
     pub spread: &'a [f64],
-    /// How far it spread before anything was measured, standard deviations; 0 for what is not searched.
+    /// Prior standard deviations; 0 for a fixed coordinate.
     pub prior: &'a [f64],
-    /// What was measured so far.
+    /// Trials measured so far.
     pub trials: &'a [Trial],
-    /// What the task's performance asks of the latents; there where the strategy needs it, and used where there.
+    /// Sensitivity of the task's performance to the latents, if known.
     pub importance: Option<&'a dyn Importance>,
-    /// For those that simulate more.
+    /// Progress of strategies that simulate.
     pub progress: &'a dyn Progress,
 }
 
-/// What was chosen.
+/// The selected actions.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Chosen {
-    /// Indices of candidates.
+pub struct ActionSelection {
+    /// Indices into the candidates, best first.
     pub indices: Vec<usize>,
-    /// Rollouts simulated to choose them.
+    /// Rollouts simulated for the selection.
     pub rollouts: u64,
-    /// How many come from which group, where the strategy deals them out.
-    pub groups: Option<Groups>,
-    /// What they are chosen to tell of each coordinate that is searched, where the strategy reckons with it.
-    pub expected: Vec<Expected>,
+    /// Number of actions from each group, for strategies that allocate by group.
+    pub groups: Option<GroupCounts>,
+    /// Expected posterior standard deviation of each searched coordinate, if the strategy computes it.
+    pub expected: Vec<ExpectedPosteriorSd>,
 }
 
-/// How far a coordinate is known before a batch and, if the simulation is right, after it: standard deviations that the
-/// trials' information leaves.
+/// Standard deviation of a coordinate before a batch of trials and its expectation after, by Fisher
+/// information.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Expected {
+pub struct ExpectedPosteriorSd {
     /// Name of the factor, or `effect.parameter`.
     pub name: String,
     /// In the coordinate's unit.
@@ -72,32 +72,32 @@ pub struct Expected {
     pub after: f64,
 }
 
-/// How many actions are chosen from each group.
+/// Number of actions selected from each group.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Groups {
-    /// For their collisions, which tell restitution.
+pub struct GroupCounts {
+    /// Selected for collisions, which identify restitution.
     pub collisions: usize,
-    /// For their rolling, which tells friction.
+    /// Selected for rolling, which identifies friction.
     pub rolling: usize,
 }
 
-/// How much the performance on a task depends on each latent factor.
+/// Sensitivity of a task's performance to each latent factor.
 pub trait Importance: Send + Sync {
-    /// Partial derivatives of performance by density (per kg/m^2), friction and restitution at `latents`; NaN
-    /// where they are not known.
+    /// Partial derivatives of performance with respect to density (per kg/m^2), friction and restitution at
+    /// `latents`; NaN if unknown.
     fn gradient(&self, latents: [f64; 3]) -> [f64; 3];
 }
 
-impl Chosen {
-    /// Chosen without simulating anything.
-    pub fn free(mut indices: Vec<usize>, n: usize) -> Result<Chosen> {
+impl ActionSelection {
+    /// The first `n` of `indices`, without simulation cost.
+    pub fn first(mut indices: Vec<usize>, n: usize) -> Result<ActionSelection> {
         indices.truncate(n);
-        Ok(Chosen { indices, ..Chosen::default() })
+        Ok(ActionSelection { indices, ..ActionSelection::default() })
     }
 }
 
-/// Indices ordered by descending score; ties keep the order of the candidates, which is random.
-pub fn ranked(candidates: &[Candidate], score: impl Fn(&Candidate) -> f64) -> Vec<usize> {
+/// Indices by descending score; ties keep the (random) order of candidates.
+pub fn rank_by(candidates: &[ActionCandidate], score: impl Fn(&ActionCandidate) -> f64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|a, b| score(&candidates[*b]).total_cmp(&score(&candidates[*a])));
     order

@@ -1,29 +1,27 @@
-//! Work that takes long: a bounded queue, threads of its own, progress to watch, and a way to stop it.
+//! Background jobs: a bounded queue, worker threads, progress events, and cancellation.
 //!
-//! States: queued -> running -> succeeded | failed | cancelled. A running job may instead wait for answers from
-//! outside (running -> waiting -> queued); no worker is occupied meanwhile. Every state but the ended ones can
-//! be cancelled. A job's events are numbered from 1 and the last [`KEPT_EVENTS`] kept, so that a watcher who lost
-//! its connection goes on where it was.
+//! States: queued -> running -> succeeded | failed | cancelled. A running job may instead wait for results from outside
+//! (running -> waiting -> queued); it occupies no worker meanwhile. Every state but the final ones can be cancelled. Events of a
+//! job are numbered from 1 and the last [`MAX_EVENTS_PER_JOB`] are kept, so that a watcher can resume after a lost connection.
 //!
-//! Jobs outlive the process. What a job does is made from its stored plan by the recipe of its kind, so whatever
-//! had not ended when a server stopped or was killed is queued again at the next start; how much of it is done
-//! again is up to the work, which keeps what it has finished in the store. A job that was begun [`MOST_STARTS`]
-//! times without getting anywhere fails: it may be what ends the server.
+//! Jobs survive the process. A factory by kind builds the work from the stored plan, so jobs that had not ended when a server stopped
+//! or was killed are queued again at the next start. The work stores its completed parts and decides what to repeat. A job that
+//! was started [`MAX_STARTS_WITHOUT_PROGRESS`] times without progress fails, because it may be what ends the server.
 //!
-//! Every worker runs its job in a rayon pool of its own: a job that waits in parallel code can then never be
-//! handed another job, and single requests are not queued behind a job's thousands of rollouts.
+//! Every worker runs its job in its own rayon pool: a job waiting in parallel code cannot be handed another job, and requests are
+//! not queued behind a job's thousands of rollouts.
 
-mod live;
-mod pace;
+mod active;
+mod eta;
 mod record;
 mod runner;
-mod shared;
+mod state;
 mod watch;
 mod work;
 
-pub use live::KEPT_EVENTS;
-pub use record::{Deleted, Figure, Job, id};
-pub use runner::{New, Runner};
-pub use shared::{MOST_STARTS, RunnerConfig};
+pub use active::MAX_EVENTS_PER_JOB;
+pub use record::{DeleteOutcome, Figure, Job, id};
+pub use runner::{JobSpec, Runner};
+pub use state::{MAX_STARTS_WITHOUT_PROGRESS, RunnerConfig};
 pub use watch::Watcher;
-pub use work::{Context, Outcome, Recipe, Recipes, Work};
+pub use work::{JobContext, Work, WorkFactories, WorkFactory, WorkOutcome};

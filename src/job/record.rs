@@ -8,15 +8,15 @@ use crate::store::JobRow;
 pub struct Job {
     /// Unique, restarts included.
     pub id: String,
-    /// What is known of it.
+    /// Its stored row.
     pub row: JobRow,
-    /// How long it will still take, s, as far as that can be told.
+    /// Estimated remaining time, s, if known.
     pub left: Option<f64>,
-    /// At an event: what its work told since the event before.
+    /// In an event: figures reported since the previous event.
     pub figures: Vec<Figure>,
 }
 
-/// A figure that work told on its way: `name` was `value` when `at` units of the stage were done.
+/// A figure reported by the work: `name` was `value` when `at` units of the stage were done.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     pub name: &'static str,
@@ -24,17 +24,17 @@ pub struct Figure {
     pub value: f64,
 }
 
-/// What deleting a job did.
+/// Outcome of deleting a job.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Deleted {
-    /// It is told to stop (or will not start).
+pub enum DeleteOutcome {
+    /// It was cancelled: it is stopping, or will not start.
     Cancelled(Box<Job>),
-    /// It had ended and is forgotten.
-    Forgotten,
+    /// It had ended and was removed.
+    Removed,
 }
 
 impl Job {
-    /// What is known of it, and nothing of its pace.
+    /// From its row, without an estimate of the remaining time.
     pub(super) fn of(row: JobRow) -> Job {
         Job { id: id(row.number), row, left: None, figures: Vec::new() }
     }
@@ -51,7 +51,7 @@ pub(super) fn number(id: &str) -> Result<i64> {
     number.filter(|n| self::id(*n) == id).ok_or_else(|| unknown(id))
 }
 
-/// There is no such job.
+/// The error of an unknown job.
 pub(super) fn unknown(id: &str) -> Error {
     Error::NotFound { kind: "job", id: id.to_string(), known: Vec::new() }
 }

@@ -1,4 +1,4 @@
-//! Queues, watches, stops: what the rest of the program sees of jobs.
+//! Queues, watches and stops jobs: the interface of the job module.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -7,46 +7,51 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::live::Live;
-use super::record::{Deleted, Job, number, unknown};
-use super::shared::{RunnerConfig, Shared, Told};
+use super::active::ActiveJob;
+use super::record::{DeleteOutcome, Job, number, unknown};
+use super::state::{OnJobEnd, RunnerConfig, RunnerState};
 use super::watch::Watcher;
-use super::work::Recipes;
+use super::work::WorkFactories;
 use crate::error::{Error, Result};
-use crate::store::{Answered, JobList, JobRow, JobState, LogRow, Store};
+use crate::store::{JobList, JobRow, JobState, LogRow, Store, StoredResponse};
 
-/// A job to run.
-pub struct New<'a> {
-    /// One of the recipes'.
+/// A job to be queued.
+pub struct JobSpec<'a> {
+    /// Kind of job, one of the factories'.
     pub kind: &'a str,
-    /// Kept and shown.
+    /// The request as its owner wrote it; stored and shown.
     pub config: &'a Value,
-    /// Kept and given to the recipe.
+    /// The plan that the factory gets; stored.
     pub plan: &'a Value,
     pub seed: u64,
 }
 
 /// Runs jobs. Dropping it stops them.
 pub struct Runner {
-    shared: Arc<Shared>,
+    shared: Arc<RunnerState>,
     workers: Mutex<Vec<JoinHandle<()>>>,
 }
 
 impl Runner {
-    /// Starts the workers and queues what an earlier server left unfinished. `told` hears of every job that ends.
-    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig, told: Told) -> Result<Runner> {
-        let shared = Arc::new(Shared {
+    /// Starts the workers and resumes the unfinished jobs of an earlier server. `on_job_end` is called for every job that ends.
+    pub fn start(
+        store: Arc<Store>,
+        work_factories: WorkFactories,
+        config: RunnerConfig,
+        on_job_end: OnJobEnd,
+    ) -> Result<Runner> {
+        let shared = Arc::new(RunnerState {
             store,
-            recipes,
+            work_factories,
             config,
-            told,
+            on_job_end,
             state: Mutex::default(),
             wake: Condvar::new(),
             stopping: AtomicBool::new(false),
             origin: Instant::now(),
         });
         for row in shared.store.unfinished()? {
-            shared.take_up(row)?;
+            shared.resume(row)?;
         }
         let threads = match config.threads {
             0 => rayon::current_num_threads(),
@@ -59,34 +64,34 @@ impl Runner {
                     .num_threads(threads)
                     .thread_name(move |t| format!("job-{i}-{t}"))
                     .build()
-                    .map_err(|e| Error::Failed(format!("no threads for jobs: {e}")))?;
+                    .map_err(|e| Error::Failed(format!("the job threads cannot be started: {e}")))?;
                 std::thread::Builder::new()
                     .name(format!("job-{i}"))
-                    .spawn(move || shared.work(&pool))
-                    .map_err(|e| Error::Failed(format!("no thread for jobs: {e}")))
+                    .spawn(move || shared.run_worker(&pool))
+                    .map_err(|e| Error::Failed(format!("the job thread cannot be started: {e}")))
             })
             .collect::<Result<_>>()?;
         Ok(Runner { shared, workers: Mutex::new(workers) })
     }
 
-    /// The kinds of jobs there are, in order of their names.
+    /// Names of the job kinds, sorted.
     pub fn kinds(&self) -> Vec<&'static str> {
-        self.shared.recipes.keys().copied().collect()
+        self.shared.work_factories.keys().copied().collect()
     }
 
-    /// Queues a job of `owner`'s, or where nobody is known of somebody at `place`. What `answered` makes of it is kept in the same transaction: the answer to the request.
+    /// Queues a job of `owner`, or of an anonymous client at `place`. The response built by `answered` is stored in the same transaction.
     pub fn submit(
         &self,
-        new: New,
+        new: JobSpec,
         owner: Option<&str>,
         place: &str,
-        answered: &dyn Fn(Job) -> Option<Answered>,
+        answered: &dyn Fn(Job) -> Option<StoredResponse>,
     ) -> Result<Job> {
-        let work = self.shared.make(new.kind, new.plan)?;
+        let work = self.shared.build_work(new.kind, new.plan)?;
         let mut state = self.shared.state();
         if self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Interrupted {
-                reason: "the server is stopping; send it to the next one".into(),
+                reason: "the server is stopping; retry after the restart".into(),
             });
         }
         if state.is_full(owner.unwrap_or(place), self.shared.config.queue) {
@@ -95,24 +100,24 @@ impl Runner {
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
         let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
-        self.shared.line(row.number, "queued");
+        self.shared.log_line(row.number, "queued");
         state.queue.push_back(row.number);
-        state.live.insert(row.number, Live::new(row.clone(), place, Some(work)));
+        state.jobs.insert(row.number, ActiveJob::new(row.clone(), place, Some(work)));
         drop(state);
         self.shared.wake.notify_one();
         Ok(Job::of(row))
     }
 
-    /// The job called `id`, whosever it is.
+    /// The job called `id`, of any owner.
     pub fn get(&self, id: &str) -> Result<Job> {
         let number = number(id)?;
-        if let Some(live) = self.shared.state().live.get(&number) {
+        if let Some(live) = self.shared.state().jobs.get(&number) {
             return Ok(live.job(self.shared.now()));
         }
         self.shared.store.job(number)?.map(Job::of).ok_or_else(|| unknown(id))
     }
 
-    /// The same; one that is not `owner`'s, if one is given, is as good as none.
+    /// The job called `id`; unknown if it belongs to an owner other than `owner`, if given.
     pub fn of(&self, id: &str, owner: Option<&str>) -> Result<Job> {
         let job = self.get(id)?;
         if owner.is_none_or(|owner| job.row.owner.as_deref() == Some(owner)) {
@@ -122,7 +127,7 @@ impl Runner {
         }
     }
 
-    /// At most `limit` jobs in the order asked for, those after number `after`; one owner's, or everybody's.
+    /// At most `limit` jobs in the requested order, after number `after`; of one owner, or of all.
     pub fn list(
         &self,
         list: &JobList,
@@ -133,30 +138,30 @@ impl Runner {
         let rows = self.shared.store.jobs(list, after, limit, owner)?;
         let (state, now) = (self.shared.state(), self.shared.now());
         let live = |row: JobRow| {
-            let mut job = state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
+            let mut job = state.jobs.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
             job.row.result.take_if(|_| list.bare);
             job
         };
         Ok(rows.into_iter().map(live).collect())
     }
 
-    /// At most `limit` lines of the log of the job called `id`, those after number `after`.
+    /// At most `limit` lines of the log of the job called `id`, after number `after`.
     pub fn log(&self, id: &str, after: u64, limit: usize) -> Result<Vec<LogRow>> {
         self.shared.store.log(number(id)?, after, limit)
     }
 
-    /// Tells a job that waits for `asked` answers that it has `answered` of them; with all of them it goes on.
-    pub fn answered(&self, id: &str, answered: u64, asked: u64) -> Result<Job> {
+    /// Reports to a waiting job that `answered` of `asked` results have arrived; it resumes when all have.
+    pub fn report_results(&self, id: &str, answered: u64, requested: u64) -> Result<Job> {
         let number = number(id)?;
         let mut state = self.shared.state();
         let now = self.shared.now();
-        let live = state.live.get_mut(&number).ok_or_else(|| unknown(id))?;
+        let live = state.jobs.get_mut(&number).ok_or_else(|| unknown(id))?;
         match live.row.state {
-            JobState::Waiting if answered >= asked => {
-                live.work = Some(self.shared.make(&live.row.kind, &live.row.plan)?);
+            JobState::Waiting if answered >= requested => {
+                live.work = Some(self.shared.build_work(&live.row.kind, &live.row.plan)?);
                 (live.row.state, live.row.done) = (JobState::Queued, answered);
                 live.emit(None);
-                self.shared.line(number, "all answers are there; queued again");
+                self.shared.log_line(number, "all results have arrived; queued again");
                 self.shared.store.update_job(&live.row)?;
                 let job = live.job(now);
                 state.queue.push_back(number);
@@ -164,67 +169,67 @@ impl Runner {
                 Ok(job)
             }
             JobState::Waiting => {
-                (live.row.done, live.row.total) = (answered, asked);
-                self.shared.line(number, &format!("{answered} of {asked} answers are there"));
+                (live.row.done, live.row.total) = (answered, requested);
+                self.shared.log_line(number, &format!("{answered} of {requested} results have arrived"));
                 live.emit(None);
                 Ok(live.job(now))
             }
             JobState::Running => {
-                live.again |= answered >= asked;
+                live.results_complete |= answered >= requested;
                 Ok(live.job(now))
             }
             _ => Ok(live.job(now)),
         }
     }
 
-    /// Stops a job that has not ended; forgets one that has.
-    pub fn delete(&self, id: &str) -> Result<Deleted> {
+    /// Cancels a job that has not ended; removes one that has.
+    pub fn delete(&self, id: &str) -> Result<DeleteOutcome> {
         let number = number(id)?;
         let mut state = self.shared.state();
-        if let Some(live) = state.live.get_mut(&number)
+        if let Some(live) = state.jobs.get_mut(&number)
             && !live.row.state.ended()
         {
             self.shared.store.cancel_job(number)?;
             live.cancel.store(true, Ordering::SeqCst);
             if live.row.state == JobState::Running {
-                self.shared.line(number, "told to stop");
+                self.shared.log_line(number, "cancellation requested");
             } else {
                 self.shared.end(&mut state, number, Err(Error::Cancelled));
             }
-            let row = state.live.get(&number).map(|l| l.row.clone());
-            return row.map(|r| Deleted::Cancelled(Box::new(Job::of(r)))).ok_or_else(|| unknown(id));
+            let row = state.jobs.get(&number).map(|l| l.row.clone());
+            return row.map(|r| DeleteOutcome::Cancelled(Box::new(Job::of(r)))).ok_or_else(|| unknown(id));
         }
-        state.live.remove(&number);
-        if self.shared.store.remove_job(number)? { Ok(Deleted::Forgotten) } else { Err(unknown(id)) }
+        state.jobs.remove(&number);
+        if self.shared.store.remove_job(number)? { Ok(DeleteOutcome::Removed) } else { Err(unknown(id)) }
     }
 
-    /// Forgets the jobs that ended before a moment, s since 1970, and what they left; returns how many. One that is told to stop
-    /// and has not noticed yet stays until it has.
-    pub fn forget_ended(&self, before: u64) -> Result<usize> {
+    /// Removes the jobs that ended before a moment, s since 1970, and their data; returns how many. A cancelled job that is still
+    /// running stays.
+    pub fn remove_ended(&self, before: u64) -> Result<usize> {
         let mut forgotten = 0;
         for number in self.shared.store.ended_before(before)? {
             let mut state = self.shared.state();
-            if state.live.get(&number).is_some_and(|live| !live.row.state.ended()) {
+            if state.jobs.get(&number).is_some_and(|live| !live.row.state.ended()) {
                 continue;
             }
-            state.live.remove(&number);
+            state.jobs.remove(&number);
             forgotten += usize::from(self.shared.store.remove_job(number)?);
         }
         Ok(forgotten)
     }
 
-    /// Events of a job after event number `after` (0 for all there are).
+    /// Events of a job after event number `after` (0 for all).
     pub fn watch(&self, id: &str, after: u64) -> Result<Watcher> {
         Watcher::new(self.shared.clone(), id, after)
     }
 
-    /// Stops working; what has not ended is queued in the store for the next runner. Waits for the workers, but
-    /// no longer than `patience`: work that has not noticed by then goes with the process.
+    /// Stops the workers; unfinished jobs are queued in the store for the next runner. Waits for the workers up to `patience`; work
+    /// that does not notice the stop by then is abandoned.
     pub fn stop(&self, patience: Duration) {
         if !self.shared.stopping.swap(true, Ordering::SeqCst) {
             let mut state = self.shared.state();
             state.queue.clear();
-            for (number, live) in &state.live {
+            for (number, live) in &state.jobs {
                 if live.row.state == JobState::Running
                     && let Err(e) = self.shared.store.put_back_job(*number)
                 {
@@ -255,19 +260,19 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::job::MOST_STARTS;
+    use crate::job::MAX_STARTS_WITHOUT_PROGRESS;
     use crate::job::record::id;
-    use crate::job::work::{Context, Outcome, Recipe};
+    use crate::job::work::{JobContext, WorkFactory, WorkOutcome};
     use crate::progress::Progress;
 
-    /// What the test's jobs do, by the plan of a job.
-    type Acts = BTreeMap<&'static str, fn(&Context, &Store) -> Result<Outcome>>;
+    /// Work of the test's jobs, by name; a job's plan is the name.
+    type Acts = BTreeMap<&'static str, fn(&JobContext, &Store) -> Result<WorkOutcome>>;
 
-    /// A runner of one worker; every plan is the name of an act. Acts say on the channel that they have begun.
-    fn on(store: &Arc<Store>, queue: usize) -> (Runner, mpsc::Receiver<()>) {
+    /// A runner with one worker. Work signals on the channel that it has started.
+    fn runner_on(store: &Arc<Store>, queue: usize) -> (Runner, mpsc::Receiver<()>) {
         let (begun, wait) = mpsc::channel();
         let of = store.clone();
-        let recipe: Recipe = Box::new(move |plan| {
+        let work_factory: WorkFactory = Box::new(move |plan| {
             let (act, begun, store) = (ACTS[plan.as_str().unwrap()], begun.clone(), of.clone());
             Ok(Box::new(move |context| {
                 let _ = begun.send(());
@@ -275,15 +280,21 @@ mod tests {
             }))
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
-        let config = RunnerConfig { workers: 1, queue, threads: 1, most: None, explain };
+        let config = RunnerConfig { workers: 1, queue, threads: 1, max_run_time: None, explain };
         (
-            Runner::start(store.clone(), Recipes::from([("act", recipe)]), config, Box::new(|_| {})).unwrap(),
+            Runner::start(
+                store.clone(),
+                WorkFactories::from([("act", work_factory)]),
+                config,
+                Box::new(|_| {}),
+            )
+            .unwrap(),
             wait,
         )
     }
 
     fn runner(queue: usize) -> (Runner, mpsc::Receiver<()>) {
-        on(&Arc::new(Store::in_memory().unwrap()), queue)
+        runner_on(&Arc::new(Store::in_memory().unwrap()), queue)
     }
 
     static ACTS: LazyLock<Acts> = LazyLock::new(|| {
@@ -294,8 +305,8 @@ mod tests {
                     for i in 0..=4 {
                         c.report("counting", i, 4)?;
                     }
-                    Ok(Outcome::Done(json!({ "id": c.id })))
-                }) as fn(&Context, &Store) -> Result<Outcome>,
+                    Ok(WorkOutcome::Done(json!({ "id": c.id })))
+                }) as fn(&JobContext, &Store) -> Result<WorkOutcome>,
             ),
             ("endless", |c, _| {
                 loop {
@@ -303,24 +314,28 @@ mod tests {
                     std::thread::yield_now();
                 }
             }),
-            ("one", |_, _| Ok(Outcome::Done(json!(1)))),
+            ("one", |_, _| Ok(WorkOutcome::Done(json!(1)))),
             ("panics", |_, _| panic!("defect")),
             ("fails", |_, _| Err(Error::Failed("no".into()))),
             ("asks", |c, store| {
-                // Waits for answers twice, then has them.
+                // Waits for results twice.
                 let before = store.rounds(c.number)?.len() as u64;
                 store.open_round(c.number, before, "")?;
-                Ok(if before < 2 { Outcome::Waiting } else { Outcome::Done(json!(before)) })
+                Ok(if before < 2 { WorkOutcome::Waiting } else { WorkOutcome::Done(json!(before)) })
             }),
         ])
     });
 
     fn submit(runner: &Runner, act: &str) -> Result<Job> {
-        runner
-            .submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, "", &|_| None)
+        runner.submit(
+            JobSpec { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 },
+            None,
+            "",
+            &|_| None,
+        )
     }
 
-    /// The job once it is in this state.
+    /// Waits until the job is in this state.
     fn reach(runner: &Runner, id: &str, state: JobState) -> Job {
         loop {
             let job = runner.get(id).unwrap();
@@ -332,7 +347,7 @@ mod tests {
         }
     }
 
-    /// All events from `after` on, to the end.
+    /// All events after `after`, to the end.
     fn events(runner: &Runner, id: &str, after: u64) -> Vec<(u64, Job)> {
         let mut watcher = runner.watch(id, after).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
@@ -346,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn progress_is_replayed_from_where_a_watcher_was() {
+    fn replays_events_from_id() {
         let (runner, _) = runner(4);
         let job = submit(&runner, "count").unwrap();
         let all = events(&runner, &job.id, 0);
@@ -365,53 +380,58 @@ mod tests {
     }
 
     #[test]
-    fn what_happened_is_read_line_by_line_over_a_restart() {
+    fn log_continues_over_restart() {
         let store = Arc::new(Store::in_memory().unwrap());
-        let (first, begun) = on(&store, 4);
+        let (first, begun) = runner_on(&store, 4);
         let job = submit(&first, "endless").unwrap();
         begun.recv().unwrap();
         while first.log(&job.id, 0, 9).unwrap().len() < 3 {
             std::thread::yield_now();
         }
         first.stop(Duration::from_secs(60));
-        let (second, begun) = on(&store, 4);
+        let (second, begun) = runner_on(&store, 4);
         begun.recv().unwrap();
         while second.log(&job.id, 0, 9).unwrap().len() < 7 {
             std::thread::yield_now();
         }
         second.delete(&job.id).unwrap();
         assert_eq!(events(&second, &job.id, 0).last().unwrap().1.row.state, JobState::Cancelled);
-        let told = |id: &str, after| -> Vec<String> {
+        let log_texts = |id: &str, after| -> Vec<String> {
             second.log(id, after, 99).unwrap().into_iter().map(|l| l.text).collect()
         };
-        let all = told(&job.id, 0);
+        let all = log_texts(&job.id, 0);
         let parts = [
-            &["queued", "begun", "waiting", "the server stops; the next one goes on with it"][..],
-            &["the server was started: it is queued again", "begun", "waiting", "told to stop", "cancelled"]
-                [..],
+            &["queued", "started", "waiting", "the server stops; the next one resumes the job"][..],
+            &[
+                "the server was started: the job is queued again",
+                "started",
+                "waiting",
+                "cancellation requested",
+                "cancelled",
+            ][..],
         ];
         assert_eq!(all, parts.concat());
-        assert_eq!(told(&job.id, 3), all[3..]);
+        assert_eq!(log_texts(&job.id, 3), all[3..]);
         let failed = submit(&second, "fails").unwrap();
         events(&second, &failed.id, 0);
-        assert_eq!(told(&failed.id, 0).last().unwrap(), "failed: no");
+        assert_eq!(log_texts(&failed.id, 0).last().unwrap(), "failed: no");
         second.delete(&failed.id).unwrap();
-        assert!(told(&failed.id, 0).is_empty());
+        assert!(log_texts(&failed.id, 0).is_empty());
     }
 
     #[test]
-    fn running_and_queued_jobs_are_cancelled_and_the_queue_is_bounded() {
+    fn cancels_jobs_and_bounds_queue() {
         let (runner, begun) = runner(1);
         let running = submit(&runner, "endless").unwrap();
         begun.recv().unwrap();
         let queued = submit(&runner, "one").unwrap();
         assert!(matches!(submit(&runner, "one"), Err(Error::Capacity { limit: 1, .. })));
         assert!(
-            matches!(runner.delete(&queued.id).unwrap(), Deleted::Cancelled(j) if j.row.state == JobState::Cancelled)
+            matches!(runner.delete(&queued.id).unwrap(), DeleteOutcome::Cancelled(j) if j.row.state == JobState::Cancelled)
         );
-        assert!(matches!(runner.delete(&running.id).unwrap(), Deleted::Cancelled(_)));
+        assert!(matches!(runner.delete(&running.id).unwrap(), DeleteOutcome::Cancelled(_)));
         assert_eq!(events(&runner, &running.id, 0).last().unwrap().1.row.state, JobState::Cancelled);
-        assert_eq!(runner.delete(&running.id).unwrap(), Deleted::Forgotten);
+        assert_eq!(runner.delete(&running.id).unwrap(), DeleteOutcome::Removed);
         assert!(
             runner.get(&running.id).is_err()
                 && runner.delete("job-7").is_err()
@@ -420,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_or_an_error_fails_the_job_and_not_the_runner() {
+    fn panic_fails_the_job_only() {
         let (runner, _) = runner(4);
         for (act, word) in [("panics", "panicked"), ("fails", "no")] {
             let job = submit(&runner, act).unwrap();
@@ -431,9 +451,9 @@ mod tests {
     }
 
     #[test]
-    fn stopping_puts_back_what_ran_and_the_next_runner_goes_on() {
+    fn next_runner_resumes_stopped_jobs() {
         let store = Arc::new(Store::in_memory().unwrap());
-        let (first, begun) = on(&store, 4);
+        let (first, begun) = runner_on(&store, 4);
         let running = submit(&first, "endless").unwrap();
         begun.recv().unwrap();
         let queued = submit(&first, "one").unwrap();
@@ -441,7 +461,7 @@ mod tests {
         assert!(submit(&first, "one").is_err());
         let row = store.job(1).unwrap().unwrap();
         assert_eq!((row.state, row.starts), (JobState::Queued, 0), "a stop is not held against it");
-        let (second, begun) = on(&store, 4);
+        let (second, begun) = runner_on(&store, 4);
         begun.recv().unwrap();
         assert_eq!(second.get(&running.id).unwrap().row.state, JobState::Running);
         second.delete(&running.id).unwrap();
@@ -449,34 +469,34 @@ mod tests {
     }
 
     #[test]
-    fn only_jobs_that_ended_long_ago_are_forgotten_with_what_they_left() {
+    fn removes_old_ended_jobs_with_artifacts() {
         let store = Arc::new(Store::in_memory().unwrap());
-        let (runner, begun) = on(&store, 4);
+        let (runner, begun) = runner_on(&store, 4);
         let done = submit(&runner, "one").unwrap();
         let number = reach(&runner, &done.id, JobState::Succeeded).row.number;
         store.put_artifact(number, "surface", b"s").unwrap();
         begun.recv().unwrap();
         let running = submit(&runner, "endless").unwrap();
         begun.recv().unwrap();
-        assert_eq!(runner.forget_ended(1).unwrap(), 0, "it ended after that");
-        assert_eq!(runner.forget_ended(u64::MAX >> 1).unwrap(), 1);
+        assert_eq!(runner.remove_ended(1).unwrap(), 0, "it ended after that");
+        assert_eq!(runner.remove_ended(u64::MAX >> 1).unwrap(), 1);
         assert!(runner.get(&done.id).is_err() && store.artifact(number, "surface").unwrap().is_none());
         assert_eq!(runner.get(&running.id).unwrap().row.state, JobState::Running);
         runner.delete(&running.id).unwrap();
     }
 
     #[test]
-    fn a_job_that_ends_every_server_fails_and_one_that_got_on_does_not() {
+    fn fails_job_after_repeated_starts_without_progress() {
         let store = Arc::new(Store::in_memory().unwrap());
         let add = |act: &str| {
             let row = store.add_job("act", &json!({}), &json!(act), 0, None, &|_| None).unwrap();
-            (0..MOST_STARTS).for_each(|_| store.begin_job(row.number).unwrap());
+            (0..MAX_STARTS_WITHOUT_PROGRESS).for_each(|_| store.begin_job(row.number).unwrap());
             row.number
         };
         let (stuck, moving) = (add("one"), add("one"));
         store.open_round(moving, 0, "").unwrap();
         let gone = store.add_job("knitting", &json!({}), &json!(1), 0, None, &|_| None).unwrap().number;
-        let (runner, _) = on(&store, 4);
+        let (runner, _) = runner_on(&store, 4);
         reach(&runner, &id(moving), JobState::Succeeded);
         for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {
             let row = store.job(number).unwrap().unwrap();
@@ -486,27 +506,29 @@ mod tests {
     }
 
     #[test]
-    fn a_job_waits_for_answers_over_restarts_and_occupies_no_worker() {
+    fn waiting_job_survives_restart_without_worker() {
         let store = Arc::new(Store::in_memory().unwrap());
-        let (first, _) = on(&store, 4);
+        let (first, _) = runner_on(&store, 4);
         let job = submit(&first, "asks").unwrap();
         reach(&first, &job.id, JobState::Waiting);
         let other = submit(&first, "one").unwrap();
         reach(&first, &other.id, JobState::Succeeded);
-        assert_eq!(first.answered(&job.id, 1, 2).unwrap().row.state, JobState::Waiting);
+        assert_eq!(first.report_results(&job.id, 1, 2).unwrap().row.state, JobState::Waiting);
         drop(first);
-        let (second, _) = on(&store, 4);
+        let (second, _) = runner_on(&store, 4);
         assert_eq!(second.get(&job.id).unwrap().row.state, JobState::Waiting);
-        assert_eq!(second.answered(&job.id, 2, 2).unwrap().row.state, JobState::Queued);
+        assert_eq!(second.report_results(&job.id, 2, 2).unwrap().row.state, JobState::Queued);
         while store.rounds(1).unwrap().len() < 2 {
             std::thread::yield_now();
         }
         reach(&second, &job.id, JobState::Waiting);
-        second.answered(&job.id, 2, 2).unwrap();
+        second.report_results(&job.id, 2, 2).unwrap();
         assert_eq!(reach(&second, &job.id, JobState::Succeeded).row.result, Some(json!(2)));
         // A waiting job can be cancelled.
         let job = submit(&second, "asks").unwrap();
         reach(&second, &job.id, JobState::Waiting);
-        assert!(matches!(second.delete(&job.id).unwrap(), Deleted::Cancelled(j) if j.row.state.ended()));
+        assert!(
+            matches!(second.delete(&job.id).unwrap(), DeleteOutcome::Cancelled(j) if j.row.state.ended())
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! What a job does, and what it sees of its job meanwhile.
+//! A job's work and the context it runs in.
 
 use std::collections::BTreeMap;
 
@@ -9,71 +9,71 @@ use crate::budget::Budget;
 use crate::error::Result;
 use crate::progress::Progress;
 
-/// What a job does.
-pub type Work = Box<dyn FnOnce(&Context) -> Result<Outcome> + Send>;
+/// The work of a job.
+pub type Work = Box<dyn FnOnce(&JobContext) -> Result<WorkOutcome> + Send>;
 
-/// Makes a job's work from its plan; holds on to what the work needs.
-pub type Recipe = Box<dyn Fn(&Value) -> Result<Work> + Send + Sync>;
+/// Builds a job's work from its plan; owns what the work needs.
+pub type WorkFactory = Box<dyn Fn(&Value) -> Result<Work> + Send + Sync>;
 
-/// Recipes by kind of job.
-pub type Recipes = BTreeMap<&'static str, Recipe>;
+/// Factories by kind of job.
+pub type WorkFactories = BTreeMap<&'static str, WorkFactory>;
 
 /// How work ends.
-pub enum Outcome {
+pub enum WorkOutcome {
     /// With a result.
     Done(Value),
-    /// Not yet: it waits for [`Runner::answered`].
+    /// Not yet: it waits for [`Runner::report_results`](super::Runner::report_results).
     Waiting,
 }
 
-/// What work sees of its job, and reports to.
-pub struct Context<'a> {
+/// Context of running work: identity, progress and cancellation.
+pub struct JobContext<'a> {
     /// The job's id.
     pub id: &'a str,
     /// Its number in the store.
     pub number: i64,
-    /// Name of the token it was queued with.
+    /// Name of the token that queued it.
     pub owner: Option<&'a str>,
-    pub(super) stage: &'a dyn Stage,
+    pub(super) stage: &'a dyn JobReporter,
 }
 
-/// Where what work reports goes.
-pub(super) trait Stage: Sync {
-    /// An error once it is to stop.
+/// Receiver of the work's reports.
+pub(super) trait JobReporter: Sync {
+    /// An error once the work must stop.
     fn look(&self) -> Result<()>;
-    /// How far it is; an error once it is to stop.
+    /// Progress of a stage; an error once the work must stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
-    /// Something that its owner should know.
+    /// A warning for the job's log.
     fn warn(&self, text: &str);
-    /// A figure, told with the next event.
+    /// A figure, sent with the next event.
     fn figure(&self, figure: Figure);
-    /// How many of its rounds are finished.
+    /// Number of finished rounds.
     fn round(&self, done: u64, total: u64);
 }
 
-impl Progress for Context<'_> {
+impl Progress for JobContext<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.stage.report(stage, done, total)
     }
 
-    fn figure(&self, name: &'static str, at: u64, value: f64) {
+    fn metric(&self, name: &'static str, at: u64, value: f64) {
         self.stage.figure(Figure { name, at, value });
     }
 }
 
-impl Budget for Context<'_> {
-    fn look(&self) -> Result<()> {
+impl Budget for JobContext<'_> {
+    fn check(&self) -> Result<()> {
         self.stage.look()
     }
 }
 
-impl Context<'_> {
-    /// Something that the job's owner should know though it goes on: a line of its log.
+impl JobContext<'_> {
+    /// Writes a warning to the job's log.
     pub fn warn(&self, text: &str) {
         self.stage.warn(text);
     }
 
-    /// For work that goes in rounds of about the same cost: `done` of `total` are finished.
+    /// For work with rounds of about equal cost: `done` of `total` are finished.
     pub fn round(&self, done: u64, total: u64) {
         self.stage.round(done, total);
     }

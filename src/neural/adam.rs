@@ -1,29 +1,30 @@
-//! Adam (Kingma and Ba 2015), on plain slices: dfdx's own optimiser needs shapes known at compile time.
+//! The Adam optimiser (Kingma and Ba 2015) on plain slices: dfdx's own optimiser needs shapes known at
+//! compile time.
 
 use dfdx::prelude::{Cpu, Gradients};
 
-use super::{Affine, Layer};
+use super::{Affine, DenseLayer};
 
-/// Adam's decay rates and its guard against division by zero, as its authors recommend.
+/// Decay rates and epsilon as recommended by the authors.
 const ADAM: (f32, f32, f32) = (0.9, 0.999, 1e-8);
 
-/// Running moments, a pair for each value.
+/// Optimiser state: first and second moments of each parameter.
 pub struct Adam {
     updates: i32,
     moments: Vec<[Vec<[f32; 2]>; 2]>,
 }
 
 impl Adam {
-    /// Before the first update.
-    pub fn new(layers: &[Layer]) -> Adam {
-        let zeros = |l: &Layer| [vec![[0.0; 2]; l.weight.len()], vec![[0.0; 2]; l.bias.len()]];
+    /// The state before the first update.
+    pub fn new(layers: &[DenseLayer]) -> Adam {
+        let zeros = |l: &DenseLayer| [vec![[0.0; 2]; l.weight.len()], vec![[0.0; 2]; l.bias.len()]];
         Adam { updates: 0, moments: layers.iter().map(zeros).collect() }
     }
 
-    /// One step of every weight; `tensors` are those that the gradients are by.
+    /// One update of every parameter from the gradients with respect to `tensors`.
     pub fn update(
         &mut self,
-        layers: &mut [Layer],
+        layers: &mut [DenseLayer],
         tensors: &[Affine],
         gradients: &Gradients<f32, Cpu>,
         rate: f32,

@@ -1,30 +1,30 @@
-//! Scenes, films and plots as SVG and PNG, and the self-contained HTML report.
+//! Scenes, animations and plots as SVG and PNG, and self-contained HTML reports.
 //!
-//! Data in, strings out: the same data gives the same bytes on every machine. Names come from users, so every
-//! text is escaped. Pictures of scenes hold no text unless [`Style::names`] asks for it.
+//! All functions are pure: the same data gives the same bytes on every machine. Names come from users, so all text is escaped.
+//! Pictures of scenes contain no text unless [`Style::names`] is set.
 //!
-//! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
-//! [`film_png`] its film in pixels, [`end_svg`] how it ended,
-//! [`sheet_svg`] is a contact sheet, [`plan_svgs`] draws plans, [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
+//! [`scene_svg`] draws a scene; [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it; [`animation_png`] an animated
+//! PNG; [`final_frame_svg`] its last frame; [`contact_sheet_svg`] a contact sheet; [`plan_svgs`] plans; [`plot`] plots data;
+//! [`surface`] draws performance surfaces; [`svg_to_png`] rasterises any of them, and [`HtmlReport`] is a page.
 
-mod chances;
-pub mod film;
+pub mod animation;
+pub mod apng;
+pub mod contact_sheet;
 mod plan;
 pub mod plot;
 pub mod png;
-pub mod reel;
 pub mod report;
 pub mod scene;
-pub mod sheet;
+mod success_map;
 pub mod surface;
 mod svg;
 
-pub use chances::chances_svg;
-pub use film::{animation_svg, filmstrip_svg, trails_svg};
+pub use animation::{animation_svg, filmstrip_svg, trails_svg};
+pub use apng::{animation_png, final_frame_svg};
+pub use contact_sheet::contact_sheet_svg;
 pub use plan::plan_svgs;
 pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
-pub use reel::{end_svg, film_png};
-pub use report::{Block, Report, Section};
+pub use report::{Block, HtmlReport, Section};
 pub use scene::{Style, scene_svg};
-pub use sheet::sheet_svg;
+pub use success_map::success_map_svg;
 pub use svg::{colour, escape};

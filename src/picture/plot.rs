@@ -1,20 +1,20 @@
 //! Plots as SVG, by plotters: lines with bands, bars, points, heat maps, arrows; readable on white, colours of Okabe
 //! and Ito (2008) and a heat scale that is safe for the colour-blind too.
 //!
-//! Points that are not finite are left out; a plot without any says so. The same data gives the same bytes:
-//! text is placed by counting characters, never by asking which fonts a machine has.
+//! Points that aren't finite are left out; a plot without points shows a notice. The same data gives the same bytes: text is placed by
+//! counting characters, independently of the machine's fonts.
 
 mod bars;
-mod field;
 mod frame;
 mod heatmap;
 mod lines;
+mod quiver;
 mod scale;
 
-pub use bars::{Bar, Group, bars};
-pub use field::{Arrows, field};
+pub use bars::{Bar, BarGroup, bars};
 pub use heatmap::{Heatmap, heatmap, heatmaps};
 pub use lines::{Series, lines, scatter, scatter_with};
+pub use quiver::{Arrows, quiver};
 pub(super) use scale::heat_colour;
 
 #[cfg(test)]
@@ -22,20 +22,20 @@ mod tests {
     use plotters::prelude::RGBColor;
     use resvg::usvg::roxmltree::Document;
 
-    use super::scale::paint;
+    use super::scale::series_colour;
     use super::*;
     use crate::picture::scene::tests::check_svg;
 
     fn series(name: &str, points: &[(f64, f64)]) -> Series {
         Series { name: name.into(), points: points.to_vec(), band: None }
     }
-    fn group(name: &str, values: &[f64]) -> Group {
+    fn group(name: &str, values: &[f64]) -> BarGroup {
         let bar = |(i, v): (usize, &f64)| Bar {
             name: format!("b{i}"),
             value: *v,
             interval: Some((v - 1.0, v + 1.0)),
         };
-        Group { name: name.into(), bars: values.iter().enumerate().map(bar).collect() }
+        BarGroup { name: name.into(), bars: values.iter().enumerate().map(bar).collect() }
     }
     fn square(values: Vec<Vec<f64>>) -> Heatmap {
         let centres = |n: usize| (0..n).map(|i| i as f64).collect();
@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_side_by_side_have_titles_dots_and_a_scale_each() {
+    fn heat_maps_side_by_side_have_their_own_titles_and_scales() {
         let map = |title: &str| Heatmap {
             title: title.into(),
             x: vec![0.0, 1.0],
@@ -57,7 +57,7 @@ mod tests {
         let drawn = heatmaps("two", &[map("left"), map("right")]);
         assert!(drawn.contains("left") && drawn.contains("right"));
         assert_eq!(drawn.matches("height, m").count(), 2);
-        // One dot each, of two circles; what lies outside is left out.
+        // One dot each, of two circles; dots outside of the map are left out.
         assert_eq!(drawn.matches("<circle").count(), 4);
         let broken = Heatmap { values: vec![], ..map("broken") };
         assert!(heatmaps("none", &[map("left"), broken]).contains("no data to plot"));
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn plots_of_nothing_say_so() {
+    fn empty_plots_show_a_notice() {
         let nan = f64::NAN;
         let none = [
             lines("t", "x", "y", &[]),
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_left_out() {
+    fn leaves_out_values_that_are_not_finite() {
         let clean = [(0.0, 1.0), (1.0, 2.0), (2.0, 0.5)];
         let dirty = [(0.0, 1.0), (0.5, f64::NAN), (1.0, 2.0), (f64::NEG_INFINITY, 1.0), (2.0, 0.5)];
         for draw in [lines, scatter] {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn bars_are_as_high_as_their_values() {
+    fn bar_heights_are_proportional_to_values() {
         let svg = bars("t", "y", &[group("g", &[1.0, 3.0])]);
         let document = Document::parse(&svg).unwrap();
         let height = |fill: RGBColor| -> f64 {
@@ -108,12 +108,12 @@ mod tests {
             let tall = found.filter(|n| n.attribute("fill") == Some(&fill));
             tall.map(|n| n.attribute("height").unwrap().parse::<f64>().unwrap()).fold(0.0, f64::max)
         };
-        let ratio = height(paint(1)) / height(paint(0));
+        let ratio = height(series_colour(1)) / height(series_colour(0));
         assert!((ratio - 3.0).abs() < 0.02, "{ratio}");
     }
 
     #[test]
-    fn hostile_text_is_escaped_and_bytes_repeat() {
+    fn escapes_text_and_is_deterministic() {
         let bad = "</text><script>alert(\"1\")</script>&\u{0}\u{1F600}";
         let draw = || {
             [
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_of_any_size_are_drawn() {
+    fn draws_ranges_of_any_size() {
         let ends = [
             (0.0, 0.0),
             (1.0, 1.0 + 1e-13),

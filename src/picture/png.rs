@@ -1,5 +1,5 @@
-//! SVG to pixels, by resvg. Text is drawn in DejaVu Sans, which is built in: the machine's own fonts are never asked, so
-//! that pictures are the same everywhere.
+//! Rasterises SVG by resvg. Text is drawn in DejaVu Sans, which is built in; the machine's fonts are ignored, so pictures are the
+//! same everywhere.
 
 use std::io::Write;
 use std::sync::{Arc, OnceLock};
@@ -8,27 +8,27 @@ use png::{BitDepth, ColorType, Encoder};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg::{ImageHrefResolver, Options, Tree, fontdb};
 
-use crate::budget::{Budget, Endless};
+use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result};
 
 /// A PNG file `width` px wide (16 to 4096), its height from the picture's aspect (at most 4096), on white.
 pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
-    svg_to_png_within(&Endless, svg, width)
+    svg_to_png_within(&Unlimited, svg, width)
 }
 
-/// [`svg_to_png`] within a budget, at which it looks before it draws and between strips that it compresses, which takes most of the
-/// time; an error of the budget ends it.
+/// [`svg_to_png`] within a budget, which is checked before drawing and between the strips that are compressed (which takes most of the
+/// time). An error of the budget is returned.
 pub fn svg_to_png_within(budget: &dyn Budget, svg: &str, width: u32) -> Result<Vec<u8>> {
-    let width = bounded("width", width)?;
+    let width = checked_side("width", width)?;
     let tree = parse(svg)?;
-    budget.look()?;
+    budget.check()?;
     let pixmap = draw(&tree, width, height(&tree, width)?)?;
-    budget.look()?;
-    encoded(&pixmap, budget)
+    budget.check()?;
+    encode_png(&pixmap, budget)
 }
 
-/// As a PNG file, strip by strip. Drawn over opaque white, so every pixel is opaque and needs no demultiplying.
-fn encoded(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
+/// Encodes a PNG file, strip by strip. All pixels are opaque and need no demultiplication by alpha.
+fn encode_png(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
     let failed = |e: &dyn std::fmt::Display| Error::Failed(format!("encoding the PNG: {e}"));
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, pixmap.width(), pixmap.height());
@@ -36,8 +36,8 @@ fn encoded(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
     encoder.set_depth(BitDepth::Eight);
     let mut writer = encoder.write_header().map_err(|e| failed(&e))?;
     let mut rows = writer.stream_writer().map_err(|e| failed(&e))?;
-    for strip in pixmap.data().chunks((4 * pixmap.width() * STRIP) as usize) {
-        budget.look()?;
+    for strip in pixmap.data().chunks((4 * pixmap.width() * STRIP_HEIGHT_PX) as usize) {
+        budget.check()?;
         rows.write_all(strip).map_err(|e| failed(&e))?;
     }
     rows.finish().map_err(|e| failed(&e))?;
@@ -48,23 +48,23 @@ fn encoded(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
 /// `height` x `width` x 3 bytes, rows from the top, red green blue; the picture is scaled to fit (both sizes
 /// 16 to 4096) and centred on white.
 pub fn svg_to_rgb(svg: &str, width: u32, height: u32) -> Result<Vec<u8>> {
-    let (width, height) = (bounded("width", width)?, bounded("height", height)?);
+    let (width, height) = (checked_side("width", width)?, checked_side("height", height)?);
     let pixmap = draw(&parse(svg)?, width, height)?;
-    // Drawn over opaque white, so every pixel is opaque and needs no demultiplying.
+    // All pixels are opaque and need no demultiplication by alpha.
     Ok(pixmap.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect())
 }
 
-/// Height of a strip, px: at the largest width some ten milliseconds.
-const STRIP: u32 = 256;
-const SMALLEST: u32 = 16;
-const LARGEST: u32 = 4096;
+/// Height of a strip, px: about ten milliseconds of work at the maximal width.
+const STRIP_HEIGHT_PX: u32 = 256;
+const MIN_SIDE_PX: u32 = 16;
+const MAX_SIDE_PX: u32 = 4096;
 
-/// A side of a picture, px.
-pub(super) fn bounded(field: &str, v: u32) -> Result<u32> {
-    if (SMALLEST..=LARGEST).contains(&v) {
+/// Checks a side of a picture, px.
+pub(super) fn checked_side(field: &str, v: u32) -> Result<u32> {
+    if (MIN_SIDE_PX..=MAX_SIDE_PX).contains(&v) {
         Ok(v)
     } else {
-        Err(Error::input(field, v, format!("pixels from {SMALLEST} to {LARGEST}")))
+        Err(Error::input(field, v, format!("pixels from {MIN_SIDE_PX} to {MAX_SIDE_PX}")))
     }
 }
 
@@ -72,24 +72,25 @@ pub(super) fn bounded(field: &str, v: u32) -> Result<u32> {
 pub(super) fn height(tree: &Tree, width: u32) -> Result<u32> {
     let scale = f64::from(width) / f64::from(tree.size().width());
     let height = (f64::from(tree.size().height()) * scale).round();
-    if height > f64::from(LARGEST) {
-        let most = (f64::from(width) * f64::from(LARGEST) / height).floor();
-        let allowed = format!("at most {most} for this picture, so that its height stays within {LARGEST}");
+    if height > f64::from(MAX_SIDE_PX) {
+        let most = (f64::from(width) * f64::from(MAX_SIDE_PX) / height).floor();
+        let allowed =
+            format!("at most {most} for this picture, so that its height stays within {MAX_SIDE_PX}");
         return Err(Error::input("width", width, allowed));
     }
     Ok(height.max(1.0) as u32)
 }
 
-/// A document, read.
+/// Parses an SVG document.
 pub(super) fn parse(svg: &str) -> Result<Tree> {
-    // Linked images are left out: nothing is read from disk.
+    // Linked images are ignored: no files are read.
     let none =
         ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
     let options = Options { image_href_resolver: none, fontdb: fonts(), ..Options::default() };
     Tree::from_str(svg, &options).map_err(|e| Error::input("svg", e, "a well-formed SVG document"))
 }
 
-/// One font, under whatever name a picture asks for one.
+/// A single font for all family names.
 fn fonts() -> Arc<fontdb::Database> {
     static FONTS: OnceLock<Arc<fontdb::Database>> = OnceLock::new();
     let load = || {
@@ -107,7 +108,7 @@ fn fonts() -> Arc<fontdb::Database> {
     FONTS.get_or_init(load).clone()
 }
 
-/// A picture on white.
+/// Draws a picture on white.
 pub(super) fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
     let mut pixmap = Pixmap::new(width, height)
         .ok_or_else(|| Error::input("width", width, "a size that fits in memory"))?;
@@ -116,7 +117,7 @@ pub(super) fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
     Ok(pixmap)
 }
 
-/// A picture over another, scaled to fit.
+/// Draws a picture over another, scaled to fit.
 pub(super) fn draw_over(tree: &Tree, pixmap: &mut Pixmap) {
     let (w, h) = (pixmap.width() as f32, pixmap.height() as f32);
     let scale = (w / tree.size().width()).min(h / tree.size().height());
@@ -134,42 +135,46 @@ mod tests {
         <rect width="10" height="10" fill="#ff0000"/><image href="/etc/hostname" width="20" height="10"/></svg>"##;
 
     #[test]
-    fn pixels_are_where_the_svg_has_them() {
+    fn rasterises_at_the_right_place() {
         let rgb = svg_to_rgb(HALVES, 40, 20).unwrap();
         assert_eq!(rgb.len(), 40 * 20 * 3);
         let at = |x: usize, y: usize| {
             [rgb[(y * 40 + x) * 3], rgb[(y * 40 + x) * 3 + 1], rgb[(y * 40 + x) * 3 + 2]]
         };
         assert_eq!((at(5, 5), at(35, 5)), ([255, 0, 0], [255, 255, 255]));
-        // Another aspect: fitted and centred on white.
+        // Another aspect ratio: fitted and centred on white.
         let square = svg_to_rgb(HALVES, 40, 40).unwrap();
         let at = |x: usize, y: usize| square[(y * 40 + x) * 3 + 1];
         assert_eq!((at(5, 5), at(5, 20), at(5, 35)), (255, 0, 255));
     }
 
     #[test]
-    fn a_budget_ends_the_compression_between_strips() {
-        struct Looks(AtomicU32);
-        impl Budget for Looks {
-            fn look(&self) -> Result<()> {
+    fn budget_stops_compression_between_strips() {
+        struct CountingBudget(AtomicU32);
+        impl Budget for CountingBudget {
+            fn check(&self) -> Result<()> {
                 if self.0.fetch_sub(1, Ordering::Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) }
             }
         }
-        let within = |looks| svg_to_png_within(&Looks(AtomicU32::new(looks)), HALVES, 8 * STRIP);
-        // Once before and once after it is drawn, then before each of four strips.
+        let within =
+            |looks| svg_to_png_within(&CountingBudget(AtomicU32::new(looks)), HALVES, 8 * STRIP_HEIGHT_PX);
+        // One check before and one after drawing, then one before each of four strips.
         for looks in 0..6 {
             assert_eq!(within(looks), Err(Error::Cancelled), "{looks}");
         }
         let whole = within(6).unwrap();
-        // Read back by another: the picture is all there.
+        // The picture is complete when decoded.
         let mut reader = png::Decoder::new(std::io::Cursor::new(&whole)).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut pixels).unwrap();
-        assert_eq!(pixels, draw(&parse(HALVES).unwrap(), 8 * STRIP, 4 * STRIP).unwrap().data());
+        assert_eq!(
+            pixels,
+            draw(&parse(HALVES).unwrap(), 8 * STRIP_HEIGHT_PX, 4 * STRIP_HEIGHT_PX).unwrap().data()
+        );
     }
 
     #[test]
-    fn text_is_drawn() {
+    fn draws_text() {
         let svg = |text: &str| {
             format!(
                 "<svg xmlns='http://www.w3.org/2000/svg' width='80' height='20'><text x='2' y='15' \
@@ -185,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn png_has_the_asked_width() {
+    fn png_has_the_requested_width() {
         let png = svg_to_png(HALVES, 100).unwrap();
         assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
         assert_eq!(&png[16..24], &[0, 0, 0, 100, 0, 0, 0, 50]);
@@ -193,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_and_nonsense_are_refused_by_name() {
+    fn rejects_invalid_sizes_and_documents_by_name() {
         let refused = |r: Result<Vec<u8>>, field: &str| match r {
             Err(Error::Input(i)) => assert_eq!(i.field, field, "{i}"),
             other => panic!("{:?}", other.map(|v| v.len())),

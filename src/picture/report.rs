@@ -1,7 +1,6 @@
-//! A report as one HTML file: no script, no outside resource, readable on a phone, on paper and in the dark.
+//! A report as one HTML file without scripts or external resources, for screens of any size, print and dark mode.
 //!
-//! All text is escaped. A picture is an image whose data stand in the page: a browser runs and loads nothing in it, and
-//! its ids are its own.
+//! All text is escaped. Pictures are embedded as data URLs, so browsers run and load nothing in them, and their ids can't clash.
 
 use std::fmt::Write;
 
@@ -9,18 +8,18 @@ use base64::Engine;
 
 use super::svg::escape;
 
-/// What a report says.
+/// Contents of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Report {
+pub struct HtmlReport {
     /// Title of the page.
     pub title: String,
-    /// The answer in a sentence or a few; blank lines part paragraphs.
+    /// Summary in a few sentences; blank lines separate paragraphs.
     pub lead: String,
-    /// In order.
+    /// Sections in order.
     pub sections: Vec<Section>,
 }
 
-/// A heading and what stands under it.
+/// A heading with its blocks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Section {
     pub heading: String,
@@ -30,24 +29,24 @@ pub struct Section {
 /// One piece of a section.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
-    /// Plain text; blank lines part paragraphs.
+    /// Plain text; blank lines separate paragraphs.
     Text(String),
-    /// Rows of cells; cells that read as numbers are set right. The note stands under it if not empty.
+    /// Rows of cells; columns of numbers are right-aligned. The note is shown below unless empty.
     Table { columns: Vec<String>, rows: Vec<Vec<String>>, note: String },
-    /// A picture as an SVG document; the caption stands under it if not empty.
+    /// A picture as an SVG document; the caption is shown below unless empty.
     Svg { svg: String, caption: String },
     /// Names and their values.
     KeyValues(Vec<(String, String)>),
-    /// Folded away until asked for; printed unfolded where the browser can.
+    /// Collapsed until opened; printed expanded where the browser supports it.
     Details { summary: String, blocks: Vec<Block> },
-    /// Set in a fixed width as it is.
+    /// Preformatted text in a monospace font.
     Code(String),
 }
 
-impl Report {
+impl HtmlReport {
     /// The whole page.
     pub fn to_html(&self) -> String {
-        let mut page = Page::default();
+        let mut page = HtmlWriter::default();
         for section in &self.sections {
             let _ = write!(page.out, "<section>\n<h2>{}</h2>\n", escape(&section.heading));
             page.blocks(&section.blocks);
@@ -58,7 +57,7 @@ impl Report {
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"{CONTENT_SECURITY_POLICY}\">\n\
              <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title}</title>\n\
              <style>\n{CSS}</style>\n</head>\n<body>\n<main>\n<header>\n<h1>{title}</h1>\n<div class=\"lead\">\n{lead}</div>\n</header>\n\
              {}</main>\n</body>\n</html>\n",
@@ -68,15 +67,15 @@ impl Report {
     }
 }
 
-/// Nothing is loaded and nothing runs, whatever a picture might hold.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+/// Content security policy: nothing is loaded and no script runs.
+const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 
 #[derive(Default)]
-struct Page {
+struct HtmlWriter {
     out: String,
 }
 
-impl Page {
+impl HtmlWriter {
     fn blocks(&mut self, blocks: &[Block]) {
         for block in blocks {
             match block {
@@ -147,7 +146,7 @@ fn paragraphs(out: &mut String, text: &str) {
     }
 }
 
-/// Whether a column's cells are numbers, intervals or blanks: something to set right.
+/// Whether all cells of a column are numbers, intervals or blanks, and it should be right-aligned.
 fn is_numeric_column(rows: &[Vec<String>], column: usize) -> bool {
     let cells: Vec<&str> = rows.iter().filter_map(|r| r.get(column)).map(|c| c.trim()).collect();
     let numeric = |c: &&str| {
@@ -211,7 +210,7 @@ mod tests {
 
     fn of(blocks: Vec<Block>) -> String {
         let sections = vec![Section { heading: "h".into(), blocks }];
-        Report { title: "t".into(), lead: "l".into(), sections }.to_html()
+        HtmlReport { title: "t".into(), lead: "l".into(), sections }.to_html()
     }
     fn svg(text: &str) -> Block {
         Block::Svg { svg: text.into(), caption: String::new() }
@@ -224,9 +223,9 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_escaped() {
+    fn escapes_all_text() {
         let bad = || "</title></td><script>alert(1)</script><img src=x onerror=y> & \"'".to_string();
-        let html = Report {
+        let html = HtmlReport {
             title: bad(),
             lead: bad(),
             sections: vec![Section {
@@ -247,9 +246,9 @@ mod tests {
         body(&html);
     }
 
-    /// A script, a link or a clashing id in a picture stays in the picture.
+    /// Scripts, links and ids in a picture have no effect on the page.
     #[test]
-    fn pictures_are_images_whose_data_stand_in_the_page() {
+    fn embeds_pictures_as_data_urls() {
         use crate::picture::{Style, scene_svg};
         let ours = scene_svg(&crate::picture::scene::tests::hall(), &Style::default());
         for picture in [ours.as_str(), "<svg><script>alert(1)</script></svg>", "<g"] {
@@ -269,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_set_right_and_words_left() {
+    fn right_aligns_columns_of_numbers() {
         let rows: Vec<Vec<String>> =
             [["a", "0.5 ± 0.1", "-"], ["b", "-3e-9", "yes"]].map(|r| r.map(String::from).to_vec()).to_vec();
         assert_eq!([0, 1, 2].map(|c| is_numeric_column(&rows, c)), [false, true, false]);

@@ -1,9 +1,9 @@
-//! A scene as SVG: y up, one pixel scale for both axes, bodies in colour, what never moves in grey.
+//! A scene as SVG: y upwards, one scale for both axes, bodies in colour, statics in grey.
 
 use std::fmt::Write;
 
 use super::svg::{colour, darker, escape, is_light, points, px};
-use crate::task::geometry::{Bounds, Convex, join};
+use crate::task::geometry::{Aabb, Convex, union_box};
 use crate::task::scene::Goal;
 use crate::task::solid::Solid;
 use crate::task::{Scene, scene::Body};
@@ -12,11 +12,11 @@ use crate::trajectory::Trajectory;
 /// How pictures of scenes look.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Style {
-    /// Width of the picture, px; brought into 16 to 4096.
+    /// Width of the picture, px; clamped to 16 to 4096.
     pub width: u32,
     /// Writes each body's name beside it (text is not drawn in PNG).
     pub names: bool,
-    /// Most frames of a filmstrip; brought into 1 to 64.
+    /// Maximal number of frames of a filmstrip; clamped to 1 to 64.
     pub frames: usize,
 }
 
@@ -26,20 +26,20 @@ impl Default for Style {
     }
 }
 
-/// The scene as it stands; bodies without a position are left out.
+/// Draws a scene; bodies without a position are left out.
 pub fn scene_svg(scene: &Scene, style: &Style) -> String {
-    let (view, body) = inner(scene, style);
+    let (view, body) = scene_elements(scene, style);
     document(view.width, view.height, &title(scene), &body)
 }
 
-/// What [`scene_svg`] holds, and the view it is drawn in.
-pub(super) fn inner(scene: &Scene, style: &Style) -> (View, String) {
-    let view = View::new(scene, None, f64::from(style.width.clamp(16, 4096)));
+/// The viewport of [`scene_svg`], and its SVG elements.
+pub(super) fn scene_elements(scene: &Scene, style: &Style) -> (Viewport, String) {
+    let view = Viewport::new(scene, None, f64::from(style.width.clamp(16, 4096)));
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
     for (i, b) in scene.bodies.iter().enumerate() {
         if let Some(position) = b.position {
-            draw_body(&mut body, scene, i, position, b.angle, &view, Look::Solid);
+            draw_body(&mut body, scene, i, position, b.angle, &view, BodyStyle::Solid);
         }
     }
     if style.names {
@@ -48,11 +48,11 @@ pub(super) fn inner(scene: &Scene, style: &Style) -> (View, String) {
     (view, body)
 }
 
-/// What part of the world is seen, and where it lands in the picture.
+/// The visible part of the world, and its mapping to the picture.
 #[derive(Clone, Debug)]
-pub(super) struct View {
-    /// World box seen, m.
-    pub bounds: Bounds,
+pub(super) struct Viewport {
+    /// Visible box in the world, m.
+    pub bounds: Aabb,
     /// px
     pub width: f64,
     /// px
@@ -63,25 +63,30 @@ pub(super) struct View {
 
 /// How a body is drawn.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Look {
+pub(super) enum BodyStyle {
     /// In full colour.
     Solid,
-    /// Where it was: outline and a breath of colour.
+    /// An earlier pose: outline and faint fill.
     Ghost,
 }
 
-/// A picture is at most this many times as high as wide, and at most twice this as wide as high.
-const TALLEST: f64 = 1.6;
-/// Statics may widen the view by this share of what moves needs, on every side; larger ones are cut off.
-const WIDEST: f64 = 0.75;
+/// Maximal ratio of height to width; the maximal ratio of width to height is twice this.
+const MAX_ASPECT_RATIO: f64 = 1.6;
+/// Maximal extension of the viewport for statics, on every side, relative to the size of the moving part; larger statics are cut off.
+const MAX_STATIC_EXTENSION: f64 = 0.75;
 
-impl View {
-    /// A view `width` px wide of everything that matters: bodies, goal, what an action may place, all places
-    /// of `film`, and the statics as far as they are not much larger than that.
-    pub fn new(scene: &Scene, film: Option<&Trajectory>, width: f64) -> View {
-        let mut b = focus(scene, film);
+impl Viewport {
+    /// A viewport `width` px wide of bodies, goal, action bounds, all positions of `film`, and the statics unless they are much
+    /// larger.
+    pub fn new(scene: &Scene, film: Option<&Trajectory>, width: f64) -> Viewport {
+        let mut b = content_bounds(scene, film);
         let size = (b[2] - b[0]).max(b[3] - b[1]);
-        let reach = [b[0] - WIDEST * size, b[1] - WIDEST * size, b[2] + WIDEST * size, b[3] + WIDEST * size];
+        let reach = [
+            b[0] - MAX_STATIC_EXTENSION * size,
+            b[1] - MAX_STATIC_EXTENSION * size,
+            b[2] + MAX_STATIC_EXTENSION * size,
+            b[3] + MAX_STATIC_EXTENSION * size,
+        ];
         let moving = b;
         for fixed in &scene.statics {
             match fixed.placed() {
@@ -89,7 +94,7 @@ impl View {
                     let s = pieces.bounds();
                     let fits = s[0] >= reach[0] && s[1] >= reach[1] && s[2] <= reach[2] && s[3] <= reach[3];
                     if fits {
-                        b = join(b, s);
+                        b = union_box(b, s);
                     } else {
                         let near = |low: f64, high: f64, c: f64| c.clamp(low, high);
                         let centre = [(moving[0] + moving[2]) / 2.0, (moving[1] + moving[3]) / 2.0];
@@ -97,14 +102,14 @@ impl View {
                         let seen =
                             p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3];
                         if seen {
-                            b = join(b, [p[0], p[1], p[0], p[1]]);
+                            b = union_box(b, [p[0], p[1], p[0], p[1]]);
                         }
                     }
                 }
                 Solid::HalfPlane { normal, offset } => {
                     let p = nearest_on_line(normal, offset, [(moving[0] + moving[2]) / 2.0, moving[1]]);
                     if p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3] {
-                        b = join(b, [p[0], p[1], p[0], p[1]]);
+                        b = union_box(b, [p[0], p[1], p[0], p[1]]);
                     }
                 }
             }
@@ -112,19 +117,19 @@ impl View {
         let (mut w, mut h) = ((b[2] - b[0]).max(1e-9), (b[3] - b[1]).max(1e-9));
         let pad = 0.03 * w.max(h);
         (w, h) = (w + 2.0 * pad, h + 2.0 * pad);
-        let (w, h) = (w.max(h / TALLEST), h.max(w / (2.0 * TALLEST)));
+        let (w, h) = (w.max(h / MAX_ASPECT_RATIO), h.max(w / (2.0 * MAX_ASPECT_RATIO)));
         let centre = [(b[0] + b[2]) / 2.0, (b[1] + b[3]) / 2.0];
         let bounds = [centre[0] - w / 2.0, centre[1] - h / 2.0, centre[0] + w / 2.0, centre[1] + h / 2.0];
         let scale = width / w;
-        View { bounds, width, height: (h * scale).round().max(1.0), scale }
+        Viewport { bounds, width, height: (h * scale).round().max(1.0), scale }
     }
 
-    /// Where a point of the world lands, px.
+    /// Maps a point of the world to px.
     pub fn at(&self, p: [f64; 2]) -> [f64; 2] {
         [(p[0] - self.bounds[0]) * self.scale, (self.bounds[3] - p[1]) * self.scale]
     }
 
-    /// Width of a line that looks `share` of a 640 px picture's pixel wide, px.
+    /// Line width that corresponds to `share` px in a picture 640 px wide, px.
     pub fn pen(&self, share: f64) -> f64 {
         share * (self.width / 640.0).clamp(0.55, 3.0)
     }
@@ -146,7 +151,7 @@ pub(super) fn title(scene: &Scene) -> String {
 }
 
 /// Statics, the goal's region and the bounds an action must keep to.
-pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
+pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &Viewport) {
     for fixed in &scene.statics {
         let _ = write!(out, "<g><title>{}</title>", escape(&fixed.name));
         let wanted = goal_names(scene).contains(&fixed.name.as_str());
@@ -156,7 +161,7 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
         out.push_str("</g>\n");
     }
     if let Some((normal, offset)) = scene.goal.as_ref().and_then(Goal::line) {
-        // All that is above the line.
+        // The half plane above the line.
         let above = Solid::HalfPlane { normal: normal.map(|v| -v), offset: -offset };
         let dash = px(view.pen(5.0));
         let paint = format!(
@@ -181,37 +186,37 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
     }
 }
 
-/// Body number `index` with its frame's origin at `position` (m), turned by `angle` (rad).
+/// Draws body `index` with its frame's origin at `position` (m), rotated by `angle` (rad).
 pub(super) fn draw_body(
     out: &mut String,
     scene: &Scene,
     index: usize,
     position: [f64; 2],
     angle: f64,
-    view: &View,
-    look: Look,
+    view: &Viewport,
+    look: BodyStyle,
 ) {
     let Some(body) = scene.bodies.get(index) else { return };
     let fill = body_colour(scene, index);
     let wanted = goal_names(scene).contains(&body.name.as_str());
     let (stroke, pen) = match (look, wanted) {
-        (Look::Solid, true) => ("#111111".to_string(), 2.5),
-        (Look::Solid, false) => (darker(fill), 1.2),
-        (Look::Ghost, _) => (fill.to_string(), 1.2),
+        (BodyStyle::Solid, true) => ("#111111".to_string(), 2.5),
+        (BodyStyle::Solid, false) => (darker(fill), 1.2),
+        (BodyStyle::Ghost, _) => (fill.to_string(), 1.2),
     };
-    let opacity = if look == Look::Ghost { " fill-opacity=\"0.15\"" } else { "" };
+    let opacity = if look == BodyStyle::Ghost { " fill-opacity=\"0.15\"" } else { "" };
     let paint =
         format!("fill=\"{fill}\"{opacity} stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
     let _ = write!(out, "<g><title>{}</title>", escape(&body.name));
     draw_solid(out, &body.shape.solid().placed(position, angle), view, &paint, fill);
-    if let Some(radius) = spoke(body, view) {
+    if let Some(radius) = angle_mark_length(body, view) {
         let (sin, cos) = libm::sincos(angle);
         let (from, to) =
             (view.at(position), view.at([position[0] + radius * cos, position[1] + radius * sin]));
         let ink = match look {
-            Look::Ghost => fill,
-            Look::Solid if is_light(fill) => "#333333",
-            Look::Solid => "#FFFFFF",
+            BodyStyle::Ghost => fill,
+            BodyStyle::Solid if is_light(fill) => "#333333",
+            BodyStyle::Solid => "#FFFFFF",
         };
         let _ = write!(
             out,
@@ -227,30 +232,30 @@ pub(super) fn draw_body(
     out.push_str("</g>\n");
 }
 
-/// Colour of body number `index`; colours from the palette are dealt among bodies without a colour word.
+/// Colour of body `index`; bodies without a colour word in their name take colours from the palette in order.
 pub(super) fn body_colour(scene: &Scene, index: usize) -> &'static str {
     let plain = |b: &Body| colour(&b.name, 0) != colour(&b.name, 1);
     let before = scene.bodies[..index].iter().filter(|b| plain(b)).count();
     colour(&scene.bodies[index].name, before)
 }
 
-/// Names of the bodies and statics a goal is about.
+/// Names of the bodies and statics of the goal.
 pub(super) fn goal_names(scene: &Scene) -> Vec<&str> {
     scene.goal.as_ref().map_or(Vec::new(), Goal::names)
 }
 
-/// Length of the line that shows a disc's angle, m; none where it would be too small to see.
-fn spoke(body: &Body, view: &View) -> Option<f64> {
+/// Length of the line that shows a disc's angle, m; none if it would be too small.
+fn angle_mark_length(body: &Body, view: &Viewport) -> Option<f64> {
     let radius = body.shape.disc_radius().filter(|radius| radius * view.scale > 2.5);
     radius.map(|radius| radius * 0.82)
 }
 
-/// A solid of the world's frame, as far as it is seen.
-fn draw_solid(out: &mut String, solid: &Solid, view: &View, paint: &str, fill: &str) {
+/// Draws the visible part of a solid in the world frame.
+fn draw_solid(out: &mut String, solid: &Solid, view: &Viewport, paint: &str, fill: &str) {
     match solid {
         Solid::Bounded(pieces) => pieces.0.iter().for_each(|c| draw_piece(out, c, view, paint, fill)),
         Solid::HalfPlane { normal, offset } => {
-            let seen = half_plane_seen(*normal, *offset, view);
+            let seen = visible_half_plane(*normal, *offset, view);
             if seen.len() > 2 {
                 let _ = write!(out, "<polygon points=\"{}\" {paint}/>", points(&seen));
             }
@@ -258,7 +263,7 @@ fn draw_solid(out: &mut String, solid: &Solid, view: &View, paint: &str, fill: &
     }
 }
 
-fn draw_piece(out: &mut String, piece: &Convex, view: &View, paint: &str, fill: &str) {
+fn draw_piece(out: &mut String, piece: &Convex, view: &Viewport, paint: &str, fill: &str) {
     let corners: Vec<[f64; 2]> = piece.points.iter().map(|p| view.at(*p)).collect();
     let _ = match (corners.as_slice(), piece.radius * view.scale) {
         ([c], r) => write!(
@@ -266,7 +271,7 @@ fn draw_piece(out: &mut String, piece: &Convex, view: &View, paint: &str, fill: 
             "<circle cx=\"{}\" cy=\"{}\" r=\"{}\" {paint}/>",
             px(c[0]),
             px(c[1]),
-            px(r.max(SMALLEST))
+            px(r.max(MIN_DISC_RADIUS_PX))
         ),
         ([a, b], r) if r > view.pen(1.0) => {
             let along = [b[0] - a[0], b[1] - a[1]];
@@ -300,10 +305,10 @@ fn draw_piece(out: &mut String, piece: &Convex, view: &View, paint: &str, fill: 
     };
 }
 
-/// Smallest drawn radius of a disc, px: a ball in a large hall stays visible.
-const SMALLEST: f64 = 1.5;
+/// Minimal drawn radius of a disc, px, which keeps a ball in a large scene visible.
+const MIN_DISC_RADIUS_PX: f64 = 1.5;
 
-fn draw_names(out: &mut String, scene: &Scene, view: &View) {
+fn draw_names(out: &mut String, scene: &Scene, view: &Viewport) {
     for b in &scene.bodies {
         let Some(placed) = b.placed() else { continue };
         let box_ = placed.bounds();
@@ -321,10 +326,10 @@ fn draw_names(out: &mut String, scene: &Scene, view: &View) {
     }
 }
 
-/// The part of a half plane within the view, px.
-fn half_plane_seen(normal: [f64; 2], offset: f64, view: &View) -> Vec<[f64; 2]> {
+/// The visible part of a half plane, px.
+fn visible_half_plane(normal: [f64; 2], offset: f64, view: &Viewport) -> Vec<[f64; 2]> {
     let above = |p: [f64; 2]| normal[0] * p[0] + normal[1] * p[1] - offset;
-    // A little beyond the picture, so that only the surface shows an outline.
+    // Slightly larger than the picture, so that only the surface has an outline.
     let pad = 0.02 * (view.bounds[2] - view.bounds[0]);
     let b = view.bounds;
     let corners = [
@@ -353,12 +358,12 @@ fn nearest_on_line(normal: [f64; 2], offset: f64, p: [f64; 2]) -> [f64; 2] {
     [p[0] - above * normal[0], p[1] - above * normal[1]]
 }
 
-/// The smallest box around bodies, goal, the action's bounds and all places of `film`, m.
-fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
-    let mut found: Option<Bounds> = scene.action.as_ref().and_then(|a| a.bounds);
-    let mut add = |s: Bounds| {
+/// Bounding box of bodies, goal, action bounds and all positions of `film`, m.
+fn content_bounds(scene: &Scene, film: Option<&Trajectory>) -> Aabb {
+    let mut found: Option<Aabb> = scene.action.as_ref().and_then(|a| a.bounds);
+    let mut add = |s: Aabb| {
         if s.iter().all(|v| v.is_finite()) {
-            found = Some(found.map_or(s, |b| join(b, s)));
+            found = Some(found.map_or(s, |b| union_box(b, s)));
         }
     };
     for b in &scene.bodies {
@@ -380,7 +385,7 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
     if let Some(goal) = &scene.goal
         && let Some(([nx, ny], offset)) = goal.line()
     {
-        // The line over where the body is.
+        // The line at the body's x.
         let body = goal.names().first().and_then(|name| scene.body(name));
         let x = body.and_then(|b| b.position).map_or(0.0, |p| p[0]);
         let y = (offset - nx * x) / ny;
@@ -394,10 +399,10 @@ pub(super) mod tests {
     use super::*;
     use crate::picture::png::{svg_to_png, svg_to_rgb};
     use crate::task::families;
-    use crate::task::shape::{Halfspace, Polygon, Segment, Shape};
+    use crate::task::shape::{Halfspace, Polygon, SegmentShape, Shape};
     use resvg::usvg::roxmltree::Document;
 
-    /// A hall 10 m square with a goal, one of each shape, and names that try to break out.
+    /// A square scene of 10 m with a goal, one body of each shape, and names that need escaping.
     pub fn hall() -> Scene {
         let text = r##"{"format": "iplw.scene/1", "name": "<script>alert('a & b')</script>",
             "bodies": [
@@ -416,15 +421,15 @@ pub(super) mod tests {
         Scene::from_json(text).unwrap()
     }
 
-    /// The scene seen in a mirror at x = 5 m.
+    /// The scene mirrored at x = 5 m.
     fn mirrored(scene: &Scene) -> Scene {
         let flip = |p: [f64; 2]| [10.0 - p[0], p[1]];
         let shape = |s: &Shape| match s {
             Shape::Polygon(Polygon { vertices }) => {
                 Polygon { vertices: vertices.iter().rev().map(|v| [-v[0], v[1]]).collect() }.into()
             }
-            Shape::Segment(Segment { from, to, radius }) => {
-                Segment { from: [-from[0], from[1]], to: [-to[0], to[1]], radius: *radius }.into()
+            Shape::Segment(SegmentShape { from, to, radius }) => {
+                SegmentShape { from: [-from[0], from[1]], to: [-to[0], to[1]], radius: *radius }.into()
             }
             Shape::Halfspace(Halfspace { normal, offset }) => {
                 Halfspace { normal: [-normal[0], normal[1]], offset: *offset }.into()
@@ -434,7 +439,7 @@ pub(super) mod tests {
         let mut m = scene.clone();
         for b in &mut m.bodies {
             b.position = b.position.map(flip);
-            // A disc's line points along its x axis, which the mirror turns round.
+            // A disc's line points along its x axis, which the mirror reverses.
             let round = b.shape.disc_radius().is_some();
             b.angle = if round { std::f64::consts::PI - b.angle } else { -b.angle };
             b.shape = shape(&b.shape);
@@ -450,7 +455,7 @@ pub(super) mod tests {
         m
     }
 
-    /// Parses as XML and as SVG, and holds no text or element that a name smuggled in.
+    /// Parses as XML and as SVG, and contains no element injected by a name.
     pub fn check_svg(svg: &str) {
         let document = Document::parse(svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
         assert_eq!(document.root_element().tag_name().name(), "svg");
@@ -459,9 +464,9 @@ pub(super) mod tests {
         svg_to_png(svg, 64).unwrap();
     }
 
-    /// The colour at a place of the world, in the view that `scene_svg` takes.
+    /// The colour at a position of the world in `scene_svg`.
     fn colour_at(scene: &Scene, p: [f64; 2]) -> [u8; 3] {
-        let view = View::new(scene, None, 1200.0);
+        let view = Viewport::new(scene, None, 1200.0);
         let svg = scene_svg(scene, &Style { width: 1200, ..Style::default() });
         let rgb = svg_to_rgb(&svg, 1200, view.height as u32).unwrap();
         let at = view.at(p);
@@ -470,7 +475,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn pictures_are_well_formed_and_names_escaped() {
+    fn is_well_formed_and_escapes_names() {
         for names in [false, true] {
             check_svg(&scene_svg(&hall(), &Style { names, ..Style::default() }));
         }
@@ -481,7 +486,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn every_shape_is_drawn_as_body_and_as_static() {
+    fn draws_every_shape_as_body_and_as_static() {
         for shape in Shape::samples() {
             let mut scene = hall();
             scene.statics[0].shape = shape.clone();
@@ -494,7 +499,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn things_are_drawn_where_they_are() {
+    fn draws_bodies_at_their_positions() {
         let scene = hall();
         let check = |p: [f64; 2], wanted: &str| {
             let wanted = crate::picture::svg::channels(wanted);
@@ -515,11 +520,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_mirrored_scene_gives_a_mirrored_picture() {
+    fn mirrored_scenes_give_mirrored_pictures() {
         let (scene, width) = (hall(), 400u32);
         let draw = |s: &Scene| {
             let svg = scene_svg(s, &Style { width, ..Style::default() });
-            let height = View::new(s, None, f64::from(width)).height as u32;
+            let height = Viewport::new(s, None, f64::from(width)).height as u32;
             svg_to_rgb(&svg, width, height).unwrap()
         };
         let (one, other) = (draw(&scene), draw(&mirrored(&scene)));
@@ -531,8 +536,7 @@ pub(super) mod tests {
                 (0..3).any(|c| one[i * 3 + c].abs_diff(other[j * 3 + c]) > 64)
             })
             .count();
-        // Edges are smoothed from another side; nothing else may differ. The scene itself is far from
-        // symmetric: against its own mirror image thousands of pixels differ.
+        // Only antialiased edges may differ. The scene isn't symmetric: thousands of pixels differ from its own mirror image.
         assert!(differing < 40, "{differing} pixels differ");
         let own = (0..one.len() / 3)
             .filter(|i| {
@@ -544,14 +548,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn same_scene_same_bytes_and_bounded_width() {
+    fn is_deterministic_and_clamps_the_width() {
         let draw = |width| scene_svg(&hall(), &Style { width, ..Style::default() });
         assert_eq!(draw(640), draw(640));
         assert!(draw(0).contains("width=\"16\"") && draw(u32::MAX).contains("width=\"4096\""));
     }
 
     #[test]
-    fn the_view_ignores_how_far_a_floor_goes_on() {
+    fn viewport_ignores_the_length_of_floors() {
         let with_floor = |half: f64| {
             let mut s = hall();
             s.statics.truncate(0);
@@ -559,12 +563,12 @@ pub(super) mod tests {
                 r#"{{"name": "f", "shape": {{"type": "segment", "from": [-{half}, 0], "to": [{half}, 0]}}}}"#
             );
             s.statics.push(serde_json::from_str(&text).unwrap());
-            View::new(&s, None, 400.0)
+            Viewport::new(&s, None, 400.0)
         };
         let view = with_floor(1e4);
         assert!(view.bounds[2] - view.bounds[0] < 20.0 && view.bounds[1] < 0.0, "{view:?}");
-        // A wall of the usual kind is seen whole.
-        let walled = View::new(&families()[0].candidates(0).next().unwrap(), None, 400.0);
+        // A wall of usual size is visible as a whole.
+        let walled = Viewport::new(&families()[0].candidates(0).next().unwrap(), None, 400.0);
         assert!(walled.bounds[0] < -0.8 && walled.bounds[2] > 43.4, "{walled:?}");
     }
 }

@@ -1,12 +1,12 @@
-//! A performance surface as a picture: its mean, and how sure it is, side by side.
+//! A performance surface as a picture: mean and standard deviation side by side.
 
 use super::plot::{Heatmap, heatmaps};
 use crate::error::Result;
-use crate::estimate::Surface;
+use crate::estimate::PerformanceSurface;
 use crate::estimate::surface::grid;
 use crate::world::latent::FACTORS;
 
-/// A place to mark.
+/// A point to mark.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// Shown in the legend.
@@ -15,20 +15,21 @@ pub struct Mark {
     pub latents: [f64; 3],
 }
 
-/// Mean and standard deviation of the surface over its first two factors (over its only one, a strip), with the
-/// points it was found at. A third factor stays at the surface's base.
-pub fn surface_svg(surface: &Surface, marks: &[Mark]) -> Result<String> {
+/// Mean and standard deviation of the surface over its first two factors (a strip for a single one), with its design points. A third
+/// factor is held at the surface's base.
+pub fn surface_svg(surface: &PerformanceSurface, marks: &[Mark]) -> Result<String> {
     let predictor = surface.predictor()?;
     let axes = &surface.axes[..surface.axes.len().min(2)];
-    // A single factor: the other axis is one of the others, over which nothing changes.
+    // With a single factor, the other axis is a factor on which the surface doesn't depend.
     let other = (0..FACTORS.len()).rev().find(|i| *i != axes[0].index()).unwrap_or(0);
     let (first, second) = (axes[0].index(), axes.get(1).map_or(other, |a| a.index()));
     let base = surface.base;
     let values = |k: usize| -> Vec<f64> {
         match axes.get(k) {
-            Some(axis) => {
-                grid(std::slice::from_ref(axis), base, CELLS).iter().map(|l| l[axis.index()]).collect()
-            }
+            Some(axis) => grid(std::slice::from_ref(axis), base, CELLS_PER_AXIS)
+                .iter()
+                .map(|l| l[axis.index()])
+                .collect(),
             None => vec![base[second]],
         }
     };
@@ -36,7 +37,7 @@ pub fn surface_svg(surface: &Surface, marks: &[Mark]) -> Result<String> {
     let at = |a: f64, b: f64| {
         let mut latents = base;
         (latents[first], latents[second]) = (a, b);
-        predictor.at(latents)
+        predictor.predict(latents)
     };
     let panel = |title: &str, label: &str, of: &dyn Fn(f64, f64) -> f64| Heatmap {
         title: title.into(),
@@ -65,9 +66,9 @@ pub fn surface_svg(surface: &Surface, marks: &[Mark]) -> Result<String> {
     ))
 }
 
-/// Cells along each axis: finer than any length scale the surrogate may have.
-const CELLS: usize = 41;
-/// Lines of equal value, where the map is wide enough for them.
+/// Cells along each axis: finer than the length scales of the surrogate.
+const CELLS_PER_AXIS: usize = 41;
+/// Number of contour lines.
 const CONTOURS: usize = 7;
 
 fn label_of(factor: usize) -> String {

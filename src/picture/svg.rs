@@ -1,6 +1,6 @@
-//! What every picture is written with: escaped text, short numbers, colours.
+//! Building blocks of SVG: escaped text, short numbers, colours.
 
-/// Text made safe between tags and within quoted attributes; characters that XML forbids become U+FFFD.
+/// Escapes text for elements and quoted attributes; characters that XML forbids become U+FFFD.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -16,7 +16,7 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// The text without what XML cannot hold even escaped; for writers that escape the rest themselves.
+/// Replaces characters that XML forbids, for writers that escape the rest themselves.
 pub fn cleaned(text: &str) -> String {
     text.chars().map(writable).collect()
 }
@@ -33,19 +33,19 @@ fn writable(c: char) -> char {
 /// The colour-blind-safe palette of Okabe and Ito (2008), without black and ordered for contrast on white.
 pub const PALETTE: [&str; 7] = ["#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#B8A800"];
 
-/// The colour of the body called `name`: a colour word in the name (`red`, `blue ball 2`), else the palette's
-/// entry number `index`.
+/// The colour of the body called `name`: that of a colour word in the name (`red`, `blue ball 2`), otherwise entry `index` of the
+/// palette.
 pub fn colour(name: &str, index: usize) -> &'static str {
     name.split(|c: char| !c.is_alphabetic())
         .find_map(|word| {
             let word = word.to_lowercase();
-            WORDS.iter().find(|(known, _)| *known == word).map(|(_, colour)| *colour)
+            COLOUR_WORDS.iter().find(|(known, _)| *known == word).map(|(_, colour)| *colour)
         })
         .unwrap_or(PALETTE[index % PALETTE.len()])
 }
 
-/// Colour words in names, in shades that can be told apart on white.
-const WORDS: [(&str, &str); 15] = [
+/// Colour words in names, in shades that are distinguishable on white.
+const COLOUR_WORDS: [(&str, &str); 15] = [
     ("red", "#D62F2F"),
     ("green", "#2FA04A"),
     ("blue", "#2B6CD4"),
@@ -63,7 +63,7 @@ const WORDS: [(&str, &str); 15] = [
     ("gray", "#8C8C8C"),
 ];
 
-/// A number with at most `digits` decimals and no trailing zeros; 0 for what is not finite.
+/// A number with at most `digits` decimals and no trailing zeros; 0 for values that aren't finite.
 pub fn decimals(v: f64, digits: usize) -> String {
     if !v.is_finite() {
         return "0".into();
@@ -73,7 +73,7 @@ pub fn decimals(v: f64, digits: usize) -> String {
     if text == "-0" { "0".into() } else { text.into() }
 }
 
-/// A coordinate in pixels: hundredths are finer than any eye.
+/// A coordinate in pixels, to two decimals.
 pub fn px(v: f64) -> String {
     decimals(v, 2)
 }
@@ -89,7 +89,7 @@ pub fn darker(colour: &str) -> String {
     format!("#{r:02X}{g:02X}{b:02X}")
 }
 
-/// Whether dark ink shows better than white on a `#RRGGBB` colour.
+/// Whether dark text has more contrast than white on a `#RRGGBB` colour.
 pub fn is_light(colour: &str) -> bool {
     let [r, g, b] = channels(colour).map(f64::from);
     0.299 * r + 0.587 * g + 0.114 * b > 175.0
@@ -105,12 +105,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_escaped() {
+    fn escapes_text() {
         assert_eq!(escape("<a b=\"c\" & 'd'>\u{0}"), "&lt;a b=&quot;c&quot; &amp; &#39;d&#39;&gt;\u{fffd}");
     }
 
     #[test]
-    fn numbers_are_short() {
+    fn formats_short_numbers() {
         let check = |v: f64, wanted: &str| assert_eq!(px(v), wanted);
         check(1.0, "1");
         check(-0.001, "0");
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn colour_words_are_found_in_names() {
+    fn finds_colour_words_in_names() {
         assert_eq!(colour("Red ball 2", 0), colour("red", 5));
         assert_eq!(colour("blue_ball", 0), colour("blue", 0));
         assert_ne!(colour("redo", 0), colour("red", 0));

@@ -1,45 +1,45 @@
-//! `iplw.plan/1`: a plan as it is written and sent.
+//! `iplw.plan/1`: the plan document.
 
 use serde::{Deserialize, Serialize};
 
-use crate::estimate::Belief;
-use crate::estimate::belief::Source;
+use crate::estimate::ParameterSamples;
+use crate::estimate::parameter_samples::SampleSource;
 
 use super::config::PlanConfig;
-use super::ranked::{Plan, Ranked};
+use super::ranked::{Plan, RankedAction};
 
 /// The format's name.
 pub const PLAN_FORMAT: &str = "iplw.plan/1";
-/// Most actions that are told: as many as attempts count.
-pub const MOST_ROWS: usize = crate::policy::auccess::ATTEMPTS;
+/// Maximal number of actions in a document: the number of attempts that count.
+pub const MAX_ROWS: usize = crate::policy::auccess::MAX_ATTEMPTS;
 
-/// A plan with everything that it follows from.
+/// A plan with the configuration that reproduces it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanDocument {
     pub format: String,
-    /// Of the program.
+    /// Version of the program.
     pub version: String,
     /// Id of the task.
     pub task: String,
     pub config: PlanConfig,
-    pub belief: BeliefAbout,
-    /// Actions looked at, those that cannot be placed among them.
+    pub posterior: SamplesSummary,
+    /// Number of candidate actions, including invalid ones.
     pub candidates: usize,
-    /// Those.
+    /// Number of candidate actions that can't be placed.
     pub invalid: usize,
-    /// Copies that were tried.
+    /// Number of rollouts.
     pub rollouts: usize,
-    /// Whether the first `config.exact` actions are those of trying everything.
+    /// Whether the first `config.exact` actions are those of an exhaustive evaluation.
     pub complete: bool,
-    /// Best first, at most [`MOST_ROWS`].
+    /// Best first, at most [`MAX_ROWS`].
     pub actions: Vec<ActionRow>,
 }
 
-/// The belief under which it was made.
+/// The parameter samples that a plan is based on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BeliefAbout {
-    pub source: Source,
-    /// Worlds that it holds.
+pub struct SamplesSummary {
+    pub source: SampleSource,
+    /// Number of samples.
     pub draws: usize,
 }
 
@@ -48,41 +48,41 @@ pub struct BeliefAbout {
 pub struct ActionRow {
     /// Components in [0, 1].
     pub action: Vec<f64>,
-    /// Copies that solved, of those that it was ranked by.
+    /// Rollouts that solved the task, of those used for ranking.
     pub successes: usize,
-    /// Those.
+    /// Rollouts used for ranking.
     pub draws: usize,
-    /// (successes + 1) / (draws + 2): what actions are ordered by. Too good to be a probability: the best were chosen by it.
+    /// (successes + 1) / (draws + 2): the sort key of actions. Biased upwards as a probability, since the best were selected by it.
     pub share: f64,
-    /// Share of fresh copies that solved, which had no say in the order; of the best `config.exact` only.
+    /// Success rate in fresh rollouts, not used for ranking; for the best `config.exact` only.
     pub probability: Option<f64>,
-    /// Its standard error, the deviation of Beta(1 + successes, 1 + failures).
+    /// Its standard error: the standard deviation of Beta(1 + successes, 1 + failures).
     pub standard_error: Option<f64>,
 }
 
 /// A plan as a document.
-pub fn document(plan: &Plan, config: &PlanConfig, belief: &Belief) -> PlanDocument {
+pub fn document(plan: &Plan, config: &PlanConfig, belief: &ParameterSamples) -> PlanDocument {
     PlanDocument {
         format: PLAN_FORMAT.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         task: plan.task.clone(),
         config: config.clone(),
-        belief: BeliefAbout { source: belief.source(), draws: belief.draws().len() },
+        posterior: SamplesSummary { source: belief.source(), draws: belief.draws().len() },
         candidates: plan.ranked.len() + plan.invalid,
         invalid: plan.invalid,
         rollouts: plan.rollouts,
         complete: plan.complete,
-        actions: plan.ranked.iter().take(MOST_ROWS).map(row).collect(),
+        actions: plan.ranked.iter().take(MAX_ROWS).map(row).collect(),
     }
 }
 
-fn row(ranked: &Ranked) -> ActionRow {
+fn row(ranked: &RankedAction) -> ActionRow {
     ActionRow {
         action: ranked.action.values().to_vec(),
-        successes: ranked.raced.successes,
-        draws: ranked.raced.tried,
-        share: ranked.raced.share(),
-        probability: ranked.fresh.map(|f| f.mean()),
-        standard_error: ranked.fresh.map(|f| f.standard_error()),
+        successes: ranked.ranking_count.successes,
+        draws: ranked.ranking_count.rollouts,
+        share: ranked.ranking_count.smoothed_share(),
+        probability: ranked.fresh_count.map(|f| f.mean()),
+        standard_error: ranked.fresh_count.map(|f| f.standard_error()),
     }
 }

@@ -1,41 +1,41 @@
-//! Plans: which actions of a task are the likeliest to solve it under what is believed of the world.
+//! Planning: ranks a task's actions by their probability of success, given samples of the world's parameters.
 //!
-//! A rollout costs a tenth of a millisecond, so a calibrated simulation can be asked outright: every action is tried in
-//! worlds drawn from the belief, moved a little each time as a hand would, and actions are ranked by how often they solve.
+//! A rollout costs a tenth of a millisecond, so success probabilities can be estimated by simulation: every action is simulated in
+//! worlds sampled from the posterior, slightly perturbed each time, and actions are ranked by how often they solve the task.
 //!
-//! Source: ranking by rollouts over draws of a belief is the simplest Bayes-optimal choice of one action (Chaloner and
-//! Verdinelli 1995, section 1, with success as utility); that a plan should survive small changes is PHYRE's (Bakhtin et al.
-//! 2019, section 3). Racing with common random numbers: Maron and Moore 1997.
+//! Source: maximising expected utility over posterior samples, with success as utility (Chaloner and Verdinelli 1995, section 1);
+//! robustness to small perturbations as in PHYRE (Bakhtin et al. 2019, section 3); racing with common random numbers: Maron and
+//! Moore 1997.
 //!
-//! Differences from the source: the race is exact, not probable: an action is dropped only once no outcome of the draws it
-//! has left can bring it among the best.
+//! Differences from the source: elimination is exact, not probabilistic: an action is dropped only once no outcome of its remaining
+//! rollouts can bring it among the best.
 //!
-//! | file | what it does |
+//! | file | contents |
 //! |---|---|
-//! | `config` | what a plan is to be |
-//! | `copies` | tries copies of actions in drawn worlds |
-//! | `race` | which copies are worth trying |
-//! | `search` | a plan: candidates, race, fresh draws for the best |
-//! | `ranked` | what is found |
+//! | `config` | configuration |
+//! | `perturbed_rollouts` | rollouts of perturbed actions in sampled worlds |
+//! | `successive_elimination` | choice of the next rollouts |
+//! | `search` | planning: candidates, elimination, fresh rollouts for the best |
+//! | `ranked` | the result |
 //! | `planner` | plans as a policy |
-//! | `calibration` | predicted against real success |
+//! | `calibration` | calibration of predicted success probabilities |
 //! | `document` | `iplw.plan/1` |
 
 mod calibration;
 mod config;
-mod copies;
 mod document;
+mod perturbed_rollouts;
 mod planner;
-mod race;
 mod ranked;
 mod search;
+mod successive_elimination;
 #[cfg(test)]
 mod tests;
 
-pub use calibration::{Bin, Calibration, calibration};
+pub use calibration::{Calibration, CalibrationBin, calibration};
 pub use config::PlanConfig;
-pub use copies::Copies;
-pub use document::{ActionRow, BeliefAbout, MOST_ROWS, PLAN_FORMAT, PlanDocument, document};
-pub use planner::Planner;
-pub use ranked::{Count, Plan, Ranked};
+pub use document::{ActionRow, MAX_ROWS, PLAN_FORMAT, PlanDocument, SamplesSummary, document};
+pub use perturbed_rollouts::PerturbedRollouts;
+pub use planner::PlanPolicy;
+pub use ranked::{Plan, RankedAction, SuccessCount};
 pub use search::plan;

@@ -1,4 +1,4 @@
-//! Plans as a policy: scores are places in their order, so that whatever tries a policy tries a plan.
+//! Plans as a policy that scores actions by their rank.
 
 use std::collections::BTreeMap;
 
@@ -8,32 +8,32 @@ use crate::task::{Task, ValidAction};
 
 use super::ranked::Plan;
 
-/// Plans of some tasks. An action that a task's plan does not rank scores lowest: it cannot be placed, or is no candidate.
-pub struct Planner {
+/// Plans of some tasks. An action that isn't ranked by its task's plan (it can't be placed or isn't a candidate) scores lowest.
+pub struct PlanPolicy {
     about: String,
-    /// By task: the place of each action, by the bits of its components.
+    /// By task: the rank of each action, by the bits of its components.
     places: BTreeMap<String, BTreeMap<Vec<u64>, usize>>,
 }
 
-impl Planner {
-    /// Of plans, one a task; `about` says under which belief they were made.
-    pub fn new(about: &str, plans: &[Plan]) -> Planner {
+impl PlanPolicy {
+    /// A policy from one plan for each task; `about` describes the parameter samples that the plans are based on.
+    pub fn new(about: &str, plans: &[Plan]) -> PlanPolicy {
         let order = |plan: &Plan| {
             let places = plan.ranked.iter().enumerate().map(|(place, r)| (bits(&r.action), place));
             (plan.task.clone(), places.collect())
         };
-        Planner { about: about.into(), places: plans.iter().map(order).collect() }
+        PlanPolicy { about: about.into(), places: plans.iter().map(order).collect() }
     }
 }
 
-impl Policy for Planner {
+impl Policy for PlanPolicy {
     fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
         let places = self.places.get(&task.id).ok_or_else(|| Error::NotFound {
             kind: "plan of a task",
             id: task.id.clone(),
             known: self.places.keys().cloned().collect(),
         })?;
-        // Places of up to a million actions are exact in 24 bits.
+        // Ranks of up to a million actions are exact in 24 bits.
         let score =
             |a: &ValidAction| places.get(&bits(a)).map_or(f32::NEG_INFINITY, |place| -(*place as f32));
         Ok(actions.iter().map(score).collect())

@@ -1,4 +1,4 @@
-//! What a plan finds.
+//! Results of planning.
 
 use crate::task::ValidAction;
 
@@ -7,59 +7,59 @@ use crate::task::ValidAction;
 pub struct Plan {
     /// Id of the task.
     pub task: String,
-    /// Copies that an action tried to the end was tried in.
+    /// Rollouts of a fully evaluated action.
     pub draws: usize,
-    /// Candidates that can be placed, the likeliest to solve first.
-    pub ranked: Vec<Ranked>,
-    /// Candidates that cannot be placed.
+    /// Candidates that can be placed, the most likely to solve first.
+    pub ranked: Vec<RankedAction>,
+    /// Number of candidates that can't be placed.
     pub invalid: usize,
-    /// Copies that were tried, fresh ones among them.
+    /// Number of rollouts, fresh ones included.
     pub rollouts: usize,
-    /// Whether the best are those of trying everything. If not, the time or the rollouts there were ended the race.
+    /// Whether the best are those of an exhaustive evaluation; false if a deadline or the limit of rollouts came first.
     pub complete: bool,
 }
 
-/// An action with what became of its copies.
+/// An action with the outcomes of its rollouts.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ranked {
+pub struct RankedAction {
     pub action: ValidAction,
-    /// Of the copies that it was ranked by.
-    pub raced: Count,
-    /// Of fresh copies, which had no say in the ranking; for the best only.
-    pub fresh: Option<Count>,
+    /// Rollouts used for ranking.
+    pub ranking_count: SuccessCount,
+    /// Fresh rollouts, not used for ranking; for the best only.
+    pub fresh_count: Option<SuccessCount>,
 }
 
-/// How many of how many solved.
+/// Number of successes in a number of rollouts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Count {
+pub struct SuccessCount {
     pub successes: usize,
-    pub tried: usize,
+    pub rollouts: usize,
 }
 
-impl Count {
-    /// Mean of the share of successes given the count and a uniform prior, Beta(1 + successes, 1 + failures): what actions
-    /// that got different numbers of draws are compared by. In (0, 1).
-    pub fn share(self) -> f64 {
-        (self.successes as f64 + 1.0) / (self.tried as f64 + 2.0)
+impl SuccessCount {
+    /// Posterior mean of the success rate under a uniform prior, Beta(1 + successes, 1 + failures), in (0, 1). It makes actions with
+    /// different numbers of rollouts comparable.
+    pub fn smoothed_share(self) -> f64 {
+        (self.successes as f64 + 1.0) / (self.rollouts as f64 + 2.0)
     }
 
-    /// Share of successes; NaN if nothing was tried.
+    /// Success rate; NaN without rollouts.
     pub fn mean(self) -> f64 {
-        self.successes as f64 / self.tried as f64
+        self.successes as f64 / self.rollouts as f64
     }
 
-    /// Standard deviation of that Beta distribution: a standard error that does not vanish where all or none succeeded.
+    /// Standard deviation of that Beta distribution: a standard error that doesn't vanish where all or none succeeded.
     pub fn standard_error(self) -> f64 {
-        let share = self.share();
-        (share * (1.0 - share) / (self.tried as f64 + 3.0)).sqrt()
+        let share = self.smoothed_share();
+        (share * (1.0 - share) / (self.rollouts as f64 + 3.0)).sqrt()
     }
 
     pub(super) fn failures(self) -> usize {
-        self.tried - self.successes
+        self.rollouts - self.successes
     }
 
-    pub(super) fn add(&mut self, solved: bool) {
-        self.tried += 1;
+    pub(super) fn record(&mut self, solved: bool) {
+        self.rollouts += 1;
         self.successes += usize::from(solved);
     }
 }
@@ -70,12 +70,12 @@ mod tests {
 
     /// Beta(3, 2) has the mean 3/5 and the variance 1/25.
     #[test]
-    fn counts_are_beta_distributions() {
-        let count = Count { successes: 2, tried: 3 };
-        assert!((count.share() - 0.6).abs() < 1e-15);
+    fn matches_the_beta_distribution() {
+        let count = SuccessCount { successes: 2, rollouts: 3 };
+        assert!((count.smoothed_share() - 0.6).abs() < 1e-15);
         assert!((count.standard_error() - 0.2).abs() < 1e-15);
-        let all = Count { successes: 64, tried: 64 };
+        let all = SuccessCount { successes: 64, rollouts: 64 };
         assert!(all.mean() == 1.0 && all.standard_error() > 0.0);
-        assert_eq!(Count::default().share(), 0.5);
+        assert_eq!(SuccessCount::default().smoothed_share(), 0.5);
     }
 }

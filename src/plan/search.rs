@@ -1,27 +1,28 @@
-//! A plan: candidates, the race among them, and fresh draws for the best.
+//! Planning: candidates, successive elimination, and fresh rollouts for the best.
 
 use rayon::prelude::*;
 
-use crate::budget::{Budget, Endless};
+use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result};
-use crate::estimate::Belief;
+use crate::estimate::ParameterSamples;
 use crate::policy::evaluate::candidates;
 use crate::progress::Progress;
 use crate::task::{Placement, Task, ValidAction};
 
 use super::config::PlanConfig;
-use super::copies::Copies;
-use super::race::Race;
-use super::ranked::{Count, Plan, Ranked};
+use super::perturbed_rollouts::PerturbedRollouts;
+use super::ranked::{Plan, RankedAction, SuccessCount};
+use super::successive_elimination::SuccessiveElimination;
 
-/// Ranks the actions of a task by how likely they solve it under a belief. Same seed, same bits, on any number of threads.
+/// Ranks the actions of a task by their probability of success over parameter samples. The result depends on the seed only, to the
+/// bit, with any number of threads.
 ///
-/// Where `time` says that it is over ([`Error::Deadline`]), the answer is what is known by then, and says that it is not
-/// complete; the fresh draws of the best (`exact` times `draws` rollouts) come on top, since a probability that was not
-/// drawn afresh is too good to be true. Any other error of `time`, and every one of `progress`, ends the work.
+/// When `time` reports [`Error::Deadline`], the result so far is returned as incomplete. The fresh rollouts of the best
+/// (`exact` times `draws`) are done after the deadline, since the ranking's success rates are biased upwards by the selection. Any
+/// other error of `time`, and every error of `progress`, is returned.
 pub fn plan(
     task: &Task,
-    belief: &Belief,
+    belief: &ParameterSamples,
     config: &PlanConfig,
     time: &dyn Budget,
     progress: &dyn Progress,
@@ -31,49 +32,51 @@ pub fn plan(
     let count = all.len();
     let placeable = |a: &ValidAction| matches!(task.place(a), Placement::Valid(_));
     let valid: Vec<ValidAction> = all.into_par_iter().filter(placeable).collect();
-    let copies = Copies::new(task, belief, config);
-    let mut race = Race::new(valid.len(), copies.draws(), config.exact, config.look);
-    let mut rollouts = run(&mut race, &valid, &copies, config.rollouts, time, progress)?;
-    let order = race.order();
+    let perturbed = PerturbedRollouts::new(task, belief, config);
+    let mut elimination =
+        SuccessiveElimination::new(valid.len(), perturbed.draws(), config.exact, config.look);
+    let mut rollouts =
+        run_elimination(&mut elimination, &valid, &perturbed, config.rollouts, time, progress)?;
+    let order = elimination.order();
     let best: Vec<&ValidAction> = order.iter().take(config.exact).map(|i| &valid[*i]).collect();
-    let fresh = afresh(&best, &copies, progress)?;
-    rollouts += fresh.iter().map(|c| c.tried).sum::<usize>();
-    let ranked = |(place, i): (usize, &usize)| Ranked {
+    let fresh = fresh_counts(&best, &perturbed, progress)?;
+    rollouts += fresh.iter().map(|c| c.rollouts).sum::<usize>();
+    let ranked = |(place, i): (usize, &usize)| RankedAction {
         action: valid[*i].clone(),
-        raced: race.counts()[*i],
-        fresh: fresh.get(place).copied(),
+        ranking_count: elimination.counts()[*i],
+        fresh_count: fresh.get(place).copied(),
     };
     Ok(Plan {
         task: task.id.clone(),
-        draws: copies.draws(),
+        draws: perturbed.draws(),
         ranked: order.iter().enumerate().map(ranked).collect(),
         invalid: count - valid.len(),
         rollouts,
-        complete: race.is_over(),
+        complete: elimination.is_complete(),
     })
 }
 
-/// Runs the race to its end, or to the end of the time or of the rollouts there are; how many copies were tried.
-fn run(
-    race: &mut Race,
+/// Runs the elimination to its end, to the deadline or to the limit of rollouts; returns the number of rollouts.
+fn run_elimination(
+    elimination: &mut SuccessiveElimination,
     valid: &[ValidAction],
-    copies: &Copies,
-    most: Option<usize>,
+    perturbed: &PerturbedRollouts,
+    max_rollouts: Option<usize>,
     time: &dyn Budget,
     progress: &dyn Progress,
 ) -> Result<usize> {
     let mut spent = 0;
     loop {
-        let mut step = race.next();
-        step.truncate(most.unwrap_or(usize::MAX) - spent);
+        let mut step = elimination.next();
+        step.truncate(max_rollouts.unwrap_or(usize::MAX) - spent);
         if step.is_empty() {
             return Ok(spent);
         }
-        let [known, all] = race.known();
-        progress.report("race of actions", known as u64, all as u64)?;
-        let tried: Vec<(&ValidAction, usize)> = step.iter().map(|(i, k)| (&valid[*i], *k)).collect();
-        match copies.solve(&tried, time) {
-            Ok(solved) => race.tell(&step, &solved),
+        let [decided, all] = elimination.decided();
+        progress.report("successive elimination", decided as u64, all as u64)?;
+        let rollouts: Vec<(&ValidAction, usize)> = step.iter().map(|(i, k)| (&valid[*i], *k)).collect();
+        match perturbed.solve(&rollouts, time) {
+            Ok(solved) => elimination.record(&step, &solved),
             Err(Error::Deadline { .. }) => return Ok(spent),
             Err(error) => return Err(error),
         }
@@ -81,15 +84,19 @@ fn run(
     }
 }
 
-/// The best under copies that had no say in the ranking.
-fn afresh(best: &[&ValidAction], copies: &Copies, progress: &dyn Progress) -> Result<Vec<Count>> {
-    let draws = copies.draws();
+/// Outcomes of the best actions in fresh rollouts, not used for ranking.
+fn fresh_counts(
+    best: &[&ValidAction],
+    perturbed: &PerturbedRollouts,
+    progress: &dyn Progress,
+) -> Result<Vec<SuccessCount>> {
+    let draws = perturbed.draws();
     let mut counts = Vec::with_capacity(best.len());
     for action in best {
         progress.report("fresh draws for the best", counts.len() as u64, best.len() as u64)?;
-        let tried: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
-        let mut count = Count::default();
-        copies.solve(&tried, &Endless)?.into_iter().for_each(|solved| count.add(solved));
+        let rollouts: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
+        let mut count = SuccessCount::default();
+        perturbed.solve(&rollouts, &Unlimited)?.into_iter().for_each(|solved| count.record(solved));
         counts.push(count);
     }
     Ok(counts)

@@ -6,17 +6,16 @@
 //! Source: Bakhtin et al. 2019, "PHYRE: A New Benchmark for Physical Reasoning", section 3 (evaluation).
 //! Differences from the source: none.
 
-/// Most attempts that count.
-pub const ATTEMPTS: usize = 100;
+/// Maximum number of attempts that count.
+pub const MAX_ATTEMPTS: usize = 100;
 
-/// AUCCESS of tasks of which the i-th was first solved at attempt `solved_at[i]` (1 = the first), or never.
-/// Without tasks it is 0.
+/// AUCCESS from the first solving attempt of each task (1 = the first; `None` if unsolved). 0 without tasks.
 pub fn auccess(solved_at: &[Option<usize>]) -> f64 {
-    weighted(&curve(solved_at))
+    weighted_mean(&success_curve(solved_at))
 }
 
-/// AUCCESS of a curve: the share of tasks solved within 1, 2, ... attempts, or the chance that one is.
-pub fn weighted(shares: &[f64; ATTEMPTS]) -> f64 {
+/// AUCCESS of a success curve: the share of tasks solved within 1, 2, ... attempts, or its expectation.
+pub fn weighted_mean(shares: &[f64; MAX_ATTEMPTS]) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (i, share) in shares.iter().enumerate() {
         let k = (i + 1) as f64;
@@ -28,7 +27,7 @@ pub fn weighted(shares: &[f64; ATTEMPTS]) -> f64 {
 }
 
 /// Share of tasks solved within 1, 2, ... 100 attempts.
-pub fn curve(solved_at: &[Option<usize>]) -> [f64; ATTEMPTS] {
+pub fn success_curve(solved_at: &[Option<usize>]) -> [f64; MAX_ATTEMPTS] {
     std::array::from_fn(|i| {
         let solved = solved_at.iter().flatten().filter(|k| **k <= i + 1).count();
         if solved_at.is_empty() { 0.0 } else { solved as f64 / solved_at.len() as f64 }
@@ -40,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_by_hand() {
+    fn matches_hand_computed_values() {
         let check = |solved_at: &[Option<usize>], wanted: f64| {
             let found = auccess(solved_at);
             assert!((found - wanted).abs() < 1e-12, "{solved_at:?}: {found}, not {wanted}");
@@ -59,7 +58,7 @@ mod tests {
 
     #[test]
     fn curve_counts_tasks() {
-        let shares = curve(&[Some(1), Some(3), None, Some(3)]);
+        let shares = success_curve(&[Some(1), Some(3), None, Some(3)]);
         assert_eq!(shares[..4], [0.25, 0.25, 0.75, 0.75]);
         assert_eq!(shares[99], 0.75);
     }

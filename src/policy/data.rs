@@ -1,20 +1,20 @@
-//! Labelled actions: which random actions solve which tasks in a simulated world.
+//! Labelled examples: which random actions solve which tasks in simulation.
 //!
-//! Source: Semage et al., pretraining in simulation; PHYRE's DQN learns from random actions likewise.
-//! Differences from the source: labels come from valid discrete actions only (an action that cannot be placed
-//! is never an attempt), and a task with few solving actions is drawn from further, up to a bound.
+//! Source: Semage et al., pretraining in simulation; PHYRE's DQN is also trained on random actions.
+//! Differences from the source: only valid discrete actions are labelled (an action that cannot be placed is not an attempt), and
+//! tasks with few solving actions receive additional actions, up to a bound.
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::estimate::{Belief, Believed};
+use crate::estimate::{ParameterSample, ParameterSamples};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Labels, Placement, Scene, Task, ValidAction};
-use crate::world::{Engine, Latents, Rollout, effect, simulate_map};
+use crate::task::{LabelCounts, Placement, Scene, Task, ValidAction};
+use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
 /// Tasks and labelled actions on them.
 #[derive(Clone, Debug, Default)]
@@ -23,83 +23,86 @@ pub struct Dataset {
     pub rows: Vec<Example>,
 }
 
-/// Labelled actions that a policy learns from, wherever they are kept.
-pub trait Labelled: Sync {
-    /// The tasks that they are of.
+/// Source of labelled examples for training.
+pub trait LabelledData: Sync {
+    /// Tasks of the examples.
     fn tasks(&self) -> &[Task];
 
-    /// Errors if they are none.
+    /// Errors if the data are invalid.
     fn validate(&self) -> Result<()>;
 
-    /// (solving, failing) row numbers of each task.
+    /// (solving, failing) row indices of each task.
     fn pools(&self) -> Vec<[Vec<usize>; 2]>;
 
-    /// Number of its task, and the action, of a row.
+    /// Task index and action of a row.
     fn row(&self, row: usize) -> (usize, &ValidAction);
 }
 
-/// One action's outcome.
+/// One action with its outcome.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
     /// Index into the dataset's tasks.
     pub task: usize,
     pub action: ValidAction,
-    /// Whether it solved the task.
+    /// Whether the action solves the task.
     pub solved: bool,
 }
 
-/// The physics that labels come from.
+/// Physics in which training actions are labelled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Training {
-    /// One world: an estimate, or the truth for an oracle.
+pub enum TrainingPhysics {
+    /// A single world: an estimate, or the true parameters for an oracle.
     Fixed { latents: Latents, effects: Vec<EffectTerm> },
-    /// Domain randomisation: every rollout draws its latents uniformly from these `[low, high]`.
+    /// Domain randomisation: every rollout samples its latents uniformly from these intervals `[low, high]`.
     Randomised { density: [f64; 2], friction: [f64; 2], restitution: [f64; 2], effects: Vec<EffectTerm> },
-    /// What is known: every rollout is in one of these equally likely worlds, the draws of a posterior. An action that solves in
-    /// half of them is labelled as solving half the time, so the policy learns how likely it is to work.
-    Believed { draws: Vec<Believed> },
+    /// Posterior draws: every rollout uses one of these equally weighted parameter samples, so the policy learns the posterior
+    /// probability that an action solves its task.
+    #[serde(rename = "believed")]
+    Posterior { draws: Vec<ParameterSample> },
 }
 
-/// How many actions are labelled.
+/// Numbers of labelled actions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LabelConfig {
-    /// Valid actions labelled for each task, at least (fewer only if it has no more).
+    /// Minimum number of valid labelled actions per task (fewer only if the task has no more).
     pub per_task: usize,
-    /// A task with fewer solving actions than this gets further ones...
+    /// Number of solving actions below which a task receives additional actions.
     pub enough_solving: usize,
-    /// ... until it has this many actions.
-    pub most_per_task: usize,
+    /// Maximum number of labelled actions per task.
+    #[serde(rename = "most_per_task")]
+    pub max_per_task: usize,
     pub engine: Engine,
     pub seed: u64,
 }
 
-/// Rollouts between two reports of progress.
-const CHUNK: usize = 1024;
+/// Rollouts between two progress reports.
+const PROGRESS_CHUNK: usize = 1024;
 
-/// Draws random valid discrete actions of each task and simulates them. The result depends on the seed and
-/// neither on the number of threads nor on the order of the tasks in `tasks`.
+/// Labels random valid discrete actions of each task by simulation. The result depends on the seed, but not on the number of threads
+/// or the order of `tasks`.
 pub fn label(
     tasks: &[Task],
-    training: &Training,
+    training: &TrainingPhysics,
     config: &LabelConfig,
     progress: &dyn Progress,
 ) -> Result<Dataset> {
     training.validate()?;
-    let mut draws: Vec<Draw> = tasks.iter().map(|task| Draw::new(task, config.seed)).collect();
+    let mut draws: Vec<ActionSampler> =
+        tasks.iter().map(|task| ActionSampler::new(task, config.seed)).collect();
     let mut found: Vec<Vec<(ValidAction, bool)>> = vec![Vec::new(); tasks.len()];
     let mut round = vec![config.per_task; tasks.len()];
     let (mut done, mut total) = (0u64, (config.per_task * tasks.len()) as u64);
     loop {
-        let mut jobs: Vec<Job<'_>> = Vec::new();
+        let mut jobs: Vec<LabelRollout<'_>> = Vec::new();
         for (t, draw) in draws.iter_mut().enumerate() {
-            jobs.extend(draw.take(t, round[t], training)?);
+            jobs.extend(draw.next_rollouts(t, round[t], training)?);
         }
         if jobs.is_empty() {
             break;
         }
-        for chunk in jobs.chunks(CHUNK) {
+        for chunk in jobs.chunks(PROGRESS_CHUNK) {
             progress.report("label", done, total)?;
             for (job, solved) in chunk.iter().zip(simulate(chunk, config.engine)?) {
                 found[job.task].push((job.action.clone(), solved));
@@ -109,7 +112,7 @@ pub fn label(
         for (t, rows) in found.iter().enumerate() {
             let solving = rows.iter().filter(|(_, solved)| *solved).count();
             let short = solving < config.enough_solving && !draws[t].exhausted();
-            let more = if short { config.most_per_task.saturating_sub(rows.len()) } else { 0 };
+            let more = if short { config.max_per_task.saturating_sub(rows.len()) } else { 0 };
             round[t] = more.min(config.per_task.max(1));
         }
         total = done + round.iter().sum::<usize>() as u64;
@@ -121,49 +124,57 @@ pub fn label(
     Ok(Dataset { tasks: tasks.to_vec(), rows: rows.collect() })
 }
 
-impl Training {
-    /// Domain randomisation over the paper's ranges: mass [0.1, 20], friction [0, 3], restitution [0, 1].
-    /// `effects` beyond a scene's own are the same in every rollout.
-    pub fn paper_randomised(effects: Vec<EffectTerm>) -> Training {
-        Training::Randomised { density: [0.1, 20.0], friction: [0.0, 3.0], restitution: [0.0, 1.0], effects }
-    }
-
-    /// In the worlds of a belief.
-    pub fn believed(belief: &Belief) -> Training {
-        Training::Believed { draws: belief.draws().to_vec() }
-    }
-
-    /// Its kind, as it stands in JSON.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Training::Fixed { .. } => "fixed",
-            Training::Randomised { .. } => "randomised",
-            Training::Believed { .. } => "believed",
+impl TrainingPhysics {
+    /// Domain randomisation over the paper's ranges: mass [0.1, 20], friction [0, 3], restitution [0, 1]. `effects` are added to those of
+    /// the scene in every rollout.
+    pub fn paper_randomised(effects: Vec<EffectTerm>) -> TrainingPhysics {
+        TrainingPhysics::Randomised {
+            density: [0.1, 20.0],
+            friction: [0.0, 3.0],
+            restitution: [0.0, 1.0],
+            effects,
         }
     }
 
-    /// `count` worlds that labels may come from, for looking at what was learned; fewer where there are no more.
-    pub fn worlds(&self, count: usize, seed: u64) -> Vec<Believed> {
-        let mut rng = rng::stream(seed, "training worlds");
-        let drawn = |(latents, effects): (Latents, &[EffectTerm])| Believed::new(latents, effects.to_vec());
+    /// Training over posterior samples.
+    pub fn from_posterior(belief: &ParameterSamples) -> TrainingPhysics {
+        TrainingPhysics::Posterior { draws: belief.draws().to_vec() }
+    }
+
+    /// Name of the kind in JSON.
+    pub fn name(&self) -> &'static str {
         match self {
-            Training::Fixed { .. } => vec![drawn(self.draw(&mut rng))],
-            Training::Randomised { .. } => (0..count).map(|_| drawn(self.draw(&mut rng))).collect(),
-            Training::Believed { draws } => {
-                let mut order: Vec<&Believed> = draws.iter().collect();
+            TrainingPhysics::Fixed { .. } => "fixed",
+            TrainingPhysics::Randomised { .. } => "randomised",
+            TrainingPhysics::Posterior { .. } => "believed",
+        }
+    }
+
+    /// Up to `count` parameter samples for validation, drawn like those of labels.
+    pub fn worlds(&self, count: usize, seed: u64) -> Vec<ParameterSample> {
+        let mut rng = rng::stream(seed, "training worlds");
+        let drawn =
+            |(latents, effects): (Latents, &[EffectTerm])| ParameterSample::new(latents, effects.to_vec());
+        match self {
+            TrainingPhysics::Fixed { .. } => vec![drawn(self.draw(&mut rng))],
+            TrainingPhysics::Randomised { .. } => (0..count).map(|_| drawn(self.draw(&mut rng))).collect(),
+            TrainingPhysics::Posterior { draws } => {
+                let mut order: Vec<&ParameterSample> = draws.iter().collect();
                 let (some, _) = order.partial_shuffle(&mut rng, count);
                 some.iter().map(|world| (*world).clone()).collect()
             }
         }
     }
 
-    /// Errors unless all values are allowed.
+    /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
         match self {
-            Training::Fixed { latents, effects } => latents.validate().and(effect::check(effects)),
-            Training::Believed { draws } => validate_draws(draws),
-            Training::Randomised { density, friction, restitution, effects } => {
-                effect::check(effects)?;
+            TrainingPhysics::Fixed { latents, effects } => {
+                latents.validate().and(effect::validate_terms(effects))
+            }
+            TrainingPhysics::Posterior { draws } => validate_draws(draws),
+            TrainingPhysics::Randomised { density, friction, restitution, effects } => {
+                effect::validate_terms(effects)?;
                 let ranges = [("density", density), ("friction", friction), ("restitution", restitution)];
                 for (name, [low, high]) in ranges {
                     if !(low.is_finite() && high.is_finite() && low <= high) {
@@ -177,18 +188,18 @@ impl Training {
         }
     }
 
-    /// The world of one rollout: latents, and effects beyond a scene's own.
+    /// Parameters of one rollout: latents, and effects added to those of the scene.
     fn draw(&self, rng: &mut rng::Stream) -> (Latents, &[EffectTerm]) {
         match self {
-            Training::Fixed { latents, effects } => (*latents, effects),
-            Training::Randomised { density, friction, restitution, effects } => {
+            TrainingPhysics::Fixed { latents, effects } => (*latents, effects),
+            TrainingPhysics::Randomised { density, friction, restitution, effects } => {
                 let drawn = [density, friction, restitution].map(|[low, high]| {
                     let share: f64 = rng.random();
                     low + share * (high - low)
                 });
                 (Latents::of(drawn), effects)
             }
-            Training::Believed { draws } => {
+            TrainingPhysics::Posterior { draws } => {
                 let world = &draws[rng.random_range(0..draws.len())];
                 (world.latents, &world.effects)
             }
@@ -196,24 +207,24 @@ impl Training {
     }
 }
 
-/// Errors unless there is a draw, and every one is a world.
-fn validate_draws(draws: &[Believed]) -> Result<()> {
+/// Errors unless there is at least one draw and all draws are valid.
+fn validate_draws(draws: &[ParameterSample]) -> Result<()> {
     if draws.is_empty() {
-        return Err(Error::input("draws", "none", "at least one world"));
+        return Err(Error::input("draws", "none", "at least one draw"));
     }
     for (i, world) in draws.iter().enumerate() {
         let valid = world.validate();
-        valid.map_err(|e| e.under(&format!("draws[{i}]")))?;
+        valid.map_err(|e| e.in_field(&format!("draws[{i}]")))?;
     }
     Ok(())
 }
 
 impl LabelConfig {
-    /// A family's preset.
-    pub fn preset(labels: &Labels, seed: u64) -> LabelConfig {
-        let Labels { per_task, enough_solving, stretch } = *labels;
-        let most_per_task = stretch * per_task;
-        LabelConfig { per_task, enough_solving, most_per_task, engine: Engine::Auto, seed }
+    /// Preset of a family.
+    pub fn preset(labels: &LabelCounts, seed: u64) -> LabelConfig {
+        let LabelCounts { per_task, enough_solving, stretch } = *labels;
+        let max_per_task = stretch * per_task;
+        LabelConfig { per_task, enough_solving, max_per_task, engine: Engine::Auto, seed }
     }
 }
 
@@ -224,19 +235,19 @@ impl Dataset {
     }
 }
 
-impl Labelled for Dataset {
+impl LabelledData for Dataset {
     fn tasks(&self) -> &[Task] {
         &self.tasks
     }
 
-    /// Errors unless every example's task exists.
+    /// Errors unless every example refers to an existing task and a valid action.
     fn validate(&self) -> Result<()> {
         for (i, row) in self.rows.iter().enumerate() {
             let Some(task) = self.tasks.get(row.task) else {
                 let allowed = format!("an index below {}", self.tasks.len());
                 return Err(Error::input(format!("rows[{i}].task"), row.task, allowed));
             };
-            task.actions().validate(row.action.values()).map_err(|e| e.under(&format!("rows[{i}]")))?;
+            task.actions().validate(row.action.values()).map_err(|e| e.in_field(&format!("rows[{i}]")))?;
         }
         Ok(())
     }
@@ -254,8 +265,8 @@ impl Labelled for Dataset {
     }
 }
 
-/// A placed action to be simulated.
-struct Job<'a> {
+/// A placed action to simulate.
+struct LabelRollout<'a> {
     task: usize,
     action: ValidAction,
     scene: Box<Scene>,
@@ -263,30 +274,30 @@ struct Job<'a> {
     effects: &'a [EffectTerm],
 }
 
-fn simulate(jobs: &[Job], engine: Engine) -> Result<Vec<bool>> {
+fn simulate(jobs: &[LabelRollout], engine: Engine) -> Result<Vec<bool>> {
     let of = |j| {
-        let Job { scene, latents, effects, .. }: &Job = j;
+        let LabelRollout { scene, latents, effects, .. }: &LabelRollout = j;
         Rollout { latents: *latents, effects, ..Rollout::of(scene) }
     };
     let rollouts: Vec<Rollout> = jobs.iter().map(of).collect();
-    simulate_map(&rollouts, engine, |_, trajectory| trajectory.solved())
+    Simulator::new(engine).map(&rollouts, |_, trajectory| trajectory.solved())
 }
 
 /// A task's discrete actions in random order.
-struct Draw<'a> {
+struct ActionSampler<'a> {
     task: &'a Task,
     order: Vec<u32>,
     next: usize,
     worlds: rng::Stream,
 }
 
-impl<'a> Draw<'a> {
-    fn new(task: &'a Task, seed: u64) -> Draw<'a> {
-        let own = rng::derive(seed, &task.id, 0);
-        // At most a million: checked with the scene.
+impl<'a> ActionSampler<'a> {
+    fn new(task: &'a Task, seed: u64) -> ActionSampler<'a> {
+        let own = rng::derive_seed(seed, &task.id, 0);
+        // At most a million actions; validated with the scene.
         let mut order: Vec<u32> = (0..task.actions().count() as u32).collect();
         order.shuffle(&mut rng::stream(own, "label actions"));
-        Draw { task, order, next: 0, worlds: rng::stream(own, "label latents") }
+        ActionSampler { task, order, next: 0, worlds: rng::stream(own, "label latents") }
     }
 
     fn exhausted(&self) -> bool {
@@ -294,14 +305,19 @@ impl<'a> Draw<'a> {
     }
 
     /// The next `count` valid actions.
-    fn take<'t>(&mut self, task: usize, count: usize, training: &'t Training) -> Result<Vec<Job<'t>>> {
+    fn next_rollouts<'t>(
+        &mut self,
+        task: usize,
+        count: usize,
+        training: &'t TrainingPhysics,
+    ) -> Result<Vec<LabelRollout<'t>>> {
         let mut jobs = Vec::new();
         while jobs.len() < count && !self.exhausted() {
             let action = self.task.actions().at(self.order[self.next] as usize)?;
             self.next += 1;
             if let Placement::Valid(scene) = self.task.place(&action) {
                 let (latents, effects) = training.draw(&mut self.worlds);
-                jobs.push(Job { task, action, scene, latents, effects });
+                jobs.push(LabelRollout { task, action, scene, latents, effects });
             }
         }
         Ok(jobs)
@@ -312,10 +328,10 @@ impl<'a> Draw<'a> {
 mod tests {
     use super::*;
     use crate::policy::toy;
-    use crate::progress::Silent;
+    use crate::progress::NoProgress;
     use crate::task::scene::Goal;
 
-    /// Red falls freely and solves if it does so within a column, which is decided by its x alone.
+    /// Red falls freely and solves the task if its x lies within a column.
     fn column(id: &str, [left, right]: [f64; 2]) -> Task {
         let mut task = toy::task(0.3);
         task.id = id.into();
@@ -326,17 +342,17 @@ mod tests {
     }
 
     fn config(per_task: usize) -> LabelConfig {
-        LabelConfig::preset(&Labels { per_task, enough_solving: 0, stretch: 1 }, 0)
+        LabelConfig::preset(&LabelCounts { per_task, enough_solving: 0, stretch: 1 }, 0)
     }
 
-    fn plain() -> Training {
-        Training::Fixed { latents: Latents::default(), effects: Vec::new() }
+    fn plain() -> TrainingPhysics {
+        TrainingPhysics::Fixed { latents: Latents::default(), effects: Vec::new() }
     }
 
     #[test]
-    fn labels_are_what_the_world_does() {
+    fn labels_match_simulated_outcomes() {
         let tasks = [column("a", [2.0, 5.0]), column("b", [7.0, 7.5])];
-        let data = label(&tasks, &plain(), &config(60), &Silent).unwrap();
+        let data = label(&tasks, &plain(), &config(60), &NoProgress).unwrap();
         data.validate().unwrap();
         assert_eq!(data.rows.len(), 120);
         for row in &data.rows {
@@ -348,14 +364,14 @@ mod tests {
         let mut distinct: Vec<_> = data.rows.iter().map(|r| format!("{} {:?}", r.task, r.action)).collect();
         distinct.sort_unstable();
         distinct.dedup();
-        assert_eq!(distinct.len(), 120, "no action twice");
+        assert_eq!(distinct.len(), 120, "no repeated action");
     }
 
     #[test]
-    fn rare_successes_are_searched_longer_up_to_the_bound() {
+    fn adds_actions_for_rare_successes_up_to_bound() {
         let tasks = [column("rare", [7.0, 7.2]), column("never", [90.0, 91.0]), column("often", [1.0, 9.0])];
-        let config = LabelConfig { enough_solving: 5, most_per_task: 700, ..config(50) };
-        let data = label(&tasks, &plain(), &config, &Silent).unwrap();
+        let config = LabelConfig { enough_solving: 5, max_per_task: 700, ..config(50) };
+        let data = label(&tasks, &plain(), &config, &NoProgress).unwrap();
         let count = |t: usize| data.rows.iter().filter(|r| r.task == t).count();
         let solving = |t: usize| data.rows.iter().filter(|r| r.task == t && r.solved).count();
         assert!(solving(0) >= 5 && count(0) > 50 && count(0) < 700, "{} of {}", solving(0), count(0));
@@ -363,12 +379,14 @@ mod tests {
     }
 
     #[test]
-    fn same_labels_for_any_number_of_threads_and_order_of_tasks() {
+    fn labels_are_independent_of_threads_and_task_order() {
         let tasks = [column("a", [2.0, 5.0]), column("b", [4.0, 8.0])];
         let run = |tasks: &[Task], threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                label(tasks, &Training::paper_randomised(Vec::new()), &config(30), &Silent).unwrap().rows
+                label(tasks, &TrainingPhysics::paper_randomised(Vec::new()), &config(30), &NoProgress)
+                    .unwrap()
+                    .rows
             })
         };
         let one = run(&tasks, 1);
@@ -380,7 +398,7 @@ mod tests {
         assert_eq!(of(&turned, 0), of(&one, 1));
     }
 
-    /// Red is dropped and solves if it falls below a height within a second: drag decides.
+    /// Red is dropped and solves the task if it falls below a height within a second, which depends on drag.
     fn falling() -> Task {
         let mut task = toy::task(0.3);
         task.id = "falling".into();
@@ -390,27 +408,27 @@ mod tests {
         task
     }
 
-    fn dragged(c: f64) -> Believed {
-        Believed::new(Latents::default(), vec![effect::linear_drag(c)])
+    fn dragged(c: f64) -> ParameterSample {
+        ParameterSample::new(Latents::default(), vec![effect::linear_drag(c)])
     }
 
-    fn labelled(training: &Training) -> Vec<Example> {
-        label(&[falling(), column("a", [2.0, 5.0])], training, &config(150), &Silent).unwrap().rows
-    }
-
-    #[test]
-    fn one_believed_world_gives_the_labels_of_the_point() {
-        let Believed { latents, effects, .. } = dragged(2.0);
-        let belief = Belief::point(latents, effects.clone()).unwrap();
-        let point = labelled(&Training::Fixed { latents, effects });
-        assert_eq!(labelled(&Training::believed(&belief)), point);
-        // Many draws of it as well: which is taken changes no action.
-        assert_eq!(labelled(&Training::Believed { draws: vec![dragged(2.0); 9] }), point);
+    fn labelled(training: &TrainingPhysics) -> Vec<Example> {
+        label(&[falling(), column("a", [2.0, 5.0])], training, &config(150), &NoProgress).unwrap().rows
     }
 
     #[test]
-    fn each_label_is_of_one_of_the_believed_worlds_and_all_have_some() {
-        let of = |draws: Vec<Believed>| labelled(&Training::Believed { draws });
+    fn single_draw_gives_labels_of_point_estimate() {
+        let ParameterSample { latents, effects, .. } = dragged(2.0);
+        let belief = ParameterSamples::point(latents, effects.clone()).unwrap();
+        let point = labelled(&TrainingPhysics::Fixed { latents, effects });
+        assert_eq!(labelled(&TrainingPhysics::from_posterior(&belief)), point);
+        // The same for many equal draws: the choice of a draw does not change the actions.
+        assert_eq!(labelled(&TrainingPhysics::Posterior { draws: vec![dragged(2.0); 9] }), point);
+    }
+
+    #[test]
+    fn labels_use_all_posterior_draws() {
+        let of = |draws: Vec<ParameterSample>| labelled(&TrainingPhysics::Posterior { draws });
         let (fast, slow) = (of(vec![dragged(0.0)]), of(vec![dragged(4.0)]));
         let both = of(vec![dragged(0.0), dragged(4.0)]);
         let mut seen = [0, 0];
@@ -427,33 +445,35 @@ mod tests {
     }
 
     #[test]
-    fn draws_that_are_no_worlds_are_refused_by_name() {
-        let refused = |draws: Vec<Believed>, wanted: &str| {
-            let error = Training::Believed { draws }.validate().unwrap_err().to_string();
+    fn rejects_invalid_draws() {
+        let refused = |draws: Vec<ParameterSample>, wanted: &str| {
+            let error = TrainingPhysics::Posterior { draws }.validate().unwrap_err().to_string();
             assert!(error.contains(wanted), "{error}");
         };
         refused(Vec::new(), "draws");
-        let heavy = Believed::new(Latents { friction: Some(-1.0), ..Latents::default() }, Vec::new());
+        let heavy = ParameterSample::new(Latents { friction: Some(-1.0), ..Latents::default() }, Vec::new());
         refused(vec![dragged(0.0), heavy], "draws[1]");
         refused(vec![dragged(f64::NAN)], "draws[0]");
     }
 
     #[test]
-    fn worlds_to_look_in_are_drawn_as_labels_are() {
-        let count = |training: &Training| training.worlds(4, 1).len();
-        assert_eq!((count(&plain()), count(&Training::paper_randomised(Vec::new()))), (1, 4));
-        let draws: Vec<Believed> = (0..6).map(|c| dragged(f64::from(c))).collect();
-        let some = Training::Believed { draws: draws.clone() }.worlds(4, 1);
+    fn validation_worlds_match_label_worlds() {
+        let count = |training: &TrainingPhysics| training.worlds(4, 1).len();
+        assert_eq!((count(&plain()), count(&TrainingPhysics::paper_randomised(Vec::new()))), (1, 4));
+        let draws: Vec<ParameterSample> = (0..6).map(|c| dragged(f64::from(c))).collect();
+        let some = TrainingPhysics::Posterior { draws: draws.clone() }.worlds(4, 1);
         assert!(some.len() == 4 && some.iter().all(|w| draws.contains(w)));
         assert!((1..4).all(|i| !some[..i].contains(&some[i])), "none twice");
-        assert_eq!(Training::Believed { draws: draws[..2].to_vec() }.worlds(4, 1).len(), 2);
+        assert_eq!(TrainingPhysics::Posterior { draws: draws[..2].to_vec() }.worlds(4, 1).len(), 2);
     }
 
     #[test]
-    fn randomised_latents_stay_within_and_fill_their_ranges() {
+    fn randomised_latents_cover_their_ranges() {
         let mut rng = rng::stream(1, "test");
         let drawn: Vec<[f64; 3]> = (0..500)
-            .map(|_| Training::paper_randomised(Vec::new()).draw(&mut rng).0.values().map(|v| v.unwrap()))
+            .map(|_| {
+                TrainingPhysics::paper_randomised(Vec::new()).draw(&mut rng).0.values().map(|v| v.unwrap())
+            })
             .collect();
         for (i, [low, high]) in [[0.1, 20.0], [0.0, 3.0], [0.0, 1.0]].into_iter().enumerate() {
             let mean = drawn.iter().map(|d| d[i]).sum::<f64>() / 500.0;
@@ -461,8 +481,8 @@ mod tests {
             // Five standard errors of a uniform draw's mean.
             assert!((mean - (low + high) / 2.0).abs() < 5.0 * (high - low) / 12f64.sqrt() / 500f64.sqrt());
         }
-        Training::paper_randomised(Vec::new()).validate().unwrap();
-        let upside_down = Training::Randomised {
+        TrainingPhysics::paper_randomised(Vec::new()).validate().unwrap();
+        let upside_down = TrainingPhysics::Randomised {
             density: [2.0, 1.0],
             friction: [0.0, 1.0],
             restitution: [0.0, 1.0],

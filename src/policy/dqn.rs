@@ -1,36 +1,36 @@
-//! The deep Q-network: learns from labelled actions to score (scene, action) for success.
+//! The deep Q-network (DQN): an action scorer trained on labelled actions. With one action per episode, Q is the probability of
+//! success, and the network is a binary classifier of (scene, action) pairs; the name follows PHYRE.
 //!
 //! With scene features s and action features a,
 //!   h = relu(W_s s + b_s),  e = relu(W_a a + b_a)
 //!   f = relu((1 + W_g e + b_g) * h + W_b e + b_b)          (FiLM: the action modulates the scene's units)
-//!   score = W_o relu(W_h f + b_h) + b_o                    (a logit; its sigmoid is the predicted chance)
-//! trained by Adam on binary cross-entropy, batches half solving and half not (in pairs from one task), learning rate decaying with a
-//! half cosine from its start to zero.
+//!   score = W_o relu(W_h f + b_h) + b_o                    (logit of the success probability)
+//! trained by Adam on binary cross-entropy, with balanced batches (pairs of a solving and a failing action of the same task) and cosine
+//! annealing of the learning rate to zero.
 //!
-//! Source: Semage et al. use PHYRE's DQN (Bakhtin et al. 2019): an episode is one action, so Q is the chance of
-//! success. FiLM: Perez et al. 2018. Adam: Kingma and Ba 2015.
+//! Source: Semage et al. use PHYRE's DQN (Bakhtin et al. 2019). FiLM: Perez et al. 2018. Adam: Kingma and Ba 2015.
 //!
 //! Differences from the source: object and action-relative features instead of a convolutional net on images
-//! (see `features`); the film's scale is 1 + gamma, so that an untrained film passes the scene through.
+//! (see `family_features`); the FiLM scale is 1 + gamma, so that an untrained layer passes the scene through.
 
-mod card;
+mod early_stopping;
 #[cfg(test)]
 mod files;
 mod fit;
+mod model_card;
 mod net;
-mod saturate;
 
 use dfdx::prelude::Cpu;
 
-pub use card::{Card, FORMAT};
+pub use early_stopping::{EarlyStopping, train_with_early_stopping};
 pub use fit::{TrainConfig, TrainLog};
-pub use saturate::{Saturation, train_saturated};
+pub use model_card::{FORMAT, ModelCard};
 
-use super::view::View;
+use super::feature_set::FeatureSet;
 use super::weights;
-use super::{CHUNK, Check, Labelled, Policy, Validation};
+use super::{CHUNK, LabelledData, Policy, Validation, ValidationPoint};
 use crate::error::{Error, Result};
-use crate::neural::{Adam, Layer, matrix};
+use crate::neural::{Adam, DenseLayer, matrix};
 use crate::progress::Progress;
 use crate::task::{Learning, Task, ValidAction};
 use fit::fit;
@@ -39,29 +39,33 @@ use net::{Net, initial, shapes};
 /// A trained policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dqn {
-    card: Card,
-    layers: Vec<Layer>,
+    card: ModelCard,
+    layers: Vec<DenseLayer>,
 }
 
-/// Trains a new policy on labelled actions of tasks, of one family or of several.
-pub fn train(data: &dyn Labelled, config: &TrainConfig, progress: &dyn Progress) -> Result<(Dqn, TrainLog)> {
+/// Trains a new policy on labelled actions of tasks of one or several families.
+pub fn train(
+    data: &dyn LabelledData,
+    config: &TrainConfig,
+    progress: &dyn Progress,
+) -> Result<(Dqn, TrainLog)> {
     train_validated(data, None, config, progress)
 }
 
-/// The same; looks at AUCCESS on held-out tasks along the way, which changes nothing of what is learned.
+/// As [`train`], with AUCCESS on held-out tasks recorded during training; the trained weights are the same.
 pub fn train_validated(
-    data: &dyn Labelled,
+    data: &dyn LabelledData,
     validation: Option<&Validation>,
     config: &TrainConfig,
     progress: &dyn Progress,
 ) -> Result<(Dqn, TrainLog)> {
-    train_seeing(View::of(data.tasks()), data, validation, config, progress)
+    train_with_features(FeatureSet::of(data.tasks()), data, validation, config, progress)
 }
 
-/// The same with a view that is given.
-pub(super) fn train_seeing(
-    view: View,
-    data: &dyn Labelled,
+/// As [`train`], with a given feature set.
+pub(super) fn train_with_features(
+    view: FeatureSet,
+    data: &dyn LabelledData,
     validation: Option<&Validation>,
     config: &TrainConfig,
     progress: &dyn Progress,
@@ -72,21 +76,21 @@ pub(super) fn train_seeing(
 }
 
 impl Dqn {
-    /// A policy that knows nothing yet, for tasks like `task`.
+    /// An untrained policy for tasks like `task`.
     pub fn untrained(task: &Task, hidden: usize, seed: u64) -> Result<Dqn> {
         let tasks = std::slice::from_ref(task);
         let config = TrainConfig { hidden, seed, ..TrainConfig::preset(&Learning::STANDARD) };
-        Dqn::untrained_on(View::of(tasks), tasks, &config)
+        Dqn::untrained_on(FeatureSet::of(tasks), tasks, &config)
     }
 
-    /// The same for tasks like these, of one family or of several.
-    fn untrained_on(view: View, tasks: &[Task], config: &TrainConfig) -> Result<Dqn> {
+    /// An untrained policy for tasks of one or several families.
+    fn untrained_on(view: FeatureSet, tasks: &[Task], config: &TrainConfig) -> Result<Dqn> {
         config.validate()?;
         let first = tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
         let mut families: Vec<&str> = tasks.iter().map(family_of).collect();
         families.sort_unstable();
         families.dedup();
-        let card = Card {
+        let card = ModelCard {
             format: FORMAT.into(),
             program: env!("CARGO_PKG_VERSION").into(),
             features: view.version().into(),
@@ -98,11 +102,11 @@ impl Dqn {
         Ok(Dqn { card, layers })
     }
 
-    /// The policy after further training on `data`, which may come from elsewhere (a real world, say). The
-    /// number of hidden units stays; Adam starts afresh.
+    /// The policy after further training on `data`, for example from the real world. The number of hidden units is unchanged; Adam's
+    /// moments are reset.
     pub fn learn_more(
         &self,
-        data: &dyn Labelled,
+        data: &dyn LabelledData,
         config: &TrainConfig,
         progress: &dyn Progress,
     ) -> Result<(Dqn, TrainLog)> {
@@ -111,7 +115,7 @@ impl Dqn {
 
     fn learn(
         &self,
-        data: &dyn Labelled,
+        data: &dyn LabelledData,
         validation: Option<&Validation>,
         config: &TrainConfig,
         progress: &dyn Progress,
@@ -119,10 +123,10 @@ impl Dqn {
         self.learn_on(data, &mut None, validation, config, progress)
     }
 
-    /// The same; Adam goes on from what it remembers.
+    /// As [`Dqn::learn_more`], with Adam's moments carried over.
     fn learn_on(
         &self,
-        data: &dyn Labelled,
+        data: &dyn LabelledData,
         adam: &mut Option<Adam>,
         validation: Option<&Validation>,
         config: &TrainConfig,
@@ -131,17 +135,17 @@ impl Dqn {
         config.validate()?;
         data.validate()?;
         for task in data.tasks() {
-            self.fits(task)?;
+            self.check_compatible(task)?;
         }
         let mut learned = self.clone();
         let mut checks = Vec::new();
-        let mut look = |batches: usize, layers: &[Layer]| {
+        let mut look = |batches: usize, layers: &[DenseLayer]| {
             let Some(validation) = validation.filter(|v| v.due(batches, config.batches)) else {
                 return Ok(());
             };
             let auccess = validation.auccess(&Dqn { card: self.card.clone(), layers: layers.to_vec() })?;
-            progress.figure("validation", batches as u64, auccess);
-            checks.push(Check { batches, auccess });
+            progress.metric("validation", batches as u64, auccess);
+            checks.push(ValidationPoint { batches, auccess });
             Ok(())
         };
         let loss = fit(&mut learned.layers, adam, (data, self.card.view()), config, &mut look, progress)?;
@@ -150,29 +154,29 @@ impl Dqn {
         Ok((learned, log))
     }
 
-    /// Reads what [`Policy::to_safetensors`] wrote.
+    /// Loads weights written by [`Policy::to_safetensors`].
     pub fn from_safetensors(bytes: &[u8]) -> Result<Dqn> {
-        let card: Card =
-            crate::json::parse(&weights::metadata(bytes)?).map_err(|e| e.under("metadata.iplw"))?;
-        card.validate().map_err(|e| e.under("metadata.iplw"))?;
+        let card: ModelCard =
+            crate::json::parse(&weights::metadata(bytes)?).map_err(|e| e.in_field("metadata.iplw"))?;
+        card.validate().map_err(|e| e.in_field("metadata.iplw"))?;
         let hidden = card.trained.first().map_or(0, |t| t.hidden);
         let layers = weights::from_bytes(bytes, &shapes(card.dimensions, hidden))?;
         Ok(Dqn { card, layers })
     }
 
     /// Errors unless the policy can score actions of `task`.
-    pub fn fits(&self, task: &Task) -> Result<()> {
-        // What several families taught may be tried on others.
+    pub fn check_compatible(&self, task: &Task) -> Result<()> {
+        // A policy of several families may be applied to others.
         let tied = !self.card.family.contains('+');
         if tied && self.card.family != family_of(task) {
             let allowed = format!("a task of {:?}, which the policy was trained on", self.card.family);
             return Err(Error::input("task", format!("{:?}", task.id), allowed));
         }
-        self.reads(task)
+        self.has_matching_features(task)
     }
 
-    /// Errors unless what it sees of `task` is as many numbers as it takes.
-    fn reads(&self, task: &Task) -> Result<()> {
+    /// Errors unless the feature dimensions of `task` match the network's.
+    fn has_matching_features(&self, task: &Task) -> Result<()> {
         let [scene, action] = self.card.view().dimensions(task);
         if self.card.dimensions != [scene, action] {
             let [s, a] = self.card.dimensions;
@@ -182,8 +186,8 @@ impl Dqn {
         Ok(())
     }
 
-    /// What must be known to use the weights.
-    pub fn card(&self) -> &Card {
+    /// Metadata of the weights.
+    pub fn card(&self) -> &ModelCard {
         &self.card
     }
 
@@ -193,13 +197,13 @@ impl Dqn {
 }
 
 impl Dqn {
-    /// Scores of actions in a task of whatever family.
+    /// Scores of actions in a task of any family.
     pub(super) fn score_any(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
         use rayon::prelude::*;
-        self.reads(task)?;
+        self.has_matching_features(task)?;
         let device = Cpu::default();
         let net = Net::new(&self.layers, &device);
-        let look = self.card.view().look(task);
+        let look = self.card.view().extractor(task);
         let scene = look.scene();
         let chunk = |actions: &[ValidAction]| {
             let rows: Vec<Vec<f32>> = actions.iter().map(|a| look.action(a)).collect();
@@ -212,7 +216,7 @@ impl Dqn {
 
 impl Policy for Dqn {
     fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
-        self.fits(task)?;
+        self.check_compatible(task)?;
         self.score_any(task, actions)
     }
 
@@ -232,7 +236,7 @@ impl Policy for Dqn {
     }
 }
 
-/// What a policy is tied to: the family, or the scene of a custom task.
+/// Identifier of the tasks that a policy is trained for: the family, or the id of a custom task.
 fn family_of(task: &Task) -> &str {
     if task.family == "custom" { &task.id } else { &task.family }
 }
@@ -241,22 +245,22 @@ fn family_of(task: &Task) -> &str {
 mod tests {
     use super::*;
     use crate::policy::auccess::auccess;
-    use crate::policy::{Dataset, Random, rank, toy};
-    use crate::progress::Silent;
+    use crate::policy::{Dataset, RandomPolicy, rank, toy};
+    use crate::progress::NoProgress;
 
     fn quick(seed: u64) -> TrainConfig {
         TrainConfig { batches: 300, batch_size: 16, learning_rate: 3e-3, hidden: 32, seed }
     }
 
     pub(super) fn trained() -> Dqn {
-        train(&toy::dataset(&toy::tasks(8), 200), &quick(1), &Silent).unwrap().0
+        train(&toy::dataset(&toy::tasks(8), 200), &quick(1), &NoProgress).unwrap().0
     }
 
     pub(super) fn actions(task: &Task, n: usize) -> Vec<ValidAction> {
         (0..n).map(|i| task.actions().at(i * 7).unwrap()).collect()
     }
 
-    /// AUCCESS of a policy on tasks of its toy rule.
+    /// AUCCESS of a policy on toy tasks.
     fn score_on(policy: &dyn Policy, tasks: &[Task]) -> f64 {
         let first = |task: &Task| {
             let actions = actions(task, 500);
@@ -266,7 +270,7 @@ mod tests {
         auccess(&tasks.iter().map(first).collect::<Vec<_>>())
     }
 
-    /// The scene alone cannot rank actions: its best guess is one score for all, so order by index.
+    /// A policy without action features gives all actions the same score, so they keep the order of their indices.
     struct SceneOnly(Dqn);
     impl Policy for SceneOnly {
         fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
@@ -279,24 +283,21 @@ mod tests {
     }
 
     #[test]
-    fn learns_a_rule_and_carries_it_to_unseen_tasks() {
+    fn generalizes_to_unseen_tasks() {
         let unseen: Vec<Task> = [0.11, 0.23, 0.37, 0.44, 0.58, 0.66, 0.79, 0.91].map(toy::task).into();
         let dqn = trained();
-        let (learned, random) = (score_on(&dqn, &unseen), score_on(&Random { seed: 4 }, &unseen));
+        let (learned, random) = (score_on(&dqn, &unseen), score_on(&RandomPolicy { seed: 4 }, &unseen));
         let blind = score_on(&SceneOnly(dqn), &unseen);
         assert!(learned > 0.9, "{learned}");
         assert!(learned > random + 0.3 && learned > blind + 0.3, "{learned}, {random}, {blind}");
     }
 
     #[test]
-    fn loss_falls() {
-        let (_, log) = train(&toy::dataset(&toy::tasks(8), 200), &quick(2), &Silent).unwrap();
+    fn loss_decreases() {
+        let (_, log) = train(&toy::dataset(&toy::tasks(8), 200), &quick(2), &NoProgress).unwrap();
         let mean = |l: &[f32]| l.iter().sum::<f32>() / l.len() as f32;
         assert_eq!(log.loss.len(), 300);
-        assert!(
-            (mean(&log.loss[..5]) - std::f32::consts::LN_2).abs() < 0.1,
-            "an untrained net knows nothing"
-        );
+        assert!((mean(&log.loss[..5]) - std::f32::consts::LN_2).abs() < 0.1, "loss of an untrained network");
         assert!(mean(&log.loss[250..]) < 0.3, "{}", mean(&log.loss[250..]));
     }
 
@@ -308,7 +309,7 @@ mod tests {
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let (dqn, log) = train(&data, &config, &Silent).unwrap();
+                let (dqn, log) = train(&data, &config, &NoProgress).unwrap();
                 let task = &data.tasks[1];
                 let scores = dqn.score(task, &actions(task, 700)).unwrap();
                 (dqn.to_safetensors(), log, scores.iter().map(|s| s.to_bits()).collect::<Vec<_>>())
@@ -318,12 +319,12 @@ mod tests {
         for threads in [2, 3, 8] {
             assert!(run(threads) == one, "{threads} threads");
         }
-        let other = train(&data, &TrainConfig { seed: 8, ..config }, &Silent).unwrap().0;
+        let other = train(&data, &TrainConfig { seed: 8, ..config }, &NoProgress).unwrap().0;
         assert_ne!(other.to_safetensors(), one.0);
     }
 
     #[test]
-    fn score_does_not_depend_on_the_company() {
+    fn scores_are_independent_of_batch() {
         let (dqn, task) = (trained(), toy::task(0.4));
         let all = actions(&task, 600);
         let together = dqn.score(&task, &all).unwrap();
@@ -335,10 +336,10 @@ mod tests {
     }
 
     #[test]
-    fn learning_more_keeps_what_was_learned() {
+    fn further_training_keeps_performance() {
         let dqn = trained();
         let config = TrainConfig { batches: 50, learning_rate: 1e-4, ..quick(3) };
-        let more = dqn.learn_more(&toy::dataset(&toy::tasks(2), 60), &config, &Silent).unwrap().0;
+        let more = dqn.learn_more(&toy::dataset(&toy::tasks(2), 60), &config, &NoProgress).unwrap().0;
         assert_ne!(more, dqn);
         assert_eq!(more.card().trained.len(), 2);
         let unseen = [0.13, 0.41, 0.63, 0.88].map(toy::task);
@@ -347,9 +348,9 @@ mod tests {
     }
 
     #[test]
-    fn data_that_cannot_teach_is_refused() {
-        let check = |data: &dyn Labelled, config: &TrainConfig, wanted: &str| {
-            let error = train(data, config, &Silent).unwrap_err().to_string();
+    fn rejects_data_without_both_outcomes() {
+        let check = |data: &dyn LabelledData, config: &TrainConfig, wanted: &str| {
+            let error = train(data, config, &NoProgress).unwrap_err().to_string();
             assert!(error.contains(wanted), "{error}");
         };
         let full = toy::dataset(&toy::tasks(2), 60);
@@ -375,12 +376,12 @@ mod tests {
         let mut poisoned = trained();
         poisoned.layers[0].weight[0] = f32::MAX;
         poisoned.layers[0].bias.fill(f32::MAX);
-        let error = poisoned.learn_more(&full, &quick(0), &Silent).unwrap_err();
+        let error = poisoned.learn_more(&full, &quick(0), &NoProgress).unwrap_err();
         assert!(matches!(&error, Error::Failed(m) if m.contains("diverged")), "{error}");
     }
 
     #[test]
-    fn cancelling_ends_training() {
+    fn cancellation_ends_training() {
         struct Stop;
         impl Progress for Stop {
             fn report(&self, _: &str, done: u64, _: u64) -> Result<()> {
@@ -392,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn other_tasks_are_refused() {
+    fn rejects_incompatible_tasks() {
         let dqn = trained();
         let mut other = toy::task(0.3);
         other.family = "bowling".into();

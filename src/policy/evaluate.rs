@@ -1,57 +1,57 @@
-//! How good a policy's ranking is: actions are tried in its order until one solves the task.
+//! Evaluation of a policy's ranking: actions are attempted in its order until one solves the task.
 //!
-//! Source: PHYRE's protocol (Bakhtin et al. 2019, section 3): up to 100 attempts a task; an action that cannot be
+//! Source: PHYRE's protocol (Bakhtin et al. 2019, section 3): up to 100 attempts per task; an action that cannot be
 //! placed is not an attempt.
 //!
-//! Differences from the source: the candidates are a seeded subset of the discrete actions (PHYRE ranks 10,000
-//! of its 100,000); attempts are made in small batches, and what a batch tried beyond the first success is not
-//! counted as an attempt (the caller's world may have counted it as an interaction).
+//! Differences from the source: the candidates are a random subset of the discrete actions (PHYRE ranks 10,000 of its 100,000).
+//! Attempts are made in small batches; actions of a batch after the first success do not count as attempts, although the
+//! caller's world may count them as interactions.
 
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
-use super::auccess::{ATTEMPTS, auccess, curve};
+use super::auccess::{MAX_ATTEMPTS, auccess, success_curve};
 use super::{CHUNK, Policy, rank};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::{Task, ValidAction};
 
-/// Tries actions of a task: for each whether it solved it, `None` if it cannot be placed.
-pub type Attempt<'a> = dyn FnMut(&Task, &[ValidAction]) -> Result<Vec<Option<bool>>> + 'a;
+/// Function that carries out actions of a task and returns whether each solves it; `None` if it cannot be placed.
+pub type AttemptFn<'a> = dyn FnMut(&Task, &[ValidAction]) -> Result<Vec<Option<bool>>> + 'a;
 
-/// What is ranked and how it is tried.
+/// Configuration of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluateConfig {
-    /// Discrete actions ranked for each task: all if there are no more, else a random subset.
+    /// Number of discrete actions ranked per task: all, or a random subset.
     pub candidates: usize,
-    /// Decides the subset; the same for every policy, so that they are compared on the same actions.
+    /// Seed of the subset; equal seeds give every policy the same candidates.
     pub seed: u64,
-    /// Actions tried at a time.
+    /// Actions attempted per batch.
     pub batch: usize,
 }
 
 /// Outcome of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
-    /// In [0, 1]; see [`super::auccess`].
+    /// AUCCESS, in [0, 1]; see [`super::auccess`].
     pub auccess: f64,
     /// (100,) share of tasks solved within k attempts.
-    pub curve: [f64; ATTEMPTS],
-    /// For each task the attempt that first solved it, from 1; `None` if none of 100 did.
+    pub curve: [f64; MAX_ATTEMPTS],
+    /// Number of the first solving attempt of each task, from 1; `None` if none of 100 solves it.
     pub solved_at: Vec<Option<usize>>,
 }
 
-/// Tries actions of each task in the policy's order, up to 100 valid ones.
+/// Evaluates a policy: attempts up to 100 valid actions of each task in the policy's order.
 pub fn evaluate(
     policy: &dyn Policy,
     tasks: &[Task],
     config: &EvaluateConfig,
-    attempt: &mut Attempt,
+    attempt: &mut AttemptFn,
     progress: &dyn Progress,
 ) -> Result<Evaluation> {
-    each(tasks, progress, |_, task| {
+    solve_each_task(tasks, progress, |_, task| {
         let candidates = candidates(task, config)?;
         let order = rank(policy, task, &candidates, CHUNK)?;
         let ordered = order.into_iter().map(|i| &candidates[i]);
@@ -59,23 +59,23 @@ pub fn evaluate(
     })
 }
 
-/// Tries the actions of `orders[t]` on `tasks[t]`, best first, up to 100 valid ones: for a policy that lives elsewhere.
+/// Evaluates rankings of an external policy: `orders[t]` are the actions of `tasks[t]`, best first; up to 100 valid attempts.
 pub fn evaluate_orders(
     tasks: &[Task],
     orders: &[Vec<ValidAction>],
     batch: usize,
-    attempt: &mut Attempt,
+    attempt: &mut AttemptFn,
     progress: &dyn Progress,
 ) -> Result<Evaluation> {
-    each(tasks, progress, |t, task| first_success(task, orders[t].iter(), batch, attempt))
+    solve_each_task(tasks, progress, |t, task| first_success(task, orders[t].iter(), batch, attempt))
 }
 
-/// The actions of `task` that a policy ranks.
+/// Candidate actions of `task`.
 pub fn candidates(task: &Task, config: &EvaluateConfig) -> Result<Vec<ValidAction>> {
     let count = task.actions().count();
     let mut indices: Vec<usize> = (0..count).collect();
     if config.candidates < count {
-        let seed = rng::derive(config.seed, &task.id, 0);
+        let seed = rng::derive_seed(config.seed, &task.id, 0);
         let (chosen, _) =
             indices.partial_shuffle(&mut rng::stream(seed, "evaluate candidates"), config.candidates);
         indices = chosen.to_vec();
@@ -84,22 +84,22 @@ pub fn candidates(task: &Task, config: &EvaluateConfig) -> Result<Vec<ValidActio
 }
 
 impl EvaluateConfig {
-    /// 10,000 candidates, as PHYRE ranks; a batch of 8 keeps two cores and a batched kernel busy while wasting
-    /// at most seven rollouts a task.
+    /// PHYRE's preset: 10,000 candidates. Batches of 8 use two cores and the batched kernel well and waste at most seven rollouts per
+    /// task.
     pub fn phyre(seed: u64) -> EvaluateConfig {
         EvaluateConfig { candidates: 10_000, seed, batch: 8 }
     }
 }
 
 impl Evaluation {
-    /// Condenses the attempt at which each task was solved.
+    /// Evaluation from the first solving attempt of each task.
     pub fn of(solved_at: Vec<Option<usize>>) -> Evaluation {
-        Evaluation { auccess: auccess(&solved_at), curve: curve(&solved_at), solved_at }
+        Evaluation { auccess: auccess(&solved_at), curve: success_curve(&solved_at), solved_at }
     }
 }
 
-/// The attempt that solves each task, by `solve`.
-fn each(
+/// First solving attempt of each task, from `solve`.
+fn solve_each_task(
     tasks: &[Task],
     progress: &dyn Progress,
     mut solve: impl FnMut(usize, &Task) -> Result<Option<usize>>,
@@ -117,12 +117,12 @@ fn first_success<'a>(
     task: &Task,
     mut ordered: impl Iterator<Item = &'a ValidAction>,
     batch: usize,
-    attempt: &mut Attempt,
+    attempt: &mut AttemptFn,
 ) -> Result<Option<usize>> {
     let mut tried = 0;
-    while tried < ATTEMPTS {
-        // No more than could still count, so that a world's budget is not spent on what does not.
-        let size = batch.max(1).min(ATTEMPTS - tried);
+    while tried < MAX_ATTEMPTS {
+        // Limited to the attempts that can still count, to save the world's budget.
+        let size = batch.max(1).min(MAX_ATTEMPTS - tried);
         let actions: Vec<ValidAction> = ordered.by_ref().take(size).cloned().collect();
         if actions.is_empty() {
             break;
@@ -130,7 +130,7 @@ fn first_success<'a>(
         let outcomes = attempt(task, &actions)?;
         if outcomes.len() != actions.len() {
             return Err(Error::Failed(format!(
-                "{} outcomes came back for {} actions of {}",
+                "received {} outcomes for {} actions of {}",
                 outcomes.len(),
                 actions.len(),
                 task.id
@@ -150,9 +150,9 @@ fn first_success<'a>(
 mod tests {
     use super::*;
     use crate::policy::toy;
-    use crate::progress::Silent;
+    use crate::progress::NoProgress;
 
-    /// Likes small x.
+    /// Scores actions by decreasing x.
     struct Leftmost;
     impl Policy for Leftmost {
         fn score(&self, _: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
@@ -167,18 +167,18 @@ mod tests {
         EvaluateConfig { candidates: 1000, seed: 1, batch }
     }
 
-    /// Number of valid attempts until the first success, by trying one at a time in order of x.
+    /// Number of valid attempts until the first success, one at a time in order of x.
     fn by_hand(task: &Task, valid: impl Fn(f64) -> bool, solves: impl Fn(f64) -> bool) -> Option<usize> {
         let mut x: Vec<f64> = candidates(task, &config(1)).unwrap().iter().map(|a| a.values()[0]).collect();
         x.sort_by(f64::total_cmp);
-        let mut tried = x.into_iter().filter(|x| valid(*x)).take(ATTEMPTS);
+        let mut tried = x.into_iter().filter(|x| valid(*x)).take(MAX_ATTEMPTS);
         tried.position(solves).map(|k| k + 1)
     }
 
     #[test]
-    fn counts_valid_attempts_only_whatever_the_batch() {
+    fn counts_only_valid_attempts_for_any_batch_size() {
         let task = toy::task(0.3);
-        // Every third step of 0.002 is unplaceable; success begins at x = 0.07.
+        // Every third step of 0.002 cannot be placed; success begins at x = 0.07.
         let valid = |x: f64| !((x / 0.002) as u64).is_multiple_of(3);
         let solves = |x: f64| x > 0.07;
         let wanted = by_hand(&task, valid, solves);
@@ -189,7 +189,7 @@ mod tests {
                 Ok(actions.iter().map(outcome).collect())
             };
             let found =
-                evaluate(&Leftmost, std::slice::from_ref(&task), &config(batch), &mut attempt, &Silent)
+                evaluate(&Leftmost, std::slice::from_ref(&task), &config(batch), &mut attempt, &NoProgress)
                     .unwrap();
             assert_eq!(found.solved_at, [wanted], "batches of {batch}");
             assert_eq!(found.auccess, auccess(&[wanted]));
@@ -197,20 +197,20 @@ mod tests {
     }
 
     #[test]
-    fn stops_at_a_hundred_valid_attempts() {
+    fn stops_after_100_valid_attempts() {
         let task = toy::task(0.3);
         let mut tried = 0;
         let mut attempt = |_: &Task, actions: &[ValidAction]| {
             tried += actions.len();
             Ok(vec![Some(false); actions.len()])
         };
-        let found = evaluate(&Leftmost, &[task], &config(8), &mut attempt, &Silent).unwrap();
+        let found = evaluate(&Leftmost, &[task], &config(8), &mut attempt, &NoProgress).unwrap();
         assert_eq!((found.solved_at, found.auccess), (vec![None], 0.0));
-        assert_eq!(tried, ATTEMPTS, "no interaction is spent beyond");
+        assert_eq!(tried, MAX_ATTEMPTS, "no further interaction");
     }
 
     #[test]
-    fn candidates_are_the_same_for_every_policy_and_distinct() {
+    fn candidates_are_reproducible_and_distinct() {
         let task = toy::task(0.3);
         let some = candidates(&task, &config(1)).unwrap();
         assert_eq!(some, candidates(&task, &config(8)).unwrap());
@@ -221,9 +221,9 @@ mod tests {
     }
 
     #[test]
-    fn a_world_that_loses_outcomes_is_an_error() {
+    fn rejects_missing_outcomes() {
         let mut attempt = |_: &Task, _: &[ValidAction]| Ok(vec![Some(true)]);
-        let result = evaluate(&Leftmost, &[toy::task(0.3)], &config(8), &mut attempt, &Silent);
+        let result = evaluate(&Leftmost, &[toy::task(0.3)], &config(8), &mut attempt, &NoProgress);
         assert!(matches!(result, Err(Error::Failed(_))));
     }
 }

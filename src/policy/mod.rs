@@ -1,40 +1,40 @@
-//! Policies: what scores an action for success, and how good a ranking is. Sole home of dfdx.
+//! Policies: scoring of actions by success, and evaluation of rankings. The only module that uses dfdx.
 //!
-//! A policy sees the task and the action, never the world. Everything crosses this room's border as `f32`
-//! slices and safetensors bytes, so that another learning library can be put behind [`Policy`].
+//! A policy receives the task and the action, never the world. The module's interface consists of `f32` slices and safetensors bytes,
+//! so that another learning library can implement [`Policy`].
 //!
-//! | file | what it does |
+//! | module | purpose |
 //! |---|---|
-//! | `features` | task and action -> numbers |
-//! | `shared` | the same for tasks of any family: numbers that mean the same everywhere |
-//! | `thing` | a thing's place and form, for those |
-//! | `placed` | what an action places, for both |
-//! | `view` | which of the two a policy sees |
+//! | `family_features` | features of a task and an action, specific to a family |
+//! | `generic_features` | features with the same meaning for tasks of all families |
+//! | `object_geometry` | position and shape of an object, for the generic features |
+//! | `action_target` | objects that an action places, for both feature sets |
+//! | `feature_set` | choice between the two feature sets |
 //! | `data` | labels actions by simulating them |
-//! | `outcomes` | what many actions do in every task, for learning without a simulator |
-//! | `table` | such outcomes as something to learn from and to be judged by |
-//! | `agents` | what is compared over many families, and how |
-//! | `dqn` | learns to score from labelled actions |
-//! | `validate` | AUCCESS along a training, on tasks not learned from |
-//! | `judge` | AUCCESS by attempts in simulated worlds, which says when a training has learned what it can |
-//! | `random` | the floor every policy must beat |
-//! | `evaluate` `auccess` | tries actions in a policy's order and condenses the outcome |
+//! | `outcomes` | cache of the outcomes of many actions in every task, for learning without a simulator |
+//! | `outcome_table` | cached outcomes as training data and for evaluation |
+//! | `agents` | comparison of agents over many families |
+//! | `dqn` | network trained on labelled actions |
+//! | `validate` | AUCCESS on held-out tasks during training, from labelled actions |
+//! | `simulated_validation` | AUCCESS on held-out tasks in simulated worlds, for early stopping |
+//! | `random` | random baseline |
+//! | `evaluate` `auccess` | attempts in a policy's order, and their summary |
 
+mod action_target;
 pub mod agents;
 pub mod auccess;
 pub mod data;
 pub mod dqn;
 pub mod evaluate;
-pub mod features;
-pub mod judge;
+pub mod family_features;
+pub mod feature_set;
+pub mod generic_features;
+mod object_geometry;
+pub mod outcome_table;
 pub mod outcomes;
-mod placed;
 pub mod random;
-pub mod shared;
-pub mod table;
-mod thing;
+pub mod simulated_validation;
 pub mod validate;
-pub mod view;
 mod weights;
 
 use std::cmp::Ordering;
@@ -43,33 +43,33 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::task::{Task, ValidAction};
-pub use data::{Dataset, Example, LabelConfig, Labelled, Training, label};
-pub use dqn::{Dqn, Saturation, TrainConfig, TrainLog, train, train_saturated, train_validated};
+pub use data::{Dataset, Example, LabelConfig, LabelledData, TrainingPhysics, label};
+pub use dqn::{Dqn, EarlyStopping, TrainConfig, TrainLog, train, train_validated, train_with_early_stopping};
 pub use evaluate::{EvaluateConfig, Evaluation, evaluate, evaluate_orders};
-pub use judge::Judge;
-pub use random::Random;
-pub use table::{Lesson, Place, Table};
-pub use validate::{Check, Validation};
+pub use outcome_table::{OutcomeDataset, OutcomeTable, TaskIndex};
+pub use random::RandomPolicy;
+pub use simulated_validation::SimulatedValidator;
+pub use validate::{Validation, ValidationPoint};
 
-/// Scores actions for success; the higher, the likelier.
+/// Scores actions; a higher score means a higher success probability.
 pub trait Policy: Send + Sync {
     /// One score per action, in their order.
     fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>>;
 
-    /// Weights and what is needed to use them again; `None` for a policy without weights.
+    /// Weights with metadata; `None` for a policy without weights.
     fn to_safetensors(&self) -> Option<Vec<u8>> {
         None
     }
 
-    /// What it is and how it came about, for people.
+    /// Human-readable description of the policy and its training.
     fn describe(&self) -> String;
 }
 
-/// Chunk in which 50,000 actions are scored fastest here (512 rows keep a layer's activations in L2).
+/// Actions scored per chunk: 512 rows keep a layer's activations in the L2 cache.
 pub const CHUNK: usize = 512;
 
-/// Indices of `candidates` from the highest to the lowest score; ties keep their order. Scores are computed
-/// `chunk` candidates at a time (at least one). A score that is not a number comes last.
+/// Indices of `candidates` in order of decreasing score; ties keep their order, NaN comes last. Scores are computed for `chunk`
+/// candidates (at least one) at a time.
 pub fn rank(
     policy: &dyn Policy,
     task: &Task,

@@ -1,44 +1,44 @@
-//! What each of many actions does in each task: so that agents learn, and are judged, without a simulator.
+//! Outcomes of many actions in each task, computed once so that agents can be trained and evaluated without a simulator.
 //!
-//! Source: PHYRE's cache of the outcomes of 100,000 actions a task (Bakhtin et al. 2019, section 4.2; its codes: 1 solved, -1 not, 0
-//! invalid).
+//! Source: PHYRE's cache of the outcomes of 100,000 actions per task (Bakhtin et al. 2019, section 4.2; codes: 1 solved, -1 not solved,
+//! 0 invalid).
 //!
-//! Differences from the source: made on the spot, for any physics; the actions are discrete ones of the family's space; whether a
-//! solution survives small changes is not told.
+//! Differences from the source: computed on demand, for any physics; the actions are discrete actions of the family's space; the
+//! stability of solutions under perturbations is not recorded.
 
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::error::{Result, within};
+use crate::error::{Result, check_range};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{ActionSpace, Placement, Scene, Task, ValidAction};
-use crate::world::{Engine, Latents, Rollout, simulate_map};
+use crate::world::{Engine, Latents, Rollout, Simulator};
 
-/// The action solves the task.
+/// Code of an action that solves the task.
 pub const SOLVED: i8 = 1;
-/// It does not.
+/// Code of a valid action that does not solve the task.
 pub const UNSOLVED: i8 = -1;
-/// It cannot be placed.
+/// Code of an action that cannot be placed.
 pub const INVALID: i8 = 0;
 
-/// The physics that outcomes are of.
+/// Physics of the rollouts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutcomesConfig {
-    /// The scene's own where not given.
+    /// Latents; unset values are those of the scene.
     pub latents: Latents,
-    /// Beyond a scene's own.
+    /// Effects added to those of the scene.
     pub effects: Vec<EffectTerm>,
     pub engine: Engine,
 }
 
-/// Actions simulated between two looks at whether to go on.
-const CHUNK: usize = 4096;
+/// Actions simulated between two progress reports.
+const PROGRESS_CHUNK: usize = 4096;
 
-/// `count` discrete actions of a space by number, rising: all if there are no more, else a random subset that `seed` decides.
-pub fn chosen(space: &ActionSpace, count: usize, seed: u64) -> Result<Vec<usize>> {
-    within("actions", count as f64, 1.0, 1e6)?;
+/// Sorted indices of `count` discrete actions of a space: all of them if there are no more, otherwise a random subset.
+pub fn select_action_indices(space: &ActionSpace, count: usize, seed: u64) -> Result<Vec<usize>> {
+    check_range("actions", count as f64, 1.0, 1e6)?;
     let mut all: Vec<usize> = (0..space.count()).collect();
     if count >= all.len() {
         return Ok(all);
@@ -49,8 +49,8 @@ pub fn chosen(space: &ActionSpace, count: usize, seed: u64) -> Result<Vec<usize>
     Ok(subset)
 }
 
-/// The outcome of each action in a task, in order; `look` is told how many are done and may end the work by an error. The result
-/// does not depend on the number of threads.
+/// Outcome codes of the actions in a task, in order. `look` receives the number of finished actions and can cancel with an error. The
+/// result does not depend on the number of threads.
 pub fn outcomes(
     task: &Task,
     actions: &[ValidAction],
@@ -58,7 +58,7 @@ pub fn outcomes(
     look: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<i8>> {
     let mut found = Vec::with_capacity(actions.len());
-    for chunk in actions.chunks(CHUNK) {
+    for chunk in actions.chunks(PROGRESS_CHUNK) {
         look(found.len())?;
         let placed: Vec<Option<Box<Scene>>> = chunk.par_iter().map(|a| valid(task, a)).collect();
         let rollouts: Vec<Rollout> = placed
@@ -66,7 +66,7 @@ pub fn outcomes(
             .flatten()
             .map(|scene| Rollout { latents: config.latents, effects: &config.effects, ..Rollout::of(scene) })
             .collect();
-        let mut solved = simulate_map(&rollouts, config.engine, |_, t| t.solved())?.into_iter();
+        let mut solved = Simulator::new(config.engine).map(&rollouts, |_, t| t.solved())?.into_iter();
         found.extend(placed.iter().map(|scene| match scene {
             None => INVALID,
             Some(_) if solved.next() == Some(true) => SOLVED,
@@ -90,11 +90,13 @@ mod tests {
     use crate::task::family;
 
     #[test]
-    fn outcomes_are_what_single_rollouts_say() {
+    fn outcomes_match_single_rollouts() {
         let task = &family("basketball").unwrap().tasks()[0];
-        let numbers = chosen(task.actions(), 300, 7).unwrap();
+        let numbers = select_action_indices(task.actions(), 300, 7).unwrap();
         assert!(
-            numbers.len() == 300 && numbers.is_sorted() && numbers != chosen(task.actions(), 300, 8).unwrap()
+            numbers.len() == 300
+                && numbers.is_sorted()
+                && numbers != select_action_indices(task.actions(), 300, 8).unwrap()
         );
         let actions: Vec<ValidAction> = numbers.iter().map(|i| task.actions().at(*i).unwrap()).collect();
         let config =
@@ -111,7 +113,7 @@ mod tests {
                 Placement::Invalid(_) => INVALID,
                 Placement::Valid(scene) => {
                     let rollout = Rollout::of(&scene);
-                    let solved = simulate_map(&[rollout], Engine::Auto, |_, t| t.solved()).unwrap()[0];
+                    let solved = Simulator::new(Engine::Auto).map(&[rollout], |_, t| t.solved()).unwrap()[0];
                     if solved { SOLVED } else { UNSOLVED }
                 }
             };
@@ -120,9 +122,12 @@ mod tests {
     }
 
     #[test]
-    fn a_space_with_fewer_actions_gives_all_of_them() {
+    fn small_spaces_return_all_actions() {
         let task = &family("bowling").unwrap().tasks()[0];
-        assert_eq!(chosen(task.actions(), 1_000_000, 0).unwrap().len(), task.actions().count());
-        assert!(chosen(task.actions(), 0, 0).unwrap_err().to_string().contains("actions"));
+        assert_eq!(
+            select_action_indices(task.actions(), 1_000_000, 0).unwrap().len(),
+            task.actions().count()
+        );
+        assert!(select_action_indices(task.actions(), 0, 0).unwrap_err().to_string().contains("actions"));
     }
 }

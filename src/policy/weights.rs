@@ -1,21 +1,21 @@
-//! Named weight matrices, and their way to safetensors bytes and back.
+//! Serialisation of named weight matrices as safetensors.
 //!
 //! Layout as PyTorch's `Linear`: `<layer>.weight` is [out, in], row-major, `<layer>.bias` is [out], both f32.
-//! All metadata is one JSON string under the key `iplw`: the header of a safetensors file orders several keys at
-//! random, and the same policy should give the same bytes.
+//! All metadata is one JSON string under the key `iplw`, because the order of several keys in a safetensors header is random, and the
+//! same policy should give the same bytes.
 
 use std::collections::HashMap;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 
 use crate::error::{Error, Result};
-use crate::neural::Layer;
+use crate::neural::DenseLayer;
 
-/// Key of the metadata.
+/// Metadata key.
 const KEY: &str = "iplw";
 
 /// Layers and metadata as safetensors bytes.
-pub fn to_bytes(layers: &[Layer], metadata: &str) -> Vec<u8> {
+pub fn to_bytes(layers: &[DenseLayer], metadata: &str) -> Vec<u8> {
     let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
     for layer in layers {
         let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -30,7 +30,7 @@ pub fn to_bytes(layers: &[Layer], metadata: &str) -> Vec<u8> {
     serialize(views, Some(metadata)).expect("finite, named tensors serialise")
 }
 
-/// The metadata of safetensors bytes, without looking at the tensors.
+/// Metadata of safetensors bytes, without reading the tensors.
 pub fn metadata(bytes: &[u8]) -> Result<String> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| refuse("the bytes", &e.to_string()))?;
     header.metadata().as_ref().and_then(|m| m.get(KEY)).cloned().ok_or_else(|| {
@@ -43,7 +43,7 @@ pub fn metadata(bytes: &[u8]) -> Result<String> {
 }
 
 /// Layers of the given names and shapes from safetensors bytes.
-pub fn from_bytes(bytes: &[u8], wanted: &[(&'static str, [usize; 2])]) -> Result<Vec<Layer>> {
+pub fn from_bytes(bytes: &[u8], wanted: &[(&'static str, [usize; 2])]) -> Result<Vec<DenseLayer>> {
     let file = SafeTensors::deserialize(bytes).map_err(|e| refuse("the bytes", &e.to_string()))?;
     let expected: Vec<String> =
         wanted.iter().flat_map(|(name, _)| [format!("{name}.weight"), format!("{name}.bias")]).collect();
@@ -71,7 +71,7 @@ pub fn from_bytes(bytes: &[u8], wanted: &[(&'static str, [usize; 2])]) -> Result
         .iter()
         .map(|&(name, shape)| {
             let weight = read(format!("{name}.weight"), &shape)?;
-            Ok(Layer { name, shape, weight, bias: read(format!("{name}.bias"), &shape[..1])? })
+            Ok(DenseLayer { name, shape, weight, bias: read(format!("{name}.bias"), &shape[..1])? })
         })
         .collect()
 }

@@ -1,13 +1,13 @@
-//! What columns are called by the programs that write them, and what they hold.
+//! Column names of tracking programs and data frames, and the quantities they denote.
 //!
 //! Sources: exports of Tracker (`t`, `x`, `y`, `pixelx`), of Kinovea (`Time`, `Ball/0/X`) and of data frames (`pos_x`,
 //! `Time (s)`, `X [m]`, `x_px`, an index without a name).
 
-/// What a column holds.
+/// Quantity of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quantity {
+pub enum ColumnQuantity {
     Time,
-    /// Number of the picture; a time once pictures a second are known.
+    /// Frame number; converted to a time by the frame rate.
     Frame,
     X,
     Y,
@@ -16,28 +16,28 @@ pub enum Quantity {
     Body,
 }
 
-/// A unit of length or of time.
+/// Unit of length or time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Unit {
+pub struct ColumnUnit {
     pub name: &'static str,
-    /// m or s; none for what only its user knows, as of pixels.
+    /// Size in m or s; `None` if only the user knows it, as for pixels.
     pub size: Option<f64>,
 }
 
-/// A column by its name.
+/// A column parsed from its name.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Column {
-    /// As written.
+pub struct TrackColumn {
+    /// Name in the file.
     pub name: String,
-    pub quantity: Option<Quantity>,
-    /// As written in the name, if it is.
-    pub unit: Option<Unit>,
-    /// Whose it is, where the name says so: `Ball` of `Ball/0/X`.
+    pub quantity: Option<ColumnQuantity>,
+    /// Unit in the name, if any.
+    pub unit: Option<ColumnUnit>,
+    /// Track in the name, if any: `Ball` of `Ball/0/X`.
     pub track: Option<String>,
 }
 
-/// Units of length by every name that is understood.
-pub const LENGTHS: [(Unit, &[&str]); 8] = [
+/// Units of length with all accepted names.
+pub const LENGTHS: [(ColumnUnit, &[&str]); 8] = [
     (unit("m", 1.0), &["m", "metre", "metres", "meter", "meters"]),
     (unit("cm", 1e-2), &["cm", "centimetre", "centimetres", "centimeter", "centimeters"]),
     (unit("mm", 1e-3), &["mm", "millimetre", "millimetres", "millimeter", "millimeters"]),
@@ -45,41 +45,47 @@ pub const LENGTHS: [(Unit, &[&str]); 8] = [
     (unit("km", 1e3), &["km"]),
     (unit("in", 0.0254), &["in", "inch", "inches"]),
     (unit("ft", 0.3048), &["ft", "foot", "feet"]),
-    (Unit { name: "px", size: None }, &["px", "pix", "pixel", "pixels"]),
+    (ColumnUnit { name: "px", size: None }, &["px", "pix", "pixel", "pixels"]),
 ];
 
-/// Units of time by every name that is understood.
-pub const TIMES: [(Unit, &[&str]); 5] = [
+/// Units of time with all accepted names.
+pub const TIMES: [(ColumnUnit, &[&str]); 5] = [
     (unit("s", 1.0), &["s", "sec", "secs", "second", "seconds"]),
     (unit("ms", 1e-3), &["ms", "msec", "millisecond", "milliseconds"]),
     (unit("us", 1e-6), &["us", "µs", "μs", "microseconds"]),
     (unit("min", 60.0), &["min", "minute", "minutes"]),
-    (Unit { name: "frames", size: None }, &["frame", "frames"]),
+    (ColumnUnit { name: "frames", size: None }, &["frame", "frames"]),
 ];
 
-/// What a column may be called, in small letters without anything between the words.
-const NAMES: [(Quantity, &[&str]); 7] = [
-    (Quantity::Time, &["t", "time", "times", "timestamp", "elapsed", "elapsedtime", "zeit", "temps"]),
-    (Quantity::Frame, &["frame", "frames", "framenumber", "frameno", "framenr", "frameindex", "frameidx"]),
+/// Accepted column names, in lower case without separators.
+const NAMES: [(ColumnQuantity, &[&str]); 7] = [
+    (ColumnQuantity::Time, &["t", "time", "times", "timestamp", "elapsed", "elapsedtime", "zeit", "temps"]),
     (
-        Quantity::X,
+        ColumnQuantity::Frame,
+        &["frame", "frames", "framenumber", "frameno", "framenr", "frameindex", "frameidx"],
+    ),
+    (
+        ColumnQuantity::X,
         &["x", "xpos", "posx", "positionx", "xposition", "xcoord", "xcoordinate", "centerx", "centrex"],
     ),
     (
-        Quantity::Y,
+        ColumnQuantity::Y,
         &["y", "ypos", "posy", "positiony", "yposition", "ycoord", "ycoordinate", "centery", "centrey"],
     ),
-    (Quantity::Trial, &["trial", "run", "launch", "throw", "shot", "take", "particle", "track", "trackid"]),
-    (Quantity::Setting, &["setting"]),
-    (Quantity::Body, &["body", "object", "marker"]),
+    (
+        ColumnQuantity::Trial,
+        &["trial", "run", "launch", "throw", "shot", "take", "particle", "track", "trackid"],
+    ),
+    (ColumnQuantity::Setting, &["setting"]),
+    (ColumnQuantity::Body, &["body", "object", "marker"]),
 ];
-/// Coordinates in pixels by a name of their own.
-const PIXELS: [(Quantity, &[&str]); 2] = [
-    (Quantity::X, &["pixelx", "xpixel", "pxx", "pixx", "xpix"]),
-    (Quantity::Y, &["pixely", "ypixel", "pxy", "pixy", "ypix"]),
+/// Names of coordinates in pixels.
+const PIXELS: [(ColumnQuantity, &[&str]); 2] = [
+    (ColumnQuantity::X, &["pixelx", "xpixel", "pxx", "pixx", "xpix"]),
+    (ColumnQuantity::Y, &["pixely", "ypixel", "pxy", "pixy", "ypix"]),
 ];
-/// `v_x` is no x of something called v; a single capital may be a name.
-const NO_TRACKS: [&str; 16] = [
+/// Prefixes that do not name a track: `v_x` is not the x of a track called v. A single capital letter may name a track.
+const NON_TRACK_NAMES: [&str; 16] = [
     "v",
     "a",
     "p",
@@ -98,10 +104,10 @@ const NO_TRACKS: [&str; 16] = [
     "std",
 ];
 
-/// What a column of this name holds.
-pub fn column(name: &str) -> Column {
+/// Parses a column's name.
+pub fn column(name: &str) -> TrackColumn {
     let written = name.trim().trim_start_matches('\u{feff}').trim();
-    let found = |quantity, unit, track: Option<&str>| Column {
+    let found = |quantity, unit, track: Option<&str>| TrackColumn {
         name: written.to_string(),
         quantity: Some(quantity),
         unit,
@@ -117,39 +123,39 @@ pub fn column(name: &str) -> Column {
     if let Some((unit, _)) =
         TIMES[..2].iter().find(|(_, names)| names[1..].contains(&plain(written).as_str()))
     {
-        return found(Quantity::Time, Some(*unit), None);
+        return found(ColumnQuantity::Time, Some(*unit), None);
     }
     if let Some((track, tail)) = rest.rsplit_once(SEPARATORS) {
         let coordinate = match plain(tail).as_str() {
-            "x" => Some(Quantity::X),
-            "y" => Some(Quantity::Y),
+            "x" => Some(ColumnQuantity::X),
+            "y" => Some(ColumnQuantity::Y),
             _ => None,
         };
         let track = track.trim_end_matches(SEPARATORS);
         if let Some(coordinate) =
-            coordinate.filter(|q| fits(*q, unit) && !NO_TRACKS.contains(&spelt(track).as_str()))
+            coordinate.filter(|q| fits(*q, unit) && !NON_TRACK_NAMES.contains(&spelt(track).as_str()))
         {
             return found(coordinate, unit, Some(track));
         }
     }
-    Column { name: written.to_string(), quantity: None, unit: None, track: None }
+    TrackColumn { name: written.to_string(), quantity: None, unit: None, track: None }
 }
 
-/// The unit of this name among `units`.
-pub fn unit_named(units: &[(Unit, &[&str])], name: &str) -> Option<Unit> {
+/// The unit called `name` among `units`.
+pub fn unit_named(units: &[(ColumnUnit, &[&str])], name: &str) -> Option<ColumnUnit> {
     let name = name.trim().to_lowercase();
     units.iter().find(|(_, names)| names.contains(&name.as_str())).map(|(unit, _)| *unit)
 }
 
-const PIXEL: Unit = Unit { name: "px", size: None };
+const PIXEL: ColumnUnit = ColumnUnit { name: "px", size: None };
 const SEPARATORS: [char; 5] = ['/', '_', ' ', '.', '-'];
 
-const fn unit(name: &'static str, size: f64) -> Unit {
-    Unit { name, size: Some(size) }
+const fn unit(name: &'static str, size: f64) -> ColumnUnit {
+    ColumnUnit { name, size: Some(size) }
 }
 
-/// A name without its unit: `Time (s)`, `X [m]`, `x/m`, `x_px`.
-fn without_unit(name: &str) -> (&str, Option<Unit>) {
+/// Splits a name into name and unit: `Time (s)`, `X [m]`, `x/m`, `x_px`.
+fn without_unit(name: &str) -> (&str, Option<ColumnUnit>) {
     let known = |text: &str| unit_named(&LENGTHS, text).or_else(|| unit_named(&TIMES, text));
     for (open, close) in [('(', ')'), ('[', ']')] {
         if let Some((head, tail)) = name.split_once(open)
@@ -167,27 +173,28 @@ fn without_unit(name: &str) -> (&str, Option<Unit>) {
     }
 }
 
-/// Whether a unit is one of what is measured.
-fn fits(quantity: Quantity, unit: Option<Unit>) -> bool {
-    let among = |units: &[(Unit, &[&str])]| unit.is_none_or(|u| units.iter().any(|(known, _)| *known == u));
+/// Whether a unit matches the quantity.
+fn fits(quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> bool {
+    let among =
+        |units: &[(ColumnUnit, &[&str])]| unit.is_none_or(|u| units.iter().any(|(known, _)| *known == u));
     match quantity {
-        Quantity::Time => among(&TIMES),
-        Quantity::X | Quantity::Y => among(&LENGTHS),
+        ColumnQuantity::Time => among(&TIMES),
+        ColumnQuantity::X | ColumnQuantity::Y => among(&LENGTHS),
         _ => unit.is_none(),
     }
 }
 
-fn named(names: &[(Quantity, &[&str])], name: &str) -> Option<Quantity> {
+fn named(names: &[(ColumnQuantity, &[&str])], name: &str) -> Option<ColumnQuantity> {
     let name = plain(name);
     names.iter().find(|(_, all)| all.contains(&name.as_str())).map(|(quantity, _)| *quantity)
 }
 
-/// [`plain`], but of a single letter.
+/// As [`plain`], but keeps the case of a single letter.
 fn spelt(name: &str) -> String {
     if name.chars().count() == 1 { name.to_string() } else { plain(name) }
 }
 
-/// In small letters, without anything between the words.
+/// Lower case without separators.
 fn plain(name: &str) -> String {
     name.chars().filter(|c| !SEPARATORS.contains(c)).flat_map(char::to_lowercase).collect()
 }
@@ -197,26 +204,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_programs_write_are_understood() {
+    fn parses_names_of_tracking_programs() {
         let cases = [
-            ("t", Quantity::Time, None, None),
-            ("Time (s)", Quantity::Time, Some("s"), None),
-            ("time_ms", Quantity::Time, Some("ms"), None),
-            ("Milliseconds", Quantity::Time, Some("ms"), None),
-            ("\u{feff}frame", Quantity::Frame, None, None),
-            ("Frame Number", Quantity::Frame, None, None),
-            ("X [m]", Quantity::X, Some("m"), None),
-            ("y (CM)", Quantity::Y, Some("cm"), None),
-            ("x/mm", Quantity::X, Some("mm"), None),
-            ("pos_x", Quantity::X, None, None),
-            ("Position Y (px)", Quantity::Y, Some("px"), None),
-            ("x_px", Quantity::X, Some("px"), None),
-            ("pixely", Quantity::Y, Some("px"), None),
-            ("Ball/0/X", Quantity::X, None, Some("Ball/0")),
-            ("P1_y", Quantity::Y, None, Some("P1")),
-            ("A_x", Quantity::X, None, Some("A")),
-            ("track_id", Quantity::Trial, None, None),
-            ("object", Quantity::Body, None, None),
+            ("t", ColumnQuantity::Time, None, None),
+            ("Time (s)", ColumnQuantity::Time, Some("s"), None),
+            ("time_ms", ColumnQuantity::Time, Some("ms"), None),
+            ("Milliseconds", ColumnQuantity::Time, Some("ms"), None),
+            ("\u{feff}frame", ColumnQuantity::Frame, None, None),
+            ("Frame Number", ColumnQuantity::Frame, None, None),
+            ("X [m]", ColumnQuantity::X, Some("m"), None),
+            ("y (CM)", ColumnQuantity::Y, Some("cm"), None),
+            ("x/mm", ColumnQuantity::X, Some("mm"), None),
+            ("pos_x", ColumnQuantity::X, None, None),
+            ("Position Y (px)", ColumnQuantity::Y, Some("px"), None),
+            ("x_px", ColumnQuantity::X, Some("px"), None),
+            ("pixely", ColumnQuantity::Y, Some("px"), None),
+            ("Ball/0/X", ColumnQuantity::X, None, Some("Ball/0")),
+            ("P1_y", ColumnQuantity::Y, None, Some("P1")),
+            ("A_x", ColumnQuantity::X, None, Some("A")),
+            ("track_id", ColumnQuantity::Trial, None, None),
+            ("object", ColumnQuantity::Body, None, None),
         ];
         for (name, quantity, unit, track) in cases {
             let found = column(name);
@@ -226,9 +233,9 @@ mod tests {
         }
     }
 
-    /// Velocities and the like are not taken for coordinates, nor a coordinate in seconds.
+    /// Velocities are not parsed as coordinates, nor is a coordinate in seconds.
     #[test]
-    fn other_names_hold_nothing_that_is_read() {
+    fn ignores_other_names() {
         for name in [
             "",
             "Unnamed: 0",

@@ -1,16 +1,16 @@
-//! The header of a file of tracks: where it stands, what separates its cells, and the lines below it.
+//! Header of a track file: its position, the separator of its cells, and the lines below it.
 
-use super::columns::{Column, Quantity, column};
-use super::rows::refuse;
-use crate::budget::{Budget, watched};
+use super::columns::{ColumnQuantity, TrackColumn, column};
+use super::track_rows::refuse;
+use crate::budget::{Budget, checked};
 use crate::error::Result;
 
-/// A header line with what stands above it.
-pub struct Head {
-    /// From 1.
+/// Header line with the track names above it.
+pub struct TableHeader {
+    /// Line number, from 1.
     pub line: usize,
     separator: Separator,
-    pub columns: Vec<Column>,
+    pub columns: Vec<TrackColumn>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -19,13 +19,13 @@ enum Separator {
     Blanks,
 }
 
-/// Lines above a header, at most.
-const PREAMBLE: usize = 50;
+/// Maximum number of lines above the header.
+const MAX_PREAMBLE_LINES: usize = 50;
 
-/// Finds the header: the first line that names a clock and a coordinate.
-pub fn head(text: &str) -> Result<Head> {
+/// Finds the header: the first line with a time or frame column and a coordinate.
+pub fn head(text: &str) -> Result<TableHeader> {
     let (mut above, mut first): (Vec<String>, Option<&str>) = (Vec::new(), None);
-    for (i, raw) in text.lines().enumerate().take(PREAMBLE) {
+    for (i, raw) in text.lines().enumerate().take(MAX_PREAMBLE_LINES) {
         let line = raw.trim_start_matches('\u{feff}');
         let commented = line.trim_start().starts_with('#');
         let line = if commented { line.trim_start().trim_start_matches('#').trim_start() } else { line };
@@ -34,12 +34,14 @@ pub fn head(text: &str) -> Result<Head> {
         }
         let separator = separator(line);
         let cells = split(line, separator);
-        let mut columns: Vec<Column> = cells.iter().map(|c| column(c)).collect();
-        let any =
-            |wanted: &[Quantity]| columns.iter().any(|c| c.quantity.is_some_and(|q| wanted.contains(&q)));
-        if any(&[Quantity::Time, Quantity::Frame]) && any(&[Quantity::X, Quantity::Y]) {
+        let mut columns: Vec<TrackColumn> = cells.iter().map(|c| column(c)).collect();
+        let any = |wanted: &[ColumnQuantity]| {
+            columns.iter().any(|c| c.quantity.is_some_and(|q| wanted.contains(&q)))
+        };
+        if any(&[ColumnQuantity::Time, ColumnQuantity::Frame]) && any(&[ColumnQuantity::X, ColumnQuantity::Y])
+        {
             name_tracks(&mut columns, &above);
-            return Ok(Head { line: i + 1, separator, columns });
+            return Ok(TableHeader { line: i + 1, separator, columns });
         }
         first = first.or((!commented).then_some(raw));
         let all_numbers =
@@ -57,9 +59,9 @@ pub fn head(text: &str) -> Result<Head> {
     Err(refuse(1, "header", &format!("{shown:?}"), allowed))
 }
 
-/// Tracker writes the names of several tracks above their columns, each above its first.
-fn name_tracks(columns: &mut [Column], above: &[String]) {
-    let xs = columns.iter().filter(|c| c.quantity == Some(Quantity::X) && c.track.is_none()).count();
+/// Tracker writes the names of several tracks above their columns, each above its first column.
+fn name_tracks(columns: &mut [TrackColumn], above: &[String]) {
+    let xs = columns.iter().filter(|c| c.quantity == Some(ColumnQuantity::X) && c.track.is_none()).count();
     if xs < 2 {
         return;
     }
@@ -67,7 +69,7 @@ fn name_tracks(columns: &mut [Column], above: &[String]) {
     for (i, column) in columns.iter_mut().enumerate() {
         let own = above.get(i).map(|c| c.trim()).filter(|c| !c.is_empty());
         name = own.map(String::from).or(name);
-        if matches!(column.quantity, Some(Quantity::X | Quantity::Y)) && column.track.is_none() {
+        if matches!(column.quantity, Some(ColumnQuantity::X | ColumnQuantity::Y)) && column.track.is_none() {
             column.track.clone_from(&name);
         }
     }
@@ -94,18 +96,18 @@ fn reader(text: &str, separator: char) -> csv::Reader<&[u8]> {
     builder.from_reader(text.as_bytes())
 }
 
-impl Head {
-    /// Lines below the header with their numbers, cut into cells.
+impl TableHeader {
+    /// Lines below the header with their line numbers, split into cells.
     pub fn records(&self, text: &str, budget: &dyn Budget) -> Result<Vec<(usize, Vec<String>)>> {
         let below: usize = text.split_inclusive('\n').take(self.line).map(str::len).sum();
         let below = &text[below..];
         let Separator::Character(separator) = self.separator else {
             let lines = below.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with('#'));
             let cells = |(i, l)| (self.line + 1 + i, split(l, Separator::Blanks));
-            return watched(lines, budget).map(|line| line.map(cells)).collect();
+            return checked(lines, budget).map(|line| line.map(cells)).collect();
         };
         let mut records = Vec::new();
-        for record in watched(reader(below, separator).records(), budget) {
+        for record in checked(reader(below, separator).records(), budget) {
             let record = record?.map_err(|e| {
                 let line = e.position().map_or(0, |p| p.line() as usize) + self.line;
                 refuse(line, "", "", &format!("separated values ({e})"))

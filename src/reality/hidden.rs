@@ -1,36 +1,36 @@
-//! A hidden world: private latents and effects, observation noise, counted interactions, optional budget.
+//! A hidden world: private latents and effects, measurement noise, counted interactions, optional budget.
 
 use rand_distr::{Distribution, Normal};
 use serde::{Deserialize, Serialize};
 
 use super::{Attempt, Reality};
-use crate::budget::{Budget, Endless};
-use crate::error::{Error, Result, within};
+use crate::budget::{Budget, Unlimited};
+use crate::error::{Error, Result, check_range};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Family, Placement, Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::{Engine, Latents, Rollout, effect, simulate_mixed, simulate_within};
+use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
-/// What a hidden world is made of. Whoever makes one knows this; whoever measures it does not.
+/// Configuration of a hidden world; not available to estimators.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HiddenConfig {
-    /// True latent factors; `None` leaves the scene's own.
+    /// True latent factors; `None` keeps those of the scene.
     #[serde(default)]
     pub latents: Latents,
-    /// Effects that the simulation does not know of.
+    /// Effects that the simulation lacks.
     #[serde(default)]
     pub effects: Vec<EffectTerm>,
-    /// Engine that plays nature.
+    /// Physics engine of the hidden world.
     #[serde(default)]
     pub engine: Engine,
-    /// Standard deviation of independent normal noise on observed positions after the start, m. With noise, nature
-    /// is seen as by a camera: angles are those of a mark on the rim, seen with the same noise; velocities and spins
-    /// after the start are not seen at all.
+    /// Standard deviation of independent normal noise on observed positions after the start, m. With noise, observations
+    /// are those of a camera: angles are those of a mark on the rim, with the same noise; velocities and spins after the
+    /// start are missing.
     #[serde(default)]
     pub noise: f64,
-    /// Most valid attempts allowed; unlimited if absent.
+    /// Maximum number of valid attempts; unlimited if absent.
     #[serde(default)]
     pub budget: Option<u64>,
     /// Seed of the noise.
@@ -38,7 +38,7 @@ pub struct HiddenConfig {
     pub seed: u64,
 }
 
-/// The truth about a hidden world, for the tables that compare estimates with it.
+/// True parameters of a hidden world, for comparison with estimates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Latent factors.
@@ -47,15 +47,14 @@ pub struct Truth {
     pub effects: Vec<EffectTerm>,
 }
 
-/// A world whose latents and effects can be measured but not read.
+/// A world whose latents and effects are private and can only be measured.
 pub struct HiddenWorld {
     config: HiddenConfig,
     interactions: u64,
 }
 
-/// Carries out one placed action in each of many worlds, as one batch. All budgets of interactions are looked at before
-/// anything is done; an error says which world it is of, if it is of one. What is stopped in the middle was begun: it
-/// counts.
+/// Carries out one placed action in each of many worlds, as one batch. All interaction budgets are checked first; an error
+/// contains the index of its world, if it concerns one. Interrupted attempts count as interactions.
 pub fn measure_each(
     budget: &dyn Budget,
     worlds: &mut [(&mut HiddenWorld, &Scene)],
@@ -63,9 +62,9 @@ pub fn measure_each(
     for (i, (world, _)) in worlds.iter().enumerate() {
         world.afford(1).map_err(|e| (Some(i), e))?;
     }
-    let rollouts: Vec<(Engine, Rollout)> =
-        worlds.iter().map(|(w, scene)| (w.config.engine, w.rollout(scene))).collect();
-    let observed = simulate_mixed(budget, &rollouts, |_, t| t);
+    let engines: Vec<Engine> = worlds.iter().map(|(w, _)| w.config.engine).collect();
+    let rollouts: Vec<Rollout> = worlds.iter().map(|(w, scene)| w.rollout(scene)).collect();
+    let observed = Simulator::per_rollout(&engines).budget(budget).run(&rollouts);
     if !observed.as_ref().is_err_and(|e| !is_stop(e)) {
         worlds.iter_mut().for_each(|(world, _)| world.interactions += 1);
     }
@@ -76,12 +75,12 @@ pub fn measure_each(
     Ok(observed)
 }
 
-/// Whether work was stopped from outside: what had been begun then was done, though nobody saw it.
+/// Whether the work was interrupted from outside. The started attempts count, although their results are lost.
 fn is_stop(error: &Error) -> bool {
     matches!(error, Error::Cancelled | Error::Deadline { .. })
 }
 
-/// The standard real world of a family: the paper's latents, with damping 0.8 per second.
+/// Standard real world of a family: the paper's latents, with damping 0.8 per second.
 pub fn standard(family: &Family) -> HiddenConfig {
     let physics = family.real_physics.open();
     HiddenConfig {
@@ -95,28 +94,28 @@ pub fn standard(family: &Family) -> HiddenConfig {
 }
 
 impl HiddenWorld {
-    /// A fresh world with nothing spent. Errors name what in `config` is out of range.
+    /// A new world with no interactions spent. Errors name the field of `config` that is out of range.
     pub fn new(config: HiddenConfig) -> Result<HiddenWorld> {
         config.latents.validate()?;
-        within("noise", config.noise, 0.0, 1e3)?;
+        check_range("noise", config.noise, 0.0, 1e3)?;
         for (i, term) in config.effects.iter().enumerate() {
             effect::resolve(term, format_args!("effects[{i}]"))?;
         }
         Ok(HiddenWorld { config, interactions: 0 })
     }
 
-    /// The same world with `spent` interactions on its counter, for a world that outlives its process.
+    /// The same world with `spent` interactions on its counter, for restoring a stored world.
     pub fn with_spent(mut self, spent: u64) -> HiddenWorld {
         self.interactions = spent;
         self
     }
 
-    /// Tells the truth. For result tables and oracles only; no estimator takes it.
+    /// The true parameters, for result tables and oracles only; no estimator accepts them.
     pub fn reveal(&self) -> Truth {
         Truth { latents: self.config.latents, effects: self.config.effects.clone() }
     }
 
-    /// How `scene` is rolled out here.
+    /// Rollout of `scene` in this world.
     fn rollout<'a>(&'a self, scene: &'a Scene) -> Rollout<'a> {
         Rollout { latents: self.config.latents, effects: &self.config.effects, ..Rollout::of(scene) }
     }
@@ -131,26 +130,25 @@ impl HiddenWorld {
         }
     }
 
-    /// The trajectory that the attempt after which the counter was at `interactions` brought in this placed scene, to the bit.
-    /// It was measured then and is told once more, so it is not counted. For the session that made the attempt: whoever could
-    /// name a scene of their own would measure for nothing.
+    /// Reproduces, bit for bit, the trajectory of attempt number `interactions` in this placed scene. It is not counted, since it
+    /// was already measured. Only for the session that made the attempt: with an arbitrary scene it would be a free measurement.
     pub(crate) fn recall(&self, budget: &dyn Budget, scene: &Scene, interactions: u64) -> Result<Trajectory> {
         if !(1..=self.interactions).contains(&interactions) {
-            return Err(Error::Failed(format!("attempt {interactions} was never made")));
+            return Err(Error::Failed(format!("attempt {interactions} does not exist")));
         }
-        let done = simulate_within(budget, &[self.rollout(scene)], self.config.engine, |_, t| t)?.pop();
+        let done =
+            Simulator::new(self.config.engine).budget(budget).map(&[self.rollout(scene)], |_, t| t)?.pop();
         let mut trajectory = done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
         self.observe(&mut trajectory, scene, interactions - 1);
         Ok(trajectory)
     }
 
-    /// Adds the observation noise of interaction number `interaction`; the start is set by the experimenter
-    /// and known exactly.
+    /// Adds the measurement noise of interaction number `interaction`; the start is set by the experimenter and known exactly.
     fn observe(&self, trajectory: &mut Trajectory, scene: &Scene, interaction: u64) {
         if self.config.noise == 0.0 {
             return;
         }
-        let own = rng::derive(self.config.seed, "observation", interaction);
+        let own = rng::derive_seed(self.config.seed, "observation", interaction);
         let (mut stream, mut turns) = (rng::stream(own, "noise"), rng::stream(own, "angle noise"));
         let normal =
             Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
@@ -169,7 +167,7 @@ impl HiddenWorld {
 
 impl Reality for HiddenWorld {
     fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
-        self.measure_within(&Endless, task, actions)
+        self.measure_within(&Unlimited, task, actions)
     }
 
     fn interactions(&self) -> u64 {
@@ -182,14 +180,14 @@ impl Reality for HiddenWorld {
 }
 
 impl HiddenWorld {
-    /// [`Reality::measure`] within a budget of time. What is stopped in the middle was begun: it counts.
+    /// [`Reality::measure`] with a time budget. Interrupted attempts count as interactions.
     pub fn measure_within(
         &mut self,
         budget: &dyn Budget,
         task: &Task,
         actions: &[ValidAction],
     ) -> Result<Vec<Attempt>> {
-        let place = |a| budget.look().map(|()| task.place(a));
+        let place = |a| budget.check().map(|()| task.place(a));
         let placements: Vec<Placement> = actions.iter().map(place).collect::<Result<_>>()?;
         let rollouts: Vec<Rollout> = placements
             .iter()
@@ -200,7 +198,7 @@ impl HiddenWorld {
             .collect();
         let asked = rollouts.len() as u64;
         self.afford(asked)?;
-        let mut observed = match simulate_within(budget, &rollouts, self.config.engine, |_, t| t) {
+        let mut observed = match Simulator::new(self.config.engine).budget(budget).map(&rollouts, |_, t| t) {
             Ok(observed) => observed,
             Err(e) => {
                 self.interactions += if is_stop(&e) { asked } else { 0 };

@@ -1,80 +1,80 @@
-//! Where measured trials come from: a hidden world, or recorded files.
+//! Sources of measured trials: a hidden world, or recorded files.
 //!
-//! Hidden latents and effects are private to this room. An estimator sees a [`Reality`] only through
-//! [`Reality::measure`], and every valid attempt is counted.
+//! Hidden latents and effects are private to this module. An estimator accesses a [`Reality`] only through
+//! [`Reality::measure`], and every valid attempt is counted. Files are parsed from text; the caller reads them.
 
 pub mod certify;
 mod columns;
 mod header;
 mod hidden;
-mod reading;
-mod recorded;
-mod rows;
-mod suspicion;
-mod tracked;
+mod parse_options;
+mod track_rows;
+mod track_table;
 mod tracks;
+mod trials_csv;
+mod unit_checks;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
-pub use reading::Reading;
-pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv, written};
-pub use tracks::{File, Gathered, Of, gather};
+pub use parse_options::TrackParseOptions;
+pub use tracks::{LoadedTrials, Subject, TrackFile, load_tracks};
+pub use trials_csv::{decode, trials_from_csv, trials_to_csv, written};
 
 use crate::error::{Error, Result};
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};
 use crate::task::{Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
 
-/// A world that can be acted in and observed, at a price.
+/// A real world: actions can be carried out and observed, and every valid attempt is counted.
 pub trait Reality: Send {
-    /// Carries out `actions` on `task` and observes. Invalid actions come back as such, cost nothing and are
-    /// not counted; if the valid ones exceed the budget, nothing is carried out and the error says so.
+    /// Carries out `actions` on `task` and observes them. Invalid actions are returned as such and not counted. If the valid ones
+    /// exceed the budget, none is carried out and the result is an error.
     fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>>;
 
-    /// Valid attempts so far.
+    /// Number of valid attempts so far.
     fn interactions(&self) -> u64;
 
-    /// Most valid attempts allowed.
+    /// Maximum number of valid attempts; unlimited if `None`.
     fn budget(&self) -> Option<u64>;
 }
 
-/// What became of an action in the real world.
+/// Result of an action in the real world.
 #[derive(Clone, Debug)]
 pub struct Attempt {
-    /// The scene the action was carried out in, or why it could not be placed.
+    /// Scene with the action carried out, or the reason why it cannot be placed.
     pub placement: std::result::Result<Box<Scene>, String>,
-    /// What was observed; `None` if the action was not valid.
+    /// Observed trajectory; `None` if the action is invalid.
     pub trajectory: Option<Trajectory>,
 }
 
-/// One measured trial: where it started from and what was observed.
+/// One measured trial: the initial scene and the observed trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
-    /// Free text.
+    /// Name of the trial (free text).
     pub name: String,
-    /// Free text; the key into the scene's settings.
+    /// Name of the setting (free text), the key into the scene's settings.
     pub setting: Option<String>,
-    /// The scene as it stood at the start: everything placed.
+    /// Scene at the start, with all objects placed.
     pub scene: Scene,
-    /// What was observed; missing values are NaN.
+    /// Observed trajectory; missing values are NaN.
     pub observed: Trajectory,
 }
 
 impl Attempt {
-    /// The attempt as a trial, if it was valid.
+    /// The attempt as a trial, if it is valid.
     pub fn into_trial(self, name: String) -> Option<Trial> {
         let scene = *self.placement.ok()?;
         Some(Trial { name, setting: None, scene, observed: self.trajectory? })
     }
 }
 
-/// `base` with a setting for every trial, by its name, and the trials each in its setting: what can be written as a
-/// scene and a trials file. Errors where two trials have one name.
+/// Returns `base` with one setting per trial, named after the trial, and the trials in their settings, for writing a scene and a
+/// trials file. Errors if two trials have the same name.
 pub fn settled(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> {
     let mut scene = Scene { settings: Default::default(), ..base.clone() };
     for trial in &trials {
         let other = scene.settings.insert(trial.name.clone(), setting_between(base, &trial.scene));
         if other.is_some() {
-            let allowed = "a name of its own for every trial: its setting goes by it";
+            let allowed = "unique trial names, since each setting is named after its trial";
             return Err(Error::input("trials", format!("{:?} twice", trial.name), allowed));
         }
     }
@@ -83,8 +83,8 @@ pub fn settled(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> 
     Ok((scene, named.collect()))
 }
 
-/// What a setting must override to turn `base` into `varied` (the same scene with other things placed): shapes,
-/// places and velocities; never coefficients or masses, which are physics.
+/// The setting that turns `base` into `varied` (the same scene with objects placed differently): shapes, positions and velocities, but
+/// not coefficients or masses, which are physics.
 pub fn setting_between(base: &Scene, varied: &Scene) -> Setting {
     let bodies = varied.bodies.iter().filter_map(|b| {
         let from = base.body(&b.name)?;
@@ -116,7 +116,7 @@ mod tests {
     use crate::task::family;
 
     #[test]
-    fn trials_are_told_from_each_other_by_their_names() {
+    fn rejects_duplicate_trial_names() {
         let scene = family("bowling").unwrap().tasks()[0].scene.clone();
         let named = |name: &str| Trial {
             name: name.into(),

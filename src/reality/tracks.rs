@@ -1,106 +1,109 @@
-//! Files of measured tracks into trials of a scene: of one that is given, or of the one that a ball makes.
+//! Converts track files into trials of a given scene, or of a scene built for a single ball.
 
 use std::path::Path;
 
 use super::Trial;
-use super::reading::Reading;
-use super::recorded;
-use super::rows::{Row, assemble};
-use super::suspicion::{self, Said};
-use super::tracked::{self, Table};
+use super::parse_options::TrackParseOptions;
+use super::track_rows::{TrackRow, assemble};
+use super::track_table::{self, TrackTable};
+use super::trials_csv;
+use super::unit_checks::{self, DeclaredUnits};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::Scene;
-use crate::task::ball::Ball;
+use crate::task::ball::BallScene;
 
-/// A file, whose name stands in errors and is its trial's where it holds one without a name.
+/// A track file. Its name appears in errors and is the default name of its trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct File {
+pub struct TrackFile {
     pub name: String,
     pub text: String,
 }
 
-/// What the tracks are of.
+/// Subject of the tracks.
 #[derive(Clone, Copy, Debug)]
-pub enum Of<'a> {
+pub enum Subject<'a> {
     Scene(&'a Scene),
-    Ball(&'a Ball),
+    Ball(&'a BallScene),
 }
 
-/// Trials with the scene that they are of.
+/// Trials with their scene.
 #[derive(Clone, Debug)]
-pub struct Gathered {
+pub struct LoadedTrials {
     pub scene: Scene,
     pub trials: Vec<Trial>,
-    /// What a user should know: columns that were not read, what looks odd.
+    /// Notes for the user: unused columns, implausible values.
     pub notes: Vec<String>,
-    /// Whether all files were in this project's own format, and nothing was said of their units.
+    /// Whether all files are in this project's own format and no option is set.
     pub own_format: bool,
 }
 
-/// Reads files. Those of a scene with several bodies, and all with a header `trial,t,body,x,y`, are in this project's own
-/// format; others are one body's track as tracking programs write it. Units that look wrong are errors, unless they were
-/// said outright; in this project's own format, of which a scene is given, they are notes. Ends early with `budget`.
-pub fn gather(files: &[File], of: Of, reading: &Reading, budget: &dyn Budget) -> Result<Gathered> {
+/// Parses track files. Files of a scene with several bodies, and those with a header `trial,t,body,x,y`, are in this project's own
+/// format; others contain one body's track from a tracking program. Implausible units are errors; if they are declared, or in this
+/// project's own format with a given scene, they are notes. Ends early with `budget`.
+pub fn load_tracks(
+    files: &[TrackFile],
+    of: Subject,
+    reading: &TrackParseOptions,
+    budget: &dyn Budget,
+) -> Result<LoadedTrials> {
     reading.validate()?;
     let one = match of {
-        Of::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
-        Of::Ball(_) => Some(BALL),
+        Subject::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
+        Subject::Ball(_) => Some(BALL),
     };
     let mut tables = Vec::new();
     for (file, name) in files.iter().zip(names(files)) {
         let read = || match one {
-            Some(body) => tracked::read(&file.text, &name, body, reading, budget),
+            Some(body) => track_table::read(&file.text, &name, body, reading, budget),
             None if reading.is_silent() => own_format(&file.text, budget),
-            None => Err(Error::input(
-                "scene",
-                "of several bodies",
-                "one body, for tracks that need units or a track said",
-            )),
+            None => {
+                Err(Error::input("scene", "of several bodies", "one body, if units or a track are given"))
+            }
         };
-        let mut table = read().map_err(|e| e.at(&file.name))?;
+        let mut table = read().map_err(|e| e.in_file(&file.name))?;
         if files.len() > 1 && table.names_trials {
             table.rows.iter_mut().for_each(|r| r.trial = format!("{name}/{}", r.trial));
         }
         tables.push(table);
     }
-    let said = Said {
+    let said = DeclaredUnits {
         length: tables.iter().all(|t| t.said[0]),
         time: tables.iter().all(|t| t.said[1]),
         up: reading.y_down.is_some(),
     };
     let mut notes: Vec<String> = tables.iter().zip(files).filter_map(|(t, f)| unused(t, f)).collect();
     let scene = match of {
-        Of::Scene(scene) => scene.clone(),
-        Of::Ball(ball) => ball.scene(body(&tables)?, seconds(&tables))?,
+        Subject::Scene(scene) => scene.clone(),
+        Subject::Ball(ball) => ball.build(body(&tables)?, seconds(&tables))?,
     };
-    let own = tables.iter().all(|t| t.own_format) && matches!(of, Of::Scene(_));
+    let own = tables.iter().all(|t| t.own_format) && matches!(of, Subject::Scene(_));
     let mut trials = Vec::new();
     for (table, file) in tables.into_iter().zip(files) {
         let assembled = assemble(table.rows, &scene, budget);
-        trials.extend(assembled.map_err(|e| e.at(&file.name))?);
+        trials.extend(assembled.map_err(|e| e.in_file(&file.name))?);
     }
     if scene.bodies.len() == 1 {
-        let outright = Said { length: true, time: true, up: true };
-        notes.extend(suspicion::units(&trials, if own { outright } else { said })?);
+        let outright = DeclaredUnits { length: true, time: true, up: true };
+        notes.extend(unit_checks::units(&trials, if own { outright } else { said })?);
     }
-    if let Of::Ball(ball) = of {
-        notes.extend(suspicion::floor(&trials, ball.radius, ball.floor)?);
+    if let Subject::Ball(ball) = of {
+        notes.extend(unit_checks::floor(&trials, ball.radius, ball.floor)?);
     }
-    Ok(Gathered { scene, trials, notes, own_format: own && reading.is_silent() })
+    Ok(LoadedTrials { scene, trials, notes, own_format: own && reading.is_silent() })
 }
 
-/// What a ball is called that the files give no name.
+/// Default name of a ball.
 const BALL: &str = "ball";
 
-fn own_format(text: &str, budget: &dyn Budget) -> Result<Table> {
-    let rows = recorded::rows(text, budget)?;
-    Ok(Table { rows, names_trials: true, own_format: true, unused: Vec::new(), said: [true; 2] })
+fn own_format(text: &str, budget: &dyn Budget) -> Result<TrackTable> {
+    let rows = trials_csv::rows(text, budget)?;
+    Ok(TrackTable { rows, names_trials: true, own_format: true, unused: Vec::new(), said: [true; 2] })
 }
 
-/// Names of trials by file: the files' stems, or all of their names where stems are not enough.
-fn names(files: &[File]) -> Vec<String> {
-    let stem = |f: &File| {
+/// Default trial name of each file: its stem, or its full name if the stems are not unique.
+fn names(files: &[TrackFile]) -> Vec<String> {
+    let stem = |f: &TrackFile| {
         Path::new(&f.name).file_stem().map_or(f.name.clone(), |s| s.to_string_lossy().into_owned())
     };
     let stems: Vec<String> = files.iter().map(stem).collect();
@@ -108,29 +111,33 @@ fn names(files: &[File]) -> Vec<String> {
     if alike { files.iter().map(|f| f.name.clone()).collect() } else { stems }
 }
 
-fn unused(table: &Table, file: &File) -> Option<String> {
+fn unused(table: &TrackTable, file: &TrackFile) -> Option<String> {
     let columns = table.unused.iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
-    (!columns.is_empty()).then(|| format!("{}: columns that were not read: {columns}", file.name))
+    (!columns.is_empty()).then(|| format!("{}: unused columns: {columns}", file.name))
 }
 
-/// The name of the only body.
-fn body(tables: &[Table]) -> Result<&str> {
+/// Name of the only body.
+fn body(tables: &[TrackTable]) -> Result<&str> {
     let mut rows = tables.iter().flat_map(|t| &t.rows);
     let first = rows.next().map_or(BALL, |r| r.body.as_str());
     match rows.find(|r| r.body != first) {
         Some(other) => {
             let both = format!("{first:?} and {:?}", other.body);
-            Err(Error::input("body", both, "one ball; say which with `track`, or give a scene of all"))
+            Err(Error::input(
+                "body",
+                both,
+                "one ball; select it with `track`, or give a scene with all bodies",
+            ))
         }
         None => Ok(first),
     }
 }
 
 /// Duration of the longest trial, s.
-fn seconds(tables: &[Table]) -> f64 {
+fn seconds(tables: &[TrackTable]) -> f64 {
     let mut longest: f64 = 0.0;
     for table in tables {
-        let mut first: Option<&Row> = None;
+        let mut first: Option<&TrackRow> = None;
         for row in &table.rows {
             let start = first.filter(|f| f.trial == row.trial).unwrap_or(row);
             longest = longest.max(row.t - start.t);

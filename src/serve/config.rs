@@ -1,4 +1,4 @@
-//! How a server is run.
+//! Configuration of a server.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -6,40 +6,40 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::limits::Limits;
-use super::log::Log;
+use super::log::AccessLog;
 
-/// How a server is run.
+/// Configuration of a server.
 #[derive(Clone)]
 pub struct ServeConfig {
-    /// Address to listen on; port 0 takes a free one.
+    /// HTTP address; port 0 chooses a free one.
     pub http: SocketAddr,
-    /// Where to listen for ZeroMQ besides: `tcp://HOST:PORT` or `ipc://PATH`.
+    /// ZeroMQ address, if any: `tcp://HOST:PORT` or `ipc://PATH`.
     pub zmq: Option<String>,
-    /// Where jobs, worlds and policies are kept; in memory if absent.
+    /// Data directory for jobs, worlds and policies; in memory if absent.
     pub data_dir: Option<PathBuf>,
-    /// What it takes, and for how long.
+    /// Limits and timeouts.
     pub limits: Limits,
-    /// Tokens beside those of the data directory: a file of them.
+    /// Token file instead of the data directory's.
     pub token_file: Option<PathBuf>,
-    /// The same: rows of such a file as JSON.
+    /// Further tokens, as JSON rows of a token file.
     pub tokens: Option<String>,
-    /// Certificates and their key, PEM: HTTP is encrypted.
+    /// PEM files of the TLS certificates and the private key.
     pub tls: Option<(PathBuf, PathBuf)>,
-    /// Whether tokens may cross a network in clear, because something in front encrypts.
+    /// Whether tokens may cross a network unencrypted, because a proxy encrypts.
     pub plaintext: bool,
-    /// Whether anybody on the network may do anything.
+    /// Whether the network may use the server without tokens.
     pub open_to_network: bool,
-    /// Names that clients may call the server by besides its addresses.
+    /// Accepted `Host` names besides the server's addresses.
     pub allow_host: Vec<String>,
-    /// Origins of pages that may ask.
+    /// Allowed CORS origins.
     pub allow_origin: Vec<String>,
-    /// Where a line goes for each request and each job that ends.
-    pub log: Log,
-    /// What time it is.
+    /// Access log.
+    pub log: AccessLog,
+    /// Monotonic clock.
     pub clock: Clock,
 }
 
-/// Seconds since anywhere; counts up.
+/// Time since an arbitrary origin; never decreases.
 pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
 
 impl Default for ServeConfig {
@@ -57,7 +57,7 @@ impl Default for ServeConfig {
             open_to_network: false,
             allow_host: Vec::new(),
             allow_origin: Vec::new(),
-            log: Log::default(),
+            log: AccessLog::default(),
             clock: Arc::new(move || start.elapsed()),
         }
     }

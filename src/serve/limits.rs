@@ -1,6 +1,6 @@
-//! Every limit of a server in one place: what it is, what it is if nobody says, and what is answered beyond it.
+//! Every limit of a server, with its default and the response beyond it.
 //!
-//! `iplw serve --limits FILE` reads a file of them (JSON; what is absent stays), `GET /v1/limits` shows them.
+//! `iplw serve --limits FILE` reads a JSON file of limits (absent ones keep their default); `GET /v1/limits` returns them.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,48 +9,47 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 use crate::json;
-use crate::serve::wire::Bulk;
+use crate::serve::wire::BinaryArrays;
 use crate::session::RequestLimits;
 
-/// What a server takes, and for how long.
+/// Limits of a server: sizes, counts and timeouts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
-    /// Longest a request may take, s; a client may ask for less (`X-Deadline`, over ZeroMQ `deadline`). Beyond: 503 `deadline`.
+    /// Maximum duration of a request, s; a client may choose less (`X-Deadline`, over ZeroMQ `deadline`). Beyond: 503 `deadline`.
     pub request_seconds: f64,
-    /// Longest the head of a request may take to come, s. Beyond: hung up on.
+    /// Maximum time to receive the head of a request, s. Beyond: the connection is closed.
     pub header_seconds: f64,
-    /// Longest a body may take to come, s. Beyond: 408 `slow`.
+    /// Maximum time to receive a body, s. Beyond: 408 `slow`.
     pub body_seconds: f64,
-    /// Longest a connection may be silent between requests, s. Beyond: hung up on.
+    /// Maximum idle time of a connection between requests, s. Beyond: the connection is closed.
     pub idle_seconds: f64,
-    /// Longest a client may take nothing of its answer, s. Beyond: hung up on.
+    /// Maximum time in which a client reads nothing of its response, s. Beyond: the connection is closed.
     pub write_seconds: f64,
-    /// Most connections over HTTP. Beyond: the one that has waited longest for a request is hung up on; where all are busy,
-    /// the new one.
+    /// Maximum HTTP connections. Beyond: the connection that has been idle longest is closed; if all are busy, the new one.
     pub connections: usize,
-    /// Most connections of one client, its token or else its address, over HTTP and as many over ZeroMQ. Beyond: the one of
-    /// them that has waited longest for a request is hung up on; where all are busy, or over ZeroMQ, the new one.
+    /// Maximum connections of one client (its token, or its address without a token) over HTTP, and as many over ZeroMQ. Beyond:
+    /// its connection that has been idle longest is closed; if all are busy, or over ZeroMQ, the new one.
     pub client_connections: usize,
-    /// Most bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
+    /// Maximum number of bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
     pub body_steps: u64,
-    /// Most actions, or worlds, in a request. Beyond: 413 `too-large`.
+    /// Maximum number of actions or worlds in a request. Beyond: 413 `too-large`.
     pub actions: usize,
-    /// Most sampled body states in an answer. Beyond: 413 `too-large`.
+    /// Maximum number of sampled body states in a response. Beyond: 413 `too-large`.
     pub samples: u64,
-    /// Most worlds. Beyond: 429 `capacity`.
+    /// Maximum number of worlds. Beyond: 429 `capacity`.
     pub worlds: usize,
-    /// How long a world that a client made may go unused, s. Then it goes.
+    /// Time after which an unused world of a client is removed, s.
     pub world_idle_seconds: f64,
-    /// Jobs that run at a time; the others wait.
+    /// Number of jobs that run at a time; the others wait.
     pub jobs_running: usize,
-    /// Most jobs that wait. Beyond: 429 `capacity`.
+    /// Maximum number of waiting jobs. Beyond: 429 `capacity`.
     pub jobs_waiting: usize,
-    /// Longest a job may compute, s, waiting for answers not counted; without end, if absent. Beyond: it fails with `deadline`.
+    /// Maximum computing time of a job, s, without the time it waits for results; unlimited if absent. Beyond: it fails with `deadline`.
     pub job_seconds: Option<f64>,
-    /// How long a job that has ended is kept with all that belongs to it, s; for ever, if absent.
+    /// Time after which an ended job and its data are removed, s; never if absent.
     pub job_kept_seconds: Option<f64>,
 }
 
@@ -58,7 +57,7 @@ impl Default for Limits {
     fn default() -> Limits {
         let most = RequestLimits::STANDARD;
         Limits {
-            // A client of ours waits for 30 s.
+            // The project's clients wait for 30 s.
             request_seconds: 30.0,
             header_seconds: 10.0,
             // 16 MiB at 2 Mbit/s.
@@ -80,28 +79,28 @@ impl Default for Limits {
     }
 }
 
-impl Bulk for Limits {}
+impl BinaryArrays for Limits {}
 
 impl Limits {
-    /// Those of a file.
+    /// Reads a file of limits.
     pub fn read(path: &Path) -> Result<Limits> {
         let text = std::fs::read_to_string(path).map_err(|e| {
             let allowed = "a JSON file of limits such as {\"worlds\": 100}";
             Error::input("--limits", format!("{} ({e})", path.display()), allowed)
         })?;
-        Limits::parse(&text).map_err(|e| e.at(format!("--limits {}", path.display())))
+        Limits::parse(&text).map_err(|e| e.in_file(format!("--limits {}", path.display())))
     }
 
-    /// Those of such a file's text.
+    /// Parses a file of limits.
     pub fn parse(text: &str) -> Result<Limits> {
-        // As fields by name, or else a list would do.
+        // As a map first: serde would also accept a list.
         let fields: Map<String, Value> = json::parse(text)?;
         let limits: Limits = json::from_value(Value::Object(fields))?;
         limits.validate()?;
         Ok(limits)
     }
 
-    /// Errors name what cannot be.
+    /// Errors name the invalid limit.
     pub fn validate(&self) -> Result<()> {
         for (field, seconds) in [
             ("request_seconds", self.request_seconds),
@@ -110,12 +109,13 @@ impl Limits {
             ("idle_seconds", self.idle_seconds),
             ("write_seconds", self.write_seconds),
         ] {
-            within(field, seconds, 0.1, 86_400.0)?;
+            check_range(field, seconds, 0.1, 86_400.0)?;
         }
-        within("world_idle_seconds", self.world_idle_seconds, 1.0, 1e9)?;
-        self.job_seconds.map_or(Ok(0.0), |s| within("job_seconds", s, 1.0, 1e9))?;
-        // No longer than a token's longest: 100 years.
-        self.job_kept_seconds.map_or(Ok(0.0), |s| within("job_kept_seconds", s, 1.0, 3_153_600_000.0))?;
+        check_range("world_idle_seconds", self.world_idle_seconds, 1.0, 1e9)?;
+        self.job_seconds.map_or(Ok(0.0), |s| check_range("job_seconds", s, 1.0, 1e9))?;
+        // At most a token's maximum lifetime: 100 years.
+        self.job_kept_seconds
+            .map_or(Ok(0.0), |s| check_range("job_kept_seconds", s, 1.0, 3_153_600_000.0))?;
         let whole = |field: &str, value: u64, low: u64, high: u64| {
             if (low..=high).contains(&value) {
                 return Ok(());
@@ -132,13 +132,13 @@ impl Limits {
         whole("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)
     }
 
-    /// What one request may cost.
-    pub fn of_request(&self) -> RequestLimits {
+    /// Limits of one request.
+    pub fn request_limits(&self) -> RequestLimits {
         RequestLimits { actions: self.actions, samples: self.samples, body_steps: self.body_steps }
     }
 
-    /// As a span; [`Limits::validate`] has seen that it is one.
-    pub fn span(seconds: f64) -> Duration {
+    /// As a duration; [`Limits::validate`] has checked the range.
+    pub fn duration(seconds: f64) -> Duration {
         Duration::from_secs_f64(seconds)
     }
 }
@@ -147,21 +147,21 @@ impl Limits {
 mod tests {
     use super::*;
 
-    /// Its page names every limit with its default, in the row of the table that it begins.
+    /// docs/reference/limits.md lists every limit with its default.
     #[test]
     fn every_limit_is_documented_with_its_default() {
-        let page = include_str!("../../docs/limits.md");
+        let page = include_str!("../../docs/reference/limits.md");
         let limits = serde_json::to_value(Limits::default()).unwrap();
         for (name, value) in limits.as_object().unwrap() {
             let row = page.lines().find(|l| l.starts_with(&format!("| `{name}`"))).expect(name);
-            let told = row.split('|').nth(2).unwrap().trim();
+            let documented = row.split('|').nth(2).unwrap().trim();
             let default = value.as_f64().map_or("null, no end".into(), |v| v.to_string());
-            assert_eq!(told, default, "{name}");
+            assert_eq!(documented, default, "{name}");
         }
     }
 
     #[test]
-    fn a_file_says_what_differs_and_what_cannot_be_is_named() {
+    fn reads_overrides_and_names_invalid_limit() {
         let place = tempfile::tempdir().unwrap();
         let read = |text: &str| {
             let path = place.path().join("limits.json");
@@ -181,10 +181,11 @@ mod tests {
             ("{\"job_seconds\": -1}", "`job_seconds`"),
             ("[]", "limits.json"),
         ] {
-            let said = read(bad).unwrap_err().to_string();
-            let whole =
-                said.starts_with("--limits ") && said.contains("limits.json") && said.contains("allowed: ");
-            assert!(said.contains(named) && whole, "{bad}: {said}");
+            let message = read(bad).unwrap_err().to_string();
+            let whole = message.starts_with("--limits ")
+                && message.contains("limits.json")
+                && message.contains("allowed: ");
+            assert!(message.contains(named) && whole, "{bad}: {message}");
         }
         let missing = Limits::read(&place.path().join("none.json")).unwrap_err().to_string();
         assert!(missing.contains("`--limits`") && missing.contains("none.json"), "{missing}");

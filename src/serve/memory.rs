@@ -1,43 +1,43 @@
-//! Memory that is given back: glibc's allocator keeps what was freed for whoever comes next, in eight arenas a core.
+//! Settings of glibc's allocator, which otherwise keeps freed memory in eight arenas a core.
 //!
-//! A server that was busy once would look busy for ever. So there are as many arenas as cores, what is large is mapped by itself
-//! and unmapped when freed (glibc would raise the size from which it does so with every large block it sees), and from time to
-//! time what lies free is given back to the system. Elsewhere than on glibc nothing is done.
+//! Without them a server would keep its peak memory. There are as many arenas as cores, large blocks are mapped individually and
+//! unmapped when freed (glibc would raise that threshold with every large block freed), and free memory is returned to the system
+//! periodically. On other platforms nothing is done.
 
-#![allow(unsafe_code, reason = "tells the C library's allocator how to keep memory and when to give it back")]
+#![allow(unsafe_code, reason = "calls mallopt and malloc_trim of the C library")]
 
 use std::thread::available_parallelism;
 
-/// Sets the allocator up. Before any other thread is begun, so that none has an arena yet.
+/// Configures the allocator. Call before other threads start, so that none has an arena yet.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
-pub fn set_up() {
+pub fn configure() {
     let arenas = available_parallelism().map_or(1, |n| n.get()).min(64) as i32;
     for (option, value) in [
         (libc::M_ARENA_MAX, arenas),
-        (libc::M_MMAP_THRESHOLD, LARGE),
-        (libc::M_TRIM_THRESHOLD, FREE_AT_THE_TOP),
+        (libc::M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES),
+        (libc::M_TRIM_THRESHOLD, TRIM_THRESHOLD_BYTES),
     ] {
-        // SAFETY: mallopt(3) changes a number of the allocator's, under its lock.
+        // SAFETY: mallopt(3) sets a parameter of the allocator, under its lock.
         unsafe { libc::mallopt(option, value) };
     }
 }
 
-/// Gives back what lies free.
+/// Returns free memory to the system.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
-pub fn give_back() {
-    // SAFETY: malloc_trim(3) gives whole pages that no block is in back to the system, under the allocator's lock.
+pub fn return_free_memory() {
+    // SAFETY: malloc_trim(3) returns whole free pages to the system, under the allocator's lock.
     unsafe { libc::malloc_trim(0) };
 }
 
-/// Blocks from this size on are mapped by themselves, bytes. Smaller, and a step's lists would be; larger, and more stays.
-const LARGE: i32 = 256 * 1024;
-/// What may lie free at the end of the main arena, bytes.
-const FREE_AT_THE_TOP: i32 = 1024 * 1024;
+/// Blocks of this size and above are mapped individually, bytes. Smaller: a step's lists would be mapped; larger: more memory stays.
+const MMAP_THRESHOLD_BYTES: i32 = 256 * 1024;
+/// Free memory kept at the top of the main arena, bytes.
+const TRIM_THRESHOLD_BYTES: i32 = 1024 * 1024;
 
-/// There is nothing to be set.
+/// Nothing to configure.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
-pub fn set_up() {}
+pub fn configure() {}
 
-/// There is nothing to be done.
+/// Nothing to return.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
-pub fn give_back() {}
+pub fn return_free_memory() {}

@@ -1,44 +1,44 @@
-//! Counters, and all of them in Prometheus' text format.
+//! Counters, gauges and histograms in Prometheus' text format.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use crate::session::Kind;
+use crate::session::WorldKind;
 use crate::store::JobState;
 
-/// What is counted while the server runs.
+/// Counters and histograms of the running server.
 #[derive(Default)]
 pub struct Metrics {
-    requests: Mutex<Requests>,
-    times: Mutex<BTreeMap<(&'static str, &'static str, &'static str), Histogram>>,
+    requests: Mutex<RequestCounts>,
+    durations: Mutex<BTreeMap<(&'static str, &'static str, &'static str), Histogram>>,
     rollouts: AtomicU64,
-    /// Time steps of attempts in worlds.
+    /// Time steps simulated in worlds.
     steps: AtomicU64,
     /// Valid attempts in simulated and in real worlds.
     interactions: [AtomicU64; 2],
 }
 
-/// Upper bounds of a histogram's buckets, s: from a light step to a request's usual deadline.
+/// Upper bounds of the histogram's buckets, s: from an inline step to the default deadline.
 const BUCKETS: [f64; 14] =
     [5e-4, 1e-3, 2.5e-3, 5e-3, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0];
 
-/// How long things took.
+/// Histogram of durations.
 #[derive(Clone, Default)]
 struct Histogram {
-    /// In each bucket alone; the last is what took longer.
+    /// Counts of the buckets, not cumulative; the last is the overflow.
     counts: [u64; BUCKETS.len() + 1],
     /// s
     sum: f64,
 }
 
-/// By method, route and status; ZeroMQ counts as a method, its operations as routes.
-type Requests = BTreeMap<&'static str, BTreeMap<String, BTreeMap<u16, u64>>>;
+/// Responses by method, route and status; ZeroMQ counts as a method, with operations as routes.
+type RequestCounts = BTreeMap<&'static str, BTreeMap<String, BTreeMap<u16, u64>>>;
 
 impl Metrics {
-    /// A request was answered.
-    pub fn answered(&self, method: &str, route: &str, status: u16) {
+    /// Counts a response.
+    pub fn count_response(&self, method: &str, route: &str, status: u16) {
         let method = METHODS.into_iter().find(|m| *m == method).unwrap_or("other");
         let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
         let routes = requests.entry(method).or_default();
@@ -48,56 +48,67 @@ impl Metrics {
         }
     }
 
-    /// An operation was answered after so many seconds.
-    pub fn took(&self, transport: &'static str, operation: &'static str, status: u16, seconds: f64) {
+    /// Records the duration of an operation.
+    pub fn observe_duration(
+        &self,
+        transport: &'static str,
+        operation: &'static str,
+        status: u16,
+        seconds: f64,
+    ) {
         let outcome = match status {
             0..400 => "ok",
             400..500 => "refused",
             _ => "failed",
         };
-        let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
-        let histogram = times.entry((transport, operation, outcome)).or_default();
+        let mut durations = self.durations.lock().unwrap_or_else(PoisonError::into_inner);
+        let histogram = durations.entry((transport, operation, outcome)).or_default();
         let bucket = BUCKETS.iter().position(|most| seconds <= *most).unwrap_or(BUCKETS.len());
         histogram.counts[bucket] += 1;
         histogram.sum += seconds;
     }
 
-    /// `valid` attempts were made in a world of this kind, of so many time steps in all.
-    pub fn attempted(&self, kind: Kind, valid: u64, steps: u64) {
+    /// Counts valid attempts in a world of this kind, and their time steps.
+    pub fn count_attempts(&self, kind: WorldKind, valid: u64, steps: u64) {
         self.steps.fetch_add(steps, Ordering::Relaxed);
         self.rollouts.fetch_add(valid, Ordering::Relaxed);
-        self.interactions[usize::from(kind == Kind::Real)].fetch_add(valid, Ordering::Relaxed);
+        self.interactions[usize::from(kind == WorldKind::Real)].fetch_add(valid, Ordering::Relaxed);
     }
 
-    /// Rollouts were simulated in a job, in no client's world.
-    pub fn simulated(&self, rollouts: u64) {
+    /// Counts rollouts simulated by a job outside of clients' worlds.
+    pub fn count_rollouts(&self, rollouts: u64) {
         self.rollouts.fetch_add(rollouts, Ordering::Relaxed);
     }
 
-    fn times_text(&self, out: &mut String) {
+    fn write_durations(&self, out: &mut String) {
         let name = "iplw_request_seconds";
-        head(out, name, "histogram", "Time from a request's head to its answer, by operation and outcome.");
-        let times = self.times.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        for ((transport, operation, outcome), histogram) in &times {
+        write_header(
+            out,
+            name,
+            "histogram",
+            "Time from a request's head to its answer, by operation and outcome.",
+        );
+        let durations = self.durations.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        for ((transport, operation, outcome), histogram) in &durations {
             let labels = [("transport", *transport), ("operation", *operation), ("outcome", *outcome)];
             let mut within = 0;
             let bounds = BUCKETS.iter().map(f64::to_string).chain(["+Inf".into()]);
             for (bound, count) in bounds.zip(histogram.counts) {
                 within += count;
                 let of = [&labels[..], &[("le", bound.as_str())]].concat();
-                line(out, "iplw_request_seconds_bucket", &of, within);
+                write_sample(out, "iplw_request_seconds_bucket", &of, within);
             }
             let of: Vec<String> = labels.iter().map(|(k, v)| format!("{k}=\"{v}\"")).collect();
             let _ = writeln!(out, "iplw_request_seconds_sum{{{}}} {}", of.join(","), histogram.sum);
-            line(out, "iplw_request_seconds_count", &labels, within);
+            write_sample(out, "iplw_request_seconds_count", &labels, within);
         }
     }
 
-    /// Everything, in Prometheus' text format.
+    /// All metrics in Prometheus' text format.
     pub fn text(&self, gauges: &Gauges) -> String {
         let mut out = String::new();
         let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        head(&mut out, "iplw_requests_total", "counter", "Requests answered.");
+        write_header(&mut out, "iplw_requests_total", "counter", "Requests answered.");
         let requests: Vec<(&str, &str, u16, u64)> = requests
             .iter()
             .flat_map(|(method, routes)| {
@@ -108,47 +119,62 @@ impl Metrics {
             })
             .collect();
         for (method, route, status, n) in &requests {
-            line(
+            write_sample(
                 &mut out,
                 "iplw_requests_total",
                 &[("method", method), ("route", route), ("status", &status.to_string())],
                 *n,
             );
         }
-        head(&mut out, "iplw_errors_total", "counter", "Requests answered with a problem, by its class.");
+        write_header(
+            &mut out,
+            "iplw_errors_total",
+            "counter",
+            "Requests answered with a problem, by its class.",
+        );
         for (class, range) in [("4xx", 400..500), ("5xx", 500..600)] {
             let n = requests.iter().filter(|(_, _, status, _)| range.contains(status)).map(|(.., n)| n).sum();
-            line(&mut out, "iplw_errors_total", &[("class", class)], n);
+            write_sample(&mut out, "iplw_errors_total", &[("class", class)], n);
         }
-        self.times_text(&mut out);
-        head(&mut out, "iplw_requests_under_way", "gauge", "Requests worked on or waiting to be.");
-        line(&mut out, "iplw_requests_under_way", &[], gauges.under_way);
-        head(&mut out, "iplw_requests_waiting", "gauge", "Requests that wait for their client's turn.");
-        line(&mut out, "iplw_requests_waiting", &[], gauges.waiting);
-        head(&mut out, "iplw_connections", "gauge", "Open connections.");
+        self.write_durations(&mut out);
+        write_header(&mut out, "iplw_requests_under_way", "gauge", "Requests in progress or waiting.");
+        write_sample(&mut out, "iplw_requests_under_way", &[], gauges.in_progress);
+        write_header(&mut out, "iplw_requests_waiting", "gauge", "Requests that wait for a permit.");
+        write_sample(&mut out, "iplw_requests_waiting", &[], gauges.waiting);
+        write_header(&mut out, "iplw_connections", "gauge", "Open connections.");
         for (transport, n) in ["http", "zmq"].into_iter().zip(gauges.connections) {
-            line(&mut out, "iplw_connections", &[("transport", transport)], n);
+            write_sample(&mut out, "iplw_connections", &[("transport", transport)], n);
         }
-        head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
-        for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(gauges.worlds) {
-            line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
+        write_header(&mut out, "iplw_worlds", "gauge", "Worlds by kind.");
+        for (kind, n) in [WorldKind::Sim, WorldKind::Real].into_iter().zip(gauges.worlds) {
+            write_sample(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
         }
-        head(&mut out, "iplw_interactions_total", "counter", "Valid attempts in worlds.");
-        for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(&self.interactions) {
-            line(&mut out, "iplw_interactions_total", &[("kind", kind.name())], n.load(Ordering::Relaxed));
+        write_header(&mut out, "iplw_interactions_total", "counter", "Valid attempts in worlds.");
+        for (kind, n) in [WorldKind::Sim, WorldKind::Real].into_iter().zip(&self.interactions) {
+            write_sample(
+                &mut out,
+                "iplw_interactions_total",
+                &[("kind", kind.name())],
+                n.load(Ordering::Relaxed),
+            );
         }
-        head(&mut out, "iplw_rollouts_total", "counter", "Rollouts simulated, those of ended jobs included.");
-        line(&mut out, "iplw_rollouts_total", &[], self.rollouts.load(Ordering::Relaxed));
-        head(
+        write_header(
+            &mut out,
+            "iplw_rollouts_total",
+            "counter",
+            "Rollouts simulated, including those of ended jobs.",
+        );
+        write_sample(&mut out, "iplw_rollouts_total", &[], self.rollouts.load(Ordering::Relaxed));
+        write_header(
             &mut out,
             "iplw_steps_total",
             "counter",
             "Time steps simulated in worlds, by requests and by jobs.",
         );
-        line(&mut out, "iplw_steps_total", &[], self.steps.load(Ordering::Relaxed));
-        head(&mut out, "iplw_jobs", "gauge", "Jobs by state.");
+        write_sample(&mut out, "iplw_steps_total", &[], self.steps.load(Ordering::Relaxed));
+        write_header(&mut out, "iplw_jobs", "gauge", "Jobs by state.");
         for state in JobState::ALL {
-            line(
+            write_sample(
                 &mut out,
                 "iplw_jobs",
                 &[("state", state.name())],
@@ -159,11 +185,11 @@ impl Metrics {
     }
 }
 
-/// What there is at the moment.
+/// Current values.
 pub struct Gauges {
-    /// Requests worked on or waiting to be.
-    pub under_way: u64,
-    /// Requests that wait for their client's turn.
+    /// Requests in progress or waiting.
+    pub in_progress: u64,
+    /// Requests that wait for a permit.
     pub waiting: u64,
     /// Open connections over HTTP and over ZeroMQ.
     pub connections: [u64; 2],
@@ -175,11 +201,11 @@ pub struct Gauges {
 
 const METHODS: [&str; 8] = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "ZMQ"];
 
-fn head(out: &mut String, name: &str, kind: &str, help: &str) {
+fn write_header(out: &mut String, name: &str, kind: &str, help: &str) {
     let _ = writeln!(out, "# HELP {name} {help}\n# TYPE {name} {kind}");
 }
 
-fn line(out: &mut String, name: &str, labels: &[(&str, &str)], value: u64) {
+fn write_sample(out: &mut String, name: &str, labels: &[(&str, &str)], value: u64) {
     let labels: Vec<String> = labels.iter().map(|(k, v)| format!("{k}=\"{v}\"")).collect();
     let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
     let _ = writeln!(out, "{name}{labels} {value}");

@@ -1,60 +1,60 @@
-//! HTTP, ZeroMQ and MCP around the sessions, jobs and policies: thin adapters that know no physics.
+//! HTTP, ZeroMQ and MCP servers over sessions, jobs and policies: thin adapters without physics.
 //!
-//! | file | what it does |
+//! | module | responsibility |
 //! |---|---|
-//! | `operations/` | what a client can ask for: functions over wire structs, each with its declaration |
-//! | `operation/` | how an operation is declared, and what its function takes and gives |
-//! | `http/` | routes and the OpenAPI document, from the declarations; bodies and headers |
-//! | `zmq/` | the same over ZeroMQ: connections, frames, order |
-//! | `mcp/` | tools for language models over standard input and output: a few operations each; sole home of rmcp |
-//! | `wire/` | JSON and msgpack in and out |
-//! | `problem` | errors as RFC 9457 |
-//! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
-//! | `upkeep` | how a server is opened, kept and brought to its end |
-//! | `client` `fair` `gate` `crowd` `weight` | whom the server shares itself out between, and how |
-//! | `exposure` | who could reach the server, and what is asked for before they can |
-//! | `leave` | how long a request may go on |
-//! | `limits` | what is taken, and for how long |
-//! | `metrics` `log` | what happened: counters and times, a line for each request and job |
-//! | `prepared` | what takes long to prepare and is asked again and again |
-//! | `memory` | what the allocator keeps, and when it gives back |
-//! | `config` `signal` | how a server is run, and told to stop |
-//! | `fuzz` | what fuzzing reaches of all this |
+//! | `operations/` | handlers: functions over wire types, each with its declaration |
+//! | `operation/` | how an operation is declared: request, extractors, response |
+//! | `http/` | routes, middleware, connections and the OpenAPI document |
+//! | `zmq/` | the same operations over ZeroMQ: connections, frames, ordering |
+//! | `mcp/` | tools for language models over standard input and output; the only user of rmcp |
+//! | `wire/` | request and response types; JSON and msgpack |
+//! | `problem` | errors as RFC 9457 problem details |
+//! | `state` `request_context` | application state; the view that one request has of it; work off the async threads |
+//! | `maintenance` | startup, periodic tasks, shutdown |
+//! | `client` `scheduler` `fair_semaphore` `client_limiter` `execution_class` | fair sharing of the server between clients |
+//! | `bind_policy` | which addresses need tokens and encryption |
+//! | `deadline` | a request's deadline and cancellation |
+//! | `limits` | sizes, counts and timeouts |
+//! | `metrics` `log` | counters and durations; one log line per request and job |
+//! | `cache` | a bounded cache of expensive values |
+//! | `memory` | allocator settings |
+//! | `config` `signal` | server configuration; stop signals |
+//! | `fuzz` | entry points for fuzzing |
 //!
-//! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
-//! reads its input from it (`Body<StepIn>`) and calls the function beside it (`operations/world`), which steps a
-//! `session::World`; the answer becomes JSON or msgpack where it came in.
+//! Path of a request: `http/route` (or `zmq/peer`) makes an `OperationRequest`; the operation's declaration extracts the
+//! handler's input (`JsonBody<StepIn>`) and calls the handler in `operations/world`, which steps a `session::World`. The
+//! response is serialised as JSON or msgpack by the transport.
 //!
-//! [`serve`] runs until the process is told to stop; [`Server`] is the same for tests and other programs.
+//! [`serve`] runs until a stop signal; [`Server`] is the same for tests and other programs.
 
-// A problem is made once per refused request; boxing it everywhere would only hide it.
+// A problem is built once per rejected request; boxing it everywhere would only hide it.
 #![allow(clippy::result_large_err)]
 
-mod app;
+mod bind_policy;
+mod cache;
 mod client;
+mod client_limiter;
 mod config;
-mod crowd;
-mod exposure;
-mod fair;
+mod deadline;
+mod execution_class;
+mod fair_semaphore;
 #[doc(hidden)]
 pub mod fuzz;
-mod gate;
 mod http;
-mod leave;
 mod limits;
 mod log;
+mod maintenance;
 mod mcp;
 mod memory;
 mod metrics;
 mod operation;
 mod operations;
-mod prepared;
 mod problem;
+mod request_context;
 mod runtime;
-mod shared;
+mod scheduler;
 mod signal;
-mod upkeep;
-mod weight;
+mod state;
 mod wire;
 mod zmq;
 
@@ -68,44 +68,44 @@ use tokio::net::TcpListener;
 use crate::error::{Error, Result};
 pub use config::{Clock, ServeConfig};
 pub use limits::Limits;
-pub use log::{Log, LogForm, Sink};
+pub use log::{AccessLog, LogFormat, LogSink};
+use maintenance::Maintenance;
 pub use mcp::{McpConfig, mcp_blocking};
 use operations::OPERATIONS;
-use runtime::run_to_end;
-use shared::Shared;
+use runtime::run_to_completion;
 use signal::stop_signal;
-use upkeep::Upkeep;
+use state::AppState;
 
-/// A server that listens and does not answer yet.
+/// A server that has bound its addresses and does not accept connections yet.
 pub struct Server {
-    shared: Arc<Shared>,
+    shared: Arc<AppState>,
     listener: TcpListener,
     address: SocketAddr,
     zmq: Option<zmq::Endpoint>,
-    callers: http::Callers,
+    origins: http::OriginPolicy,
     tls: Option<Arc<http::Tls>>,
 }
 
-/// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
-/// standard output, and on the next one `listening on tcp://HOST:PORT` (or `ipc://PATH`) if there is ZeroMQ too.
+/// Serves until SIGINT or SIGTERM. Once it listens, it prints `listening on http://HOST:PORT` to standard output, and with
+/// ZeroMQ a second line `listening on tcp://HOST:PORT` (or `ipc://PATH`).
 pub async fn serve(config: ServeConfig) -> Result<()> {
     let signal = stop_signal()?;
     let server = Server::bind(config).await?;
     use std::io::Write;
     let mut out = std::io::stdout().lock();
-    let mut told = format!("listening on {}://{}\n", server.scheme(), server.address());
+    let mut output = format!("listening on {}://{}\n", server.scheme(), server.address());
     if let Some(address) = server.zmq_address() {
-        told += &format!("listening on {address}\n");
+        output += &format!("listening on {address}\n");
     }
-    // Nobody reading standard output is no reason not to serve.
-    let _ = out.write_all(told.as_bytes()).and_then(|()| out.flush());
+    // A closed standard output does not stop the server.
+    let _ = out.write_all(output.as_bytes()).and_then(|()| out.flush());
     drop(out);
     server.run(signal).await
 }
 
-/// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
+/// [`serve`] on its own runtime; does not wait for work that ignores the stop signal.
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
-    run_to_end(serve(config), Duration::from_secs(1))
+    run_to_completion(serve(config), Duration::from_secs(1))
 }
 
 /// The OpenAPI 3.1 document, pretty JSON with a newline at the end.
@@ -116,11 +116,11 @@ pub fn openapi() -> String {
 static DOCUMENT: LazyLock<String> = LazyLock::new(|| http::document(&OPERATIONS));
 
 impl Server {
-    /// Opens the store, makes the default worlds and listens.
+    /// Opens the store, creates the default worlds and binds the addresses.
     pub async fn bind(config: ServeConfig) -> Result<Server> {
         let unbound = |e: std::io::Error| Error::Io {
             path: config.http.to_string(),
-            message: format!("cannot listen there: {e}; give another address"),
+            message: format!("cannot listen on this address: {e}; choose another"),
         };
         let listener = TcpListener::bind(config.http).await.map_err(unbound)?;
         let address = listener.local_addr().map_err(unbound)?;
@@ -131,20 +131,20 @@ impl Server {
         config.limits.validate()?;
         let files = config.tls.as_ref();
         let tls = files.map(|(cert, key)| http::Tls::read(cert, key)).transpose()?.map(Arc::new);
-        let callers = http::Callers::new(address.ip(), &config.allow_host, &config.allow_origin);
+        let origins = http::OriginPolicy::new(address.ip(), &config.allow_host, &config.allow_origin);
         let zmq_at = zmq.as_ref().and_then(zmq::Endpoint::ip);
         let made = move || {
-            let keyring = exposure::keyring(&config)?;
-            exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
-            upkeep::open(&config, keyring, &DOCUMENT)
+            let keyring = bind_policy::keyring(&config)?;
+            bind_policy::check(&config, &keyring, address.ip(), zmq_at)?;
+            maintenance::open(&config, keyring, &DOCUMENT)
         };
         let shared = tokio::task::spawn_blocking(made)
             .await
-            .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
-        Ok(Server { shared, listener, address, zmq, callers, tls })
+            .map_err(|e| Error::Failed(format!("the server could not be started: {e}")))??;
+        Ok(Server { shared, listener, address, zmq, origins, tls })
     }
 
-    /// Where it listens.
+    /// The bound HTTP address.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -154,24 +154,24 @@ impl Server {
         if self.tls.is_some() { "https" } else { "http" }
     }
 
-    /// Where it listens for ZeroMQ, if it does.
+    /// The bound ZeroMQ address, if there is one.
     pub fn zmq_address(&self) -> Option<&str> {
         self.zmq.as_ref().map(zmq::Endpoint::address)
     }
 
-    /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
-    /// server on the same directory.
+    /// Serves until `stop` is ready, then finishes the requests in flight. Unfinished jobs are left to the next server on the
+    /// same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
-        let Server { shared, listener, zmq, callers, tls, .. } = self;
-        let upkeep = Upkeep::start(&shared);
-        let told = shared.clone();
-        let service = http::service(shared.clone(), &OPERATIONS, callers);
+        let Server { shared, listener, zmq, origins, tls, .. } = self;
+        let maintenance = Maintenance::start(&shared);
+        let state = shared.clone();
+        let service = http::service(shared.clone(), &OPERATIONS, origins);
         let renewal = tokio::spawn(renew(tls.clone()));
         let graceful = async move {
             stop.await;
-            told.stopping.send_replace(true);
-            // Off the async threads: waits for jobs to notice.
-            tokio::task::spawn_blocking(move || told.jobs.stop(GRACE));
+            state.stopping.send_replace(true);
+            // `stop` blocks until the jobs notice, so it runs off the async threads.
+            tokio::task::spawn_blocking(move || state.jobs.stop(GRACE));
         };
         let mut ended = shared.stopping.subscribe();
         let late = async move {
@@ -187,19 +187,19 @@ impl Server {
         tokio::spawn(graceful);
         tokio::select! {
             ((), ()) = async { tokio::join!(http, zmq) } => {}
-            // Clients that do not hang up are not waited for.
+            // Clients that keep their connection open are not waited for.
             () = late => {}
         }
         renewal.abort();
-        upkeep.end(GRACE).await;
+        maintenance.end(GRACE).await;
         Ok(())
     }
 }
 
-/// How long answers under way may take once the server is told to stop.
+/// Time that requests in flight have to finish after the stop signal.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Reads the certificate again whenever SIGHUP says that it was renewed.
+/// Reloads the certificate on SIGHUP.
 #[cfg(unix)]
 async fn renew(tls: Option<Arc<http::Tls>>) {
     use tokio::signal::unix::{SignalKind, signal};
@@ -207,12 +207,14 @@ async fn renew(tls: Option<Arc<http::Tls>>) {
     let Ok(mut renewed) = signal(SignalKind::hangup()) else { return };
     while renewed.recv().await.is_some() {
         match tls.reload() {
-            Ok(()) => tracing::info!("the certificate was read again"),
-            Err(e) => tracing::error!("the certificate cannot be read again, the one before stays: {e}"),
+            Ok(()) => tracing::info!("the certificate was reloaded"),
+            Err(e) => {
+                tracing::error!("the certificate cannot be reloaded; the previous one stays in use: {e}")
+            }
         }
     }
 }
 
-/// There is no such signal.
+/// SIGHUP does not exist on this platform.
 #[cfg(not(unix))]
 async fn renew(_: Option<Arc<http::Tls>>) {}

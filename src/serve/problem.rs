@@ -1,51 +1,51 @@
-//! Errors on the wire: RFC 9457 problem details, and the only place that knows status codes.
+//! Errors on the wire: RFC 9457 problem details. Status codes of errors are assigned only here.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::access::Unknown;
-use crate::error::{Error, shown};
+use crate::access::AuthError;
+use crate::error::{Error, abbreviate};
 
-/// What went wrong (`application/problem+json`, RFC 9457).
+/// An error response (`application/problem+json`, RFC 9457).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// Names the kind of problem; the last part is fixed, the text elsewhere may change.
+    /// URI of the problem type; its last part is stable.
     #[serde(rename = "type")]
     #[schema(example = "https://iplw.dev/problems/invalid-value")]
     pub kind: String,
     pub title: String,
     pub status: u16,
-    /// What went wrong this time, and what to do.
+    /// Description of the error in this request, and what to do.
     pub detail: String,
-    /// The field concerned.
+    /// The invalid field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
-    /// The value it had.
+    /// The field's value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<String>,
-    /// What it may be.
+    /// Allowed values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allowed: Option<String>,
 }
 
-/// Answers of handlers.
-pub type Answer<T> = std::result::Result<T, Problem>;
+/// Result of a handler.
+pub type HandlerResult<T> = std::result::Result<T, Problem>;
 
-/// Media type of every error.
-pub const PROBLEM: &str = "application/problem+json";
+/// Media type of errors.
+pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// The same for clients that accept msgpack.
+/// Media type of errors for clients that accept msgpack.
 pub const PROBLEM_MSGPACK: &str = "application/problem+msgpack";
 
-const BASE: &str = "https://iplw.dev/problems/";
+const PROBLEM_TYPE_BASE: &str = "https://iplw.dev/problems/";
 
 impl Problem {
     /// A problem without a field.
     pub fn new(status: StatusCode, slug: &str, title: &str, detail: impl Into<String>) -> Problem {
         Problem {
-            kind: format!("{BASE}{slug}"),
+            kind: format!("{PROBLEM_TYPE_BASE}{slug}"),
             title: title.into(),
             status: status.as_u16(),
             detail: detail.into(),
@@ -55,15 +55,15 @@ impl Problem {
         }
     }
 
-    /// A request that could not be read: not JSON, an unknown field, a wrong type. One that holds too much is told so.
+    /// A request that cannot be parsed: invalid JSON, an unknown field, a wrong type. Oversized ones stay 413.
     pub fn malformed(error: Error) -> Problem {
-        let too_much = matches!(error, Error::TooLarge { .. });
+        let is_too_large = matches!(error, Error::TooLarge { .. });
         let problem = Problem::from(error);
-        if too_much {
+        if is_too_large {
             return problem;
         }
         Problem {
-            kind: format!("{BASE}malformed"),
+            kind: format!("{PROBLEM_TYPE_BASE}malformed"),
             title: "The request cannot be read".into(),
             status: StatusCode::BAD_REQUEST.as_u16(),
             ..problem
@@ -72,78 +72,75 @@ impl Problem {
 
     /// A body above the limit.
     pub fn body_too_large(limit: usize) -> Problem {
-        Problem::too_large(format!("body: at most {limit} bytes at a time; send it in parts"))
+        Problem::too_large(format!("body: at most {limit} bytes are allowed; split the request"))
     }
 
-    /// A body that takes too long to come.
-    pub fn slow(seconds: f64) -> Problem {
-        let detail = format!("body: not there within {seconds} s; send it faster, or in parts");
-        Problem::new(StatusCode::REQUEST_TIMEOUT, "slow", "The body takes too long", detail)
+    /// A body that arrives too slowly.
+    pub fn body_timeout(seconds: f64) -> Problem {
+        let detail = format!("body: did not arrive within {seconds} s; send it faster or split the request");
+        Problem::new(StatusCode::REQUEST_TIMEOUT, "slow", "The body arrived too slowly", detail)
     }
 
-    /// More than is taken at a time.
+    /// A request above a limit.
     pub fn too_large(detail: String) -> Problem {
-        Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time", detail)
+        Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "The request is too large", detail)
     }
 
-    /// More requests at a time than are taken.
+    /// Too many concurrent requests.
     pub fn busy(limit: usize) -> Problem {
-        let detail = format!("{limit} requests are being worked on; try again in a second");
-        Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many requests at a time", detail)
+        let detail = format!("{limit} requests are in progress; try again in a second");
+        Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many concurrent requests", detail)
     }
 
-    /// More connections than a client may have.
-    pub fn crowded(limit: usize) -> Problem {
-        let detail = format!(
-            "this token has {limit} connections, all of them busy; ask over one of those, or try again in a second"
-        );
+    /// Too many connections of a client.
+    pub fn too_many_connections(limit: usize) -> Problem {
+        let detail =
+            format!("this token has {limit} busy connections; reuse one of them, or try again in a second");
         Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many connections", detail)
     }
 
-    /// A request whose key is being worked on.
-    pub fn under_way(key: &str) -> Problem {
-        let detail =
-            format!("a request with Idempotency-Key {key:?} is being worked on; ask again in a second");
-        Problem::new(StatusCode::CONFLICT, "under-way", "The same request is under way", detail)
+    /// A request whose idempotency key is in use.
+    pub fn request_in_progress(key: &str) -> Problem {
+        let detail = format!("a request with Idempotency-Key {key:?} is in progress; try again in a second");
+        Problem::new(StatusCode::CONFLICT, "under-way", "The same request is in progress", detail)
     }
 
-    /// A request that its sender took back.
+    /// A request that the client cancelled.
     pub fn cancelled() -> Problem {
         Problem::from(Error::Cancelled)
     }
 
-    /// A defect of this program.
-    pub fn defect() -> Problem {
-        let detail = "the program has a defect; the request had no further effect";
+    /// A bug in this program.
+    pub fn internal() -> Problem {
+        let detail = "the server failed unexpectedly (a bug); the request had no further effect";
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "defect", "Internal error", detail)
     }
 
-    /// An answer that cannot be written: a defect too.
-    pub fn unwritable(e: impl std::fmt::Display) -> Problem {
-        tracing::error!("an answer cannot be written: {e}");
-        Problem::defect()
+    /// A response that cannot be serialised: a bug.
+    pub fn serialization(e: impl std::fmt::Display) -> Problem {
+        tracing::error!("a response cannot be serialised: {e}");
+        Problem::internal()
     }
 
-    /// Nobody is known by what was presented.
-    pub fn unauthorized(why: Unknown) -> Problem {
+    /// Authentication failed.
+    pub fn unauthorized(why: AuthError) -> Problem {
         let detail = match why {
-            Unknown::Missing => {
-                "this server asks for a token: `Authorization: Bearer TOKEN`, or as the password of ZeroMQ's PLAIN"
+            AuthError::Missing => {
+                "this server requires a token: send `Authorization: Bearer TOKEN`, or use it as the password of ZeroMQ's PLAIN"
             }
-            Unknown::Wrong => {
-                "the token is not one of this server's, or no longer; ask whoever runs it for one"
+            AuthError::Wrong => {
+                "the token is unknown or was revoked; ask the server's administrator for a new one"
             }
-            Unknown::Expired => "the token has expired; ask whoever runs the server for another",
+            AuthError::Expired => "the token has expired; ask the server's administrator for a new one",
         };
-        Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", "Not known", detail)
+        Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", "Authentication failed", detail)
     }
 
-    /// A request for somebody else, as its `Host` says.
+    /// A request whose `Host` names another server.
     pub fn misdirected(host: &str) -> Problem {
-        let detail = "this server is not called so; `iplw serve --allow-host NAME` lets it be";
-        let problem =
-            Problem::new(StatusCode::MISDIRECTED_REQUEST, "misdirected", "Not for this server", detail);
-        let allowed = "localhost, an address this server listens at, or a name of --allow-host";
+        let detail = "this server does not have that name; `iplw serve --allow-host NAME` adds it";
+        let problem = Problem::new(StatusCode::MISDIRECTED_REQUEST, "misdirected", "Wrong host", detail);
+        let allowed = "localhost, an address that the server listens on, or a name given by --allow-host";
         Problem {
             field: Some("Host".into()),
             value: Some(host.into()),
@@ -152,38 +149,38 @@ impl Problem {
         }
     }
 
-    /// A request that a page sends which may not; `said` where it says so.
-    pub fn foreign_page(said: &str, value: &str) -> Problem {
+    /// A browser request from an origin that is not allowed; `header` shows the origin.
+    pub fn forbidden_origin(header: &str, value: &str) -> Problem {
         let detail =
-            "a page from elsewhere may not ask this server; `iplw serve --allow-origin ORIGIN` lets it";
-        let problem = Problem::new(StatusCode::FORBIDDEN, "foreign-page", "Not from this page", detail);
-        let allowed = "absent, the server's own, or one of --allow-origin";
+            "pages of this origin may not call this server; `iplw serve --allow-origin ORIGIN` allows it";
+        let problem = Problem::new(StatusCode::FORBIDDEN, "foreign-page", "Origin not allowed", detail);
+        let allowed = "absent, the server's own origin, or one given by --allow-origin";
         Problem {
-            field: Some(said.into()),
+            field: Some(header.into()),
             value: Some(value.into()),
             allowed: Some(allowed.into()),
             ..problem
         }
     }
 
-    /// A page's body of a type that the operation does not declare.
+    /// A browser's request body of a media type that the operation does not declare.
     pub fn media_type(kind: &str, declared: &[String]) -> Problem {
-        let detail = "a page has to say of what type its body is, as the operation declares it";
-        let title = "Not a type that is taken";
+        let detail = "a browser must send the body with a media type that the operation declares";
+        let title = "Unsupported media type";
         let problem = Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "media-type", title, detail);
         let (value, allowed) = (Some(format!("{kind:?}")), Some(declared.join(", ")));
         Problem { field: Some("Content-Type".into()), value, allowed, ..problem }
     }
 
-    /// A path that leads nowhere.
+    /// An unknown path.
     pub fn no_route(path: &str) -> Problem {
-        let detail = format!("nothing is at {path}; /openapi.json lists what there is");
+        let detail = format!("there is no resource at {path}; /openapi.json lists all paths");
         Problem::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
     }
 
-    /// A method that the path does not take.
+    /// A method that the path does not support.
     pub fn no_method(method: &str, path: &str) -> Problem {
-        let detail = format!("{path} does not take {method}; the Allow header lists what it takes");
+        let detail = format!("{path} does not support {method}; the Allow header lists its methods");
         Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "Method not allowed", detail)
     }
 }
@@ -203,18 +200,20 @@ impl From<Error> for Problem {
                 }
             }
             Error::NotFound { id, .. } => Problem {
-                value: Some(shown(&id)),
+                value: Some(abbreviate(&id)),
                 ..problem(StatusCode::NOT_FOUND, "not-found", "Not found")
             },
-            Error::Refused { .. } => problem(StatusCode::CONFLICT, "refused", "Not in this state"),
+            Error::Refused { .. } => {
+                problem(StatusCode::CONFLICT, "refused", "Conflict with the current state")
+            }
             Error::Sealed { .. } => problem(StatusCode::FORBIDDEN, "sealed", "The world is sealed"),
             Error::TooLarge { .. } => {
-                problem(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time")
+                problem(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "The request is too large")
             }
             Error::Budget { .. } => {
                 problem(StatusCode::TOO_MANY_REQUESTS, "budget-spent", "The budget is spent")
             }
-            Error::Capacity { .. } => problem(StatusCode::TOO_MANY_REQUESTS, "capacity", "No room for more"),
+            Error::Capacity { .. } => problem(StatusCode::TOO_MANY_REQUESTS, "capacity", "Capacity reached"),
             Error::Denied { .. } => problem(StatusCode::FORBIDDEN, "forbidden", "Not allowed"),
             Error::Cancelled => problem(StatusCode::CONFLICT, "cancelled", "Cancelled"),
             Error::Deadline { .. } => {
@@ -240,7 +239,7 @@ impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let body = serde_json::to_vec(&self).unwrap_or_default();
-        let kind = HeaderValue::from_static(PROBLEM);
+        let kind = HeaderValue::from_static(PROBLEM_JSON);
         let mut response = (status, [(header::CONTENT_TYPE, kind)], body).into_response();
         if status == StatusCode::TOO_MANY_REQUESTS && self.kind.ends_with("/busy") {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
@@ -249,13 +248,13 @@ impl IntoResponse for Problem {
             let how = HeaderValue::from_static("Bearer realm=\"iplw\"");
             response.headers_mut().insert(header::WWW_AUTHENTICATE, how);
         }
-        // For whoever wants it in another form.
+        // The middleware may reformat it.
         response.extensions_mut().insert(self);
         response
     }
 }
 
-/// What a failed job's owner is told: the same problem, as JSON.
+/// The error of a failed job, as a problem in JSON.
 pub fn explain(error: &Error) -> serde_json::Value {
     serde_json::to_value(Problem::from(error.clone())).unwrap_or_default()
 }

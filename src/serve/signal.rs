@@ -1,10 +1,10 @@
-//! How the process is told to stop.
+//! Stop signals of the process.
 
 use std::future::Future;
 
 use crate::error::{Error, Result};
 
-/// Ready once the process is told to stop.
+/// Ready when the process receives a stop signal.
 #[cfg(unix)]
 pub fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
     use tokio::signal::unix::{SignalKind, signal};
@@ -18,7 +18,7 @@ pub fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
     })
 }
 
-/// Ready once the process is told to stop.
+/// Ready when the process receives a stop signal.
 #[cfg(not(unix))]
 pub fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
     Ok(async {

@@ -1,19 +1,19 @@
-//! An action as a client gives it.
+//! Unvalidated client actions.
 
 use crate::error::{Error, Result};
 use crate::task::{ActionSpace, ValidAction};
 
-/// An action as a client gives it.
+/// A client's action, not yet validated against an action space.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     /// Components in [0, 1].
     Vector(Vec<f64>),
-    /// Number of a discrete action.
+    /// Index of a discrete action.
     Index(u64),
 }
 
 impl Action {
-    /// The action in `space`; `field` is what an error calls it.
+    /// Validates the action in `space`; errors name `field`.
     pub fn resolve(&self, space: &ActionSpace, field: &str) -> Result<ValidAction> {
         let resolved = match self {
             Action::Vector(values) => space.validate(values),
@@ -29,7 +29,7 @@ impl Action {
     }
 }
 
-/// The action has no place in the scene.
+/// Error for an action that cannot be placed in the scene.
 pub(super) fn unplaceable(action: &Action, reason: &str) -> Error {
     let value = match action {
         Action::Vector(values) => format!("{values:?}"),

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::observation::Layout;
+use super::observation::ObservationLayout;
 use crate::error::{Error, Result};
-use crate::task::action::{Component, Quantity};
+use crate::task::action::{ActionComponent, ActionQuantity};
 use crate::task::{Family, Learning, Scene, Split, Task, custom, families};
 use crate::world::effect;
 
@@ -13,33 +13,33 @@ pub struct Catalogue {
     families: Vec<(&'static Family, TaskSet)>,
 }
 
-/// The tasks a world may be reset to.
+/// The tasks that a world can be reset to.
 #[derive(Clone)]
 pub struct TaskSet {
     /// `bowling`, `bowling:017` or `custom:name`.
     pub name: String,
     /// The built-in family, unless the task is custom.
     pub family: Option<&'static Family>,
-    /// One or more.
+    /// Never empty.
     pub tasks: Arc<[Task]>,
-    known: Arc<Known>,
+    index: Arc<TaskSetIndex>,
 }
 
-/// What follows from the tasks and is asked for at every step of a vector environment.
-struct Known {
-    /// Indices of the tasks of each part of the family.
+/// Values derived from the tasks, cached because every step of a vector environment needs them.
+struct TaskSetIndex {
+    /// Indices of the tasks of each split.
     pools: [Arc<[usize]>; 3],
     /// Indices of all tasks.
     all: Arc<[usize]>,
-    /// How each task is observed.
-    layouts: Vec<OnceLock<Layout>>,
+    /// Observation layout of each task.
+    layouts: Vec<OnceLock<ObservationLayout>>,
 }
 
-/// A task with how it is observed.
+/// A task with its observation layout.
 #[derive(Clone, Copy)]
-pub(super) struct Posed<'a> {
+pub(super) struct TaskContext<'a> {
     pub task: &'a Task,
-    pub layout: &'a Layout,
+    pub layout: &'a ObservationLayout,
 }
 
 impl Catalogue {
@@ -72,7 +72,7 @@ impl Catalogue {
         Ok(family.tasks[family.find(id)?].clone())
     }
 
-    /// What `task` names: a whole family (`bowling`) or one task (`bowling:017`).
+    /// The tasks named by `task`: a whole family (`bowling`) or one task (`bowling:017`).
     pub fn named(&self, task: &str) -> Result<TaskSet> {
         if !task.contains(':') {
             return self.family(task);
@@ -92,42 +92,46 @@ impl Default for Catalogue {
 impl TaskSet {
     fn new(name: String, family: Option<&'static Family>, tasks: Arc<[Task]>) -> TaskSet {
         let of = |s: Split| (0..tasks.len()).filter(|i| tasks[*i].split == s).collect();
-        let known = Known {
+        let index = TaskSetIndex {
             pools: [Split::Train, Split::Validation, Split::Test].map(of),
             all: (0..tasks.len()).collect(),
             layouts: tasks.iter().map(|_| OnceLock::new()).collect(),
         };
-        TaskSet { name, family, tasks, known: Arc::new(known) }
+        TaskSet { name, family, tasks, index: Arc::new(index) }
     }
 
-    /// How policies are trained on these tasks if nobody says otherwise.
+    /// Default training settings for policies on these tasks.
     pub fn learning(&self) -> &'static Learning {
         self.family.map_or(&Learning::STANDARD, |f| &f.learning)
     }
 
-    /// Indices of the tasks of a part of the family, or of all; may be none.
+    /// Indices of the tasks of a split, or of all tasks; may be empty.
     pub(super) fn pool(&self, split: Option<Split>) -> &Arc<[usize]> {
         match split {
-            Some(Split::Train) => &self.known.pools[0],
-            Some(Split::Validation) => &self.known.pools[1],
-            Some(Split::Test) => &self.known.pools[2],
-            None => &self.known.all,
+            Some(Split::Train) => &self.index.pools[0],
+            Some(Split::Validation) => &self.index.pools[1],
+            Some(Split::Test) => &self.index.pools[2],
+            None => &self.index.all,
         }
     }
 
-    /// The task with this index.
-    pub(super) fn posed(&self, index: usize) -> Posed<'_> {
+    /// The task at this index.
+    pub(super) fn context(&self, index: usize) -> TaskContext<'_> {
         let task = &self.tasks[index];
-        Posed { task, layout: self.known.layouts[index].get_or_init(|| Layout::of(&task.scene)) }
+        TaskContext {
+            task,
+            layout: self.index.layouts[index].get_or_init(|| ObservationLayout::of(&task.scene)),
+        }
     }
 
-    /// The one task of a user's scene.
+    /// A set with the single task of a user's scene.
     pub fn custom(scene: Scene) -> Result<TaskSet> {
         let task = custom(scene)?;
-        effect::check(&task.scene.effects)?;
+        effect::validate_terms(&task.scene.effects)?;
         for (i, body) in task.scene.bodies.iter().enumerate() {
-            let of_place =
-                |c: &Component| matches!(c.set, Quantity::X | Quantity::Y) && c.target == body.name;
+            let of_place = |c: &ActionComponent| {
+                matches!(c.set, ActionQuantity::X | ActionQuantity::Y) && c.target == body.name
+            };
             if body.position.is_none() && !task.actions().components.iter().any(of_place) {
                 let allowed = "a position in m, or an action component that sets x or y";
                 return Err(Error::input(format!("bodies[{i}].position"), "missing", allowed));

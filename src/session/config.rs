@@ -1,4 +1,4 @@
-//! What a world is made from.
+//! Configuration of a world.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,44 +6,44 @@ use super::catalogue::TaskSet;
 use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Latents};
 
-/// What a world is made from.
+/// Configuration of a world.
 #[derive(Clone)]
 pub struct WorldConfig {
-    /// What may be asked in it.
+    /// Tasks that can be attempted in it.
     pub tasks: TaskSet,
     /// Simulated or real.
-    pub kind: Kind,
-    /// Engine that integrates.
+    pub kind: WorldKind,
+    /// Physics engine.
     pub engine: Engine,
-    /// Latent factors; where `None`, a simulation starts from the family's prior mean and a real world has the
-    /// family's standard truth (a custom scene its own coefficients).
+    /// Latent factors. Default of a factor: the family's prior mean in a simulation, the family's standard true value in a
+    /// real world, the scene's own coefficient for a custom scene.
     pub latents: Latents,
-    /// Effects; `None` is none for a simulation and the family's standard ones for a real world.
+    /// Effects. Default: none in a simulation, the family's standard effects in a real world.
     pub effects: Option<Vec<EffectTerm>>,
     /// Standard deviation of observation noise, m; real worlds only.
     pub noise: f64,
-    /// Most valid attempts; real worlds only.
+    /// Maximum number of valid attempts; real worlds only.
     pub budget: Option<u64>,
-    /// Whether latents and effects are kept secret and cannot be set; default true for a real world.
+    /// Whether latents and effects are hidden and cannot be set. Default: true for a real world.
     pub sealed: Option<bool>,
-    /// Seed of the stream that unseeded resets draw tasks from, and of observation noise.
+    /// Seed of the task sequence for unseeded resets, and of observation noise.
     pub seed: u64,
 }
 
-/// Whether a world is simulated or stands for the real one.
+/// Whether a world is a simulation or stands in for the real world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum WorldKind {
     Sim,
     Real,
 }
 
-impl Kind {
+impl WorldKind {
     /// The name used on the wire.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Sim => "sim",
-            Kind::Real => "real",
+            WorldKind::Sim => "sim",
+            WorldKind::Real => "real",
         }
     }
 }

@@ -1,7 +1,7 @@
-//! Worlds by id: those there from the start, those clients make, and those nobody has used for a while. The
-//! store has all of them, so that they are there again after a restart.
+//! Worlds by id: default worlds, worlds created by clients, and expiry of idle ones. All are in the store and survive a
+//! restart.
 //!
-//! Time is an argument: any clock that counts up from anywhere, so that tests need not wait.
+//! Time is an argument from any monotonic clock, so that tests need not wait.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::catalogue::Catalogue;
-use super::config::{Kind, WorldConfig};
+use super::config::{WorldConfig, WorldKind};
 use super::limits::RequestLimits;
 use super::saved::SavedWorld;
 use super::state::lock;
@@ -18,18 +18,18 @@ use super::world::World;
 
 use crate::error::{Error, Result};
 use crate::json;
-use crate::store::{Answered, Store, WorldRow};
+use crate::store::{Store, StoredResponse, WorldRow};
 use crate::task::families;
 use crate::world::{Engine, Latents};
 
 /// Limits of a registry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegistryConfig {
-    /// Most worlds at a time.
+    /// Maximum number of worlds.
     pub limit: usize,
-    /// A world made by a client goes after not being used for so long.
+    /// A client's world expires after this idle time.
     pub idle: Duration,
-    /// What one request may cost in any of them.
+    /// Limits of one request to any world.
     pub request: RequestLimits,
 }
 
@@ -37,57 +37,57 @@ pub struct RegistryConfig {
 pub struct Registry {
     config: RegistryConfig,
     store: Arc<Store>,
-    worlds: Mutex<BTreeMap<String, Entry>>,
+    worlds: Mutex<BTreeMap<String, RegistryEntry>>,
 }
 
 /// A world with its id.
-pub struct Listed {
+pub struct ListedWorld {
     pub id: String,
     pub world: Arc<World>,
-    /// Name of the token it was made with.
+    /// Name of the token that created it.
     pub owner: Option<String>,
     /// When it was last used.
     pub used: Duration,
 }
 
-/// In which order worlds are listed, and after which one.
+/// Order of a list of worlds, and the world to start after.
 #[derive(Clone, Debug)]
 pub enum WorldList {
     ById {
         after: String,
     },
-    /// Those used last first; `after`: when one was used, and its id.
+    /// Most recently used first; `after` holds a world's last use and id.
     ByUse {
         after: Option<(Duration, String)>,
     },
 }
 
-struct Entry {
+struct RegistryEntry {
     world: Arc<World>,
-    /// Name of the token it was made with.
+    /// Name of the token that created it.
     owner: Option<String>,
-    /// There from the start; never idles out.
-    resident: bool,
+    /// A default world, which never expires.
+    is_default: bool,
     /// When it was last used.
     used: Duration,
 }
 
 impl Registry {
-    /// A registry of the store's worlds, and of a simulated and a real world of every family: `bowling-sim`,
+    /// Loads the store's worlds and adds the default ones, a simulated and a real world per family: `bowling-sim`,
     /// `bowling-real`, ...
     pub fn new(config: RegistryConfig, catalogue: &Catalogue, store: Arc<Store>) -> Result<Registry> {
         let limits = config.request;
         let registry = Registry { config, store, worlds: Mutex::default() };
         for row in registry.store.worlds()? {
-            match again(&row, catalogue, config.request) {
+            match restore(&row, catalogue, config.request) {
                 Ok(world) => drop(registry.insert(&row.id, world, row.owner.as_deref(), Duration::ZERO)),
-                // Kept for a version that can make it.
-                Err(e) => tracing::warn!("the stored world {} cannot be made again: {e}", row.id),
+                // It stays in the store, for a version that can restore it.
+                Err(e) => tracing::warn!("cannot restore the stored world {}: {e}", row.id),
             }
         }
         for family in families() {
-            for kind in [Kind::Sim, Kind::Real] {
-                let id = resident(family.name, kind);
+            for kind in [WorldKind::Sim, WorldKind::Real] {
+                let id = default_world_id(family.name, kind);
                 if lock(&registry.worlds).contains_key(&id) {
                     continue;
                 }
@@ -103,34 +103,33 @@ impl Registry {
                     seed: 0,
                 };
                 registry.store.remove_worlds(std::slice::from_ref(&id))?;
-                registry.store.add_world(&id, &text(&SavedWorld::of(&config))?, None, None)?;
-                registry.insert(&id, World::within(limits, config)?, None, Duration::ZERO);
+                registry.store.add_world(&id, &to_json(&SavedWorld::of(&config))?, None, None)?;
+                registry.insert(&id, World::with_limits(limits, config)?, None, Duration::ZERO);
             }
         }
         Ok(registry)
     }
 
-    /// Makes and takes in a client's world. What `answered` makes of it is kept in the same transaction: the
-    /// answer to the request.
+    /// Creates a client's world. The response built by `answered` is stored in the same transaction.
     pub fn make(
         &self,
         id: &str,
         config: WorldConfig,
         owner: Option<&str>,
         now: Duration,
-        answered: &dyn Fn(&World) -> Option<Answered>,
+        answered: &dyn Fn(&World) -> Option<StoredResponse>,
     ) -> Result<Arc<World>> {
         self.sweep(now)?;
-        let saved = text(&SavedWorld::of(&config))?;
-        let world = World::within(self.config.request, config)?;
+        let saved = to_json(&SavedWorld::of(&config))?;
+        let world = World::with_limits(self.config.request, config)?;
         if lock(&self.worlds).len() >= self.config.limit {
-            return Err(self.full());
+            return Err(self.capacity_error());
         }
         self.store.add_world(id, &saved, owner, answered(&world).as_ref())?;
         Ok(self.insert(id, world, owner, now))
     }
 
-    /// Makes and takes in many worlds alike, with the seeds given, all or none of them; as [`Registry::make`].
+    /// Creates worlds that differ only in their seeds, all or none; otherwise as [`Registry::make`].
     pub fn make_many(
         &self,
         ids: &[String],
@@ -138,88 +137,93 @@ impl Registry {
         seeds: &[u64],
         owner: Option<&str>,
         now: Duration,
-        answered: &dyn Fn(&[Listed]) -> Option<Answered>,
-    ) -> Result<Vec<Listed>> {
+        answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
+    ) -> Result<Vec<ListedWorld>> {
         self.sweep(now)?;
         if lock(&self.worlds).len() + ids.len() > self.config.limit {
-            return Err(self.full());
+            return Err(self.capacity_error());
         }
         let (mut rows, mut made) = (Vec::with_capacity(ids.len()), Vec::with_capacity(ids.len()));
         for (id, seed) in ids.iter().zip(seeds) {
             let config = WorldConfig { seed: *seed, ..config.clone() };
-            rows.push((id.as_str(), text(&SavedWorld::of(&config))?));
-            let world = Arc::new(World::within(self.config.request, config)?.kept_in(self.store.clone(), id));
-            made.push(Listed { id: id.clone(), world, owner: owner.map(String::from), used: now });
+            rows.push((id.as_str(), to_json(&SavedWorld::of(&config))?));
+            let world = Arc::new(
+                World::with_limits(self.config.request, config)?.with_account(self.store.clone(), id),
+            );
+            made.push(ListedWorld { id: id.clone(), world, owner: owner.map(String::from), used: now });
         }
         self.store.add_worlds(&rows, owner, answered(&made).as_ref())?;
         let mut worlds = lock(&self.worlds);
         for l in &made {
             let owner = owner.map(String::from);
-            worlds.insert(l.id.clone(), Entry { world: l.world.clone(), owner, resident: false, used: now });
+            worlds.insert(
+                l.id.clone(),
+                RegistryEntry { world: l.world.clone(), owner, is_default: false, used: now },
+            );
         }
         Ok(made)
     }
 
-    /// The world called `id`, whosever it is; counts as use.
+    /// The world `id` of any owner; counts as use.
     pub fn get(&self, id: &str, now: Duration) -> Result<Arc<World>> {
         self.of(id, None, now)
     }
 
-    /// The same; one that is neither `owner`'s, if one is given, nor everybody's is as good as none.
+    /// The world `id` if it is visible to `owner`; counts as use.
     pub fn of(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<Arc<World>> {
         self.used(&mut lock(&self.worlds), id, owner, now)
     }
 
-    /// Whether the world called `id` is there from the start, for everybody.
+    /// Whether `id` is a default world, shared by all clients.
     pub fn is_resident(&self, id: &str) -> bool {
-        lock(&self.worlds).get(id).is_some_and(|entry| entry.resident)
+        lock(&self.worlds).get(id).is_some_and(|entry| entry.is_default)
     }
 
-    /// The worlds with these ids, different ones; counts as use. Errors name `worlds[i]`.
+    /// The worlds with these distinct ids; counts as use. Errors name `worlds[i]`.
     pub fn get_many(&self, ids: &[String], owner: Option<&str>, now: Duration) -> Result<Vec<Arc<World>>> {
-        once_each(ids)?;
+        check_unique(ids)?;
         let mut worlds = lock(&self.worlds);
         let one = |(i, id): (usize, &String)| {
-            self.used(&mut worlds, id, owner, now).map_err(|e| e.of_entry(&format!("worlds[{i}]")))
+            self.used(&mut worlds, id, owner, now).map_err(|e| e.for_entry(&format!("worlds[{i}]")))
         };
         ids.iter().enumerate().map(one).collect()
     }
 
     fn used(
         &self,
-        worlds: &mut BTreeMap<String, Entry>,
+        worlds: &mut BTreeMap<String, RegistryEntry>,
         id: &str,
         owner: Option<&str>,
         now: Duration,
     ) -> Result<Arc<World>> {
-        let entry = worlds.get_mut(id).filter(|e| e.seen_by(owner)).ok_or_else(|| unknown(id))?;
-        if self.idled_out(entry, now) {
-            // Gone for everybody; the next sweep clears it away.
-            return Err(unknown(id));
+        let entry = worlds.get_mut(id).filter(|e| e.is_visible_to(owner)).ok_or_else(|| not_found(id))?;
+        if self.is_idle(entry, now) {
+            // Expired; the next sweep removes it.
+            return Err(not_found(id));
         }
         entry.used = now;
         Ok(entry.world.clone())
     }
 
-    /// At most `limit` worlds; one owner's and those that everybody shares, or all.
+    /// At most `limit` worlds visible to `owner`.
     pub fn list(
         &self,
         list: &WorldList,
         limit: usize,
         owner: Option<&str>,
         now: Duration,
-    ) -> Result<Vec<Listed>> {
+    ) -> Result<Vec<ListedWorld>> {
         self.sweep(now)?;
         let worlds = lock(&self.worlds);
-        let listed = |(id, e): (&String, &Entry)| e.listed(id);
-        let seen = |(_, e): &(&String, &Entry)| e.seen_by(owner);
+        let listed = |(id, e): (&String, &RegistryEntry)| e.listed(id);
+        let seen = |(_, e): &(&String, &RegistryEntry)| e.is_visible_to(owner);
         match list {
             WorldList::ById { after } => {
                 let from = (Bound::Excluded(after.clone()), Bound::Unbounded);
                 Ok(worlds.range(from).filter(seen).take(limit).map(listed).collect())
             }
             WorldList::ByUse { after } => {
-                let rank = |(id, e): &(&String, &Entry)| (Reverse(e.used), (*id).clone());
+                let rank = |(id, e): &(&String, &RegistryEntry)| (Reverse(e.used), (*id).clone());
                 let after = after.clone().map(|(used, id)| (Reverse(used), id));
                 let mut all: Vec<_> = worlds
                     .iter()
@@ -232,48 +236,49 @@ impl Registry {
         }
     }
 
-    /// The world called `id` as it is listed; looking is no use.
-    pub fn look(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<Listed> {
+    /// The world `id` as listed; does not count as use.
+    pub fn look(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<ListedWorld> {
         let worlds = lock(&self.worlds);
-        let entry = worlds.get(id).filter(|e| e.seen_by(owner) && !self.idled_out(e, now));
-        Ok(entry.ok_or_else(|| unknown(id))?.listed(id))
+        let entry = worlds.get(id).filter(|e| e.is_visible_to(owner) && !self.is_idle(e, now));
+        Ok(entry.ok_or_else(|| not_found(id))?.listed(id))
     }
 
-    /// Forgets a world; work under way on it ends as it would have.
+    /// Deletes a world; running work on it finishes normally.
     pub fn remove(&self, id: &str, owner: Option<&str>) -> Result<()> {
-        if !lock(&self.worlds).get(id).is_some_and(|e| e.seen_by(owner)) {
-            return Err(unknown(id));
+        if !lock(&self.worlds).get(id).is_some_and(|e| e.is_visible_to(owner)) {
+            return Err(not_found(id));
         }
         self.store.remove_worlds(&[id.to_string()])?;
-        lock(&self.worlds).remove(id).map(drop).ok_or_else(|| unknown(id))
+        lock(&self.worlds).remove(id).map(drop).ok_or_else(|| not_found(id))
     }
 
-    /// Forgets worlds, all of them or none.
+    /// Deletes worlds, all or none.
     pub fn remove_many(&self, ids: &[String], owner: Option<&str>) -> Result<()> {
-        once_each(ids)?;
+        check_unique(ids)?;
         {
             let worlds = lock(&self.worlds);
-            if let Some(i) = ids.iter().position(|id| !worlds.get(id).is_some_and(|e| e.seen_by(owner))) {
-                return Err(unknown(&ids[i]).of_entry(&format!("worlds[{i}]")));
+            if let Some(i) = ids.iter().position(|id| !worlds.get(id).is_some_and(|e| e.is_visible_to(owner)))
+            {
+                return Err(not_found(&ids[i]).for_entry(&format!("worlds[{i}]")));
             }
         }
         self.store.remove_worlds(ids)?;
         let mut worlds = lock(&self.worlds);
-        let gone: Vec<Entry> = ids.iter().filter_map(|id| worlds.remove(id)).collect();
+        let gone: Vec<RegistryEntry> = ids.iter().filter_map(|id| worlds.remove(id)).collect();
         drop(worlds);
         drop(gone);
         Ok(())
     }
 
-    /// Forgets the worlds that have idled out; returns how many.
+    /// Deletes expired worlds and returns how many.
     pub fn sweep(&self, now: Duration) -> Result<usize> {
         let mut gone = Vec::new();
         lock(&self.worlds).retain(|id, entry| {
             if Arc::strong_count(&entry.world) > 1 {
                 entry.used = now;
             }
-            entry.world.lookout.sweep(now);
-            let gone_out = self.idled_out(entry, now);
+            entry.world.events().sweep(now);
+            let gone_out = self.is_idle(entry, now);
             if gone_out {
                 gone.push(id.clone());
             }
@@ -283,66 +288,68 @@ impl Registry {
         Ok(gone.len())
     }
 
-    /// Whether nobody has used a world for too long; one that work is under way on is in use.
-    fn idled_out(&self, entry: &Entry, now: Duration) -> bool {
-        let in_use = entry.resident || Arc::strong_count(&entry.world) > 1;
+    /// Whether a world has been idle for too long; running work counts as use.
+    fn is_idle(&self, entry: &RegistryEntry, now: Duration) -> bool {
+        let in_use = entry.is_default || Arc::strong_count(&entry.world) > 1;
         !in_use && now.saturating_sub(entry.used) > self.config.idle
     }
 
-    fn full(&self) -> Error {
-        let advice = "delete one you no longer need, or try again when idle ones are gone";
+    fn capacity_error(&self) -> Error {
+        let advice = "delete worlds you no longer need, or try again when idle ones have expired";
         Error::Capacity { what: "worlds", limit: self.config.limit, advice }
     }
 
     fn insert(&self, id: &str, world: World, owner: Option<&str>, now: Duration) -> Arc<World> {
-        let world = Arc::new(world.kept_in(self.store.clone(), id));
-        let resident =
-            families().iter().any(|f| [Kind::Sim, Kind::Real].iter().any(|k| resident(f.name, *k) == id));
+        let world = Arc::new(world.with_account(self.store.clone(), id));
+        let is_default = families()
+            .iter()
+            .any(|f| [WorldKind::Sim, WorldKind::Real].iter().any(|k| default_world_id(f.name, *k) == id));
         let owner = owner.map(String::from);
-        lock(&self.worlds).insert(id.into(), Entry { world: world.clone(), owner, resident, used: now });
+        lock(&self.worlds)
+            .insert(id.into(), RegistryEntry { world: world.clone(), owner, is_default, used: now });
         world
     }
 }
 
-impl Entry {
-    fn listed(&self, id: &str) -> Listed {
-        Listed { id: id.into(), world: self.world.clone(), owner: self.owner.clone(), used: self.used }
+impl RegistryEntry {
+    fn listed(&self, id: &str) -> ListedWorld {
+        ListedWorld { id: id.into(), world: self.world.clone(), owner: self.owner.clone(), used: self.used }
     }
 
-    /// Whether `owner` sees it; `None` sees everything.
-    fn seen_by(&self, owner: Option<&str>) -> bool {
-        owner.is_none_or(|owner| self.resident || self.owner.as_deref() == Some(owner))
+    /// Whether it is visible to `owner`: their own and default worlds; `None` sees all.
+    fn is_visible_to(&self, owner: Option<&str>) -> bool {
+        owner.is_none_or(|owner| self.is_default || self.owner.as_deref() == Some(owner))
     }
 }
 
-/// Id of a world that is there from the start.
-fn resident(family: &str, kind: Kind) -> String {
+/// Id of a default world.
+fn default_world_id(family: &str, kind: WorldKind) -> String {
     format!("{family}-{}", kind.name())
 }
 
-/// A stored world, made again.
-fn again(row: &WorldRow, catalogue: &Catalogue, limits: RequestLimits) -> Result<World> {
+/// Restores a stored world.
+fn restore(row: &WorldRow, catalogue: &Catalogue, limits: RequestLimits) -> Result<World> {
     let saved: SavedWorld = json::parse(&row.config)?;
     let latents = row.latents.as_deref().map(json::parse).transpose()?;
-    Ok(World::within(limits, saved.config(catalogue)?)?.with_past(row.interactions, latents))
+    Ok(World::with_limits(limits, saved.config(catalogue)?)?.with_past(row.interactions, latents))
 }
 
-fn text(saved: &SavedWorld) -> Result<String> {
-    serde_json::to_string(saved).map_err(|e| Error::Failed(format!("a world cannot be written: {e}")))
+fn to_json(saved: &SavedWorld) -> Result<String> {
+    serde_json::to_string(saved).map_err(|e| Error::Failed(format!("cannot serialise a world: {e}")))
 }
 
-/// Errors where an id stands twice.
-fn once_each(ids: &[String]) -> Result<()> {
+/// Fails if an id is repeated.
+fn check_unique(ids: &[String]) -> Result<()> {
     let mut seen = HashMap::with_capacity(ids.len());
     for (i, id) in ids.iter().enumerate() {
         if let Some(first) = seen.insert(id.as_str(), i) {
-            let allowed = format!("each world once in a batch; it is `worlds[{first}]` too");
+            let allowed = format!("each world once in a batch; it is also `worlds[{first}]`");
             return Err(Error::input(format!("worlds[{i}]"), format!("{id:?}"), allowed));
         }
     }
     Ok(())
 }
 
-fn unknown(id: &str) -> Error {
+fn not_found(id: &str) -> Error {
     Error::NotFound { kind: "world", id: id.to_string(), known: Vec::new() }
 }

@@ -1,27 +1,23 @@
-//! What a world is made from, as plain data to be stored: a world that outlives its process is made from it again.
-
-use std::sync::Arc;
+//! Stored configuration of a world, from which it is restored after a restart.
 
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::{Catalogue, TaskSet};
-use super::config::{Kind, WorldConfig};
-use super::world::{Account, World};
+use super::config::{WorldConfig, WorldKind};
 use crate::error::Result;
-use crate::store::Store;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Latents};
 
-/// [`WorldConfig`] with its tasks named (or, for a user's scene, written out). Holds what a real world hides.
+/// [`WorldConfig`] as plain data: tasks by name, or the user's scene. Contains the hidden latents of a real world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedWorld {
-    /// A family or one of its tasks; else `scene`.
+    /// A family or one of its tasks; `None` for a custom scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub task: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<Scene>,
-    pub kind: Kind,
+    pub kind: WorldKind,
     pub engine: Engine,
     pub latents: Latents,
     pub effects: Option<Vec<EffectTerm>>,
@@ -32,7 +28,7 @@ pub struct SavedWorld {
 }
 
 impl SavedWorld {
-    /// What `config` makes.
+    /// Converts a configuration for storage.
     pub fn of(config: &WorldConfig) -> SavedWorld {
         let custom = config.tasks.family.is_none();
         SavedWorld {
@@ -49,7 +45,7 @@ impl SavedWorld {
         }
     }
 
-    /// The configuration again.
+    /// Converts it back.
     pub fn config(self, catalogue: &Catalogue) -> Result<WorldConfig> {
         let tasks = match self.scene {
             Some(scene) => TaskSet::custom(scene)?,
@@ -66,27 +62,5 @@ impl SavedWorld {
             sealed: self.sealed,
             seed: self.seed,
         })
-    }
-}
-
-impl World {
-    /// The same world with `interactions` on its counter and, in a simulation, other latents.
-    pub fn with_past(mut self, interactions: u64, latents: Option<Latents>) -> World {
-        let state = self.state.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
-        state.interactions = interactions;
-        if self.kind == Kind::Sim {
-            state.latents = latents.unwrap_or_default().or(state.latents);
-        }
-        if let Some(hidden) = self.hidden.take() {
-            let hidden = hidden.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-            self.hidden = Some(std::sync::Mutex::new(hidden.with_spent(interactions)));
-        }
-        self
-    }
-
-    /// The same world keeping its counter in the store as `id`.
-    pub(super) fn kept_in(mut self, store: Arc<Store>, id: &str) -> World {
-        self.account = Some(Account { store, id: id.into() });
-        self
     }
 }

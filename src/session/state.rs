@@ -1,4 +1,4 @@
-//! Where a world's episodes stand.
+//! Mutable state of a world.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -7,7 +7,7 @@ use crate::rng::Stream;
 use crate::task::{Split, ValidAction};
 use crate::world::Latents;
 
-/// Where an episode stands.
+/// Phase of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Never reset.
@@ -18,30 +18,30 @@ pub enum Phase {
     Done,
 }
 
-/// What changes in a world.
-pub(super) struct State {
+/// Mutable state of a world.
+pub(super) struct WorldState {
     /// Of a simulation, or of a real world that is not sealed.
     pub(super) latents: Latents,
     pub(super) phase: Phase,
     pub(super) task: Option<usize>,
-    /// Part of the family that the last reset drew from; an episode begun by itself draws from it too.
+    /// Split of the last reset; automatic resets draw from it, too.
     pub(super) split: Option<Split>,
     pub(super) episodes: u64,
     pub(super) interactions: u64,
     pub(super) resets: Stream,
-    /// The last action of an episode that could be placed.
-    pub(super) last: Option<Made>,
+    /// The last step whose action could be placed.
+    pub(super) last: Option<LastStep>,
 }
 
-/// A step that was made: enough to see again what it brought, to the bit.
+/// The inputs of a step, sufficient to reproduce its trajectory to the bit.
 #[derive(Clone)]
-pub(super) struct Made {
+pub(super) struct LastStep {
     /// Index of the task.
     pub(super) task: usize,
     pub(super) action: ValidAction,
-    /// Those it was made with.
+    /// Latents at the time of the step.
     pub(super) latents: Latents,
-    /// The world's counter after it: what a real world's noise is drawn by.
+    /// The world's counter after it, which seeds a real world's noise.
     pub(super) interactions: u64,
 }
 
@@ -56,12 +56,12 @@ impl Phase {
     }
 }
 
-/// The world is not in the state for it.
-pub(super) fn refused(reason: &str) -> Error {
+/// Error for a call that the world's state does not allow.
+pub(super) fn conflict(reason: &str) -> Error {
     Error::Refused { reason: reason.into() }
 }
 
-/// A panic elsewhere leaves the data as it was after the last completed statement: still usable.
+/// Locks a mutex even if it is poisoned: a panic leaves the data consistent.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,69 +1,83 @@
-//! A world: tasks, physics, and the state of the current episode. Episodes are in `episode`, attempts in `attempt`.
+//! A world: tasks, physics and the state of the current episode.
+//!
+//! Its fields are private; methods that need them are in submodules.
+
+mod attempt;
+mod branch;
+mod episode;
+mod interventions;
+mod recording;
+mod vector;
+
+pub use attempt::{AttemptResult, PersistResults, RolloutRequest, RolloutResults};
+pub use branch::{BranchResult, SNAPSHOT_FORMAT, Snapshot, SnapshotRequest};
+pub use episode::{EpisodeStart, Reset, StepResult};
+pub use vector::{Autoreset, BatchStepResult, reset_many, step_many};
 
 use std::sync::{Arc, Mutex, TryLockError};
 
 use super::catalogue::TaskSet;
-use super::config::{Kind, WorldConfig};
-use super::limits::{LIGHT, RequestLimits};
+use super::config::{WorldConfig, WorldKind};
+use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits};
 use super::observation;
-use super::state::{Phase, State, lock, refused};
-use super::watch::{Lookout, What};
-use crate::error::{Error, Result, within};
+use super::state::{Phase, WorldState, conflict, lock};
+use super::watch::{EventBus, WorldEventKind, WorldWatcher};
+use crate::error::{Error, Result, check_range};
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::rng;
 use crate::store::Store;
 use crate::task::scene::EffectTerm;
 use crate::task::{ActionSpace, Task};
-use crate::world::{Engine, Latents, Rollout, chosen, effect};
+use crate::world::{Engine, Latents, Rollout, effect, select_engine};
 
 /// A world in which tasks can be attempted.
 pub struct World {
-    pub(super) tasks: TaskSet,
-    pub(super) kind: Kind,
-    pub(super) engine: Engine,
-    pub(super) sealed: bool,
-    pub(super) seed: u64,
-    pub(super) budget: Option<u64>,
-    /// Of a simulation, or of a real world that is not sealed.
-    pub(super) effects: Vec<EffectTerm>,
-    /// Numbers in an observation.
-    pub(super) features: usize,
-    /// Body-time-steps of the longest rollout.
-    pub(super) longest: u64,
-    pub(super) hidden: Option<Mutex<HiddenWorld>>,
-    /// What one request may cost.
-    pub(super) limits: RequestLimits,
-    /// Where the counter is kept, if anywhere.
-    pub(super) account: Option<Account>,
-    /// Who is told what happens here.
-    pub(super) lookout: Lookout,
-    /// Held through a whole reset or step, so that one action ends one episode.
-    pub(super) turn: Mutex<()>,
-    /// Held only for moments; the last lock taken.
-    pub(super) state: Mutex<State>,
+    tasks: TaskSet,
+    kind: WorldKind,
+    engine: Engine,
+    sealed: bool,
+    seed: u64,
+    budget: Option<u64>,
+    /// Of a simulation or an unsealed real world; empty if sealed.
+    effects: Vec<EffectTerm>,
+    /// Length of an observation.
+    features: usize,
+    /// Work of the longest rollout, body-time-steps.
+    max_body_steps: u64,
+    hidden: Option<Mutex<HiddenWorld>>,
+    /// Limits of one request.
+    limits: RequestLimits,
+    /// Where the counter is persisted, if anywhere.
+    account: Option<PersistedCounter>,
+    /// Publishes events to watchers.
+    events: EventBus,
+    /// Held during a whole reset or step, so that each action ends exactly one episode.
+    turn: Mutex<()>,
+    /// Held only briefly; always the last lock acquired.
+    state: Mutex<WorldState>,
 }
 
-/// Where a world's counter is kept.
-pub(super) struct Account {
+/// Where a world's counter is persisted.
+pub(super) struct PersistedCounter {
     pub store: Arc<Store>,
     pub id: String,
 }
 
-/// A world as it may be shown.
-pub struct Description {
+/// A world's public properties.
+pub struct WorldDescription {
     pub task: String,
-    pub kind: Kind,
+    pub kind: WorldKind,
     pub engine: Engine,
     pub sealed: bool,
     /// `None` if sealed.
     pub latents: Option<Latents>,
     /// `None` if sealed.
     pub effects: Option<Vec<EffectTerm>>,
-    /// Valid attempts so far, by steps, rollouts, films and jobs.
+    /// Valid attempts so far, by steps, rollouts, renders and jobs.
     pub interactions: u64,
     pub budget: Option<u64>,
     pub seed: u64,
-    /// Of all tasks of the world.
+    /// Common to all tasks of the world.
     pub actions: ActionSpace,
     /// Names of the observation's features.
     pub features: Vec<String>,
@@ -75,21 +89,21 @@ pub struct Description {
 }
 
 impl World {
-    /// Makes a world; errors name what in `config` is out of range.
+    /// Creates a world; errors name the field of `config` that is out of range.
     pub fn new(config: WorldConfig) -> Result<World> {
-        World::within(RequestLimits::STANDARD, config)
+        World::with_limits(RequestLimits::STANDARD, config)
     }
 
-    /// [`World::new`], held to what one request may cost.
-    pub fn within(limits: RequestLimits, config: WorldConfig) -> Result<World> {
-        let sealed = config.sealed.unwrap_or(config.kind == Kind::Real);
+    /// [`World::new`] with given limits of one request.
+    pub fn with_limits(limits: RequestLimits, config: WorldConfig) -> Result<World> {
+        let sealed = config.sealed.unwrap_or(config.kind == WorldKind::Real);
         for task in config.tasks.tasks.iter() {
-            limits.affordable(&task.scene, 1, true)?;
+            limits.check_cost(&task.scene, 1, true)?;
         }
         config.latents.validate()?;
-        runs(&config)?;
+        check_engine(&config)?;
         let (latents, effects, hidden) = match config.kind {
-            Kind::Sim => {
+            WorldKind::Sim => {
                 if config.noise != 0.0 {
                     return Err(Error::input("noise", config.noise, "0 for a simulated world"));
                 }
@@ -97,7 +111,7 @@ impl World {
                     return Err(Error::input(
                         "budget",
                         budget,
-                        "null for a simulated world: it costs nothing",
+                        "null for a simulated world, where attempts are free",
                     ));
                 }
                 let effects = config.effects.unwrap_or_default();
@@ -107,13 +121,13 @@ impl World {
                 let prior = config.tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0)));
                 (config.latents.or(prior.unwrap_or_default()), effects, None)
             }
-            Kind::Real => {
-                let base = config.tasks.family.map_or_else(bare, standard);
+            WorldKind::Real => {
+                let base = config.tasks.family.map_or_else(custom_scene_config, standard);
                 let hidden = HiddenConfig {
                     latents: config.latents.or(base.latents),
                     effects: config.effects.unwrap_or(base.effects),
                     engine: config.engine,
-                    noise: within("noise", config.noise, 0.0, 1e3)?,
+                    noise: check_range("noise", config.noise, 0.0, 1e3)?,
                     budget: config.budget,
                     seed: config.seed,
                 };
@@ -125,7 +139,7 @@ impl World {
         let scenes = config.tasks.tasks.iter().map(|t| &t.scene);
         Ok(World {
             features: observation::names(&config.tasks.tasks[0].scene).len(),
-            longest: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
+            max_body_steps: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
             tasks: config.tasks,
             kind: config.kind,
             engine: config.engine,
@@ -136,9 +150,9 @@ impl World {
             hidden,
             limits,
             account: None,
-            lookout: Lookout::default(),
+            events: EventBus::default(),
             turn: Mutex::new(()),
-            state: Mutex::new(State {
+            state: Mutex::new(WorldState {
                 latents,
                 phase: Phase::New,
                 task: None,
@@ -151,9 +165,9 @@ impl World {
         })
     }
 
-    /// Sets those latent factors that are given; refused by a real or sealed world.
+    /// Sets the given latent factors; an error for real and sealed worlds.
     pub fn set_latents(&self, latents: Latents) -> Result<()> {
-        if self.kind == Kind::Real || self.sealed {
+        if self.kind == WorldKind::Real || self.sealed {
             return Err(Error::Sealed {
                 reason: "the latents of a real or sealed world cannot be set; \
                          set them in a simulated world and compare"
@@ -169,15 +183,15 @@ impl World {
         }
         let (latents, interactions) = (state.latents, state.interactions);
         drop(state);
-        self.lookout.tell(interactions, || What::Latents(latents));
+        self.events.publish(interactions, || WorldEventKind::Latents(latents));
         Ok(())
     }
 
-    /// The world as it may be shown.
-    pub fn describe(&self) -> Description {
+    /// The world's public properties.
+    pub fn describe(&self) -> WorldDescription {
         let state = lock(&self.state);
         let first = &self.tasks.tasks[0];
-        Description {
+        WorldDescription {
             task: self.tasks.name.clone(),
             kind: self.kind,
             engine: self.engine,
@@ -195,25 +209,24 @@ impl World {
         }
     }
 
-    /// Whether everything but a large batch is done here in a fraction of a millisecond, without waiting for the disk
-    /// or for somebody else's turn.
-    pub fn is_light(&self) -> bool {
+    /// Whether a step takes a fraction of a millisecond and waits neither for the disk nor for another client.
+    pub fn runs_inline(&self) -> bool {
         self.hidden.is_none()
-            && self.longest <= LIGHT
+            && self.max_body_steps <= MAX_INLINE_BODY_STEPS
             && !matches!(self.turn.try_lock(), Err(TryLockError::WouldBlock))
     }
 
     /// Simulated or real.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> WorldKind {
         self.kind
     }
 
-    /// The tasks the world may be reset to.
+    /// The tasks that the world can be reset to.
     pub fn tasks(&self) -> &TaskSet {
         &self.tasks
     }
 
-    /// Numbers in an observation.
+    /// Length of an observation.
     pub fn features(&self) -> usize {
         self.features
     }
@@ -223,14 +236,44 @@ impl World {
         lock(&self.state).interactions
     }
 
-    /// Most valid attempts allowed.
+    /// Maximum number of valid attempts.
     pub fn budget(&self) -> Option<u64> {
         self.budget
     }
 
-    /// Valid attempts still allowed.
+    /// Remaining valid attempts.
     pub fn remaining(&self) -> Option<u64> {
         self.budget.map(|b| b.saturating_sub(self.interactions()))
+    }
+
+    /// Subscribes to events: buffered ones after event number `after` (0 for all), then new ones.
+    pub fn watch(&self, after: u64) -> WorldWatcher {
+        self.events.watch(after)
+    }
+
+    /// The publisher of the world's events.
+    pub(super) fn events(&self) -> &EventBus {
+        &self.events
+    }
+
+    /// Restores the counter and, in a simulation, the latents.
+    pub fn with_past(mut self, interactions: u64, latents: Option<Latents>) -> World {
+        let state = self.state.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+        state.interactions = interactions;
+        if self.kind == WorldKind::Sim {
+            state.latents = latents.unwrap_or_default().or(state.latents);
+        }
+        if let Some(hidden) = self.hidden.take() {
+            let hidden = hidden.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+            self.hidden = Some(std::sync::Mutex::new(hidden.with_spent(interactions)));
+        }
+        self
+    }
+
+    /// Persists the world's counter in the store under `id`.
+    pub(super) fn with_account(mut self, store: Arc<Store>, id: &str) -> World {
+        self.account = Some(PersistedCounter { store, id: id.into() });
+        self
     }
 
     pub(super) fn task_or_current(&self, id: Option<&str>) -> Result<(&Task, Latents)> {
@@ -240,14 +283,21 @@ impl World {
             None if self.tasks.tasks.len() == 1 => 0,
             None => state
                 .task
-                .ok_or_else(|| refused("no current task; reset the world first, or name a `task`"))?,
+                .ok_or_else(|| conflict("no current task; reset the world first, or give a `task`"))?,
         };
         Ok((&self.tasks.tasks[index], state.latents))
     }
 }
 
-/// A real world of a custom scene: the scene's own coefficients and effects.
-fn bare() -> HiddenConfig {
+impl Drop for World {
+    fn drop(&mut self) {
+        let interactions = lock(&self.state).interactions;
+        self.events.publish(interactions, || WorldEventKind::Deleted);
+    }
+}
+
+/// Base configuration of a real world with a custom scene: the scene's own coefficients and effects.
+fn custom_scene_config() -> HiddenConfig {
     HiddenConfig {
         latents: Latents::default(),
         effects: Vec::new(),
@@ -258,13 +308,14 @@ fn bare() -> HiddenConfig {
     }
 }
 
-/// Errors unless the engine takes the world's scenes: better now than at the first step.
-fn runs(config: &WorldConfig) -> Result<()> {
+/// Fails now rather than at the first step if the engine does not support the world's scenes.
+fn check_engine(config: &WorldConfig) -> Result<()> {
     let mut scene = config.tasks.tasks[0].scene.clone();
     for body in &mut scene.bodies {
-        // An action decides; any place will do to ask.
+        // The action sets it; any position will do for the check.
         body.position.get_or_insert([0.0, 0.0]);
     }
     let effects = config.effects.as_deref().unwrap_or_default();
-    chosen(config.engine, &Rollout { latents: config.latents, effects, ..Rollout::of(&scene) }).map(drop)
+    select_engine(config.engine, &Rollout { latents: config.latents, effects, ..Rollout::of(&scene) })
+        .map(drop)
 }

@@ -1,12 +1,12 @@
-//! What a job leaves besides its result: named bytes.
+//! Artifacts of jobs: named bytes besides the result.
 
 use rusqlite::{OptionalExtension, Row, params};
 
-use super::{Store, seal, sql};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
 impl Store {
-    /// Stores `body` as the job's artifact `name`, or replaces the one there.
+    /// Stores `body` as the job's artifact `name`, replacing an existing one.
     pub fn put_artifact(&self, job: i64, name: &str, body: &[u8]) -> Result<()> {
         self.connection()
             .execute(
@@ -20,7 +20,7 @@ impl Store {
     /// The job's artifact `name`.
     pub fn artifact(&self, job: i64, name: &str) -> Result<Option<Vec<u8>>> {
         let select = "SELECT body, whole, record FROM whole_artifact WHERE job = ?1 AND name = ?2";
-        let row = |r: &Row| seal::whole(r).and_then(|()| r.get(0));
+        let row = |r: &Row| checksum::verify(r).and_then(|()| r.get(0));
         self.connection().query_row(select, params![job, name], row).optional().map_err(sql)
     }
 }
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn artifacts_belong_to_their_job_and_go_with_it() {
+    fn artifacts_are_removed_with_their_job() {
         let store = Store::in_memory().unwrap();
         store.put_artifact(1, "surface", b"old").unwrap();
         store.put_artifact(1, "surface", b"new").unwrap();

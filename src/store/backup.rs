@@ -1,34 +1,34 @@
-//! A copy of a data directory, made while a server may run on it, and the way back.
+//! Backup of a data directory, while a server may run on it, and restore.
 //!
-//! A backup is a data directory of its own: the database by SQLite's `VACUUM INTO` as it was at one moment, the weights that it
-//! names, and the tokens. It is looked at as `iplw check` does before it has its name, and again before it is restored.
+//! A backup is a data directory: a snapshot of the database by SQLite's `VACUUM INTO`, the weights it refers to, and the tokens. It
+//! is checked as by `iplw check` before it gets its name, and again before it is restored.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use rusqlite::Connection;
 
+use super::atomic_write::{sync_directory, write_private};
 use super::blobs::Blobs;
-use super::check::{Checked, check, refuse};
-use super::place::{Place, locked};
+use super::check::{CheckReport, check, refuse};
+use super::data_directory::{DataDirectory, lock_directory};
 use super::sqlite::failed;
-use super::whole::{synced, write_private};
-use super::{private, schema};
+use super::{permissions, schema};
 use crate::error::{Error, Result};
 
-/// How often a copy is begun anew because weights were replaced while it was made.
-const MOST_TRIES: usize = 10;
+/// Maximum attempts to copy if weights are replaced meanwhile.
+const MAX_COPY_ATTEMPTS: usize = 10;
 
-/// Copies what is in the data directory `of` to the new directory `to`, all of it or nothing; says what the copy holds.
-pub fn backup(of: &Path, to: &Path) -> Result<Checked> {
-    let from = Place::at(of);
-    from.there()?;
-    if to.exists() && !empty(to) {
-        let reason = format!("{} is there already; a backup takes a directory of its own", to.display());
+/// Copies the data directory `of` to the new directory `to`, atomically; returns the check of the copy.
+pub fn backup(of: &Path, to: &Path) -> Result<CheckReport> {
+    let from = DataDirectory::at(of);
+    from.check_exists()?;
+    if to.exists() && !is_empty_directory(to) {
+        let reason = format!("{} already exists; choose a new directory for the backup", to.display());
         return Err(Error::Refused { reason });
     }
-    let part = beside(to);
-    let done = copied(&from, &part).and_then(|checked| {
+    let part = temporary_path(to);
+    let done = copy_to(&from, &part).and_then(|checked| {
         fs::rename(&part, to).map_err(|e| Error::io(to, e))?;
         sync(to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
         Ok(checked)
@@ -39,30 +39,30 @@ pub fn backup(of: &Path, to: &Path) -> Result<Checked> {
     done
 }
 
-/// Puts what is in the backup `from` into the data directory `to`, all of it or nothing; says what it holds. Refuses to take
-/// the place of what is there unless it is to `replace` it, and while a server has it open.
-pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<Checked> {
-    let source = Place::at(from);
-    source.there()?;
-    private::own_directory(to)?;
-    let place = Place::at(to);
+/// Restores the backup `from` into the data directory `to`, atomically; returns the check of the copy. Refuses to overwrite data
+/// without `replace`, and while a server has the directory open.
+pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<CheckReport> {
+    let source = DataDirectory::at(from);
+    source.check_exists()?;
+    permissions::secure_data_directory(to)?;
+    let place = DataDirectory::at(to);
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if same(from, to) {
         return Err(Error::Refused { reason: format!("{} is the backup itself", to.display()) });
     }
-    let _lock = locked(to)?;
-    let taken = place.database.exists() || place.tokens.exists() || !empty(&place.policies);
-    if (taken || place.restoring.exists()) && !replace {
+    let _lock = lock_directory(to)?;
+    let has_data = place.database.exists() || place.tokens.exists() || !is_empty_directory(&place.policies);
+    if (has_data || place.restoring.exists()) && !replace {
         let reason = format!(
-            "{} holds data already; give another directory, or --replace to have the backup in its place",
+            "{} already holds data; choose another directory, or --replace to overwrite it",
             to.display()
         );
         return Err(Error::Refused { reason });
     }
     let part = to.join("restored.part");
-    let checked = copied(&source, &part).inspect_err(|_| drop(fs::remove_dir_all(&part)))?;
+    let checked = copy_to(&source, &part).inspect_err(|_| drop(fs::remove_dir_all(&part)))?;
     write_private(&place.restoring, b"")?;
-    exchange(&Place::at(&part), &place)?;
+    replace_contents(&DataDirectory::at(&part), &place)?;
     sync(to)?;
     fs::remove_file(&place.restoring).map_err(|e| Error::io(&place.restoring, e))?;
     let _ = fs::remove_dir_all(&part);
@@ -70,8 +70,8 @@ pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<Checked> {
     Ok(checked)
 }
 
-/// Takes away what is there and moves in what comes. In the middle neither is whole, which the mark of the restore says.
-fn exchange(comes: &Place, there: &Place) -> Result<()> {
+/// Replaces the contents. Until it is complete neither is whole; the marker file `restoring` records that.
+fn replace_contents(comes: &DataDirectory, there: &DataDirectory) -> Result<()> {
     let log = |name: &str| PathBuf::from(format!("{}{name}", there.database.display()));
     for old in [there.database.clone(), log("-wal"), log("-shm"), log("-journal"), there.tokens.clone()] {
         match fs::remove_file(&old) {
@@ -94,12 +94,12 @@ fn exchange(comes: &Place, there: &Place) -> Result<()> {
     Ok(())
 }
 
-/// A copy at `to`, whole and on the disk; in the place of one that was begun before.
-fn copied(from: &Place, to: &Path) -> Result<Checked> {
-    for _ in 0..MOST_TRIES {
+/// Makes a complete, sync_directory copy at `to`, replacing an unfinished one.
+fn copy_to(from: &DataDirectory, to: &Path) -> Result<CheckReport> {
+    for _ in 0..MAX_COPY_ATTEMPTS {
         let _ = fs::remove_dir_all(to);
-        private::make_directory(to)?;
-        let copy = Place::at(to);
+        permissions::make_directory(to)?;
+        let copy = DataDirectory::at(to);
         snapshot(from, &copy)?;
         if !weights(from, &copy)? {
             continue;
@@ -117,24 +117,24 @@ fn copied(from: &Place, to: &Path) -> Result<Checked> {
         sync(to)?;
         return Ok(checked);
     }
-    Err(Error::Failed(format!("weights were replaced {MOST_TRIES} times while they were copied; try again")))
+    Err(Error::Failed(format!("weights were replaced {MAX_COPY_ATTEMPTS} times during the copy; try again")))
 }
 
-/// The database as it is at one moment.
-fn snapshot(from: &Place, to: &Place) -> Result<()> {
+/// Snapshot of the database.
+fn snapshot(from: &DataDirectory, to: &DataDirectory) -> Result<()> {
     let name = from.database.display().to_string();
     let c = from.connect()?;
     schema::version(&c, &name)?;
-    private::options().write(true).open(&to.database).map_err(|e| Error::io(&to.database, e))?;
+    permissions::options().write(true).open(&to.database).map_err(|e| Error::io(&to.database, e))?;
     let Some(path) = to.database.to_str() else {
         return Err(Error::input("path", to.database.display(), "a path in UTF-8"));
     };
     c.execute("VACUUM INTO ?1", [path]).map(drop).map_err(|e| failed(&name, &e))
 }
 
-/// Copies the weights that the copied database names; whether all of them were there: a server may have replaced some since.
-fn weights(from: &Place, to: &Place) -> Result<bool> {
-    private::make_directory(&to.policies)?;
+/// Copies the weights that the copied database refers to; false if some were replaced by the server meanwhile.
+fn weights(from: &DataDirectory, to: &DataDirectory) -> Result<bool> {
+    permissions::make_directory(&to.policies)?;
     let name = to.database.display().to_string();
     let named = |c: Connection| -> rusqlite::Result<Vec<String>> {
         let mut query = c.prepare("SELECT blob FROM policy")?;
@@ -145,15 +145,15 @@ fn weights(from: &Place, to: &Place) -> Result<bool> {
         let path = from.policies.join(&blob);
         match fs::read(&path) {
             Ok(bytes) => copies.write(&blob, &bytes)?,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return still_named(from, &blob),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return check_weights_replaced(from, &blob),
             Err(e) => return Err(Error::io(&path, e)),
         }
     }
     Ok(true)
 }
 
-/// Errors if weights that are gone are not gone because something took their place.
-fn still_named(from: &Place, blob: &str) -> Result<bool> {
+/// Errors if missing weights were not replaced by newer ones.
+fn check_weights_replaced(from: &DataDirectory, blob: &str) -> Result<bool> {
     let name = from.database.display().to_string();
     let select = "SELECT count(*) FROM policy WHERE blob = ?1";
     let named: i64 =
@@ -161,26 +161,26 @@ fn still_named(from: &Place, blob: &str) -> Result<bool> {
     if named == 0 {
         return Ok(false);
     }
-    Err(Error::Damaged { what: format!("weights {blob}"), how: "the file is gone".into() })
+    Err(Error::Damaged { what: format!("weights {blob}"), how: "the file is missing".into() })
 }
 
-/// Where a copy is made until it is whole.
-fn beside(to: &Path) -> PathBuf {
+/// Temporary path of an unfinished copy.
+fn temporary_path(to: &Path) -> PathBuf {
     let name = to.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     to.with_file_name(format!(".{name}.{}.part", std::process::id()))
 }
 
-/// Whether there is nothing in a directory, or no such directory.
-fn empty(directory: &Path) -> bool {
+/// Whether a directory is empty or missing.
+fn is_empty_directory(directory: &Path) -> bool {
     match fs::read_dir(directory) {
         Ok(mut entries) => entries.next().is_none(),
         Err(e) => e.kind() == std::io::ErrorKind::NotFound,
     }
 }
 
-/// Waits until a file or a directory is on the disk.
+/// Syncs a file or a directory to disk.
 fn sync(path: &Path) -> Result<()> {
-    let done = if path.is_dir() { synced(path) } else { File::open(path).and_then(|f| f.sync_all()) };
+    let done = if path.is_dir() { sync_directory(path) } else { File::open(path).and_then(|f| f.sync_all()) };
     done.map_err(|e| Error::io(path, e))
 }
 
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backup_is_of_one_moment_and_comes_back_only_where_it_may() {
+    fn backup_is_a_snapshot_and_restore_needs_replace() {
         let place = tempfile::tempdir().unwrap();
         let at = |name: &str| place.path().join(name);
         let store = filled(&at("data"), "w1");
@@ -211,7 +211,7 @@ mod tests {
         store.add_world("w2", "{}", None, None).unwrap();
         store.put_policy(&named("a"), &[9, 9, 9], None).unwrap();
         let again = backup(&at("data"), &at("kept")).unwrap_err().to_string();
-        assert!(again.contains("there already"), "{again}");
+        assert!(again.contains("already exists"), "{again}");
         let open = restore(&at("kept"), &at("data"), true).unwrap_err().to_string();
         assert!(open.contains("in use"), "{open}");
         drop(store);
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_damaged_is_not_backed_up_and_not_restored() {
+    fn refuses_to_copy_damaged_data() {
         let place = tempfile::tempdir().unwrap();
         let at = |name: &str| place.path().join(name);
         drop(filled(&at("data"), "w1"));
@@ -240,7 +240,7 @@ mod tests {
         for there in ["data", "kept"] {
             fs::write(at(there).join("policies/a.1.safetensors"), [1, 2, 4]).unwrap();
         }
-        let damaged = |done: Result<Checked>| matches!(done, Err(Error::Damaged { what, .. }) if what.contains("policy a"));
+        let damaged = |done: Result<CheckReport>| matches!(done, Err(Error::Damaged { what, .. }) if what.contains("policy a"));
         assert!(damaged(backup(&at("data"), &at("other"))));
         assert!(damaged(restore(&at("kept"), &at("data"), true)));
         assert!(!at("other").exists() && fs::read_dir(place.path()).unwrap().count() == 2, "nothing is left");
@@ -248,22 +248,22 @@ mod tests {
     }
 
     #[test]
-    fn a_restore_that_was_cut_off_is_told_of_until_it_is_done_again() {
+    fn reports_interrupted_restore() {
         let place = tempfile::tempdir().unwrap();
         let at = |name: &str| place.path().join(name);
         drop(filled(&at("data"), "w1"));
         backup(&at("data"), &at("kept")).unwrap();
         fs::write(at("data").join("restoring"), "").unwrap();
         fs::remove_file(at("data").join("iplw.sqlite")).unwrap();
-        let told = Store::open(&at("data")).err().unwrap().to_string();
-        assert!(told.contains("restore") && told.contains("--replace"), "{told}");
+        let error = Store::open(&at("data")).err().unwrap().to_string();
+        assert!(error.contains("restore") && error.contains("--replace"), "{error}");
         restore(&at("kept"), &at("data"), true).unwrap();
         assert_eq!(worlds(&Store::open(&at("data")).unwrap()), ["w1"]);
     }
 
-    /// Weights that are replaced all the while are those of the row that was copied, or the copy is made again.
+    /// Weights that are replaced concurrently match the copied row, or the copy is repeated.
     #[test]
-    fn a_backup_of_a_busy_store_is_whole() {
+    fn backup_of_busy_store_is_consistent() {
         let place = tempfile::tempdir().unwrap();
         let data = place.path().join("data");
         let store = filled(&data, "w0");
@@ -282,9 +282,9 @@ mod tests {
                 }
             });
             for i in 0..5 {
-                let kept = place.path().join(format!("kept{i}"));
-                let held = backup(&data, &kept).unwrap();
-                let copy = Store::open(&kept).unwrap();
+                let copy_path = place.path().join(format!("kept{i}"));
+                let held = backup(&data, &copy_path).unwrap();
+                let copy = Store::open(&copy_path).unwrap();
                 let names = worlds(&copy);
                 assert_eq!(names.len() as u64, held.rows["world"]);
                 assert!(names.iter().enumerate().all(|(i, name)| *name == format!("w{i}")), "of one moment");

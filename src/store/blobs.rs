@@ -1,4 +1,4 @@
-//! Weights as files, each written whole or not at all, and looked at when read.
+//! Weights as files, written atomically and verified when read.
 
 use std::collections::HashMap;
 use std::fs;
@@ -6,12 +6,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::private;
-use super::seal::sha256;
-use super::whole::write_private;
+use super::atomic_write::write_private;
+use super::checksum::sha256;
+use super::permissions;
 use crate::error::{Error, Result};
 
-/// Where blobs are kept.
+/// Storage of blobs.
 pub enum Blobs {
     Memory(Mutex<HashMap<String, Vec<u8>>>),
     Directory(PathBuf),
@@ -23,11 +23,11 @@ impl Blobs {
     }
 
     pub fn directory(path: &Path) -> Result<Blobs> {
-        private::make_directory(path)?;
+        permissions::make_directory(path)?;
         Ok(Blobs::Directory(path.to_path_buf()))
     }
 
-    /// Writes all of `bytes` under `name`, or nothing.
+    /// Writes `bytes` under `name`, atomically.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         match self {
             Blobs::Memory(map) => {
@@ -38,19 +38,19 @@ impl Blobs {
         }
     }
 
-    /// What is under `name`; errors unless its SHA-256 is `digest`.
+    /// The blob `name`; errors unless its SHA-256 is `digest`.
     pub fn read(&self, name: &str, digest: &str) -> Result<Vec<u8>> {
         let damaged = |how: &str| Error::Damaged { what: format!("weights {name}"), how: how.into() };
-        let bytes = self.bytes(name)?.ok_or_else(|| damaged("the file is gone"))?;
-        if sha256(&bytes) == digest { Ok(bytes) } else { Err(damaged("their SHA-256 is another")) }
+        let bytes = self.bytes(name)?.ok_or_else(|| damaged("the file is missing"))?;
+        if sha256(&bytes) == digest { Ok(bytes) } else { Err(damaged("the SHA-256 does not match")) }
     }
 
-    /// SHA-256 of what is under `name`, if that can be read.
+    /// SHA-256 of the blob `name`, if it can be read.
     pub fn digest(&self, name: &str) -> Option<String> {
         self.bytes(name).ok().flatten().map(|bytes| sha256(&bytes))
     }
 
-    /// How many bytes are under `name`.
+    /// Size of the blob `name`, bytes.
     pub fn length(&self, name: &str) -> Option<u64> {
         match self {
             Blobs::Memory(_) => self.bytes(name).ok().flatten().map(|bytes| bytes.len() as u64),
@@ -72,7 +72,7 @@ impl Blobs {
         }
     }
 
-    /// Removes what `keep` does not want; what cannot be removed stays and does no harm.
+    /// Removes the blobs that `keep` rejects; files that cannot be removed are left.
     pub fn retain(&self, keep: impl Fn(&str) -> bool) -> Result<()> {
         match self {
             Blobs::Memory(map) => {

@@ -1,6 +1,5 @@
-//! Whether what is stored is what was written: the database's structure, its tables, every row's checksum, and the weights
-//! that rows name. A server looks at all of it when it starts, but for the weights' digests, at which it looks when it reads
-//! them; `iplw check` looks at those as well.
+//! Integrity check: the database's structure, its schema, every row's checksum, and the weights. A server checks all of it at
+//! startup except the digests of weights, which it checks when it reads them; `iplw check` checks those as well.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,65 +8,65 @@ use rusqlite::Connection;
 use rusqlite::types::ValueRef;
 
 use super::blobs::Blobs;
-use super::place::Place;
+use super::data_directory::DataDirectory;
 use super::sqlite::{failed, sql};
-use super::{schema, seal};
+use super::{checksum, schema};
 use crate::error::{Error, Result};
 
-/// Something that is not as it was written.
+/// A damaged record.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
-    /// What it is: `world w1`, `weights a.3.safetensors`, or a file.
+pub struct DamagedRecord {
+    /// Its name: `world w1`, `weights a.3.safetensors`, or a file.
     pub record: String,
-    /// How that shows.
+    /// How it is damaged.
     pub how: String,
 }
 
-/// What a data directory holds, and what of it is damaged.
+/// Result of a check.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Checked {
-    /// Version of its tables.
+pub struct CheckReport {
+    /// Version of the schema.
     pub version: i64,
     /// Rows by table.
     pub rows: BTreeMap<&'static str, u64>,
-    pub damaged: Vec<Finding>,
-    /// What is no damage and still worth knowing.
+    pub damaged: Vec<DamagedRecord>,
+    /// Observations that are not damage.
     pub notes: Vec<String>,
 }
 
-/// How far to look at weights.
+/// How to check weights.
 #[derive(Clone, Copy, PartialEq)]
-pub enum Weights {
-    /// They are there, and as long as they should be.
+pub enum WeightsCheck {
+    /// Existence and size.
     Size,
-    /// Every byte.
+    /// SHA-256.
     Digest,
 }
 
-/// Most findings of SQLite's own that are told.
-const MOST_TOLD: usize = 100;
+/// Maximum messages of SQLite's integrity check.
+const MAX_INTEGRITY_MESSAGES: usize = 100;
 
-/// Looks at all of a data directory. Changes nothing, and may be done while a server runs on it.
-pub fn check(directory: &Path) -> Result<Checked> {
+/// Checks a data directory. Read-only; a server may be running on it.
+pub fn check(directory: &Path) -> Result<CheckReport> {
     let found = look(directory)?;
-    // A server may have replaced weights between the look at their row and the look at them; damage is there the next time.
+    // A server may have replaced weights after their row was read; real damage is found again.
     if found.damaged.is_empty() { Ok(found) } else { look(directory) }
 }
 
-fn look(directory: &Path) -> Result<Checked> {
-    let place = Place::at(directory);
-    let mut found = Checked::default();
-    let damaged = |e: Error| Finding::of(e).map(|f| vec![f]);
-    match place.there() {
-        Err(e @ Error::Damaged { .. }) => return damaged(e).map(|damaged| Checked { damaged, ..found }),
+fn look(directory: &Path) -> Result<CheckReport> {
+    let place = DataDirectory::at(directory);
+    let mut found = CheckReport::default();
+    let damaged = |e: Error| DamagedRecord::of(e).map(|f| vec![f]);
+    match place.check_exists() {
+        Err(e @ Error::Damaged { .. }) => return damaged(e).map(|damaged| CheckReport { damaged, ..found }),
         other => other?,
     }
     let name = place.database.display().to_string();
     let mut c = match place.connect() {
         Ok(c) => c,
-        Err(e) => return damaged(e).map(|damaged| Checked { damaged, ..found }),
+        Err(e) => return damaged(e).map(|damaged| CheckReport { damaged, ..found }),
     };
-    // One look at what a server may be changing.
+    // One transaction, since a server may be writing.
     let c = c.transaction().map_err(|e| failed(&name, &e))?;
     found.damaged = structure(&c, &name)?;
     found.version = match schema::version(&c, &name) {
@@ -76,17 +75,17 @@ fn look(directory: &Path) -> Result<Checked> {
         Err(_) => return Ok(found),
     };
     let blobs = Blobs::Directory(place.policies);
-    if found.version < schema::SEALED {
-        let (was, since) = (found.version, schema::SEALED);
+    if found.version < schema::FIRST_CHECKSUM_VERSION {
+        let (was, since) = (found.version, schema::FIRST_CHECKSUM_VERSION);
         let note = format!(
-            "tables of version {was}: rows have checksums from version {since} on, as soon as a server has it open"
+            "schema version {was}: rows have checksums from version {since} on; a server migrates when it opens the directory"
         );
         found.notes.push(note);
         found.damaged.extend(shape(&c, found.version)?);
         return Ok(found);
     }
-    found.damaged.extend(content(&c, found.version, &blobs, Weights::Digest)?);
-    for table in seal::tables(found.version) {
+    found.damaged.extend(content(&c, found.version, &blobs, WeightsCheck::Digest)?);
+    for table in checksum::tables(found.version) {
         // A table that cannot be read is among the findings.
         let count =
             c.query_row(&format!("SELECT count(*) FROM main.{}", table.name), [], |r| r.get::<_, i64>(0));
@@ -96,30 +95,37 @@ fn look(directory: &Path) -> Result<Checked> {
     Ok(found)
 }
 
-/// What SQLite finds of the structure of the database: pages, order, indexes, types.
-pub fn structure(c: &Connection, name: &str) -> Result<Vec<Finding>> {
+/// SQLite's own integrity check: pages, order, indexes, types.
+pub fn structure(c: &Connection, name: &str) -> Result<Vec<DamagedRecord>> {
     let all = || -> rusqlite::Result<Vec<String>> {
-        let mut query = c.prepare(&format!("PRAGMA main.integrity_check({MOST_TOLD})"))?;
+        let mut query = c.prepare(&format!("PRAGMA main.integrity_check({MAX_INTEGRITY_MESSAGES})"))?;
         let lines = query.query_map([], |r| {
             Ok(match r.get_ref(0)? {
-                ValueRef::Text(said) => String::from_utf8_lossy(said).into_owned(),
-                _ => "it cannot be told what is".into(),
+                ValueRef::Text(messages) => String::from_utf8_lossy(messages).into_owned(),
+                _ => "unreadable message".into(),
             })
         })?;
         lines.collect()
     };
     match all() {
-        Ok(said) if said == ["ok"] => Ok(Vec::new()),
-        Ok(said) => Ok(said.into_iter().map(|how| Finding { record: name.into(), how }).collect()),
-        Err(e) => Ok(vec![Finding::of(failed(name, &e))?]),
+        Ok(messages) if messages == ["ok"] => Ok(Vec::new()),
+        Ok(messages) => {
+            Ok(messages.into_iter().map(|how| DamagedRecord { record: name.into(), how }).collect())
+        }
+        Err(e) => Ok(vec![DamagedRecord::of(failed(name, &e))?]),
     }
 }
 
-/// What is not as it was written, in a database whose tables are those of a version with checksums.
-pub fn content(c: &Connection, version: i64, blobs: &Blobs, weights: Weights) -> Result<Vec<Finding>> {
+/// Checks the contents of a database with checksums.
+pub fn content(
+    c: &Connection,
+    version: i64,
+    blobs: &Blobs,
+    weights: WeightsCheck,
+) -> Result<Vec<DamagedRecord>> {
     let mut found = shape(c, version)?;
     if found.is_empty() {
-        for table in seal::tables(version) {
+        for table in checksum::tables(version) {
             found.extend(rows(c, table)?);
         }
         found.extend(references(c, blobs, weights)?);
@@ -127,55 +133,59 @@ pub fn content(c: &Connection, version: i64, blobs: &Blobs, weights: Weights) ->
     Ok(found)
 }
 
-/// Whether the tables are those of a version.
-pub fn shape(c: &Connection, version: i64) -> Result<Vec<Finding>> {
-    let wanted = schema::shape_of(version).map_err(sql)?;
+/// Checks that the schema is that of a version.
+pub fn shape(c: &Connection, version: i64) -> Result<Vec<DamagedRecord>> {
+    let expected = schema::shape_of(version).map_err(sql)?;
     let how = match schema::shape(c) {
-        Ok(shape) if shape == wanted => return Ok(Vec::new()),
-        Ok(_) => format!("they are not those of version {version}"),
+        Ok(shape) if shape == expected => return Ok(Vec::new()),
+        Ok(_) => format!("the tables are not those of version {version}"),
         Err(e) => e.to_string(),
     };
-    Ok(vec![Finding { record: "the tables' description".into(), how }])
+    Ok(vec![DamagedRecord { record: "the schema".into(), how }])
 }
 
-/// Rows of a table whose checksum is another.
-fn rows(c: &Connection, table: &seal::Table) -> Result<Vec<Finding>> {
+/// Rows whose checksum does not match.
+fn rows(c: &Connection, table: &checksum::ChecksummedTable) -> Result<Vec<DamagedRecord>> {
     let (name, record, seal) = (table.name, table.record(""), table.seal(""));
-    let all = || -> rusqlite::Result<Vec<Finding>> {
+    let all = || -> rusqlite::Result<Vec<DamagedRecord>> {
         let mut query =
             c.prepare(&format!("SELECT {record} AS record FROM main.{name} WHERE seal IS NOT {seal}"))?;
-        query.query_map([], |r| Ok(Finding { record: seal::record(r), how: seal::OTHER.into() }))?.collect()
+        query
+            .query_map([], |r| {
+                Ok(DamagedRecord { record: checksum::record(r), how: checksum::CHECKSUM_MISMATCH.into() })
+            })?
+            .collect()
     };
     match all() {
         Ok(found) => Ok(found),
-        Err(e) => Ok(vec![Finding::of(failed(&format!("table {name}"), &e))?]),
+        Err(e) => Ok(vec![DamagedRecord::of(failed(&format!("table {name}"), &e))?]),
     }
 }
 
-/// Weights that policies name and that are not there as they were written.
-fn references(c: &Connection, blobs: &Blobs, weights: Weights) -> Result<Vec<Finding>> {
+/// Missing or damaged weights of policies.
+fn references(c: &Connection, blobs: &Blobs, weights: WeightsCheck) -> Result<Vec<DamagedRecord>> {
     type Named = (String, String, String, i64);
     let named = || -> rusqlite::Result<Vec<Named>> {
         let mut query = c.prepare("SELECT id, blob, digest, bytes FROM main.policy ORDER BY number")?;
         query.query_map([], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?, r.get(3)?)))?.collect()
     };
-    // Rows that cannot be read were told of before.
+    // Unreadable rows were reported before.
     let Ok(named) = named() else { return Ok(Vec::new()) };
     let mut found = Vec::new();
     for (id, blob, digest, bytes) in named {
         let how = match blobs.length(&blob) {
-            None => "the file is gone".to_string(),
+            None => "the file is missing".to_string(),
             Some(length) if length != bytes as u64 => format!("{length} bytes of {bytes}"),
-            Some(_) if weights == Weights::Size => continue,
+            Some(_) if weights == WeightsCheck::Size => continue,
             Some(_) if blobs.digest(&blob).as_deref() == Some(&digest) => continue,
-            Some(_) => "their SHA-256 is another".to_string(),
+            Some(_) => "the SHA-256 does not match".to_string(),
         };
-        found.push(Finding { record: format!("weights of policy {id} ({blob})"), how });
+        found.push(DamagedRecord { record: format!("weights of policy {id} ({blob})"), how });
     }
     Ok(found)
 }
 
-/// Parts of jobs that are gone do no harm.
+/// Rows that belong to removed jobs; they are harmless.
 fn orphans(c: &Connection) -> Vec<String> {
     let of = |table: &str| {
         let select =
@@ -184,25 +194,26 @@ fn orphans(c: &Connection) -> Vec<String> {
     };
     let parts = ["round", "measured", "artifact", "log"];
     let counted = parts.map(|table| (table, of(table)));
-    let told = counted.iter().filter(|(_, n)| *n > 0);
-    told.map(|(table, n)| format!("{n} rows of table {table} belong to jobs that are gone; they do no harm"))
+    let nonempty = counted.iter().filter(|(_, n)| *n > 0);
+    nonempty
+        .map(|(table, n)| format!("{n} rows of table {table} belong to removed jobs (harmless)"))
         .collect()
 }
 
-/// The error of a store that cannot be opened for what was found.
-pub fn refuse(found: &[Finding]) -> Result<()> {
+/// Errors if something is damaged.
+pub fn refuse(found: &[DamagedRecord]) -> Result<()> {
     let Some(first) = found.first() else { return Ok(()) };
     let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
     Err(Error::Damaged { what: format!("{}{more}", first.record), how: first.how.clone() })
 }
 
-impl Finding {
-    /// What an error says, if it says that something is damaged; else the error.
-    pub fn of(error: Error) -> Result<Finding> {
+impl DamagedRecord {
+    /// Converts the error of damaged data; other errors are returned.
+    pub fn of(error: Error) -> Result<DamagedRecord> {
         match error {
-            Error::Damaged { what, how } => Ok(Finding { record: what, how }),
-            // A statement that SQLite cannot make sense of, though it is ours: the description of the tables is another.
-            Error::Io { path, message } => Ok(Finding { record: path, how: message }),
+            Error::Damaged { what, how } => Ok(DamagedRecord { record: what, how }),
+            // SQLite rejects one of this program's statements: the schema is not the expected one.
+            Error::Io { path, message } => Ok(DamagedRecord { record: path, how: message }),
             other => Err(other),
         }
     }

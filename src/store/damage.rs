@@ -1,5 +1,5 @@
-//! Data directories that were closed cleanly and then damaged at random: what is handed out is what was written, or it is said
-//! what is not. `cargo test` does it a hundred times each way, `make damage` a thousand times.
+//! Fault injection: data directories that were closed cleanly and then damaged at random. A damaged store returns the original data
+//! or an error that names the damage. `cargo test` runs a hundred cases of each kind, `make damage` a thousand.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::policies::tests::named;
-use super::{Answered, JobList, JobState, Measured, Store, check, salvage};
+use super::{JobList, JobState, MeasuredOutcomes, Store, StoredResponse, check, salvage};
 use crate::error::{Error, Result};
 
-/// Numbers that look random, always the same ones (Marsaglia 2003, xorshift with shifts 13, 7, 17).
-struct Draws(u64);
+/// A deterministic pseudo-random generator (Marsaglia 2003, xorshift with shifts 13, 7, 17).
+struct Xorshift(u64);
 
-impl Draws {
+impl Xorshift {
     fn below(&mut self, limit: u64) -> u64 {
         for (left, by) in [(true, 13), (false, 7), (true, 17)] {
             self.0 ^= if left { self.0 << by } else { self.0 >> by };
@@ -25,22 +25,22 @@ impl Draws {
 
 const JOBS: i64 = 60;
 
-/// A directory with everything in it that a store keeps, on pages enough for trees of several levels and long rows.
+/// A directory with all kinds of records, large enough for trees of several levels and overflow pages.
 fn fill(directory: &Path) {
     let store = Store::open(directory).unwrap();
     for i in 0..JOBS {
         let config = json!({"task": "bowling", "seed": i, "words": "x".repeat(i as usize * 7)});
-        let answer = |key: String| Answered {
+        let answer = |key: String| StoredResponse {
             key,
             fingerprint: format!("f{i}"),
             status: 202,
             location: Some(format!("/v1/jobs/job-{i}")),
             body: vec![i as u8; 40],
         };
-        let kept = |_: &_| Some(answer(format!("key-{i}")));
-        let mut job = store.add_job("iplw", &config, &config, i as u64, Some("ann"), &kept).unwrap();
+        let response = |_: &_| Some(answer(format!("key-{i}")));
+        let mut job = store.add_job("iplw", &config, &config, i as u64, Some("ann"), &response).unwrap();
         store.open_round(job.number, 0, &format!("[{i}]")).unwrap();
-        let measured: Measured =
+        let measured: MeasuredOutcomes =
             (0..4).map(|n| (n, (n != 2).then(|| format!("{{\"x\":{i}.{n}}}")))).collect();
         store.put_measured(job.number, &measured, None, None).unwrap();
         store.close_round(job.number, 0, "done").unwrap();
@@ -61,8 +61,8 @@ fn fill(directory: &Path) {
     store.flush_worlds().unwrap();
 }
 
-/// All that can be asked of a store, by what was asked.
-fn told(store: &Store) -> BTreeMap<String, Result<String>> {
+/// All queries of a store and their results.
+fn query_all(store: &Store) -> BTreeMap<String, Result<String>> {
     let mut all = BTreeMap::new();
     let mut ask = |what: String, answer: Result<String>| drop(all.insert(what, answer));
     fn debug<T: std::fmt::Debug>(answer: Result<T>) -> Result<String> {
@@ -82,7 +82,7 @@ fn told(store: &Store) -> BTreeMap<String, Result<String>> {
         ask(format!("last round {i}"), debug(store.last_round(i)));
         ask(format!("measured {i}"), debug(store.measured(i, 0)));
         ask(format!("artifact {i}"), debug(store.artifact(i, "surface")));
-        ask(format!("answer {i}"), debug(store.answered(&format!("key-{i}"))));
+        ask(format!("answer {i}"), debug(store.stored_response(&format!("key-{i}"))));
         ask(format!("surface {i}"), debug(store.surface(i)));
         ask(format!("surface like {i}"), debug(store.surface_like("bowling", &format!("c{i}"))));
     }
@@ -93,7 +93,7 @@ fn told(store: &Store) -> BTreeMap<String, Result<String>> {
     all
 }
 
-/// Files of a directory and its folders.
+/// Files of a directory, recursively.
 fn files(directory: &Path) -> Vec<PathBuf> {
     let mut all: Vec<PathBuf> = Vec::new();
     for entry in fs::read_dir(directory).unwrap() {
@@ -112,26 +112,26 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// How damaged directories were met.
+/// Counts of the outcomes of damaged directories.
 #[derive(Debug, Default)]
-struct Met {
+struct DamageOutcomes {
     at_start: usize,
     when_read: usize,
     all_there: usize,
     wrong: Vec<String>,
 }
 
-/// Damages copies of a directory `times` times by `how`, which says what it did.
-fn damaged(times: usize, seed: u64, how: impl Fn(&mut Vec<u8>, &mut Draws) -> String) -> Met {
+/// Damages copies of a directory `times` times by `how`, which returns a description.
+fn damaged(times: usize, seed: u64, how: impl Fn(&mut Vec<u8>, &mut Xorshift) -> String) -> DamageOutcomes {
     let place = tempfile::tempdir().unwrap();
     let whole = place.path().join("whole");
     fill(&whole);
-    let wanted = told(&Store::open(&whole).unwrap());
-    let (mut draws, mut met) = (Draws(seed), Met::default());
+    let expected = query_all(&Store::open(&whole).unwrap());
+    let (mut draws, mut outcomes) = (Xorshift(seed), DamageOutcomes::default());
     for i in 0..times {
         let copied = place.path().join(format!("{i}"));
         copy(&whole, &copied);
-        // Half of the damage to the database, the other half to any file that holds something.
+        // Half of the damage to the database, the other half to any non-empty file.
         let mut of: Vec<PathBuf> = files(&copied);
         of.retain(|f| !f.ends_with("lock"));
         let one = draws.below(of.len() as u64) as usize;
@@ -140,36 +140,41 @@ fn damaged(times: usize, seed: u64, how: impl Fn(&mut Vec<u8>, &mut Draws) -> St
         let did =
             format!("{} of {}", how(&mut bytes, &mut draws), file.strip_prefix(&copied).unwrap().display());
         fs::write(&file, bytes).unwrap();
-        meet(&copied, &wanted, &did, &mut met);
+        query_damaged(&copied, &expected, &did, &mut outcomes);
         fs::remove_dir_all(&copied).unwrap();
     }
-    met
+    outcomes
 }
 
-/// Opens a damaged directory and asks it for everything.
-fn meet(directory: &Path, wanted: &BTreeMap<String, Result<String>>, did: &str, met: &mut Met) {
+/// Opens a damaged directory and runs all queries.
+fn query_damaged(
+    directory: &Path,
+    expected: &BTreeMap<String, Result<String>>,
+    did: &str,
+    outcomes: &mut DamageOutcomes,
+) {
     let store = match Store::open(directory) {
         Ok(store) => store,
         Err(e) => {
             assert!(clear(&e), "{did}: {e:?}");
-            return met.at_start += 1;
+            return outcomes.at_start += 1;
         }
     };
     let mut complete = true;
-    for (asked, answer) in told(&store) {
+    for (query, answer) in query_all(&store) {
         match answer {
-            Ok(_) if answer == wanted[&asked] => {}
-            Ok(other) => met.wrong.push(format!("{did}: {asked}: {other}")),
+            Ok(_) if answer == expected[&query] => {}
+            Ok(other) => outcomes.wrong.push(format!("{did}: {query}: {other}")),
             Err(e) => {
-                assert!(clear(&e), "{did}: {asked}: {e:?}");
+                assert!(clear(&e), "{did}: {query}: {e:?}");
                 complete = false;
             }
         }
     }
-    if complete { met.all_there += 1 } else { met.when_read += 1 }
+    if complete { outcomes.all_there += 1 } else { outcomes.when_read += 1 }
 }
 
-/// Whether it is said that what is there is damaged, or is not what this version can read.
+/// Whether the error reports damage or an unsupported version.
 fn clear(error: &Error) -> bool {
     match error {
         Error::Damaged { what, how } => !what.is_empty() && !how.is_empty(),
@@ -179,56 +184,56 @@ fn clear(error: &Error) -> bool {
     }
 }
 
-fn truncate(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
+fn truncate(bytes: &mut Vec<u8>, draws: &mut Xorshift) -> String {
     let length = draws.below(bytes.len() as u64);
     bytes.truncate(length as usize);
     format!("the first {length} bytes")
 }
 
-fn flip(bytes: &mut [u8], draws: &mut Draws) -> String {
-    // One in eight of them in the first page's head and description of the tables, of which there is little and all matters.
+fn flip(bytes: &mut [u8], draws: &mut Xorshift) -> String {
+    // One in eight in the first page's header and the schema, which are small and critical.
     let near = if draws.below(8) == 0 { 3000.min(bytes.len() as u64) } else { bytes.len() as u64 };
     let (at, bit) = (draws.below(near) as usize, draws.below(8));
     bytes[at] ^= 1 << bit;
     format!("bit {bit} of byte {at}")
 }
 
-fn met(times: usize) {
-    for (name, met) in [
+fn run(times: usize) {
+    for (name, outcomes) in [
         ("truncations", damaged(times, 0x9e37_79b9_7f4a_7c15, truncate)),
         ("bit flips", damaged(times, 0xd1b5_4a32_d192_ed03, |bytes, draws| flip(bytes, draws))),
     ] {
         println!(
             "{times} {name}: said at start {}, said when read {}, all there {}, wrong data {}",
-            met.at_start,
-            met.when_read,
-            met.all_there,
-            met.wrong.len()
+            outcomes.at_start,
+            outcomes.when_read,
+            outcomes.all_there,
+            outcomes.wrong.len()
         );
-        assert!(met.wrong.is_empty(), "{name}: {:#?}", &met.wrong[..met.wrong.len().min(5)]);
-        assert_eq!(met.at_start + met.when_read + met.all_there, times);
-        assert!(met.at_start > times / 4, "most of a database matters: {met:?}");
+        assert!(outcomes.wrong.is_empty(), "{name}: {:#?}", &outcomes.wrong[..outcomes.wrong.len().min(5)]);
+        assert_eq!(outcomes.at_start + outcomes.when_read + outcomes.all_there, times);
+        assert!(outcomes.at_start > times / 4, "most of a database matters: {outcomes:?}");
     }
 }
 
 #[test]
-fn a_damaged_directory_is_told_of_or_whole() {
-    met(100);
+fn damaged_directory_is_reported_or_intact() {
+    run(100);
 }
 
 #[test]
 #[ignore = "long: `make damage`"]
-fn a_directory_damaged_a_thousand_times_is_told_of_or_whole() {
-    met(1000);
+fn directory_damaged_a_thousand_times_is_reported_or_intact() {
+    run(1000);
 }
 
-/// The way out of damage: what is named is dropped, the rest is there as it was, and numbers are not given again.
+/// Salvage: named records are dropped, the rest is unchanged, and numbers are not reused.
 #[test]
-fn what_is_whole_of_a_damaged_directory_can_be_saved() {
+fn salvages_intact_records() {
     let place = tempfile::tempdir().unwrap();
     let directory = place.path().join("data");
     fill(&directory);
-    let wanted = told(&Store::open(&directory).unwrap());
+    let expected = query_all(&Store::open(&directory).unwrap());
     let change = |statement: &str| {
         let c = rusqlite::Connection::open(directory.join("iplw.sqlite")).unwrap();
         assert!(c.execute(statement, []).unwrap() > 0, "{statement}");
@@ -247,20 +252,20 @@ fn what_is_whole_of_a_damaged_directory_can_be_saved() {
     let saved = salvage(&directory).unwrap();
     let dropped: Vec<&str> = saved.dropped.iter().map(|f| f.record.as_str()).collect();
     assert_eq!(dropped, ["job job-1000", "measurement 1 of job-7", "world w9", "job job-7", "policy p2"]);
-    assert!(saved.kept.exists());
+    assert!(saved.damaged_copy.exists());
     assert_eq!(check(&directory).unwrap().damaged, []);
     let store = Store::open(&directory).unwrap();
-    let told = told(&store);
-    for (asked, answer) in &wanted {
-        let of_a_dropped_job = [" 7", " 60"].iter().any(|n| asked.ends_with(n))
-            && !asked.contains("surface ")
-            && !asked.starts_with("answer");
+    let results = query_all(&store);
+    for (query, answer) in &expected {
+        let of_a_dropped_job = [" 7", " 60"].iter().any(|n| query.ends_with(n))
+            && !query.contains("surface ")
+            && !query.starts_with("answer");
         let lists = ["worlds", "unfinished", "jobs", "jobs of ann", "states", "ended", "policies"];
         if !of_a_dropped_job
-            && !lists.contains(&asked.as_str())
-            && !["policy 2", "weights 2"].contains(&asked.as_str())
+            && !lists.contains(&query.as_str())
+            && !["policy 2", "weights 2"].contains(&query.as_str())
         {
-            assert_eq!(&told[asked], answer, "{asked}");
+            assert_eq!(&results[query], answer, "{query}");
         }
     }
     assert_eq!((store.job(7).unwrap(), store.job(60).unwrap()), (None, None));
@@ -269,19 +274,19 @@ fn what_is_whole_of_a_damaged_directory_can_be_saved() {
     assert_eq!(next.number, JOBS + 1, "no number twice");
 }
 
-/// Of a database with a page that cannot be read, what is on the others is saved.
+/// If a page is unreadable, the records on the others are salvaged.
 #[test]
-fn a_page_that_is_gone_takes_only_what_was_on_it() {
+fn salvages_around_unreadable_page() {
     let place = tempfile::tempdir().unwrap();
     let directory = place.path().join("data");
     fill(&directory);
-    let wanted = told(&Store::open(&directory).unwrap());
+    let expected = query_all(&Store::open(&directory).unwrap());
     let file = directory.join("iplw.sqlite");
     let leaf: i64 = {
         let c = rusqlite::Connection::open(&file).unwrap();
         c.query_row("SELECT rootpage FROM sqlite_schema WHERE name = 'world'", [], |r| r.get(0)).unwrap()
     };
-    // The first leaf of the worlds: the first child of an interior page stands in its first cell.
+    // The first leaf of the table `world`: the first cell of an interior page points to its first child.
     let mut bytes = fs::read(&file).unwrap();
     let page = |n: usize| (n - 1) * 4096;
     let root = page(leaf as usize);
@@ -297,8 +302,8 @@ fn a_page_that_is_gone_takes_only_what_was_on_it() {
     let left = store.worlds().unwrap();
     assert!(left.len() > 10 && left.len() < JOBS as usize, "{}", left.len());
     assert_eq!(left.last().unwrap().id, "w59");
-    let told = told(&store);
-    for (asked, answer) in wanted.iter().filter(|(asked, _)| *asked != "worlds") {
-        assert_eq!(&told[asked], answer, "{asked}");
+    let results = query_all(&store);
+    for (query, answer) in expected.iter().filter(|(query, _)| *query != "worlds") {
+        assert_eq!(&results[query], answer, "{query}");
     }
 }

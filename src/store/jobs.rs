@@ -6,25 +6,25 @@ use rusqlite::types::ValueRef;
 use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
-use super::requests::{Answered, keep};
-use super::{Store, json, seal, sql};
+use super::requests::{StoredResponse, keep};
+use super::{Store, checksum, json, sql};
 use crate::error::Result;
 
-/// One job as stored.
+/// A stored job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobRow {
-    /// Never used twice, restarts included.
+    /// Unique, also over restarts and removals.
     pub number: i64,
     pub kind: String,
     pub state: JobState,
-    /// What was asked for, as its owner wrote it.
+    /// The request, as its owner wrote it.
     pub config: Value,
-    /// The same with everything decided: enough to start it again. Not shown; it may hold a real world's secrets.
+    /// The resolved request, enough to start the job again. Not shown: it may hold a real world's latents.
     pub plan: Value,
-    /// How often it was begun since it last got anywhere.
+    /// Starts since the last progress.
     pub starts: u32,
     pub result: Option<Value>,
-    /// Why it failed, in the form its owner was told.
+    /// The error in the form shown to its owner.
     pub error: Option<Value>,
     pub seed: u64,
     /// Version of the program that ran it.
@@ -34,37 +34,37 @@ pub struct JobRow {
     pub total: u64,
     /// Id of its last event.
     pub events: u64,
-    /// Name of the token it was queued with.
+    /// Name of the token that queued it.
     pub owner: Option<String>,
 }
 
-/// Which jobs are listed, and in which order.
+/// Filter and order of a list of jobs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobList {
-    /// The newest first, instead of the oldest.
+    /// Newest first instead of oldest first.
     pub newest: bool,
-    /// Only those in this state.
+    /// Only jobs in this state.
     pub state: Option<JobState>,
-    /// Only those of this kind.
+    /// Only jobs of this kind.
     pub kind: Option<String>,
-    /// Without their results, which may be large.
+    /// Without results, which may be large.
     pub bare: bool,
 }
 
 impl JobRow {
-    /// What it takes as JSON, bytes.
+    /// Size as JSON, bytes.
     pub fn size(&self) -> usize {
         let parts = [Some(&self.config), Some(&self.plan), self.result.as_ref(), self.error.as_ref()];
         parts.into_iter().flatten().map(|value| value.to_string().len()).sum()
     }
 }
 
-/// Where a job stands.
+/// State of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobState {
     Queued,
     Running,
-    /// For answers to what it proposed; nothing is worked on.
+    /// Waiting for results of its proposals; nothing runs.
     Waiting,
     Succeeded,
     Failed,
@@ -72,7 +72,7 @@ pub enum JobState {
 }
 
 impl Store {
-    /// Takes in a queued job and numbers it; in the same transaction keeps what `answered` makes of it.
+    /// Adds a queued job; stores the response built by `answered` in the same transaction.
     pub fn add_job(
         &self,
         kind: &str,
@@ -80,7 +80,7 @@ impl Store {
         plan: &Value,
         seed: u64,
         owner: Option<&str>,
-        answered: &dyn Fn(&JobRow) -> Option<Answered>,
+        answered: &dyn Fn(&JobRow) -> Option<StoredResponse>,
     ) -> Result<JobRow> {
         let version = env!("CARGO_PKG_VERSION");
         self.atomically(|t| {
@@ -111,7 +111,7 @@ impl Store {
         })
     }
 
-    /// Writes a job's state, progress, result and error.
+    /// Stores a job's state, progress, result and error.
     pub fn update_job(&self, job: &JobRow) -> Result<()> {
         self.connection()
             .execute(
@@ -133,22 +133,22 @@ impl Store {
             .map_err(sql)
     }
 
-    /// Writes that a job runs, one start more.
+    /// Stores that a job runs, and counts the start.
     pub fn begin_job(&self, number: i64) -> Result<()> {
         self.move_job(number, "state = 'running', starts = starts + 1")
     }
 
-    /// Writes that a job is queued again though it did nothing wrong: its last start does not count.
+    /// Stores that a job is queued again; its last start does not count, since the job did not cause the stop.
     pub fn put_back_job(&self, number: i64) -> Result<()> {
         self.move_job(number, "state = 'queued', starts = max(starts - 1, 0)")
     }
 
-    /// Writes that a job is cancelled, whether or not it has noticed yet.
+    /// Stores that a job is cancelled, whether or not it has noticed.
     pub fn cancel_job(&self, number: i64) -> Result<()> {
         self.move_job(number, "state = 'cancelled', ended = unixepoch()")
     }
 
-    /// Changes a job that has not ended.
+    /// Updates a job that has not ended.
     fn move_job(&self, number: i64, set: &str) -> Result<()> {
         let open = "state IN ('queued', 'running', 'waiting')";
         self.connection()
@@ -165,7 +165,7 @@ impl Store {
             .map_err(sql)
     }
 
-    /// At most `limit` jobs, one owner's or everybody's, that come after number `after` in the order asked for.
+    /// At most `limit` jobs after number `after` in the requested order, of one owner or of all.
     pub fn jobs(
         &self,
         list: &JobList,
@@ -188,12 +188,12 @@ impl Store {
         self.select(&columns, which, with)
     }
 
-    /// Every job that has not ended, in order of number.
+    /// All jobs that have not ended, by number.
     pub fn unfinished(&self) -> Result<Vec<JobRow>> {
         self.select(COLUMNS, "WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
     }
 
-    /// How many jobs are in each state that any is in.
+    /// Number of jobs by state.
     pub fn jobs_by_state(&self) -> Result<BTreeMap<String, u64>> {
         let c = self.connection();
         let mut query = c.prepare("SELECT state, count(*) FROM job GROUP BY state").map_err(sql)?;
@@ -201,7 +201,7 @@ impl Store {
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    /// Forgets a job and everything measured, found and left by it; whether there was one.
+    /// Removes a job with its rounds, measurements, artifacts and log; whether it existed.
     pub fn remove_job(&self, number: i64) -> Result<bool> {
         self.atomically(|t| {
             for table in ["round", "measured", "artifact", "log"] {
@@ -211,8 +211,8 @@ impl Store {
         })
     }
 
-    /// Numbers of the jobs that ended before a moment, s since 1970. What ended under a version that did not note it ended when
-    /// the tables got the note.
+    /// Numbers of the jobs that ended before a moment, s since 1970. Jobs that ended before this column existed count from the
+    /// migration.
     pub fn ended_before(&self, moment: u64) -> Result<Vec<i64>> {
         let c = self.connection();
         let mut query = c.prepare("SELECT number FROM job WHERE ended < ?1").map_err(sql)?;
@@ -232,7 +232,7 @@ const COLUMNS: &str = "number, kind, state, config, result, error, seed, version
      whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
-    seal::whole(row)?;
+    checksum::verify(row)?;
     let text = |i: usize| row.get::<_, String>(i);
     let optional = |i: usize| match row.get_ref(i)? {
         ValueRef::Null => Ok::<_, rusqlite::Error>(None),
@@ -244,11 +244,11 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
         number: row.get(0)?,
         kind: text(1)?,
         state: JobState::named(&state)
-            .ok_or_else(|| seal::unreadable(row, &format!("there is no state {state:?}")))?,
+            .ok_or_else(|| checksum::unreadable(row, &format!("there is no state {state:?}")))?,
         config: json(row, 3)?,
         result: optional(4)?,
         error: optional(5)?,
-        seed: text(6)?.parse().map_err(|_| seal::unreadable(row, "its seed is no number"))?,
+        seed: text(6)?.parse().map_err(|_| checksum::unreadable(row, "its seed is not a number"))?,
         version: text(7)?,
         stage: text(8)?,
         done: count(9)?,
@@ -271,7 +271,7 @@ impl JobState {
         JobState::Cancelled,
     ];
 
-    /// The name used in files and on the wire.
+    /// Name of the state in files and on the wire.
     pub fn name(self) -> &'static str {
         match self {
             JobState::Queued => "queued",
@@ -283,7 +283,7 @@ impl JobState {
         }
     }
 
-    /// Whether nothing more will happen to the job.
+    /// Whether the state is final.
     pub fn ended(self) -> bool {
         matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
     }
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn jobs_survive_and_those_not_ended_are_found() {
+    fn jobs_survive_and_unfinished_ones_are_listed() {
         let dir = tempfile::tempdir().unwrap();
         let (done, open) = {
             let store = Store::open(dir.path()).unwrap();
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn only_jobs_that_ended_have_a_moment_at_which_they_did() {
+    fn only_ended_jobs_have_end_time() {
         let store = Store::in_memory().unwrap();
         let (mut done, gone, open) = (add(&store, "iplw", 1), add(&store, "iplw", 2), add(&store, "iplw", 3));
         store.begin_job(open.number).unwrap();
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_not_used_twice() {
+    fn numbers_are_not_reused() {
         let store = Store::in_memory().unwrap();
         let first = add(&store, "iplw", 0).number;
         assert!(store.remove_job(first).unwrap());

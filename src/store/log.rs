@@ -1,43 +1,43 @@
-//! What happened to a job, line by line: kept for as long as the job, the latest lines where there are many.
+//! Logs of jobs, kept as long as the job; only the latest lines of long logs.
 //!
-//! A line is written with the next [`Store::flush_log`], within a second on a server; whoever reads sees it at once.
+//! Lines are written by the next [`Store::flush_log`], on a server within a second; readers see them at once.
 
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use rusqlite::{Row, Transaction, params};
 
-use super::noted::{Level, Noted};
-use super::{Store, seal, sql};
+use super::log_line::{LogLevel, PendingLogLine};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
-/// Lines kept of a job; of more the oldest go.
-pub const KEPT_LINES: u64 = 1000;
-/// Longest text of a line, bytes; a longer one is cut.
-const MOST_TEXT: usize = 1000;
+/// Maximum lines kept of a job; the oldest are removed.
+pub const MAX_LOG_LINES_PER_JOB: u64 = 1000;
+/// Maximum length of a line, bytes; longer ones are truncated.
+const MAX_LOG_TEXT_BYTES: usize = 1000;
 
-/// One line as stored.
+/// A stored line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LogRow {
-    /// From 1, in the order of happening.
+    /// From 1, in order.
     pub number: u64,
     /// ms since 1970
     pub at: u64,
-    pub level: Level,
+    pub level: LogLevel,
     pub text: String,
 }
 
 impl Store {
-    /// Remembers a line for the next flush.
-    pub fn note_line(&self, job: i64, level: Level, text: &str) {
+    /// Buffers a line for the next flush.
+    pub fn note_line(&self, job: i64, level: LogLevel, text: &str) {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let noted = Noted { job, at: since.as_millis() as u64, level, text: shown(text) };
+        let noted = PendingLogLine { job, at: since.as_millis() as u64, level, text: single_line(text) };
         self.lines.lock().unwrap_or_else(PoisonError::into_inner).push(noted);
     }
 
-    /// Writes the lines that were remembered; those of jobs that are gone go, too.
+    /// Writes the buffered lines; lines of removed jobs are dropped.
     pub fn flush_log(&self) -> Result<()> {
-        // Held until they are written, so that those noted later come later.
+        // Locked until they are written, so that the order is kept.
         let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         if lines.is_empty() {
             return Ok(());
@@ -47,7 +47,7 @@ impl Store {
         Ok(())
     }
 
-    /// At most `limit` lines of a job, those after number `after`.
+    /// At most `limit` lines of a job after number `after`.
     pub fn log(&self, job: i64, after: u64, limit: usize) -> Result<Vec<LogRow>> {
         self.flush_log()?;
         let c = self.connection();
@@ -59,7 +59,7 @@ impl Store {
     }
 }
 
-fn write(t: &Transaction, line: &Noted) -> rusqlite::Result<()> {
+fn write(t: &Transaction, line: &PendingLogLine) -> rusqlite::Result<()> {
     t.prepare_cached(
         "INSERT INTO log (job, number, at, level, text) \
          SELECT ?1, (SELECT coalesce(max(number), 0) + 1 FROM log WHERE job = ?1), ?2, ?3, ?4 \
@@ -69,15 +69,15 @@ fn write(t: &Transaction, line: &Noted) -> rusqlite::Result<()> {
     t.prepare_cached(
         "DELETE FROM log WHERE job = ?1 AND number <= (SELECT max(number) FROM log WHERE job = ?1) - ?2",
     )?
-    .execute(params![line.job, KEPT_LINES as i64])
+    .execute(params![line.job, MAX_LOG_LINES_PER_JOB as i64])
     .map(drop)
 }
 
 fn row(row: &Row) -> rusqlite::Result<LogRow> {
-    seal::whole(row)?;
+    checksum::verify(row)?;
     let level: String = row.get(2)?;
-    let level =
-        Level::named(&level).ok_or_else(|| seal::unreadable(row, &format!("there is no level {level:?}")))?;
+    let level = LogLevel::named(&level)
+        .ok_or_else(|| checksum::unreadable(row, &format!("there is no level {level:?}")))?;
     Ok(LogRow {
         number: row.get::<_, i64>(0)? as u64,
         at: row.get::<_, i64>(1)? as u64,
@@ -86,10 +86,15 @@ fn row(row: &Row) -> rusqlite::Result<LogRow> {
     })
 }
 
-/// One line, not longer than a line may be.
-fn shown(text: &str) -> String {
+/// The text as one line of limited length.
+fn single_line(text: &str) -> String {
     let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    match line.char_indices().map(|(i, c)| i + c.len_utf8()).take_while(|end| *end <= MOST_TEXT).last() {
+    match line
+        .char_indices()
+        .map(|(i, c)| i + c.len_utf8())
+        .take_while(|end| *end <= MAX_LOG_TEXT_BYTES)
+        .last()
+    {
         Some(end) if end < line.len() => format!("{} ...", &line[..end]),
         _ => line,
     }
@@ -106,21 +111,21 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_read_in_order_and_survive() {
+    fn log_lines_are_ordered_and_survive() {
         let dir = tempfile::tempdir().unwrap();
         let (one, other);
         {
             let store = Store::open(dir.path()).unwrap();
             (one, other) = (job(&store), job(&store));
-            store.note_line(one, Level::Info, "begun");
-            store.note_line(other, Level::Error, "no\nway");
-            store.note_line(one, Level::Warning, "slow");
-            store.note_line(99, Level::Info, "of nobody");
+            store.note_line(one, LogLevel::Info, "begun");
+            store.note_line(other, LogLevel::Error, "no\nway");
+            store.note_line(one, LogLevel::Warning, "slow");
+            store.note_line(99, LogLevel::Info, "of nobody");
             let lines = store.log(one, 0, 9).unwrap();
-            let told: Vec<_> = lines.iter().map(|l| (l.number, l.level, l.text.as_str())).collect();
-            assert_eq!(told, [(1, Level::Info, "begun"), (2, Level::Warning, "slow")]);
+            let texts: Vec<_> = lines.iter().map(|l| (l.number, l.level, l.text.as_str())).collect();
+            assert_eq!(texts, [(1, LogLevel::Info, "begun"), (2, LogLevel::Warning, "slow")]);
             assert!(lines[0].at > 1_600_000_000_000 && lines[1].at >= lines[0].at);
-            store.note_line(one, Level::Info, "done");
+            store.note_line(one, LogLevel::Info, "done");
             store.flush_log().unwrap();
         }
         let store = Store::open(dir.path()).unwrap();
@@ -133,27 +138,30 @@ mod tests {
     }
 
     #[test]
-    fn of_many_lines_the_latest_are_kept_and_long_ones_are_cut() {
+    fn keeps_latest_lines_and_truncates_long_ones() {
         let store = Store::in_memory().unwrap();
         let job = job(&store);
-        (0..KEPT_LINES + 5).for_each(|i| store.note_line(job, Level::Info, &i.to_string()));
+        (0..MAX_LOG_LINES_PER_JOB + 5).for_each(|i| store.note_line(job, LogLevel::Info, &i.to_string()));
         let lines = store.log(job, 0, usize::MAX >> 1).unwrap();
-        assert_eq!((lines.len() as u64, lines[0].number, lines[0].text.as_str()), (KEPT_LINES, 6, "5"));
-        store.note_line(job, Level::Info, &"ä".repeat(MOST_TEXT));
-        let cut = store.log(job, KEPT_LINES + 5, 9).unwrap().remove(0).text;
-        assert!(cut.len() <= MOST_TEXT + 4 && cut.ends_with("ä ..."), "{cut}");
+        assert_eq!(
+            (lines.len() as u64, lines[0].number, lines[0].text.as_str()),
+            (MAX_LOG_LINES_PER_JOB, 6, "5")
+        );
+        store.note_line(job, LogLevel::Info, &"ä".repeat(MAX_LOG_TEXT_BYTES));
+        let cut = store.log(job, MAX_LOG_LINES_PER_JOB + 5, 9).unwrap().remove(0).text;
+        assert!(cut.len() <= MAX_LOG_TEXT_BYTES + 4 && cut.ends_with("ä ..."), "{cut}");
     }
 
     #[test]
-    fn a_line_that_is_damaged_is_named() {
+    fn damaged_log_line_is_named() {
         let store = Store::in_memory().unwrap();
         let job = job(&store);
-        store.note_line(job, Level::Info, "begun");
+        store.note_line(job, LogLevel::Info, "begun");
         store.flush_log().unwrap();
         let triggers = ["made", "looked_at", "changed"].map(|t| format!("DROP TRIGGER temp.log_{t};"));
         store.connection().execute_batch(&triggers.concat()).unwrap();
         store.connection().execute("UPDATE log SET text = 'x'", []).unwrap();
-        let told = store.log(job, 0, 9).unwrap_err().to_string();
-        assert!(told.contains("line 1 of the log of job-1"), "{told}");
+        let texts = store.log(job, 0, 9).unwrap_err().to_string();
+        assert!(texts.contains("line 1 of the log of job-1"), "{texts}");
     }
 }

@@ -1,36 +1,36 @@
-//! What lasts: jobs with their rounds and measurements, worlds, policies and answered requests, in SQLite (WAL)
-//! with weights as files beside it.
+//! Persistence: jobs with their rounds and measurements, worlds, policies and stored responses, in SQLite (WAL), with weights as
+//! files.
 //!
-//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and what `access/` keeps there; its owner alone may read it. One server
-//! at a time: the lock is the operating system's, so it goes with the process however that ends. Without a directory everything is
-//! kept in memory by the same code.
+//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and the token file; only its owner can read it. One server uses it at a
+//! time: the lock belongs to the operating system and ends with the process. Without a directory the same code keeps everything in
+//! memory.
 //!
-//! What comes out is what went in, or an error that names the record: rows have checksums (`seal`), weights digests (`blobs`), and
-//! all is looked at when the store is opened (`check`). `backup` copies and restores, `salvage` saves what is whole.
+//! Reads return what was written, or an error that names the record: rows have checksums (`checksum`), weights digests (`blobs`),
+//! and everything is checked when the store is opened (`check`). `backup` copies and restores; `salvage` recovers intact records.
 //!
-//! What a function here wrote is on the disk when it returns, in one transaction, but for [`Store::note_world`],
-//! which waits for the next [`Store::flush_worlds`], and [`Store::note_line`], which does for [`Store::flush_log`].
+//! Writes are durable when they return, in one transaction, except [`Store::note_world`], which waits for the next
+//! [`Store::flush_worlds`], and [`Store::note_line`], which waits for [`Store::flush_log`].
 
 mod artifacts;
+mod atomic_write;
 mod backup;
 mod blobs;
 mod check;
+mod checksum;
+mod data_directory;
 mod jobs;
 mod log;
-mod noted;
-mod pending;
-mod place;
+mod log_line;
+mod permissions;
 mod policies;
-mod private;
 mod requests;
 mod rounds;
 mod salvage;
 mod schema;
-mod seal;
 mod sqlite;
 mod surfaces;
-mod whole;
 mod worlds;
+mod write_buffer;
 
 #[cfg(test)]
 mod damage;
@@ -42,73 +42,73 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use crate::error::Result;
+pub use atomic_write::{write_private, write_whole};
 pub use backup::{backup, restore};
 use blobs::Blobs;
-use check::Weights;
-pub use check::{Checked, Finding, check};
+use check::WeightsCheck;
+pub use check::{CheckReport, DamagedRecord, check};
+pub use checksum::sha256;
+use data_directory::{DataDirectory, lock_directory};
 pub use jobs::{JobList, JobRow, JobState};
-pub use log::{KEPT_LINES, LogRow};
-pub use noted::Level;
-use noted::Noted;
-use pending::Pending;
-use place::{Place, locked};
+pub use log::{LogRow, MAX_LOG_LINES_PER_JOB};
+pub use log_line::LogLevel;
+use log_line::PendingLogLine;
+pub use permissions::{make_directory as make_private_directory, options as private_file};
 pub use policies::PolicyRow;
-pub use private::{make_directory as make_private_directory, options as private_file};
-pub use requests::Answered;
-pub use rounds::{Measured, RoundRow};
-pub use salvage::{Salvaged, salvage};
-pub use seal::sha256;
+pub use requests::StoredResponse;
+pub use rounds::{MeasuredOutcomes, RoundRow};
+pub use salvage::{SalvageReport, salvage};
 use sqlite::{failed, json, sql};
 pub use surfaces::SurfaceRow;
-pub use whole::{write_private, write_whole};
 pub use worlds::WorldRow;
+use write_buffer::WorldWriteBuffer;
 
 /// An open store.
 pub struct Store {
     connection: Mutex<Connection>,
     /// Counters of worlds that are not written yet.
-    pending: Mutex<Pending>,
-    /// Held by whoever writes them.
+    pending: Mutex<WorldWriteBuffer>,
+    /// Held while they are written.
     writing: Mutex<()>,
-    /// Lines of jobs' logs that are not written yet.
-    lines: Mutex<Vec<Noted>>,
+    /// Lines of job logs that are not written yet.
+    lines: Mutex<Vec<PendingLogLine>>,
     blobs: Blobs,
-    /// Held as long as the store is open.
+    /// Held while the store is open.
     _lock: Option<File>,
 }
 
 impl Store {
-    /// A store that is gone when it is dropped.
+    /// A store in memory.
     pub fn in_memory() -> Result<Store> {
         let mut connection = Connection::open_in_memory().map_err(|e| failed("the store in memory", &e))?;
-        seal::teach(&connection).map_err(sql)?;
+        checksum::register_function(&connection).map_err(sql)?;
         let blobs = Blobs::memory();
         schema::migrate(&mut connection, 0, &blobs).map_err(sql)?;
-        seal::guard(&connection).map_err(sql)?;
+        checksum::install_guards(&connection).map_err(sql)?;
         Ok(Store::of(connection, blobs, None))
     }
 
-    /// Opens or makes the store in `directory`, which nobody else may read then; refuses if another server has it open, or if
-    /// what is in it is damaged.
+    /// Opens or creates the store in `directory` and makes it private; errors if another server has it open or if its data are
+    /// damaged.
     pub fn open(directory: &Path) -> Result<Store> {
-        private::own_directory(directory)?;
-        let lock = locked(directory)?;
-        private::tighten(directory);
-        let place = Place::at(directory);
-        place.whole_or_new()?;
+        permissions::secure_data_directory(directory)?;
+        let lock = lock_directory(directory)?;
+        permissions::restrict_files(directory);
+        let place = DataDirectory::at(directory);
+        place.open_or_create_database()?;
         let mut connection = place.connect()?;
         let name = place.database.display().to_string();
         let fail = |e: rusqlite::Error| failed(&name, &e);
         check::refuse(&check::structure(&connection, &name)?)?;
         let version = schema::version(&connection, &name)?;
         check::refuse(&check::shape(&connection, version)?)?;
-        // The pragma's answer is the mode that holds.
+        // The pragma returns the resulting mode.
         connection.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0)).map_err(fail)?;
         connection.pragma_update(None, "synchronous", "FULL").map_err(fail)?;
         let blobs = Blobs::directory(&place.policies)?;
         schema::migrate(&mut connection, version, &blobs).map_err(fail)?;
-        seal::guard(&connection).map_err(fail)?;
-        check::refuse(&check::content(&connection, schema::HERE, &blobs, Weights::Size)?)?;
+        checksum::install_guards(&connection).map_err(fail)?;
+        check::refuse(&check::content(&connection, schema::CURRENT_VERSION, &blobs, WeightsCheck::Size)?)?;
         let store = Store::of(connection, blobs, Some(lock));
         store.sweep_blobs()?;
         Ok(store)
@@ -129,7 +129,7 @@ impl Store {
         self.connection.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// All of what `write` does, or nothing.
+    /// Runs `write` in a transaction.
     fn atomically<T>(&self, write: impl FnOnce(&Transaction) -> rusqlite::Result<T>) -> Result<T> {
         let mut c = self.connection();
         let transaction = c.transaction_with_behavior(TransactionBehavior::Immediate).map_err(sql)?;
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_server_is_refused_until_the_first_is_gone() {
+    fn rejects_second_server() {
         let dir = tempfile::tempdir().unwrap();
         let first = Store::open(dir.path()).unwrap();
         let refused = Store::open(dir.path()).err().unwrap();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_later_schema_is_refused() {
+    fn rejects_later_schema() {
         let dir = tempfile::tempdir().unwrap();
         Store::open(dir.path()).unwrap().connection().pragma_update(None, "user_version", 99).unwrap();
         let refused = Store::open(dir.path()).err().unwrap();

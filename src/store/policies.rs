@@ -1,39 +1,39 @@
-//! Policies as rows, their weights as blobs.
+//! Policies as rows, with their weights as blobs.
 
 use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
-use super::{Store, json, seal, sql};
+use super::{Store, checksum, json, sql};
 use crate::error::{Error, Result};
 
-/// One policy as stored.
+/// A stored policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyRow {
     /// Letters, digits, `.`, `_`, `-`.
     pub id: String,
-    /// Family it scores actions of.
+    /// Task family whose actions it scores.
     pub task: String,
-    /// How it came about: `fixed`, `randomised` or `uploaded`.
+    /// Origin: `fixed`, `randomised` or `uploaded`.
     pub training: String,
-    /// The policy's own words about itself.
+    /// The policy's description.
     pub about: String,
-    /// What it was trained with.
+    /// Training configuration.
     pub config: Value,
     /// Id of the job that trained it.
     pub job: Option<String>,
     /// Version of the program that stored it.
     pub version: String,
-    /// Size of its weights.
+    /// Size of its weights, bytes.
     pub bytes: u64,
-    /// Name of the token it was stored with.
+    /// Name of the token that stored it.
     pub owner: Option<String>,
 }
 
 impl Store {
-    /// Stores a policy and its weights under `policy.id`, or replaces those there, which stay their owner's; whether it
-    /// is new. Refuses to replace what is not the owner's `of`, if one is given.
+    /// Stores a policy and its weights under `policy.id`; returns whether it is new. Replaces an existing one, which keeps its owner;
+    /// errors if that owner is not `of`, if given.
     pub fn put_policy(&self, policy: &PolicyRow, weights: &[u8], of: Option<&str>) -> Result<bool> {
-        // A fresh name each time: until the row changes, the old weights stay whole and readable.
+        // A new file name each time: until the row changes, the old weights stay readable.
         let c = self.connection();
         let next: i64 =
             c.query_row("SELECT coalesce(max(number), 0) + 1 FROM policy", [], |r| r.get(0)).map_err(sql)?;
@@ -42,7 +42,7 @@ impl Store {
                 "SELECT blob, owner, whole, record FROM whole_policy WHERE id = ?1",
                 [&policy.id],
                 |r| {
-                    seal::whole(r)?;
+                    checksum::verify(r)?;
                     Ok((r.get::<_, String>(0)?, r.get::<_, Option<String>>(1)?))
                 },
             )
@@ -50,7 +50,7 @@ impl Store {
             .map_err(sql)?;
         let owner = old.as_ref().map_or(policy.owner.as_deref(), |(_, owner)| owner.as_deref());
         if old.is_some() && of.is_some_and(|of| owner != Some(of)) {
-            let reason = format!("a policy named {} is somebody else's; take another name", policy.id);
+            let reason = format!("the policy {} belongs to another owner; choose another name", policy.id);
             return Err(Error::Refused { reason });
         }
         let blob = format!("{}.{next}.safetensors", policy.id);
@@ -70,7 +70,7 @@ impl Store {
                 blob,
                 weights.len() as i64,
                 owner,
-                seal::sha256(weights),
+                checksum::sha256(weights),
             ],
         )
         .map_err(sql)?;
@@ -91,11 +91,11 @@ impl Store {
 
     /// Its weights.
     pub fn weights(&self, id: &str) -> Result<Option<Vec<u8>>> {
-        // The connection stays locked while the file is read: nobody replaces it meanwhile.
+        // The connection stays locked while the file is read, so that it is not replaced meanwhile.
         let c = self.connection();
         let found = c
             .query_row("SELECT blob, digest, whole, record FROM whole_policy WHERE id = ?1", [id], |r| {
-                seal::whole(r)?;
+                checksum::verify(r)?;
                 Ok((r.get::<_, String>(0)?, r.get::<_, String>(1)?))
             })
             .optional()
@@ -103,8 +103,8 @@ impl Store {
         found.map(|(blob, digest)| self.blobs.read(&blob, &digest)).transpose()
     }
 
-    /// At most `limit` policies with their numbers, in order of number, those after number `after`; one owner's,
-    /// or everybody's. A policy whose weights are replaced gets a new number.
+    /// At most `limit` policies with their numbers, after number `after`, in order; of one owner or of all. Replacing the weights
+    /// assigns a new number.
     pub fn policies(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<(i64, PolicyRow)>> {
         let c = self.connection();
         let which = "number > ?1 AND (?3 IS NULL OR owner = ?3)";
@@ -117,7 +117,7 @@ impl Store {
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    /// Forgets a policy and its weights; whether there was one.
+    /// Removes a policy and its weights; whether it existed.
     pub fn remove_policy(&self, id: &str) -> Result<bool> {
         let c = self.connection();
         let blob: Option<String> = c
@@ -130,11 +130,11 @@ impl Store {
         }
     }
 
-    /// Removes weights that no row names: what a crash between two writes may leave.
+    /// Removes weights without a row, which a crash may leave.
     pub fn sweep_blobs(&self) -> Result<()> {
         let c = self.connection();
         let mut query = c.prepare("SELECT blob, whole, record FROM whole_policy").map_err(sql)?;
-        let row = |r: &Row| seal::whole(r).and_then(|()| r.get(0));
+        let row = |r: &Row| checksum::verify(r).and_then(|()| r.get(0));
         let names: Vec<String> =
             query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)?;
         self.blobs.retain(|name| names.iter().any(|n| n == name))
@@ -144,7 +144,7 @@ impl Store {
 const COLUMNS: &str = "id, task, training, about, config, job, version, bytes, owner, whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
-    seal::whole(row)?;
+    checksum::verify(row)?;
     Ok(PolicyRow {
         id: row.get(0)?,
         task: row.get(1)?,
@@ -177,7 +177,7 @@ pub mod tests {
     }
 
     #[test]
-    fn weights_survive_a_restart_and_replacing_leaves_one_file() {
+    fn weights_survive_restart_and_replacement() {
         let dir = tempfile::tempdir().unwrap();
         {
             let store = Store::open(dir.path()).unwrap();
@@ -185,7 +185,7 @@ pub mod tests {
             assert!(store.put_policy(&named("b"), &[9], None).unwrap());
             assert!(!store.put_policy(&named("a"), &[4, 5, 6], None).unwrap());
         }
-        // What a crash may leave behind is swept.
+        // Leftovers of a crash are removed.
         std::fs::write(dir.path().join("policies/c.9.safetensors.part"), [0]).unwrap();
         let store = Store::open(dir.path()).unwrap();
         assert_eq!(store.weights("a").unwrap().unwrap(), [4, 5, 6]);
@@ -198,12 +198,12 @@ pub mod tests {
     }
 
     #[test]
-    fn only_its_owner_replaces_a_policy_and_it_stays_the_owners() {
+    fn only_owner_replaces_policy() {
         let store = Store::in_memory().unwrap();
         let of = |owner: &str| PolicyRow { owner: Some(owner.into()), ..named("a") };
         assert!(store.put_policy(&of("ann"), &[1], Some("ann")).unwrap());
         let refused = store.put_policy(&of("bob"), &[2], Some("bob")).unwrap_err().to_string();
-        assert!(refused.contains("somebody else's"), "{refused}");
+        assert!(refused.contains("another owner"), "{refused}");
         assert_eq!(store.weights("a").unwrap().unwrap(), [1]);
         assert!(!store.put_policy(&of("root"), &[3], None).unwrap());
         assert_eq!(store.policy("a").unwrap().unwrap().owner.as_deref(), Some("ann"));

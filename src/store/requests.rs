@@ -1,32 +1,32 @@
-//! Requests that were answered, by the key their sender gave them: asked again, they get the same answer.
+//! Stored responses of idempotent requests, by key.
 
 use rusqlite::{OptionalExtension, Transaction, params};
 
-use super::{Store, seal, sql};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
-/// An answered request.
+/// A stored response.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answered {
-    /// What its sender calls it; unique.
+pub struct StoredResponse {
+    /// Idempotency key; unique.
     pub key: String,
-    /// What was asked: the same for the same request, different for any other.
+    /// Hash of the request.
     pub fingerprint: String,
     pub status: u16,
     pub location: Option<String>,
     pub body: Vec<u8>,
 }
 
-/// Answers kept; the oldest go first.
-const KEPT: i64 = 10_000;
+/// Maximum stored responses; the oldest are removed.
+const MAX_STORED_RESPONSES: i64 = 10_000;
 
 impl Store {
-    /// The request with this key, if it was answered.
-    pub fn answered(&self, key: &str) -> Result<Option<Answered>> {
+    /// The stored response of a key.
+    pub fn stored_response(&self, key: &str) -> Result<Option<StoredResponse>> {
         let select = "SELECT key, fingerprint, status, location, body, whole, record FROM whole_request WHERE key = ?1";
         let row = |r: &rusqlite::Row| {
-            seal::whole(r)?;
-            Ok(Answered {
+            checksum::verify(r)?;
+            Ok(StoredResponse {
                 key: r.get(0)?,
                 fingerprint: r.get(1)?,
                 status: r.get(2)?,
@@ -38,14 +38,15 @@ impl Store {
     }
 }
 
-/// Keeps an answer in the transaction that has its effect: both last, or neither.
-pub(super) fn keep(t: &Transaction, answered: Option<&Answered>) -> rusqlite::Result<()> {
+/// Stores a response in the transaction of its effect.
+pub(super) fn keep(t: &Transaction, answered: Option<&StoredResponse>) -> rusqlite::Result<()> {
     let Some(a) = answered else { return Ok(()) };
     t.execute(
         "INSERT INTO request (key, fingerprint, status, location, body) VALUES (?1, ?2, ?3, ?4, ?5)",
         params![a.key, a.fingerprint, a.status, a.location, a.body],
     )?;
-    t.execute("DELETE FROM request WHERE number <= ?1", [t.last_insert_rowid() - KEPT]).map(drop)
+    t.execute("DELETE FROM request WHERE number <= ?1", [t.last_insert_rowid() - MAX_STORED_RESPONSES])
+        .map(drop)
 }
 
 #[cfg(test)]
@@ -53,22 +54,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_answer_is_kept_with_its_effect_or_not_at_all() {
+    fn response_and_effect_are_atomic() {
         let store = Store::in_memory().unwrap();
-        let answered = |body: &str| Answered {
+        let response = |body: &str| StoredResponse {
             key: "k".into(),
             fingerprint: "f".into(),
             status: 201,
             location: Some("/here".into()),
             body: body.into(),
         };
-        store.add_world("w1", "{}", None, Some(&answered("first"))).unwrap();
-        assert_eq!(store.answered("k").unwrap(), Some(answered("first")));
+        store.add_world("w1", "{}", None, Some(&response("first"))).unwrap();
+        assert_eq!(store.stored_response("k").unwrap(), Some(response("first")));
         assert!(
-            store.add_world("w2", "{}", None, Some(&answered("second"))).is_err(),
+            store.add_world("w2", "{}", None, Some(&response("second"))).is_err(),
             "a key has one answer"
         );
         assert_eq!(store.worlds().unwrap().len(), 1, "and its effect is gone too");
-        assert_eq!(store.answered("other").unwrap(), None);
+        assert_eq!(store.stored_response("other").unwrap(), None);
     }
 }

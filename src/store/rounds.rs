@@ -1,27 +1,26 @@
-//! The rounds of a job: what it asked for, what was measured, what it made of that.
+//! Rounds of a job: proposed trials, measured outcomes, and the round's result.
 
 use std::collections::BTreeMap;
 
 use rusqlite::{OptionalExtension, Row, Transaction, params};
 
-use super::requests::{Answered, keep};
+use super::requests::{StoredResponse, keep};
 use super::worlds::raise;
-use super::{Store, seal, sql};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
-/// One round as stored; both texts are the caller's JSON.
+/// A stored round; both texts are the caller's JSON.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoundRow {
     pub number: u64,
-    /// What was to be measured.
+    /// Proposed trials.
     pub asked: String,
-    /// What came of it; `None` while the round is open.
+    /// Result; `None` while the round is open.
     pub done: Option<String>,
 }
 
-/// What became of the measurements of a job, by number: the caller's JSON, or `None` for one that could not be
-/// carried out.
-pub type Measured = BTreeMap<u64, Option<String>>;
+/// Measured outcomes of a job, by number: the caller's JSON, or `None` for an infeasible trial.
+pub type MeasuredOutcomes = BTreeMap<u64, Option<String>>;
 
 impl Store {
     /// A job's rounds in order.
@@ -49,7 +48,7 @@ impl Store {
         })
     }
 
-    /// Ends a round.
+    /// Closes a round.
     pub fn close_round(&self, job: i64, number: u64, done: &str) -> Result<()> {
         self.atomically(|t| {
             t.execute(
@@ -60,14 +59,14 @@ impl Store {
         })
     }
 
-    /// What was measured for a job, numbers from `first` on.
-    pub fn measured(&self, job: i64, first: u64) -> Result<Measured> {
+    /// Measured outcomes of a job, from number `first` on.
+    pub fn measured(&self, job: i64, first: u64) -> Result<MeasuredOutcomes> {
         let c = self.connection();
         let select =
             "SELECT number, outcome, whole, record FROM whole_measured WHERE job = ?1 AND number >= ?2";
         let mut query = c.prepare(select).map_err(sql)?;
         let row = |r: &Row| {
-            seal::whole(r)?;
+            checksum::verify(r)?;
             Ok((r.get::<_, i64>(0)? as u64, r.get(1)?))
         };
         query
@@ -77,14 +76,14 @@ impl Store {
             .map_err(sql)
     }
 
-    /// Keeps measurements, replacing those there; in the same transaction the count of interactions of the
-    /// world they were made in, and the answer to the request that brought them.
+    /// Stores outcomes, replacing existing ones; in the same transaction the interaction count of their world, and the response to
+    /// the request that submitted them.
     pub fn put_measured(
         &self,
         job: i64,
-        measured: &Measured,
+        measured: &MeasuredOutcomes,
         world: Option<(&str, u64)>,
-        answered: Option<&Answered>,
+        answered: Option<&StoredResponse>,
     ) -> Result<()> {
         self.atomically(|t| {
             let mut insert =
@@ -104,11 +103,11 @@ impl Store {
 const COLUMNS: &str = "number, asked, done, whole, record";
 
 fn row(r: &Row) -> rusqlite::Result<RoundRow> {
-    seal::whole(r)?;
+    checksum::verify(r)?;
     Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
 }
 
-/// The job got somewhere.
+/// Records progress of a job.
 fn progress(t: &Transaction, job: i64) -> rusqlite::Result<()> {
     t.execute("UPDATE job SET starts = min(starts, 1) WHERE number = ?1", [job]).map(drop)
 }
@@ -119,7 +118,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn rounds_and_measurements_survive_and_count_as_progress() {
+    fn rounds_survive_and_count_as_progress() {
         let dir = tempfile::tempdir().unwrap();
         let job = {
             let store = Store::open(dir.path()).unwrap();
@@ -127,11 +126,11 @@ mod tests {
             let job = store.add_job("iplw", &json!({}), &json!({}), 0, None, &|_| None).unwrap();
             (0..4).for_each(|_| store.begin_job(job.number).unwrap());
             store.open_round(job.number, 0, "[0, 1]").unwrap();
-            let some = Measured::from([(0, Some("a".into())), (1, None)]);
+            let some = MeasuredOutcomes::from([(0, Some("a".into())), (1, None)]);
             store.put_measured(job.number, &some, Some(("w", 7)), None).unwrap();
             store.close_round(job.number, 0, "done").unwrap();
             store.open_round(job.number, 1, "[2]").unwrap();
-            let more = Measured::from([(1, Some("b".into())), (2, None)]);
+            let more = MeasuredOutcomes::from([(1, Some("b".into())), (2, None)]);
             store.put_measured(job.number, &more, Some(("w", 5)), None).unwrap();
             job.number
         };
@@ -142,9 +141,9 @@ mod tests {
         assert_eq!(rounds[1], RoundRow { number: 1, asked: "[2]".into(), done: None });
         assert_eq!(
             store.measured(job, 0).unwrap(),
-            Measured::from([(0, Some("a".into())), (1, Some("b".into())), (2, None)])
+            MeasuredOutcomes::from([(0, Some("a".into())), (1, Some("b".into())), (2, None)])
         );
-        assert_eq!(store.measured(job, 2).unwrap(), Measured::from([(2, None)]));
+        assert_eq!(store.measured(job, 2).unwrap(), MeasuredOutcomes::from([(2, None)]));
         assert_eq!(store.worlds().unwrap()[0].interactions, 7, "a counter never goes back");
         store.remove_job(job).unwrap();
         assert!(store.rounds(job).unwrap().is_empty() && store.measured(job, 0).unwrap().is_empty());

@@ -1,4 +1,4 @@
-//! What is still whole of a damaged data directory, in a new database.
+//! Recovery of the intact records of a damaged data directory into a new database.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -8,108 +8,112 @@ use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, Transaction, params_from_iter};
 
 use super::blobs::Blobs;
-use super::check::Finding;
-use super::place::{Place, locked};
+use super::check::DamagedRecord;
+use super::data_directory::{DataDirectory, lock_directory};
 use super::sqlite::failed;
-use super::{private, schema, seal, whole};
+use super::{atomic_write, checksum, permissions, schema};
 use crate::error::{Error, Result};
 
-/// What became of a damaged data directory.
+/// Result of a salvage.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Salvaged {
-    /// What is not in it any more.
-    pub dropped: Vec<Finding>,
-    /// The damaged database, as it was.
-    pub kept: PathBuf,
+pub struct SalvageReport {
+    /// Records that were dropped.
+    pub dropped: Vec<DamagedRecord>,
+    /// Path of the damaged database, kept.
+    pub damaged_copy: PathBuf,
 }
 
-/// Numbers that nothing will ever reach are not taken over.
-const MOST_NUMBER: i64 = 1 << 40;
+/// Larger sequence numbers are taken for damage.
+const MAX_SEQUENCE_NUMBER: i64 = 1 << 40;
 
-/// Puts every record that is whole into a new database and leaves out the others. A job goes whole, with all that was measured
-/// for it, if any part of it is damaged: half of a job is not what was stored. The old database stays beside the new one.
-pub fn salvage(directory: &Path) -> Result<Salvaged> {
-    let place = Place::at(directory);
-    place.there()?;
-    let _lock = locked(directory)?;
-    private::tighten(directory);
+/// Copies all intact records into a new database. A job is dropped entirely, with its measurements, if any part of it is damaged.
+/// The old database is kept next to the new one.
+pub fn salvage(directory: &Path) -> Result<SalvageReport> {
+    let place = DataDirectory::at(directory);
+    place.check_exists()?;
+    let _lock = lock_directory(directory)?;
+    permissions::restrict_files(directory);
     let name = place.database.display().to_string();
     let old = place.connect()?;
     let version = schema::version(&old, &name)?;
-    if version < schema::SEALED {
+    if version < schema::FIRST_CHECKSUM_VERSION {
         let reason = format!(
-            "{name} is of a version without checksums: nobody can say which of its rows are whole; restore a backup"
+            "{name} has no checksums (an older version), so intact rows cannot be recognised; restore a backup"
         );
         return Err(Error::Refused { reason });
     }
     let part = place.database.with_extension("sqlite.salvaged");
-    let dropped = place.make(&part).and_then(|()| {
+    let dropped = place.create_database(&part).and_then(|()| {
         let fail = |e: rusqlite::Error| failed(&part.display().to_string(), &e);
         let mut new = Connection::open(&part).map_err(fail)?;
         let t = new.transaction().map_err(fail)?;
-        let dropped =
-            taken_over(&old, version, &t, &Blobs::Directory(place.policies.clone())).map_err(fail)?;
+        let dropped = copy_intact_records(&old, version, &t, &Blobs::Directory(place.policies.clone()))
+            .map_err(fail)?;
         t.commit().map_err(fail)?;
         new.close().map_err(|(_, e)| fail(e))?;
         Ok(dropped)
     });
     let dropped = dropped.inspect_err(|_| drop(fs::remove_file(&part)))?;
-    // What closing cannot write back stays beside it.
+    // The write-ahead log may remain; it is kept too.
     drop(old);
-    let kept = put_aside(&place.database)?;
-    whole::named(&part, &place.database)?;
-    Ok(Salvaged { dropped, kept })
+    let damaged_copy = put_aside(&place.database)?;
+    atomic_write::rename_into_place(&part, &place.database)?;
+    Ok(SalvageReport { dropped, damaged_copy })
 }
 
-/// Copies what is whole; says what is not.
-fn taken_over(
+/// Copies intact records; returns the dropped ones.
+fn copy_intact_records(
     old: &Connection,
     version: i64,
     new: &Transaction,
     blobs: &Blobs,
-) -> rusqlite::Result<Vec<Finding>> {
+) -> rusqlite::Result<Vec<DamagedRecord>> {
     let (mut dropped, mut incomplete) = (Vec::new(), BTreeSet::new());
-    for table in seal::tables(version) {
-        let mut seen = BTreeSet::new();
-        // From both ends, as a page that cannot be read ends the way.
+    for table in checksum::tables(version) {
+        let mut damaged_records = BTreeSet::new();
+        // From both ends, because an unreadable page ends a scan.
         for order in ["ASC", "DESC"] {
-            if let Err(e) = rows(old, new, table, order, &mut seen, &mut incomplete) {
+            if let Err(e) = copy_rows(old, new, table, order, &mut damaged_records, &mut incomplete) {
                 let record = format!("table {}", table.name);
-                let how = format!("some of its rows cannot be read: {e}");
-                dropped.push(Finding { record, how });
+                let how = format!("some rows cannot be read: {e}");
+                dropped.push(DamagedRecord { record, how });
             } else {
                 break;
             }
         }
-        dropped.extend(seen.into_iter().map(|record| Finding { record, how: seal::OTHER.into() }));
+        dropped.extend(
+            damaged_records
+                .into_iter()
+                .map(|record| DamagedRecord { record, how: checksum::CHECKSUM_MISMATCH.into() }),
+        );
     }
     for job in incomplete {
         if new.execute("DELETE FROM job WHERE number = ?1", [job])? > 0 {
-            let how = "something that was measured for it or made by it is damaged".into();
-            dropped.push(Finding { record: format!("job job-{job}"), how });
+            let how = "a measurement or artifact of it is damaged".into();
+            dropped.push(DamagedRecord { record: format!("job job-{job}"), how });
         }
     }
     for part in ["round", "measured", "artifact", "log"] {
         new.execute(&format!("DELETE FROM {part} WHERE job NOT IN (SELECT number FROM job)"), [])?;
     }
-    dropped.extend(without_weights(new, blobs)?);
-    numbers(old, new)?;
+    dropped.extend(drop_policies_without_weights(new, blobs)?);
+    continue_sequences(old, new)?;
     Ok(dropped)
 }
 
-/// Copies the rows of a table that are whole, in this order, up to where they cannot be read. `damaged` are those that are not;
-/// `incomplete` the jobs that these say they belong to.
-fn rows(
+/// Copies the intact rows of a table in this order, up to an unreadable page. Collects the names of damaged rows, and the jobs that
+/// they belong to.
+fn copy_rows(
     old: &Connection,
     new: &Transaction,
-    table: &seal::Table,
+    table: &checksum::ChecksummedTable,
     order: &str,
     damaged: &mut BTreeSet<String>,
     incomplete: &mut BTreeSet<i64>,
 ) -> rusqlite::Result<()> {
     let (name, columns) = (table.name, table.columns.join(", "));
     let (seal, record) = (table.seal(""), table.record(""));
-    // A job is whole without a line of its log.
+    // A job is complete without a log line.
     let part = table.columns[0] == "job" && name != "log";
     let select = format!(
         "SELECT {columns}, seal, seal IS {seal} AS whole, {record} AS record FROM main.{name} NOT INDEXED \
@@ -117,7 +121,7 @@ fn rows(
     );
     let count = table.columns.len() + 1;
     let places = vec!["?"; count].join(", ");
-    // The checksums come along: these are not sealed anew.
+    // Checksums are copied, not recomputed.
     let mut insert =
         new.prepare(&format!("INSERT OR IGNORE INTO {name} ({columns}, seal) VALUES ({places})"))?;
     let mut query = old.prepare(&select)?;
@@ -127,7 +131,7 @@ fn rows(
             let values = (0..count).map(|i| row.get::<_, Value>(i)).collect::<rusqlite::Result<Vec<_>>>()?;
             insert.execute(params_from_iter(values))?;
         } else {
-            damaged.insert(seal::record(row));
+            damaged.insert(checksum::record(row));
             if part && let ValueRef::Integer(job) = row.get_ref(0)? {
                 incomplete.insert(job);
             }
@@ -137,7 +141,7 @@ fn rows(
 }
 
 /// Drops policies whose weights are damaged.
-fn without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::Result<Vec<Finding>> {
+fn drop_policies_without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::Result<Vec<DamagedRecord>> {
     let mut query = new.prepare("SELECT id, blob, digest FROM policy ORDER BY number")?;
     let policies: Vec<(String, String, String)> =
         query.query_map([], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?)))?.collect::<rusqlite::Result<_>>()?;
@@ -145,24 +149,24 @@ fn without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::Result<Vec<Fin
     for (id, blob, digest) in policies {
         if blobs.digest(&blob).as_deref() != Some(&digest) {
             new.execute("DELETE FROM policy WHERE id = ?1", [&id])?;
-            dropped.push(Finding {
+            dropped.push(DamagedRecord {
                 record: format!("policy {id}"),
-                how: "its weights are damaged or gone".into(),
+                how: "its weights are damaged or missing".into(),
             });
         }
     }
     Ok(dropped)
 }
 
-/// Numbers that were given go on from where they were, also where the last of them are gone.
-fn numbers(old: &Connection, new: &Transaction) -> rusqlite::Result<()> {
+/// Continues the number sequences, also after the last rows were dropped.
+fn continue_sequences(old: &Connection, new: &Transaction) -> rusqlite::Result<()> {
     let last = || -> rusqlite::Result<Vec<(String, i64)>> {
         let mut query = old.prepare("SELECT name, seq FROM main.sqlite_sequence")?;
         query.query_map([], |r| Ok((r.get(0)?, r.get(1)?)))?.collect()
     };
     for (name, number) in last().unwrap_or_default() {
-        let known = seal::TABLES.iter().any(|t| t.name == name);
-        if known && (0..MOST_NUMBER).contains(&number) {
+        let is_known = checksum::TABLES.iter().any(|t| t.name == name);
+        if is_known && (0..MAX_SEQUENCE_NUMBER).contains(&number) {
             new.execute(
                 "INSERT INTO sqlite_sequence (name, seq) SELECT ?1, 0 WHERE ?1 NOT IN (SELECT name FROM sqlite_sequence)",
                 [&name],
@@ -176,14 +180,14 @@ fn numbers(old: &Connection, new: &Transaction) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// Gives the damaged database, and what SQLite keeps beside it, a name that nothing has.
+/// Renames the damaged database and its companion files to unused names.
 fn put_aside(database: &Path) -> Result<PathBuf> {
     let named = |i: usize| {
         database.with_extension(if i == 0 { "sqlite.damaged".into() } else { format!("sqlite.damaged.{i}") })
     };
-    let kept = (0..).map(named).find(|p| !p.exists()).unwrap_or_else(|| named(0));
+    let target = (0..).map(named).find(|p| !p.exists()).unwrap_or_else(|| named(0));
     for beside in ["-wal", "-shm", "-journal", ""] {
-        let (from, to) = (format!("{}{beside}", database.display()), format!("{}{beside}", kept.display()));
+        let (from, to) = (format!("{}{beside}", database.display()), format!("{}{beside}", target.display()));
         match fs::rename(&from, &to) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound || beside.is_empty() => {
                 return Err(Error::io(Path::new(&from), e));
@@ -191,5 +195,5 @@ fn put_aside(database: &Path) -> Result<PathBuf> {
             _ => {}
         }
     }
-    Ok(kept)
+    Ok(target)
 }

@@ -1,14 +1,14 @@
-//! The tables, version by version, and whether a file has them as they should be.
+//! The schema, its migrations, and its comparison with a file.
 
 use rusqlite::Connection;
 
 use super::blobs::Blobs;
-use super::seal;
+use super::checksum;
 use super::sqlite::failed;
 use crate::error::{Error, Result};
 
-/// What makes the tables, step by step; a file that has had the first n is of version n.
-pub const STEPS: [&str; 6] = [
+/// Migrations; a file with the first n applied has version n.
+pub const MIGRATIONS: [&str; 6] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -117,53 +117,53 @@ pub const STEPS: [&str; 6] = [
 ",
 ];
 
-/// Version of the tables as they are here.
-pub const HERE: i64 = STEPS.len() as i64;
-/// First version whose rows have checksums, and whose weights have digests.
-pub const SEALED: i64 = 5;
+/// Current version of the schema.
+pub const CURRENT_VERSION: i64 = MIGRATIONS.len() as i64;
+/// First version with checksums of rows and digests of weights.
+pub const FIRST_CHECKSUM_VERSION: i64 = 5;
 
-/// Version of a file's tables; refuses what a later version of the program wrote.
+/// Version of a file's schema; errors for later versions of the program.
 pub fn version(c: &Connection, place: &str) -> Result<i64> {
     let version: i64 =
         c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(|e| failed(place, &e))?;
-    if (0..=HERE).contains(&version) {
+    if (0..=CURRENT_VERSION).contains(&version) {
         return Ok(version);
     }
     Err(Error::Refused {
         reason: format!(
-            "{place} was written by a later version of this program (tables {version}, \
-             here {HERE}); use that version, or another data directory"
+            "{place} was written by a later version of this program (schema {version}, \
+             this version has {CURRENT_VERSION}); use that version, or another data directory"
         ),
     })
 }
 
-/// Brings a file of any version to the one here, all of the way or not at all. What it holds is taken as it is found:
-/// rows get their checksums and weights their digests now.
+/// Migrates a file to the current version, atomically. Existing data are assumed intact: rows get their checksums and weights
+/// their digests now.
 pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result<()> {
-    if from == HERE {
+    if from == CURRENT_VERSION {
         return Ok(());
     }
     let t = c.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
-    t.execute_batch(&STEPS[from as usize..].concat())?;
-    if from < SEALED {
+    t.execute_batch(&MIGRATIONS[from as usize..].concat())?;
+    if from < FIRST_CHECKSUM_VERSION {
         let mut named = t.prepare("SELECT number, blob FROM policy")?;
         let policies: Vec<(i64, String)> =
             named.query_map([], |r| Ok((r.get(0)?, r.get(1)?)))?.collect::<rusqlite::Result<_>>()?;
         for (number, blob) in policies {
-            // Weights that are gone have no digest; a check names them.
+            // Missing weights have no digest; a check reports them.
             let digest = blobs.digest(&blob).unwrap_or_default();
             t.execute("UPDATE policy SET digest = ?2 WHERE number = ?1", rusqlite::params![number, digest])?;
         }
         drop(named);
-        for table in &seal::TABLES {
+        for table in &checksum::TABLES {
             t.execute(&format!("UPDATE {} SET seal = {}", table.name, table.seal("")), [])?;
         }
     }
-    t.pragma_update(None, "user_version", HERE)?;
+    t.pragma_update(None, "user_version", CURRENT_VERSION)?;
     t.commit()
 }
 
-/// Every table with its columns and indexes, as text to be compared.
+/// Text description of every table with its columns and indexes.
 pub fn shape(c: &Connection) -> rusqlite::Result<String> {
     let select = "
         SELECT m.name || ' strict=' || t.strict || ' ' || x.name || ' ' || x.type || ' ' || x.\"notnull\" || ' '
@@ -182,10 +182,10 @@ pub fn shape(c: &Connection) -> rusqlite::Result<String> {
     Ok(lines.join("\n"))
 }
 
-/// The shape of the tables of some version.
+/// That of a version's schema.
 pub fn shape_of(version: i64) -> rusqlite::Result<String> {
     let c = Connection::open_in_memory()?;
-    c.execute_batch(&STEPS[..version as usize].concat())?;
+    c.execute_batch(&MIGRATIONS[..version as usize].concat())?;
     shape(&c)
 }
 
@@ -199,8 +199,8 @@ mod tests {
     use super::*;
     use crate::store::{JobState, RoundRow, Store, check};
 
-    /// What versions of the tables hold, as the programs of their time wrote it.
-    const FILLED: [&str; 5] = [
+    /// Rows added by each version of the program.
+    const ROWS_BY_VERSION: [&str; 5] = [
         "INSERT INTO job (kind, state, config, result, seed, version, events)
              VALUES ('iplw', 'succeeded', '{\"a\":1}', '[1.5]', '18446744073709551615', '0', 3);
          INSERT INTO job (kind, state, config, seed, version) VALUES ('train', 'running', '{}', '1', '0');
@@ -220,13 +220,13 @@ mod tests {
     /// A data directory of an earlier version.
     fn of_version(directory: &Path, version: usize) {
         let c = Connection::open(directory.join("iplw.sqlite")).unwrap();
-        seal::teach(&c).unwrap();
-        for (steps, rows) in STEPS.iter().zip(FILLED).take(version) {
+        checksum::register_function(&c).unwrap();
+        for (steps, rows) in MIGRATIONS.iter().zip(ROWS_BY_VERSION).take(version) {
             c.execute_batch(steps).unwrap();
             c.execute_batch(rows).unwrap();
         }
-        for table in seal::tables(version as i64).filter(|_| version as i64 >= SEALED) {
-            let digest = seal::sha256(&[1, 2, 3]);
+        for table in checksum::tables(version as i64).filter(|_| version as i64 >= FIRST_CHECKSUM_VERSION) {
+            let digest = checksum::sha256(&[1, 2, 3]);
             c.execute("UPDATE policy SET digest = ?1", [digest]).unwrap();
             c.execute(&format!("UPDATE {} SET seal = {}", table.name, table.seal("")), []).unwrap();
         }
@@ -236,10 +236,14 @@ mod tests {
     }
 
     #[test]
-    fn every_earlier_version_is_brought_here_with_all_it_holds() {
-        assert_eq!(FILLED.len() as i64, HERE - 1, "a version more: say what the last one holds");
-        let now = shape_of(HERE).unwrap();
-        for version in 1..HERE as usize {
+    fn migrates_every_earlier_version() {
+        assert_eq!(
+            ROWS_BY_VERSION.len() as i64,
+            CURRENT_VERSION - 1,
+            "a version more: say what the last one holds"
+        );
+        let now = shape_of(CURRENT_VERSION).unwrap();
+        for version in 1..CURRENT_VERSION as usize {
             let place = tempfile::tempdir().unwrap();
             of_version(place.path(), version);
             assert!(check(place.path()).unwrap().damaged.is_empty(), "{version}, before");
@@ -249,11 +253,11 @@ mod tests {
                 holds(&store, version);
             }
             let checked = check(place.path()).unwrap();
-            assert_eq!((checked.version, checked.damaged), (HERE, vec![]), "{version}, after");
+            assert_eq!((checked.version, checked.damaged), (CURRENT_VERSION, vec![]), "{version}, after");
         }
     }
 
-    /// Errors unless all of [`FILLED`] is there.
+    /// Asserts that all of [`ROWS_BY_VERSION`] is present.
     fn holds(store: &Store, version: usize) {
         let owner = (version >= 4).then_some("ann");
         let (done, open) = (store.job(1).unwrap().unwrap(), &store.unfinished().unwrap()[0]);
@@ -284,7 +288,7 @@ mod tests {
             (world.interactions, world.latents.as_deref(), world.owner.as_deref()),
             (7, Some("l"), owner)
         );
-        let answered = store.answered("k").unwrap().unwrap();
+        let answered = store.stored_response("k").unwrap().unwrap();
         assert_eq!((answered.status, answered.body.as_slice()), (201, &b"{}"[..]));
         if version >= 3 {
             assert_eq!(store.surface(1).unwrap().unwrap().body, "s");
@@ -292,28 +296,28 @@ mod tests {
     }
 
     #[test]
-    fn later_versions_and_tables_of_another_version_are_refused() {
-        for version in 1..=HERE as usize {
-            for told in 0..=HERE + 2 {
+    fn rejects_unknown_versions_and_schemas() {
+        for version in 1..=CURRENT_VERSION as usize {
+            for claimed in 0..=CURRENT_VERSION + 2 {
                 let place = tempfile::tempdir().unwrap();
-                if version < HERE as usize {
+                if version < CURRENT_VERSION as usize {
                     of_version(place.path(), version);
                 } else {
                     drop(Store::open(place.path()).unwrap());
                 }
                 let database = place.path().join("iplw.sqlite");
                 let c = Connection::open(&database).unwrap();
-                c.pragma_update(None, "user_version", told).unwrap();
+                c.pragma_update(None, "user_version", claimed).unwrap();
                 drop(c);
                 let before = fs::read(&database).unwrap();
                 let opened = Store::open(place.path()).err().map(|e| e.to_string());
-                if told == version as i64 {
+                if claimed == version as i64 {
                     assert_eq!(opened, None);
                     continue;
                 }
                 let opened = opened.expect("refused");
-                let word = if told > HERE { "later version" } else { "not those of version" };
-                assert!(opened.contains(word), "{version} told to be {told}: {opened}");
+                let word = if claimed > CURRENT_VERSION { "later version" } else { "not those of version" };
+                assert!(opened.contains(word), "{version} told to be {claimed}: {opened}");
                 assert_eq!(fs::read(&database).unwrap(), before, "and left as it was");
             }
         }

@@ -1,21 +1,21 @@
-//! Performance surfaces as rows: found once, used by whoever asks for the same.
+//! Performance surfaces as rows, reused by requests with the same configuration.
 
 use rusqlite::{OptionalExtension, Row, params};
 
-use super::{Store, seal, sql};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
-/// One surface as stored.
+/// A stored surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfaceRow {
     pub number: i64,
-    /// Family it is about.
+    /// Task family.
     pub task: String,
-    /// How it was found, the caller's JSON; with the task it tells surfaces apart.
+    /// Configuration, the caller's JSON; unique for the task.
     pub config: String,
     /// The surface, the caller's JSON.
     pub body: String,
-    /// Id of the job that found it.
+    /// Id of the job that computed it.
     pub job: Option<String>,
     /// Version of the program that stored it.
     pub version: String,
@@ -24,7 +24,7 @@ pub struct SurfaceRow {
 const COLUMNS: &str = "number, task, config, body, job, version, whole, record";
 
 impl Store {
-    /// Stores a surface, or replaces the one found in the same way; its number.
+    /// Stores a surface, replacing one with the same task and configuration; returns its number.
     pub fn put_surface(&self, task: &str, config: &str, body: &str, job: Option<&str>) -> Result<i64> {
         self.connection()
             .query_row(
@@ -37,13 +37,13 @@ impl Store {
             .map_err(sql)
     }
 
-    /// The surface of that number.
+    /// The surface with this number.
     pub fn surface(&self, number: i64) -> Result<Option<SurfaceRow>> {
         let select = format!("SELECT {COLUMNS} FROM whole_surface WHERE number = ?1");
         self.connection().query_row(&select, [number], row).optional().map_err(sql)
     }
 
-    /// The surface of a task that was found in this way by this version of the program.
+    /// The surface of a task and configuration computed by this version of the program.
     pub fn surface_like(&self, task: &str, config: &str) -> Result<Option<SurfaceRow>> {
         let select =
             format!("SELECT {COLUMNS} FROM whole_surface WHERE task = ?1 AND config = ?2 AND version = ?3");
@@ -51,7 +51,7 @@ impl Store {
         self.connection().query_row(&select, values, row).optional().map_err(sql)
     }
 
-    /// At most `limit` surfaces in order of number, those after number `after`.
+    /// At most `limit` surfaces after number `after`, in order.
     pub fn surfaces(&self, after: i64, limit: usize) -> Result<Vec<SurfaceRow>> {
         let c = self.connection();
         let select =
@@ -61,7 +61,7 @@ impl Store {
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    /// Forgets a surface; whether there was one.
+    /// Removes a surface; whether it existed.
     pub fn remove_surface(&self, number: i64) -> Result<bool> {
         let gone = self.connection().execute("DELETE FROM surface WHERE number = ?1", [number]);
         gone.map(|n| n > 0).map_err(sql)
@@ -69,7 +69,7 @@ impl Store {
 }
 
 fn row(row: &Row) -> rusqlite::Result<SurfaceRow> {
-    seal::whole(row)?;
+    checksum::verify(row)?;
     Ok(SurfaceRow {
         number: row.get(0)?,
         task: row.get(1)?,
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_surface_found_in_the_same_way_takes_the_place_of_the_old_one() {
+    fn replaces_surface_of_same_configuration() {
         let store = Store::in_memory().unwrap();
         let first = store.put_surface("bowling", "a", "1", None).unwrap();
         let second = store.put_surface("bowling", "b", "2", Some("job-1")).unwrap();

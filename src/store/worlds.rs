@@ -1,47 +1,47 @@
-//! Worlds as rows: what they are made from and how many interactions they have seen.
+//! Worlds as rows: their configuration and interaction counters.
 //!
-//! Real worlds' counters are on the disk before a result is given out ([`Store::count_world`]); those who write at
-//! the same time share a transaction. Simulated worlds' counters are only noted and written by the next flush.
+//! Counters of real worlds are durable before a result is returned ([`Store::count_world`]); concurrent writers share a
+//! transaction. Counters of simulated worlds are buffered until the next flush.
 
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
 
 use rusqlite::{Transaction, params};
 
-use super::requests::{Answered, keep};
-use super::{Store, seal, sql};
+use super::requests::{StoredResponse, keep};
+use super::{Store, checksum, sql};
 use crate::error::Result;
 
-/// One world as stored; the texts are the caller's JSON.
+/// A stored world; the texts are the caller's JSON.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldRow {
     pub id: String,
     pub config: String,
-    /// Latent factors as they were set since.
+    /// Latents, if they were set after creation.
     pub latents: Option<String>,
     pub interactions: u64,
-    /// Name of the token it was made with.
+    /// Name of the token that created it.
     pub owner: Option<String>,
 }
 
 impl Store {
-    /// Takes in a world.
+    /// Adds a world.
     pub fn add_world(
         &self,
         id: &str,
         config: &str,
         owner: Option<&str>,
-        answered: Option<&Answered>,
+        answered: Option<&StoredResponse>,
     ) -> Result<()> {
         self.add_worlds(&[(id, config.to_string())], owner, answered)
     }
 
-    /// Takes in worlds, (id, config) each, all or none of them.
+    /// Adds worlds, (id, config) each, atomically.
     pub fn add_worlds(
         &self,
         worlds: &[(&str, String)],
         owner: Option<&str>,
-        answered: Option<&Answered>,
+        answered: Option<&StoredResponse>,
     ) -> Result<()> {
         self.atomically(|t| {
             let mut insert = t.prepare_cached("INSERT INTO world (id, config, owner) VALUES (?1, ?2, ?3)")?;
@@ -52,14 +52,14 @@ impl Store {
         })
     }
 
-    /// All worlds in order of making.
+    /// All worlds in order of creation.
     pub fn worlds(&self) -> Result<Vec<WorldRow>> {
         let c = self.connection();
         let select =
             "SELECT id, config, latents, interactions, owner, whole, record FROM whole_world ORDER BY number";
         let mut query = c.prepare(select).map_err(sql)?;
         let row = |r: &rusqlite::Row| {
-            seal::whole(r)?;
+            checksum::verify(r)?;
             Ok(WorldRow {
                 id: r.get(0)?,
                 config: r.get(1)?,
@@ -71,7 +71,7 @@ impl Store {
         query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    /// Forgets worlds.
+    /// Removes worlds.
     pub fn remove_worlds(&self, ids: &[String]) -> Result<()> {
         if ids.is_empty() {
             return Ok(());
@@ -84,7 +84,7 @@ impl Store {
         })
     }
 
-    /// Remembers a world's counter and latents for the next flush; returns the note's number.
+    /// Buffers a world's counter and latents for the next flush; returns the update's number.
     pub fn note_world(&self, id: &str, interactions: u64, latents: Option<String>) -> u64 {
         let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
         note(&mut pending.worlds, id, interactions, latents);
@@ -92,13 +92,13 @@ impl Store {
         pending.noted
     }
 
-    /// Writes a world's counter; it lasts when this returns.
+    /// Writes a world's counter; durable when it returns.
     pub fn count_world(&self, id: &str, interactions: u64) -> Result<()> {
         let mine = self.note_world(id, interactions, None);
         self.flush_up_to(mine)
     }
 
-    /// Writes what was noted.
+    /// Writes the buffered updates.
     pub fn flush_worlds(&self) -> Result<()> {
         let noted = self.pending.lock().unwrap_or_else(PoisonError::into_inner).noted;
         self.flush_up_to(noted)
@@ -109,7 +109,7 @@ impl Store {
         let (worlds, noted) = {
             let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
             if pending.written >= number {
-                // Somebody whose turn came first wrote it along.
+                // Another writer has written it.
                 return Ok(());
             }
             (std::mem::take(&mut pending.worlds), pending.noted)
@@ -152,14 +152,14 @@ fn note(
     }
 }
 
-/// Sets a world's counter, which never goes back: writers need not come in order.
+/// Raises a world's counter; it never decreases, since writers may come out of order.
 pub(super) fn raise(t: &Transaction, id: &str, interactions: u64) -> rusqlite::Result<()> {
     change(t, id, interactions, None)
 }
 
-/// The same, and its latents, if there are new ones.
+/// Raises a world's counter and sets its latents, if given.
 fn change(t: &Transaction, id: &str, interactions: u64, latents: Option<&str>) -> rusqlite::Result<()> {
-    // Cached: to read the statement takes longer than to carry it out, and a flush has one for every world.
+    // Cached: parsing the statement takes longer than running it, and a flush runs it for every world.
     let update = "UPDATE world SET interactions = max(interactions, ?2), latents = coalesce(?3, latents) WHERE id = ?1";
     t.prepare_cached(update)?.execute(params![id, interactions as i64, latents]).map(drop)
 }
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counters_last_when_counted_and_notes_when_flushed() {
+    fn counters_are_durable_and_notes_after_flush() {
         let store = Store::in_memory().unwrap();
         store.add_world("real", "{}", None, None).unwrap();
         store.add_world("sim", "{}", None, None).unwrap();
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn many_writers_at_once_are_all_counted() {
+    fn concurrent_counters_are_not_lost() {
         let store = Store::in_memory().unwrap();
         for w in 0..4 {
             store.add_world(&format!("w{w}"), "{}", None, None).unwrap();

@@ -1,38 +1,38 @@
-//! Actions: a vector in the unit cube that sets named quantities of a scene, and the discrete set of them.
+//! Action spaces: a vector in the unit cube that sets named quantities of a scene, and its discretisation.
 //!
-//! An action outside the unit cube is bad input. An action inside it that cannot be placed (overlap, out of
-//! bounds) is an outcome: see [`placement`](super::placement).
+//! An action outside the unit cube is invalid input. An action inside it that cannot be placed (overlap, out
+//! of bounds) is an outcome: see [`placement`](super::placement).
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::Bounds;
-use super::limits::FAR;
-use crate::error::{Error, Result, within};
+use super::geometry::Aabb;
+use super::limits::MAX_LENGTH_M;
+use crate::error::{Error, Result, check_range};
 use crate::rng::Stream;
 
-/// What an action sets, and which actions the discrete set holds.
+/// The quantities that an action sets, and the discretised set of actions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionSpace {
     /// One entry per component of the action vector, in order.
-    pub components: Vec<Component>,
-    /// Box that everything placed must lie in, m; unbounded if absent.
+    pub components: Vec<ActionComponent>,
+    /// Box that must contain every placed object, m; unbounded if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub bounds: Option<Bounds>,
+    pub bounds: Option<Aabb>,
     /// The discretised actions.
     #[serde(default)]
-    pub discrete: Discrete,
+    pub discrete: Discretisation,
 }
 
 /// One component: `low + action * (high - low)` is written to a quantity of a body or static.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Component {
+pub struct ActionComponent {
     /// Name of the body or static.
     pub target: String,
     /// Which quantity.
-    pub set: Quantity,
+    pub set: ActionQuantity,
     /// Value at action 0, SI.
     pub low: f64,
     /// Value at action 1, SI.
@@ -42,7 +42,7 @@ pub struct Component {
 /// A quantity that an action may set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Quantity {
+pub enum ActionQuantity {
     /// m
     X,
     /// m
@@ -62,7 +62,7 @@ pub enum Quantity {
 /// How the unit cube is discretised.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Discrete {
+pub enum Discretisation {
     /// The first `count` points of the additive recurrence R_d (Roberts 2018), which fills the cube evenly
     /// and gives every action its own coordinates.
     Sequence { count: usize },
@@ -74,10 +74,10 @@ pub enum Discrete {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ValidAction(Vec<f64>);
 
-/// Most discrete actions a task may have.
-const MOST_ACTIONS: usize = 1_000_000;
-/// Most components of an action vector.
-const MOST_COMPONENTS: usize = 16;
+/// Maximum number of discrete actions of a task.
+const MAX_ACTIONS: usize = 1_000_000;
+/// Maximum number of components of an action vector.
+const MAX_COMPONENTS: usize = 16;
 
 impl ActionSpace {
     /// Number of components.
@@ -88,16 +88,20 @@ impl ActionSpace {
     /// Number of discrete actions.
     pub fn count(&self) -> usize {
         match &self.discrete {
-            Discrete::Sequence { count } => *count,
-            Discrete::Grid { counts } => counts.iter().product(),
+            Discretisation::Sequence { count } => *count,
+            Discretisation::Grid { counts } => counts.iter().product(),
         }
     }
 
-    /// Whether an action decides where `name` stands.
+    /// Whether an action sets the pose or size of the object `name`.
     pub fn places(&self, name: &str) -> bool {
-        let where_it_stands =
-            |q: Quantity| matches!(q, Quantity::X | Quantity::Y | Quantity::Radius | Quantity::Angle);
-        self.components.iter().any(|c| c.target == name && where_it_stands(c.set))
+        let sets_pose = |q: ActionQuantity| {
+            matches!(
+                q,
+                ActionQuantity::X | ActionQuantity::Y | ActionQuantity::Radius | ActionQuantity::Angle
+            )
+        };
+        self.components.iter().any(|c| c.target == name && sets_pose(c.set))
     }
 
     /// Checks length and range of an action vector from outside.
@@ -107,20 +111,20 @@ impl ActionSpace {
             return Err(Error::input("action", format!("{} numbers", action.len()), allowed));
         }
         for (i, v) in action.iter().enumerate() {
-            within(&format!("action[{i}]"), *v, 0.0, 1.0)?;
+            check_range(&format!("action[{i}]"), *v, 0.0, 1.0)?;
         }
         Ok(ValidAction(action.to_vec()))
     }
 
-    /// The discrete action number `index`.
+    /// The discrete action at `index`.
     pub fn at(&self, index: usize) -> Result<ValidAction> {
         let count = self.count();
         if index >= count {
             return Err(Error::input("action", index, format!("an index from 0 to {}", count - 1)));
         }
         Ok(ValidAction(match &self.discrete {
-            Discrete::Sequence { .. } => recurrence(self.dimension(), index),
-            Discrete::Grid { counts } => {
+            Discretisation::Sequence { .. } => recurrence(self.dimension(), index),
+            Discretisation::Grid { counts } => {
                 let mut rest = index;
                 let mut action = vec![0.0; counts.len()];
                 for (slot, n) in action.iter_mut().zip(counts).rev() {
@@ -132,19 +136,20 @@ impl ActionSpace {
         }))
     }
 
-    /// Checks the dimension, before the components, which need the scene: see [`placement`](super::placement).
+    /// Checks the number of components. The components themselves need the scene: see
+    /// [`placement`](super::placement).
     pub(super) fn validate_dimension(&self) -> Result<()> {
-        if (1..=MOST_COMPONENTS).contains(&self.dimension()) {
+        if (1..=MAX_COMPONENTS).contains(&self.dimension()) {
             return Ok(());
         }
         let value = format!("{} components", self.dimension());
-        Err(Error::input("components", value, format!("1 to {MOST_COMPONENTS} components")))
+        Err(Error::input("components", value, format!("1 to {MAX_COMPONENTS} components")))
     }
 
-    /// Checks the bounds and the discrete set.
+    /// Checks the bounds and the discretisation.
     pub(super) fn validate_extent(&self) -> Result<()> {
         for (i, v) in self.bounds.iter().flatten().enumerate() {
-            within(&format!("bounds[{i}]"), *v, -FAR, FAR)?;
+            check_range(&format!("bounds[{i}]"), *v, -MAX_LENGTH_M, MAX_LENGTH_M)?;
         }
         if let Some(b) = self.bounds
             && !(b[0] < b[2] && b[1] < b[3])
@@ -155,30 +160,30 @@ impl ActionSpace {
                 "[x_min, y_min, x_max, y_max] with min below max",
             ));
         }
-        if let Discrete::Grid { counts } = &self.discrete
+        if let Discretisation::Grid { counts } = &self.discrete
             && counts.len() != self.dimension()
         {
             let value = format!("{} counts", counts.len());
             return Err(Error::input("discrete.counts", value, format!("{} counts", self.dimension())));
         }
         let count = match &self.discrete {
-            Discrete::Sequence { count } => Some(*count),
-            Discrete::Grid { counts } => counts.iter().try_fold(1usize, |n, c| n.checked_mul(*c)),
+            Discretisation::Sequence { count } => Some(*count),
+            Discretisation::Grid { counts } => counts.iter().try_fold(1usize, |n, c| n.checked_mul(*c)),
         };
         match count {
-            Some(1..=MOST_ACTIONS) => Ok(()),
+            Some(1..=MAX_ACTIONS) => Ok(()),
             _ => Err(Error::input(
                 "discrete",
-                "too few or too many actions",
-                format!("1 to {MOST_ACTIONS} actions"),
+                "no action, or too many actions",
+                format!("1 to {MAX_ACTIONS} actions"),
             )),
         }
     }
 }
 
-impl Default for Discrete {
+impl Default for Discretisation {
     fn default() -> Self {
-        Discrete::Sequence { count: 10_000 }
+        Discretisation::Sequence { count: 10_000 }
     }
 }
 
@@ -188,15 +193,16 @@ impl ValidAction {
         &self.0
     }
 
-    /// As a hand that trembles carries it out: every component moved by up to `size` either way, evenly, and kept within [0, 1].
-    pub fn trembled(&self, size: f64, stream: &mut Stream) -> ValidAction {
-        let mut moved = |v: &f64| (v + size * (2.0 * stream.random::<f64>() - 1.0)).clamp(0.0, 1.0);
-        ValidAction(self.0.iter().map(&mut moved).collect())
+    /// The action with uniform actuation noise: every component perturbed by up to `size` in either
+    /// direction, clamped to [0, 1].
+    pub fn perturbed(&self, size: f64, stream: &mut Stream) -> ValidAction {
+        let mut perturb = |v: &f64| (v + size * (2.0 * stream.random::<f64>() - 1.0)).clamp(0.0, 1.0);
+        ValidAction(self.0.iter().map(&mut perturb).collect())
     }
 }
 
-impl Component {
-    /// What an action's share `v` of the way from low to high sets, SI.
+impl ActionComponent {
+    /// The value that the action component `v` in [0, 1] sets, SI.
     pub fn value(&self, v: f64) -> f64 {
         self.low + v * (self.high - self.low)
     }
@@ -237,11 +243,11 @@ mod tests {
     }
 
     #[test]
-    fn grid_counts_through() {
+    fn grid_varies_last_component_fastest() {
         let space = ActionSpace {
             components: Vec::new(),
             bounds: None,
-            discrete: Discrete::Grid { counts: vec![2, 4] },
+            discrete: Discretisation::Grid { counts: vec![2, 4] },
         };
         assert_eq!(space.count(), 8);
         assert_eq!(space.at(5).unwrap().values(), [0.75, 0.375]);

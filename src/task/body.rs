@@ -1,11 +1,13 @@
-//! The things of a scene: bodies, which move, and statics, which never do.
+//! The objects of a scene: movable bodies and fixed statics.
 
 use serde::{Deserialize, Serialize};
 
-use super::limits::{DENSITIES, FAR, FAST, FAST_SPIN, MASSES, vector};
+use super::limits::{
+    DENSITY_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector,
+};
 use super::shape::Shape;
-use super::solid::{Pieces, Solid};
-use crate::error::{Error, Result, within};
+use super::solid::{ConvexPieces, Solid};
+use crate::error::{Error, Result, check_range};
 
 /// A movable body.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +29,7 @@ pub struct Body {
     /// Coefficient of this surface; a contact's is the product of both.
     #[serde(default = "default_coefficient")]
     pub restitution: f64,
-    /// m; needed for a rollout unless an action or a trial gives it.
+    /// m; required for a rollout unless an action or a trial sets it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<[f64; 2]>,
     /// rad
@@ -41,7 +43,7 @@ pub struct Body {
     pub angular_velocity: f64,
 }
 
-/// A thing that never moves.
+/// An object that never moves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Static {
@@ -64,7 +66,8 @@ pub struct Static {
 }
 
 impl Body {
-    /// Mass (kg) and moment of inertia about the centre of mass (kg m^2) at `density` if given, else the body's own.
+    /// Mass (kg) and moment of inertia about the centre of mass (kg m^2). `density` overrides the body's
+    /// own density or mass.
     pub fn mass_properties(&self, density: Option<f64>) -> (f64, f64) {
         let moments = self.shape.moments();
         let mass = match (density, self.mass, self.density) {
@@ -75,8 +78,8 @@ impl Body {
         (mass, mass * moments.second)
     }
 
-    /// The body where it stands; `None` if it has no position yet.
-    pub fn placed(&self) -> Option<Pieces> {
+    /// The body's geometry at its position and angle; `None` without a position.
+    pub fn placed(&self) -> Option<ConvexPieces> {
         Some(self.shape.pieces()?.placed(self.position?, self.angle))
     }
 
@@ -84,26 +87,27 @@ impl Body {
     pub(super) fn validate(&self) -> Result<()> {
         self.shape.validate(true)?;
         if self.mass.is_some() && self.density.is_some() {
-            return Err(Error::input("mass", "given beside `density`", "one of `mass` and `density`"));
+            return Err(Error::input("mass", "given together with `density`", "one of `mass` and `density`"));
         }
-        for (field, value, [low, high]) in [("mass", self.mass, MASSES), ("density", self.density, DENSITIES)]
+        for (field, value, [low, high]) in
+            [("mass", self.mass, MASS_RANGE_KG), ("density", self.density, DENSITY_RANGE_KG_M2)]
         {
-            value.map_or(Ok(0.0), |v| within(field, v, low, high))?;
+            value.map_or(Ok(0.0), |v| check_range(field, v, low, high))?;
         }
-        within("friction", self.friction, 0.0, 100.0)?;
-        within("restitution", self.restitution, 0.0, 1.0)?;
+        check_range("friction", self.friction, 0.0, 100.0)?;
+        check_range("restitution", self.restitution, 0.0, 1.0)?;
         if let Some(p) = self.position {
-            vector("position", p, FAR)?;
+            check_vector("position", p, MAX_LENGTH_M)?;
         }
-        within("angle", self.angle, -1e6, 1e6)?;
-        vector("velocity", self.velocity, FAST)?;
-        within("angular_velocity", self.angular_velocity, -FAST_SPIN, FAST_SPIN)?;
+        check_range("angle", self.angle, -1e6, 1e6)?;
+        check_vector("velocity", self.velocity, MAX_SPEED_M_S)?;
+        check_range("angular_velocity", self.angular_velocity, -MAX_SPIN_RAD_S, MAX_SPIN_RAD_S)?;
         Ok(())
     }
 }
 
 impl Static {
-    /// The static where it stands.
+    /// The static's geometry at its position and angle.
     pub fn placed(&self) -> Solid {
         self.shape.solid().placed(self.position, self.angle)
     }
@@ -111,10 +115,10 @@ impl Static {
     /// Checks every value; errors name the field.
     pub(super) fn validate(&self) -> Result<()> {
         self.shape.validate(false)?;
-        within("friction", self.friction, 0.0, 100.0)?;
-        within("restitution", self.restitution, 0.0, 1.0)?;
-        vector("position", self.position, FAR)?;
-        within("angle", self.angle, -1e6, 1e6)?;
+        check_range("friction", self.friction, 0.0, 100.0)?;
+        check_range("restitution", self.restitution, 0.0, 1.0)?;
+        check_vector("position", self.position, MAX_LENGTH_M)?;
+        check_range("angle", self.angle, -1e6, 1e6)?;
         if self.angle != 0.0 && self.shape.pieces().is_none() {
             let allowed = format!("0 for a {}; turn its `normal` instead", self.shape.name());
             return Err(Error::input("angle", self.angle, allowed));

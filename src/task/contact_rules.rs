@@ -1,56 +1,57 @@
-//! How two surfaces' coefficients make those of their contact, and when nothing bounces.
+//! Mixing rules for the coefficients of two surfaces in contact, and the restitution threshold.
 //!
-//! Source: Chipmunk2D multiplies both (`cpArbiter.c`), and every approach bounces: the default here. Box2D takes the square root
-//! of the product of frictions and the larger restitution (`b2MixFriction`, `b2MixRestitution`), and lets nothing bounce that
-//! approaches slower than 1 m/s (`b2_velocityThreshold`).
+//! Source: Chipmunk2D multiplies both coefficients (`cpArbiter.c`), and every impact bounces: the default
+//! here. Box2D takes the geometric mean of the frictions and the larger restitution (`b2MixFriction`,
+//! `b2MixRestitution`), and treats impacts slower than 1 m/s as inelastic (`b2_velocityThreshold`).
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Result, within};
+use crate::error::{Result, check_range};
 
-/// A scene's choice of how surfaces meet.
+/// A scene's mixing rules.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactRules {
-    /// How two coefficients of friction make one.
+    /// Mixing rule for friction.
     pub friction: FrictionRule,
-    /// How two coefficients of restitution make one.
+    /// Mixing rule for restitution.
     pub restitution: RestitutionRule,
-    /// Speed of approach below which nothing bounces, m/s; shorthand for the effect `restitution_threshold`.
+    /// Approach speed below which a contact has no restitution, m/s; shorthand for the effect
+    /// `restitution_threshold`.
     pub restitution_threshold: f64,
 }
 
-/// How two coefficients of friction make one.
+/// Mixing rule for two friction coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrictionRule {
-    /// Their product: Chipmunk's.
+    /// The product (Chipmunk).
     #[default]
     Product,
-    /// The square root of their product: Box2D's.
+    /// The geometric mean (Box2D).
     GeometricMean,
 }
 
-/// How two coefficients of restitution make one.
+/// Mixing rule for two restitution coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RestitutionRule {
-    /// Their product: Chipmunk's.
+    /// The product (Chipmunk).
     #[default]
     Product,
-    /// The larger: Box2D's.
+    /// The larger one (Box2D).
     Max,
 }
 
 impl ContactRules {
-    /// Those of Box2D's worlds.
+    /// The rules of Box2D.
     pub const BOX2D: ContactRules = ContactRules {
         friction: FrictionRule::GeometricMean,
         restitution: RestitutionRule::Max,
         restitution_threshold: 1.0,
     };
 
-    /// The coefficients (friction, restitution) of a contact of two surfaces with theirs.
+    /// Friction and restitution of the contact of two surfaces, each given as [friction, restitution].
     pub fn of_contact(&self, one: [f64; 2], other: [f64; 2]) -> [f64; 2] {
         let friction = match self.friction {
             FrictionRule::Product => one[0] * other[0],
@@ -63,22 +64,27 @@ impl ContactRules {
         [friction, restitution]
     }
 
-    /// Errors unless the threshold is a speed that the effect takes.
+    /// Errors unless the threshold is within the bounds of the effect.
     pub(super) fn validate(&self) -> Result<()> {
-        within("contact_rules.restitution_threshold", self.restitution_threshold, 0.0, MOST_THRESHOLD)
-            .map(|_| ())
+        check_range(
+            "contact_rules.restitution_threshold",
+            self.restitution_threshold,
+            0.0,
+            MAX_RESTITUTION_THRESHOLD_M_S,
+        )
+        .map(|_| ())
     }
 }
 
-/// Highest threshold, m/s: nothing bounces at all.
-pub const MOST_THRESHOLD: f64 = 100.0;
+/// Upper bound of the threshold, m/s.
+pub const MAX_RESTITUTION_THRESHOLD_M_S: f64 = 100.0;
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn coefficients_mix_as_either_engine_has_it() {
+    fn mixes_coefficients_by_either_rule() {
         let (one, other) = ([0.5, 0.2], [0.08, 0.6]);
         let [friction, restitution] = ContactRules::default().of_contact(one, other);
         assert_eq!([friction, restitution], [0.5 * 0.08, 0.2 * 0.6]);
@@ -88,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_is_the_default_and_what_is_unknown_is_refused() {
+    fn defaults_missing_fields_and_rejects_unknown_values() {
         let rules: ContactRules = serde_json::from_str(r#"{"restitution": "max"}"#).unwrap();
         assert_eq!(rules, ContactRules { restitution: RestitutionRule::Max, ..ContactRules::default() });
         assert!(serde_json::from_str::<ContactRules>(r#"{"friction": "min"}"#).is_err());

@@ -1,16 +1,20 @@
-//! Custom tasks: any scene file with a placement action.
+//! Custom tasks: any scene with an action space and a goal.
 
 use super::{Scene, Split, Task};
 use crate::error::{Error, Result};
 
-/// A task from a user's validated scene, which must have an action space and a goal.
+/// A task from a user's scene; errors unless the scene is valid and has an action space and a goal.
 pub fn custom(scene: Scene) -> Result<Task> {
     scene.validate()?;
     if scene.action.is_none() {
-        return Err(Error::input("action", "missing", "an action space: what an action sets in the scene"));
+        return Err(Error::input(
+            "action",
+            "missing",
+            "an action space: the quantities of the scene that an action sets",
+        ));
     }
     if scene.goal.is_none() {
-        return Err(Error::input("goal", "missing", "a goal: what solves the task"));
+        return Err(Error::input("goal", "missing", "a goal: the condition that solves the task"));
     }
     let name = if scene.name.is_empty() { "scene" } else { &scene.name };
     Ok(Task {

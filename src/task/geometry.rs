@@ -1,7 +1,7 @@
-//! Shapes as a convex core plus a radius, and the gap between two of them.
+//! Convex shapes with rounded corners, and the signed distance between two of them.
 //!
 //! A disc is a point with a radius, a segment two points with a radius, a box or polygon its corners with
-//! radius 0. That is all that placement checks, goals and the batched kernel need to know of a shape.
+//! radius 0. Placement checks, goals and the batched kernel need nothing else of a shape.
 
 /// A convex core (one to n points, counter-clockwise) inflated by a radius; world or body frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,11 +12,11 @@ pub struct Convex {
     pub radius: f64,
 }
 
-/// An axis-aligned box `[x_min, y_min, x_max, y_max]`, m.
-pub type Bounds = [f64; 4];
+/// An axis-aligned bounding box `[x_min, y_min, x_max, y_max]`, m.
+pub type Aabb = [f64; 4];
 
 impl Convex {
-    /// The shape turned by `angle` (rad) about the origin and then moved to `position`.
+    /// The shape rotated by `angle` (rad) about the origin, then translated to `position`.
     pub fn placed(&self, position: [f64; 2], angle: f64) -> Convex {
         // libm: the same bits on every machine.
         let (sin, cos) = libm::sincos(angle);
@@ -31,7 +31,7 @@ impl Convex {
     }
 
     /// The smallest axis-aligned box around the shape.
-    pub fn bounds(&self) -> Bounds {
+    pub fn bounds(&self) -> Aabb {
         let mut b = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
         for p in &self.points {
             b = [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])];
@@ -54,14 +54,15 @@ impl Convex {
         (0..n).map(move |i| (self.points[i], self.points[(i + 1) % n]))
     }
 
-    /// Whether `p` lies in the core (polygons only; points and segments have no inside).
+    /// Whether `p` lies in the core (polygons only; points and segments have no interior).
     fn core_contains(&self, p: [f64; 2]) -> bool {
         self.points.len() > 2 && self.edges().all(|(a, b)| cross(sub(b, a), sub(p, a)) >= 0.0)
     }
 }
 
-/// Signed distance between two shapes, m: positive apart, negative by how far they overlap.
-pub fn gap(a: &Convex, b: &Convex) -> f64 {
+/// Signed distance between two shapes, m: positive if they are apart, minus the penetration depth if they
+/// overlap.
+pub fn signed_distance(a: &Convex, b: &Convex) -> f64 {
     let radii = a.radius + b.radius;
     let apart = core_distance(a, b);
     if apart > 0.0 { apart - radii } else { -radii - overlap_depth(a, b) }
@@ -88,19 +89,19 @@ pub fn polygon_contains(corners: &[[f64; 2]], p: [f64; 2]) -> bool {
     inside
 }
 
-/// Twice-integrated shoelace: positive for counter-clockwise corners, m^2.
+/// Signed area by the shoelace formula: positive for counter-clockwise corners, m^2.
 pub fn signed_area(corners: &[[f64; 2]]) -> f64 {
     let n = corners.len();
     (0..n).map(|i| cross(corners[i], corners[(i + 1) % n])).sum::<f64>() / 2.0
 }
 
-/// Whether two boxes have nothing in common, so that neither has what they hold.
-pub fn apart(a: &Bounds, b: &Bounds) -> bool {
+/// Whether two boxes do not overlap.
+pub fn disjoint(a: &Aabb, b: &Aabb) -> bool {
     a[0] > b[2] || b[0] > a[2] || a[1] > b[3] || b[1] > a[3]
 }
 
-/// The smallest box around both.
-pub fn join(a: Bounds, b: Bounds) -> Bounds {
+/// The smallest box that contains both.
+pub fn union_box(a: Aabb, b: Aabb) -> Aabb {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
 }
 
@@ -121,7 +122,7 @@ fn core_distance(a: &Convex, b: &Convex) -> f64 {
     nearest(a, b).min(nearest(b, a))
 }
 
-/// How far the cores must move apart, along the best edge normal of either.
+/// Penetration depth of the cores: the smallest separation along an edge normal of either (separating axes).
 fn overlap_depth(a: &Convex, b: &Convex) -> f64 {
     let mut least = f64::INFINITY;
     for (p, q) in a.edges().chain(b.edges()) {
@@ -175,10 +176,14 @@ mod tests {
     }
 
     #[test]
-    fn gaps_known_by_hand() {
-        let check = |a: &Convex, b: &Convex, wanted: f64| {
-            assert!((gap(a, b) - wanted).abs() < 1e-12, "{} != {wanted}", gap(a, b));
-            assert!((gap(b, a) - wanted).abs() < 1e-12, "not symmetric");
+    fn signed_distances_match_known_values() {
+        let check = |a: &Convex, b: &Convex, expected: f64| {
+            assert!(
+                (signed_distance(a, b) - expected).abs() < 1e-12,
+                "{} != {expected}",
+                signed_distance(a, b)
+            );
+            assert!((signed_distance(b, a) - expected).abs() < 1e-12, "not symmetric");
         };
         check(&disc(0.0, 0.0, 1.0), &disc(3.0, 4.0, 2.0), 2.0);
         check(&disc(0.0, 0.0, 1.0), &square(3.0, 0.0, 1.0), 1.0);
@@ -190,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn areas_and_insides() {
+    fn areas_and_containment_match_known_values() {
         assert!((square(0.0, 0.0, 1.0).area() - 4.0).abs() < 1e-12);
         assert!((disc(0.0, 0.0, 2.0).area() - 4.0 * std::f64::consts::PI).abs() < 1e-12);
         let corners = square(0.0, 0.0, 1.0).points;

@@ -1,14 +1,14 @@
-//! What may be asked of a scene.
+//! The goal of a scene.
 
 use serde::{Deserialize, Serialize};
 
-use super::limits::NEAR;
+use super::limits::MIN_LENGTH_M;
 
-/// What is asked of a scene.
+/// The condition that solves a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Goal {
-    /// Two bodies touch for a while on end.
+    /// Two bodies stay in contact for `hold_s`.
     Contact {
         bodies: [String; 2],
         /// s
@@ -21,10 +21,10 @@ pub enum Goal {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         stop: Option<bool>,
     },
-    /// Two bodies do not touch for a while on end.
+    /// Two bodies stay apart for `hold_s`.
     Apart {
         bodies: [String; 2],
-        /// Whether that counts only once they have touched; from the start, if not.
+        /// Whether the time apart counts only after a contact; otherwise it counts from the start.
         #[serde(default, skip_serializing_if = "is_false")]
         after_touch: bool,
         /// s
@@ -37,7 +37,7 @@ pub enum Goal {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         stop: Option<bool>,
     },
-    /// A body's centre is within a polygon for a while on end.
+    /// A body's centre stays within a polygon for `hold_s`.
     Inside {
         body: String,
         region: Vec<[f64; 2]>,
@@ -48,18 +48,18 @@ pub enum Goal {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         stop: Option<bool>,
     },
-    /// A body is above a line for a while on end.
+    /// A body stays above a line for `hold_s`.
     Above {
         body: String,
-        /// Of a level line, m; either this or `line`.
+        /// Height of a horizontal line, m; either this or `line`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         height: Option<f64>,
-        /// Two points of the line, one not above the other, m.
+        /// Two points of the line, m; the line must not be vertical.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         line: Option<[[f64; 2]; 2]>,
-        /// What of the body has to be above it.
-        #[serde(default, skip_serializing_if = "Point::is_lowest")]
-        point: Point,
+        /// Which point of the body must be above the line.
+        #[serde(default, skip_serializing_if = "GoalPoint::is_lowest")]
+        point: GoalPoint,
         /// s
         #[serde(default)]
         hold_s: f64,
@@ -69,19 +69,19 @@ pub enum Goal {
     },
 }
 
-/// What of a body has to be above a line.
+/// The point of a body that must be above a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Point {
-    /// The whole body: its point that is lowest, seen along the line.
+pub enum GoalPoint {
+    /// The lowest point of the body, measured along the line's normal: the whole body is above the line.
     #[default]
     Lowest,
-    /// Its centre: the origin of its frame.
+    /// The body's centre: the origin of its frame.
     Centre,
 }
 
 impl Goal {
-    /// Whether a rollout ends when the goal is reached, as far as the goal says.
+    /// Whether a rollout ends when the goal is reached; a scene may override it.
     pub fn stops(&self) -> bool {
         let (Goal::Contact { stop, .. }
         | Goal::Apart { stop, .. }
@@ -90,7 +90,7 @@ impl Goal {
         *stop != Some(false)
     }
 
-    /// Names of the bodies and statics that it is about.
+    /// Names of the bodies and statics in the goal.
     pub fn names(&self) -> Vec<&str> {
         match self {
             Goal::Contact { bodies, .. } | Goal::Apart { bodies, .. } => {
@@ -100,8 +100,8 @@ impl Goal {
         }
     }
 
-    /// The line that a body is to be above: the upward unit normal, and how far along it the line is, m; `None` if the goal has none, or
-    /// none that can be stood above.
+    /// The line of an `above` goal: upward unit normal and offset along it, m. `None` for other goals and
+    /// for a line without an upper side.
     pub fn line(&self) -> Option<([f64; 2], f64)> {
         let Goal::Above { height, line, .. } = self else { return None };
         match (height, line) {
@@ -109,20 +109,20 @@ impl Goal {
             (None, Some([from, to])) => {
                 let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
                 let length = (dx * dx + dy * dy).sqrt();
-                // Upwards, whichever point comes first.
+                // The normal points up, whichever point comes first.
                 let sign = if dx < 0.0 { -1.0 } else { 1.0 };
                 let normal = [-dy * sign / length, dx * sign / length];
                 let offset = normal[0] * from[0] + normal[1] * from[1];
-                (dx.abs() >= NEAR && normal[1] >= NEAR).then_some((normal, offset))
+                (dx.abs() >= MIN_LENGTH_M && normal[1] >= MIN_LENGTH_M).then_some((normal, offset))
             }
             _ => None,
         }
     }
 }
 
-impl Point {
+impl GoalPoint {
     fn is_lowest(&self) -> bool {
-        *self == Point::Lowest
+        *self == GoalPoint::Lowest
     }
 }
 

@@ -1,18 +1,18 @@
-//! `iplw.intervention/1`: what is done to a scene in the middle of a rollout, the counterfactual's "what if".
+//! `iplw.intervention/1`: changes made to a scene during a rollout, for counterfactuals.
 //!
-//! An intervention is a moment and one change. The rollout is as without it up to that moment, whose observation still
-//! shows the state before; everything after follows from the changed one. Several at one moment come in the order in
-//! which they are given. What they must be is in `timeline`, what engines make of them in `world/intervene`.
+//! An intervention is a time and one change. The rollout is unchanged up to that time, whose observation
+//! still shows the state before the change. Interventions at the same time are applied in the order of the
+//! list. `timeline` validates them, `world/intervene` applies them.
 
 use serde::{Deserialize, Serialize};
 
 use super::body::{Body, Static};
 
-/// A change at a moment.
+/// A change of a scene at a time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Intervention {
-    /// A blow: the velocity changes by impulse / mass at once.
+    /// An impulse: the velocity changes by impulse / mass at once.
     Impulse {
         /// s since the start; the nearest time step.
         at: f64,
@@ -20,11 +20,12 @@ pub enum Intervention {
         body: String,
         /// N s, world frame.
         impulse: [f64; 2],
-        /// Where it acts, world frame, m, which also turns the body; at the centre of mass if absent.
+        /// Point of application, world frame, m, which also gives an angular impulse; the centre of
+        /// mass if absent.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         point: Option<[f64; 2]>,
     },
-    /// A body is put somewhere, or given another velocity; what is absent stays.
+    /// Sets the pose or velocity of a body; absent fields stay unchanged.
     Set {
         /// s since the start; the nearest time step.
         at: f64,
@@ -43,27 +44,27 @@ pub enum Intervention {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         angular_velocity: Option<f64>,
     },
-    /// A body comes in; it has the density and surface that it says, whatever the latents are.
+    /// Adds a body, with its own density and surface whatever the latents are.
     Add {
         /// s since the start; the nearest time step.
         at: f64,
         body: Body,
     },
-    /// Something that never moves comes in.
+    /// Adds a static.
     AddStatic {
         /// s since the start; the nearest time step.
         at: f64,
         #[serde(rename = "static")]
         fixed: Static,
     },
-    /// A body or a static is taken away.
+    /// Removes a body or a static.
     Remove {
         /// s since the start; the nearest time step.
         at: f64,
         /// Name of a body or a static.
         body: String,
     },
-    /// Those latent factors that are given become others.
+    /// Changes latent factors; absent ones stay unchanged.
     Latents {
         /// s since the start; the nearest time step.
         at: f64,
@@ -78,7 +79,7 @@ pub enum Intervention {
 }
 
 impl Intervention {
-    /// When, s since the start.
+    /// Time of the intervention, s since the start.
     pub fn at(&self) -> f64 {
         let (Intervention::Impulse { at, .. }
         | Intervention::Set { at, .. }
@@ -89,8 +90,8 @@ impl Intervention {
         *at
     }
 
-    /// Name of the thing that it is about, if it is one.
-    pub fn thing(&self) -> Option<&str> {
+    /// Name of the object that it changes, if it changes one.
+    pub fn object(&self) -> Option<&str> {
         match self {
             Intervention::Impulse { body, .. } | Intervention::Set { body, .. } => Some(body),
             Intervention::Remove { body, .. } => Some(body),
@@ -100,7 +101,7 @@ impl Intervention {
         }
     }
 
-    /// Whether a body comes in.
+    /// Whether it adds a body.
     pub fn adds_body(&self) -> bool {
         matches!(self, Intervention::Add { .. })
     }

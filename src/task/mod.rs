@@ -1,7 +1,7 @@
-//! What is asked: scenes, what may be placed in them, goals, and the registry of task families.
+//! Tasks: scenes, actions, goals, and the registry of task families. Plain data, no dynamics.
 //!
-//! A family is one file in `families/` and one row in [`families`], a shape one file and one row in [`shape`]. Nothing
-//! here moves.
+//! A family is one file in `families/` and one row in [`families`]; a shape is one file and one row in
+//! [`shape`].
 
 pub mod action;
 pub mod ball;
@@ -27,31 +27,31 @@ use serde::{Deserialize, Serialize};
 pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
 pub use families::{
-    Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, Certificate, Certified, CertifiedRow, Claims,
-    Collection, DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics,
-    Selection, certified_beside, collection, families, family, parse_family, parse_family_beside,
-    read_families, read_family, take_in,
+    CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, CandidateDraws, Certificate, CertifiedRow, CertifiedTasks,
+    Claims, Collection, DEFAULT_FAMILY, EstimateClaim, FAMILY_FORMAT, Family, JumpStartClaim, LabelCounts,
+    Learning, RealPhysics, Selection, SolvingShareBin, certified_beside, collection, families, family,
+    parse_family, parse_family_beside, read_families, read_family, register_families,
 };
 pub use intervention::Intervention;
 pub use placement::Placement;
 pub use scene::Scene;
 
-/// One single-action task: a scene with an action space and a goal.
+/// A single-action task: a scene with an action space and a goal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// `family:number`, or a custom scene's name.
     pub id: String,
     /// Name of the family; `custom` for a user's scene.
     pub family: String,
-    /// Which part of the family it belongs to.
+    /// The split to which it belongs.
     pub split: Split,
-    /// The scene before any action; always has an action space.
+    /// The scene without an action; always has an action space.
     pub scene: Scene,
-    /// Evidence that the task can be solved; absent for custom tasks.
+    /// A verified solution; absent for custom tasks.
     pub certificate: Option<Certificate>,
 }
 
-/// The part of a family a task belongs to.
+/// A split of a family's tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
@@ -66,14 +66,14 @@ impl Task {
         self.scene.action.as_ref().expect("a task's scene has an action space: checked where tasks are made")
     }
 
-    /// Carries out an action on the task's scene.
+    /// Applies an action to the task's scene.
     pub fn place(&self, action: &ValidAction) -> Placement {
         self.actions().place(&self.scene, action)
     }
 }
 
 impl Split {
-    /// The name used on the wire and in ids.
+    /// Name on the wire and in ids.
     pub fn name(self) -> &'static str {
         match self {
             Split::Train => "train",

@@ -1,70 +1,74 @@
-//! PHYRE's tasks of one ball as scenes.
+//! Imports PHYRE's single-ball tasks as scenes.
 //!
-//! Source: PHYRE (Bakhtin et al. 2019) and its program (facebookresearch/phyre, Apache-2.0: `action_mappers.py`, `geometry.h`,
-//! `task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`), from which these are known:
-//! - 256 by 256 pixels of 1/6 m; density 0.25, friction 0.5, restitution 0.2, gravity -9.8 m/s^2; Box2D's rules of contact.
-//! - 1000 steps of 1/60 s; touching for 180 steps on end solves.
-//! - An action's ball has its middle at 255 px times the first two numbers and 2 to 32 px of radius. Its middle is cut to whole
-//!   pixels and its radius rounded; an eighth of the stable solutions solves only then. It must lie within the scene.
-//! - Two balls touch within 0.1 px; anything else where Box2D has a contact: within the skins of polygons, 0.01 m each.
+//! Source: PHYRE (Bakhtin et al. 2019) and its program (facebookresearch/phyre, Apache-2.0:
+//! `action_mappers.py`, `geometry.h`, `task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`):
+//! - 256 by 256 pixels of 1/6 m; density 0.25, friction 0.5, restitution 0.2, gravity -9.8 m/s^2; Box2D's
+//!   contact rules.
+//! - 1000 steps of 1/60 s; a contact held for 180 steps solves.
+//! - An action's ball has its centre at 255 px times the first two numbers and a radius of 2 to 32 px. The
+//!   centre is truncated to whole pixels and the radius rounded; an eighth of the stable solutions solve only
+//!   with that rounding. The ball must lie within the scene.
+//! - Two balls touch within 0.1 px; other bodies touch where Box2D has a contact: within the polygon skins of
+//!   0.01 m each.
 //!
-//! Differences from the source: solutions are put on the grid of pixels here, actions of our own are not. No angular damping (0.01
-//! per second there); polygons have no skin that pushes. Statics are listed from the last to the first: ours visits a body's contacts
-//! as they are listed, Box2D the newest first, and which of two is visited last decides what a disc in a notch does when it is hit.
+//! Differences from the source: only imported solutions are rounded to pixels, not our own actions. There is
+//! no angular damping (0.01 per second there), and polygon skins exert no force. Statics are listed from the
+//! last to the first: our solver visits a body's contacts in the order of the list, Box2D the newest first,
+//! and the last contact visited decides how a disc in a notch responds to a hit.
 
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::action::{ActionSpace, Component, Discrete, Quantity};
+use super::action::{ActionComponent, ActionQuantity, ActionSpace, Discretisation};
 use super::custom;
 use super::scene::{Body, ContactRules, FrictionRule, Goal, RestitutionRule, Scene, Static};
-use super::shape::{Compound, Disc, Piece, Polygon, Shape};
-use crate::error::{Error, Result, within};
+use super::shape::{Compound, CompoundPiece, Disc, Polygon, Shape};
+use crate::error::{Error, Result, check_range};
 use crate::json;
 
-/// Density (kg/m^2), friction and restitution of everything, and the share of velocity kept per second.
+/// Density (kg/m^2), friction and restitution of every object, and the velocity kept per second.
 pub const PHYSICS: [f64; 4] = [0.25, FRICTION, RESTITUTION, 1.0];
 
 const FRICTION: f64 = 0.5;
 const RESTITUTION: f64 = 0.2;
 const PIXELS_PER_METRE: f64 = 6.0;
-const SIDE: f64 = 256.0;
-/// Radii of the ball that is placed, px.
-const RADII: [f64; 2] = [2.0, 32.0];
-/// Gap within which two balls touch, m.
-const BALLS_TOUCH: f64 = 0.1 / PIXELS_PER_METRE;
+const SIDE_PX: f64 = 256.0;
+/// Radius range of the placed ball, px.
+const RADIUS_RANGE_PX: [f64; 2] = [2.0, 32.0];
+/// Gap within which two balls count as touching, m.
+const BALL_CONTACT_GAP_M: f64 = 0.1 / PIXELS_PER_METRE;
 /// Skin of a polygon in Box2D, m.
-const SKIN: f64 = 0.01;
-const STEPS: u32 = 1000;
-/// Actions of PHYRE's own cache.
-const ACTIONS: usize = 100_000;
-/// The ball that an action places.
+const POLYGON_SKIN_M: f64 = 0.01;
+const ROLLOUT_STEPS: u32 = 1000;
+/// Number of actions in PHYRE's own cache.
+const N_ACTIONS: usize = 100_000;
+/// Name of the ball that an action places.
 const BALL: &str = "red";
-/// Most tasks of a file.
-const MOST_TASKS: usize = 100_000;
+/// Maximum number of tasks in a file.
+const MAX_TASKS: usize = 100_000;
 
 /// The tasks of a file, in order of their ids: `TEMPLATE:TASK`.
-pub struct Tasks(BTreeMap<String, Recorded>);
+pub struct PhyreTasks(BTreeMap<String, PhyreTask>);
 
-/// A task, said in our words.
+/// A task converted to a scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Said {
+pub struct PhyreScene {
     /// With goal and action space.
     pub scene: Scene,
-    /// Actions that solve the task there even if they are moved a little, on the grid of pixels.
+    /// Actions that solve the task in PHYRE and are robust to small perturbations; rounded to pixels.
     pub solutions: Vec<Vec<f64>>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Recorded {
-    bodies: Vec<Thing>,
-    goal: Touching,
+struct PhyreTask {
+    bodies: Vec<PhyreObject>,
+    goal: PhyreGoal,
     #[serde(default)]
     solutions: Vec<[f64; 3]>,
-    /// Of no use here.
+    /// Ignored.
     #[serde(default, rename = "phantom")]
     _phantom: Option<IgnoredAny>,
     #[serde(default)]
@@ -76,7 +80,7 @@ struct Recorded {
 /// Lengths in px, angle in rad.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Thing {
+struct PhyreObject {
     x: f64,
     y: f64,
     #[serde(default)]
@@ -84,29 +88,29 @@ struct Thing {
     dynamic: bool,
     #[serde(default)]
     kind: Option<String>,
-    shapes: Vec<Outline>,
+    shapes: Vec<PhyreShape>,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Outline {
+enum PhyreShape {
     Circle(f64),
     Polygon(Vec<[f64; 2]>),
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Touching {
+struct PhyreGoal {
     body1: usize,
     body2: usize,
     relation: Vec<String>,
 }
 
-impl Tasks {
-    /// Reads a file's text; errors name task and field.
-    pub fn from_json(text: &str) -> Result<Tasks> {
-        let all: BTreeMap<String, Recorded> = json::parse(text)?;
-        within("tasks", all.len() as f64, 1.0, MOST_TASKS as f64)?;
+impl PhyreTasks {
+    /// Parses a file; errors name task and field.
+    pub fn from_json(text: &str) -> Result<PhyreTasks> {
+        let all: BTreeMap<String, PhyreTask> = json::parse(text)?;
+        check_range("tasks", all.len() as f64, 1.0, MAX_TASKS as f64)?;
         for (id, task) in &all {
             let parts: Vec<&str> = id.split(':').collect();
             let plain = |part: &&str| {
@@ -120,9 +124,9 @@ impl Tasks {
                     "a task's id as TEMPLATE:TASK, 00000:003 say",
                 ));
             }
-            task.check().map_err(|e| e.under(&format!("[{id:?}]")))?;
+            task.check().map_err(|e| e.in_field(&format!("[{id:?}]")))?;
         }
-        Ok(Tasks(all))
+        Ok(PhyreTasks(all))
     }
 
     /// Templates, in order.
@@ -132,15 +136,16 @@ impl Tasks {
         all
     }
 
-    /// The tasks of a template, in order: each said as a scene, or why it cannot be.
-    pub fn said(&self, template: &str) -> Vec<(&str, Result<Said>)> {
+    /// The tasks of a template, in order: each as a scene, or the reason why it cannot be converted.
+    pub fn scenes(&self, template: &str) -> Vec<(&str, Result<PhyreScene>)> {
         let own = |id: &str| id.split(':').next() == Some(template);
         let of = self.0.iter().filter(|(id, _)| own(id));
-        of.map(|(id, task)| (id.as_str(), task.said(id).map_err(|e| e.under(&format!("[{id:?}]"))))).collect()
+        of.map(|(id, task)| (id.as_str(), task.to_scene(id).map_err(|e| e.in_field(&format!("[{id:?}]")))))
+            .collect()
     }
 }
 
-impl Recorded {
+impl PhyreTask {
     fn check(&self) -> Result<()> {
         for (field, index) in [("goal.body1", self.goal.body1), ("goal.body2", self.goal.body2)] {
             if index >= self.bodies.len() {
@@ -163,17 +168,17 @@ impl Recorded {
         }
         for (i, action) in self.solutions.iter().enumerate() {
             for (k, v) in action.iter().enumerate() {
-                within(&format!("solutions[{i}][{k}]"), *v, 0.0, 1.0)?;
+                check_range(&format!("solutions[{i}][{k}]"), *v, 0.0, 1.0)?;
             }
         }
         Ok(())
     }
 
-    fn said(&self, id: &str) -> Result<Said> {
+    fn to_scene(&self, id: &str) -> Result<PhyreScene> {
         let names: Vec<String> = self.bodies.iter().enumerate().map(|(i, b)| b.name(i)).collect();
         let pair = [self.goal.body1, self.goal.body2];
         let skinned = pair.iter().filter(|i| !self.bodies[**i].is_ball()).count();
-        let tolerance = if skinned == 0 { BALLS_TOUCH } else { SKIN * skinned as f64 };
+        let tolerance = if skinned == 0 { BALL_CONTACT_GAP_M } else { POLYGON_SKIN_M * skinned as f64 };
         let things = || self.bodies.iter().zip(&names);
         let mut bodies: Vec<Body> =
             things().filter(|(b, _)| b.dynamic).map(|(b, name)| b.body(name)).collect();
@@ -188,7 +193,7 @@ impl Recorded {
                 restitution_threshold: 1.0,
             }),
             time_step: 1.0 / 60.0,
-            steps: STEPS,
+            steps: ROLLOUT_STEPS,
             observe_every: 20,
             goal: Some(Goal::Contact {
                 bodies: pair.map(|i| names[i].clone()),
@@ -200,26 +205,26 @@ impl Recorded {
             ..Scene::empty()
         };
         let solutions = self.solutions.iter().map(|a| on_pixels(*a)).collect();
-        Ok(Said { scene: custom(scene)?.scene, solutions })
+        Ok(PhyreScene { scene: custom(scene)?.scene, solutions })
     }
 }
 
-impl Thing {
-    /// Unique by its index.
+impl PhyreObject {
+    /// Name of the object, unique by its index.
     fn name(&self, index: usize) -> String {
         format!("{}{index}", self.kind.as_deref().filter(|k| !k.is_empty()).unwrap_or("wall"))
     }
 
     fn is_ball(&self) -> bool {
-        matches!(self.shapes.first(), Some(Outline::Circle(_)))
+        matches!(self.shapes.first(), Some(PhyreShape::Circle(_)))
     }
 
     fn shape(&self) -> Shape {
-        let mut pieces: Vec<Shape> = self.shapes.iter().map(Outline::shape).collect();
+        let mut pieces: Vec<Shape> = self.shapes.iter().map(PhyreShape::shape).collect();
         if pieces.len() == 1 {
             return pieces.remove(0);
         }
-        let piece = |shape| Piece { shape, position: [0.0, 0.0], angle: 0.0 };
+        let piece = |shape| CompoundPiece { shape, position: [0.0, 0.0], angle: 0.0 };
         Compound { pieces: pieces.into_iter().map(piece).collect() }.into()
     }
 
@@ -243,18 +248,18 @@ impl Thing {
     }
 }
 
-impl Outline {
+impl PhyreShape {
     fn shape(&self) -> Shape {
         let metres = |[x, y]: &[f64; 2]| [x / PIXELS_PER_METRE, y / PIXELS_PER_METRE];
         match self {
-            Outline::Circle(radius) => Disc { radius: radius / PIXELS_PER_METRE }.into(),
-            Outline::Polygon(corners) => Polygon { vertices: corners.iter().map(metres).collect() }.into(),
+            PhyreShape::Circle(radius) => Disc { radius: radius / PIXELS_PER_METRE }.into(),
+            PhyreShape::Polygon(corners) => Polygon { vertices: corners.iter().map(metres).collect() }.into(),
         }
     }
 }
 
 fn ball() -> Body {
-    moving(BALL, Disc { radius: RADII[0] / PIXELS_PER_METRE }.into())
+    moving(BALL, Disc { radius: RADIUS_RANGE_PX[0] / PIXELS_PER_METRE }.into())
 }
 
 fn moving(name: &str, shape: Shape) -> Body {
@@ -272,29 +277,29 @@ fn moving(name: &str, shape: Shape) -> Body {
     }
 }
 
-/// Where the ball may be placed, and how large.
+/// Action space of the placed ball: position and radius.
 fn space() -> ActionSpace {
     let component = |set, [low, high]: [f64; 2]| {
         let metres = |pixels: f64| pixels / PIXELS_PER_METRE;
-        Component { target: BALL.into(), set, low: metres(low), high: metres(high) }
+        ActionComponent { target: BALL.into(), set, low: metres(low), high: metres(high) }
     };
-    let across = [0.0, SIDE - 1.0];
-    let side = SIDE / PIXELS_PER_METRE;
+    let across = [0.0, SIDE_PX - 1.0];
+    let side = SIDE_PX / PIXELS_PER_METRE;
     ActionSpace {
         components: vec![
-            component(Quantity::X, across),
-            component(Quantity::Y, across),
-            component(Quantity::Radius, RADII),
+            component(ActionQuantity::X, across),
+            component(ActionQuantity::Y, across),
+            component(ActionQuantity::Radius, RADIUS_RANGE_PX),
         ],
         bounds: Some([0.0, 0.0, side, side]),
-        discrete: Discrete::Sequence { count: ACTIONS },
+        discrete: Discretisation::Sequence { count: N_ACTIONS },
     }
 }
 
-/// The action whose ball has whole pixels, as PHYRE makes of one.
+/// The action rounded to whole pixels as PHYRE does.
 fn on_pixels([x, y, r]: [f64; 3]) -> Vec<f64> {
-    let cut = |v: f64| (v * (SIDE - 1.0)).floor() / (SIDE - 1.0);
-    let [low, high] = RADII;
+    let cut = |v: f64| (v * (SIDE_PX - 1.0)).floor() / (SIDE_PX - 1.0);
+    let [low, high] = RADIUS_RANGE_PX;
     vec![cut(x), cut(y), ((low + r * (high - low)).round() - low) / (high - low)]
 }
 
@@ -302,7 +307,7 @@ fn on_pixels([x, y, r]: [f64; 3]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Two balls over a floor.
+    /// Two balls above a floor.
     const TEXT: &str = r#"{"00000:003": {"tier": "BALL", "phantom": false,
         "bodies": [
           {"x": 128, "y": -2.5, "angle": 0.0, "dynamic": false, "kind": null,
@@ -315,10 +320,10 @@ mod tests {
         "solutions": [[0.5, 0.25, 0.51]], "random_actions": {"-1": 1}}}"#;
 
     #[test]
-    fn pixels_are_metres_and_box2d_s_rules_are_said() {
-        let tasks = Tasks::from_json(TEXT).unwrap();
+    fn converts_pixels_and_contact_rules() {
+        let tasks = PhyreTasks::from_json(TEXT).unwrap();
         assert_eq!(tasks.templates(), ["00000"]);
-        let said = tasks.said("00000");
+        let said = tasks.scenes("00000");
         let (id, Ok(said)) = &said[0] else { panic!("{:?}", said[0]) };
         let scene = &said.scene;
         assert_eq!((*id, scene.name.as_str()), ("00000:003", "00000:003"));
@@ -330,7 +335,7 @@ mod tests {
         let rules = scene.contact_rules.unwrap();
         assert_eq!((rules.restitution, rules.restitution_threshold), (RestitutionRule::Max, 1.0));
         let Some(Goal::Contact { hold_s, tolerance, .. }) = &scene.goal else { panic!("{:?}", scene.goal) };
-        assert_eq!((*hold_s, *tolerance), (3.0, SKIN));
+        assert_eq!((*hold_s, *tolerance), (3.0, POLYGON_SKIN_M));
         // 127.5 px and 63.75 px are cut, 17.3 px are rounded.
         let space = scene.action.as_ref().unwrap();
         let action = space.validate(&said.solutions[0]).unwrap();
@@ -344,10 +349,10 @@ mod tests {
     fn errors_name_task_field_and_value() {
         let check = |from: &str, to: &str, wanted: &[&str]| {
             assert!(TEXT.contains(from), "{from}");
-            let read = Tasks::from_json(&TEXT.replace(from, to));
+            let read = PhyreTasks::from_json(&TEXT.replace(from, to));
             let error = match read {
                 Err(error) => error,
-                Ok(tasks) => tasks.said("00000").remove(0).1.unwrap_err(),
+                Ok(tasks) => tasks.scenes("00000").remove(0).1.unwrap_err(),
             };
             let error = error.to_string();
             assert!(wanted.iter().all(|w| error.contains(w)), "{error}");

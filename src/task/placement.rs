@@ -1,23 +1,23 @@
-//! Actions in a scene: what may be set in it, carrying an action out, and what stands in its way.
+//! Applies actions to scenes: validates action components, sets quantities and detects overlaps.
 
-use super::action::{ActionSpace, Component, Quantity, ValidAction};
-use super::limits::{FAR, FAST, FAST_SPIN};
+use super::action::{ActionComponent, ActionQuantity, ActionSpace, ValidAction};
+use super::limits::{MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S};
 use super::scene::Scene;
 use super::shape::{Disc, Shape};
 use super::solid::Solid;
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 
-/// What became of an action.
+/// The result of applying an action.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Placement {
-    /// The scene with the action carried out, ready to roll.
+    /// The scene with the action applied, ready for a rollout.
     Valid(Box<Scene>),
-    /// The action cannot be placed; why, in words.
+    /// The action cannot be placed, with the reason.
     Invalid(String),
 }
 
 impl ActionSpace {
-    /// Carries the action out on `scene` (whose own action space this is).
+    /// Applies the action to `scene` (whose own action space this is).
     pub fn place(&self, scene: &Scene, action: &ValidAction) -> Placement {
         let mut placed = scene.clone();
         for (component, v) in self.components.iter().zip(action.values()) {
@@ -34,12 +34,12 @@ impl ActionSpace {
 pub fn validate(space: &ActionSpace, scene: &Scene) -> Result<()> {
     space.validate_dimension()?;
     for (i, component) in space.components.iter().enumerate() {
-        validate_component(component, scene).map_err(|e| e.under(&format!("components[{i}]")))?;
+        validate_component(component, scene).map_err(|e| e.in_field(&format!("components[{i}]")))?;
     }
     space.validate_extent()
 }
 
-/// Why what was placed cannot stand where it is, if so.
+/// The reason why a placed object cannot stand at its position, if any.
 fn obstacle(space: &ActionSpace, placed: &Scene) -> Option<String> {
     let mut targets: Vec<&str> = space.components.iter().map(|c| c.target.as_str()).collect();
     targets.sort_unstable();
@@ -47,7 +47,7 @@ fn obstacle(space: &ActionSpace, placed: &Scene) -> Option<String> {
     let bodies = placed.bodies.iter().filter_map(|b| Some((b.name.as_str(), Solid::Bounded(b.placed()?))));
     let statics = placed.statics.iter().map(|s| (s.name.as_str(), s.placed()));
     let all: Vec<(&str, Solid)> = bodies.chain(statics).collect();
-    // What is bounded is named first.
+    // Bounded objects are reported first.
     let (bounded, endless): (Vec<_>, Vec<_>) = all.iter().partition(|(_, s)| s.bounds().is_some());
     targets.into_iter().find_map(|target| {
         let (_, own) = all.iter().find(|(name, _)| *name == target)?;
@@ -56,50 +56,53 @@ fn obstacle(space: &ActionSpace, placed: &Scene) -> Option<String> {
         {
             return Some(format!("{target} leaves the scene"));
         }
-        // Ground is there for things to stand in: only what moves must be clear of ground that is placed.
+        // Objects may stand partly inside a half space; a placed half space must only be clear of
+        // movable bodies.
         let ground = own.bounds().is_none();
-        let in_its_way = |name: &str| name != target && (!ground || placed.body(name).is_some());
-        let mut others = bounded.iter().chain(&endless).filter(|(name, _)| in_its_way(name));
-        let (other, _) = others.find(|(_, other)| own.gap(other) < 0.0)?;
+        let is_obstacle = |name: &str| name != target && (!ground || placed.body(name).is_some());
+        let mut others = bounded.iter().chain(&endless).filter(|(name, _)| is_obstacle(name));
+        let (other, _) = others.find(|(_, other)| own.signed_distance(other) < 0.0)?;
         Some(format!("{target} overlaps {other}"))
     })
 }
 
-fn write(component: &Component, scene: &mut Scene, value: f64) {
+fn write(component: &ActionComponent, scene: &mut Scene, value: f64) {
     if let Some(body) = scene.bodies.iter_mut().find(|b| b.name == component.target) {
         let position = body.position.get_or_insert([0.0, 0.0]);
         match component.set {
-            Quantity::X => position[0] = value,
-            Quantity::Y => position[1] = value,
-            Quantity::Radius => body.shape = Disc { radius: value }.into(),
-            Quantity::Angle => body.angle = value,
-            Quantity::Vx => body.velocity[0] = value,
-            Quantity::Vy => body.velocity[1] = value,
-            Quantity::Omega => body.angular_velocity = value,
+            ActionQuantity::X => position[0] = value,
+            ActionQuantity::Y => position[1] = value,
+            ActionQuantity::Radius => body.shape = Disc { radius: value }.into(),
+            ActionQuantity::Angle => body.angle = value,
+            ActionQuantity::Vx => body.velocity[0] = value,
+            ActionQuantity::Vy => body.velocity[1] = value,
+            ActionQuantity::Omega => body.angular_velocity = value,
         }
     } else if let Some(fixed) = scene.statics.iter_mut().find(|s| s.name == component.target) {
         match component.set {
-            Quantity::X => fixed.position[0] = value,
-            Quantity::Y => fixed.position[1] = value,
-            Quantity::Radius => fixed.shape = Disc { radius: value }.into(),
-            Quantity::Angle => fixed.angle = value,
+            ActionQuantity::X => fixed.position[0] = value,
+            ActionQuantity::Y => fixed.position[1] = value,
+            ActionQuantity::Radius => fixed.shape = Disc { radius: value }.into(),
+            ActionQuantity::Angle => fixed.angle = value,
             // Refused by `validate`: a static has no velocity.
-            Quantity::Vx | Quantity::Vy | Quantity::Omega => {}
+            ActionQuantity::Vx | ActionQuantity::Vy | ActionQuantity::Omega => {}
         }
     }
 }
 
-fn validate_component(component: &Component, scene: &Scene) -> Result<()> {
-    scene.named("target", &component.target, true)?;
+fn validate_component(component: &ActionComponent, scene: &Scene) -> Result<()> {
+    scene.check_name("target", &component.target, true)?;
     let limit = match component.set {
-        Quantity::Vx | Quantity::Vy => FAST,
-        Quantity::Omega => FAST_SPIN,
-        Quantity::X | Quantity::Y | Quantity::Radius | Quantity::Angle => FAR,
+        ActionQuantity::Vx | ActionQuantity::Vy => MAX_SPEED_M_S,
+        ActionQuantity::Omega => MAX_SPIN_RAD_S,
+        ActionQuantity::X | ActionQuantity::Y | ActionQuantity::Radius | ActionQuantity::Angle => {
+            MAX_LENGTH_M
+        }
     };
-    within("low", component.low, -limit, limit)?;
-    within("high", component.high, component.low, limit)?;
+    check_range("low", component.low, -limit, limit)?;
+    check_range("high", component.high, component.low, limit)?;
     let body = scene.body(&component.target);
-    let moving = matches!(component.set, Quantity::Vx | Quantity::Vy | Quantity::Omega);
+    let moving = matches!(component.set, ActionQuantity::Vx | ActionQuantity::Vy | ActionQuantity::Omega);
     if moving && body.is_none() {
         return Err(Error::input(
             "set",
@@ -107,7 +110,7 @@ fn validate_component(component: &Component, scene: &Scene) -> Result<()> {
             "x, y, radius or angle for a static",
         ));
     }
-    if component.set == Quantity::Radius {
+    if component.set == ActionQuantity::Radius {
         let shape = body
             .map(|b| &b.shape)
             .or_else(|| scene.statics.iter().find(|s| s.name == component.target).map(|s| &s.shape));
@@ -125,9 +128,9 @@ fn validate_component(component: &Component, scene: &Scene) -> Result<()> {
 mod tests {
     use super::*;
 
-    /// Two balls are placed by one action: neither may be in the other's way, whichever comes first.
+    /// Two balls placed by one action must not overlap, in either order.
     #[test]
-    fn two_balls_that_are_placed_may_not_overlap() {
+    fn rejects_overlap_of_two_placed_balls() {
         let component = |target: &str, set: &str, low: f64, high: f64| {
             format!(r#"{{"target": "{target}", "set": "{set}", "low": {low}, "high": {high}}}"#)
         };
@@ -168,9 +171,9 @@ mod tests {
         check([-4.5, 1.0, 0.75], [3.0, 1.0, 0.5], Some("red leaves the scene"));
     }
 
-    /// The floor (a halfspace, first in order of name) is placed, and so is the post, on which the ball stands.
+    /// The floor (a halfspace, first in order of name) and the post under the ball are both placed.
     #[test]
-    fn overlaps_are_looked_for_beyond_a_halfspace_target() {
+    fn rejects_overlaps_behind_a_halfspace_target() {
         let text = r#"{"format": "iplw.scene/1",
             "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 2]}],
             "statics": [
@@ -189,7 +192,8 @@ mod tests {
             };
             assert_eq!(said.as_deref(), wanted, "{action:?}");
         };
-        // The posts of a scene may stand in its floor, what is placed on it may not.
+        // A post may start inside the floor of its scene, but a placed object must not overlap
+        // another.
         check([0.0, 0.9], None);
         check([0.0, 0.5], Some("post overlaps ball"));
         check([0.0, 0.0], Some("post overlaps wall"));

@@ -1,7 +1,7 @@
-//! `iplw.scene/1`: bodies, statics, goal and what may be placed, as plain data.
+//! `iplw.scene/1`: bodies, statics, goal and action space as plain data.
 //!
-//! SI units, y up, angles counter-clockwise. [`Scene::from_json`] parses and validates; a `Scene` built in code
-//! is checked by [`Scene::validate`]. Nothing here moves: that is `world/`.
+//! SI units, y up, angles counter-clockwise. [`Scene::from_json`] parses and validates; [`Scene::validate`]
+//! checks a `Scene` built in code. The dynamics are in `world/`.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::action::ActionSpace;
 pub use super::body::{Body, Static};
-pub use super::contact_rules::{ContactRules, FrictionRule, MOST_THRESHOLD, RestitutionRule};
-use super::geometry::{Bounds, join};
-pub use super::goal::{Goal, Point};
+pub use super::contact_rules::{ContactRules, FrictionRule, MAX_RESTITUTION_THRESHOLD_M_S, RestitutionRule};
+use super::geometry::{Aabb, union_box};
+pub use super::goal::{Goal, GoalPoint};
 use super::intervention::Intervention;
 pub use super::setting::{BodyOverride, Setting, StaticOverride};
 pub use super::shape::Shape;
@@ -30,20 +30,20 @@ pub struct Scene {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub name: String,
     /// Acceleration, m/s^2.
-    #[serde(default = "earth")]
+    #[serde(default = "default_gravity")]
     pub gravity: [f64; 2],
-    /// Movable bodies; all share the task's latent factors unless `carriers` says otherwise.
+    /// Movable bodies; all share the task's latent factors unless `carriers` lists others.
     pub bodies: Vec<Body>,
-    /// Things that never move.
+    /// Objects that never move.
     #[serde(default)]
     pub statics: Vec<Static>,
     /// Effects beyond gravity and contact; names and parameters as `world::effect` registers them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectTerm>,
-    /// Kept share of velocity per second, (0, 1]; shorthand for the effect `linear_drag`.
+    /// Fraction of the velocity kept per second, (0, 1]; shorthand for the effect `linear_drag`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping: Option<f64>,
-    /// How surfaces' coefficients make a contact's; products, and every approach bounces, if absent.
+    /// Mixing rules for friction and restitution; products without a restitution threshold if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_rules: Option<ContactRules>,
     /// s
@@ -52,19 +52,19 @@ pub struct Scene {
     /// Number of time steps of a full rollout.
     #[serde(default = "default_steps")]
     pub steps: u32,
-    /// A state is observed at the start, every this many steps, and at the end.
+    /// Observation interval in time steps; the start and the end are always observed.
     #[serde(default = "default_observe_every")]
     pub observe_every: u32,
-    /// What is asked of the scene, if anything.
+    /// The goal, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goal: Option<Goal>,
-    /// `false` lets a rollout run on after the goal is reached.
+    /// `false` lets a rollout continue after the goal is reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<bool>,
-    /// What an action sets; makes the scene a task of its own.
+    /// The action space; makes the scene a task.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<ActionSpace>,
-    /// Names of bodies and statics that carry the latent factors; all movable bodies if absent.
+    /// Names of the bodies and statics that carry the latent factors; all movable bodies if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub carriers: Option<Vec<String>>,
     /// Latent factors to estimate from trials.
@@ -73,10 +73,10 @@ pub struct Scene {
     /// Quantities that may differ between settings of measured trials.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub per_setting: Vec<String>,
-    /// Body fields overridden by setting name.
+    /// Overrides of body and static fields, by setting.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub settings: BTreeMap<String, Setting>,
-    /// What is done in the middle of a rollout. No part of the document: whoever asks for a rollout says it.
+    /// Interventions of a rollout. Not part of the document: a rollout request supplies them.
     #[serde(skip)]
     pub interventions: Vec<Intervention>,
 }
@@ -100,12 +100,12 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A scene with defaults and nothing in it, to be filled; not valid as it is.
+    /// An empty scene with default values, to be filled; not valid until it has a body.
     pub fn empty() -> Scene {
         Scene {
             format: FORMAT.into(),
             name: String::new(),
-            gravity: earth(),
+            gravity: default_gravity(),
             bodies: Vec::new(),
             statics: Vec::new(),
             effects: Vec::new(),
@@ -148,13 +148,13 @@ impl Scene {
         self.goal.as_ref().is_some_and(Goal::stops) && self.stop != Some(false)
     }
 
-    /// The scene without its settings: what the scenes of trials are made of, which would else carry the settings of all along.
-    pub fn bare(&self) -> Scene {
+    /// The scene without its settings, as used for the scenes of trials.
+    pub fn without_settings(&self) -> Scene {
         Scene { settings: BTreeMap::new(), ..self.clone() }
     }
 
     /// The scene with a setting's overrides applied.
-    pub fn varied(&self, overrides: Option<&Setting>) -> Scene {
+    pub fn with_setting(&self, overrides: Option<&Setting>) -> Scene {
         let mut scene = self.clone();
         if let Some(overrides) = overrides {
             overrides.apply(&mut scene.bodies, &mut scene.statics);
@@ -162,19 +162,19 @@ impl Scene {
         scene
     }
 
-    /// Axis-aligned box around everything bounded, widened by 2 %; for drawing.
-    pub fn extent(&self) -> Bounds {
+    /// Axis-aligned box around all bounded objects, widened by 2 %; for drawing.
+    pub fn extent(&self) -> Aabb {
         let bodies = self.bodies.iter().filter_map(|b| Some(b.placed()?.bounds()));
         let statics = self.statics.iter().filter_map(|s| s.placed().bounds());
         let given = self.action.as_ref().and_then(|a| a.bounds);
-        let all = given.into_iter().chain(bodies).chain(statics).reduce(join);
+        let all = given.into_iter().chain(bodies).chain(statics).reduce(union_box);
         let b = all.unwrap_or([-1.0, -1.0, 1.0, 1.0]);
         let pad = 0.02 * (b[2] - b[0]).max(b[3] - b[1]).max(1e-3);
         [b[0] - pad, b[1] - pad, b[2] + pad, b[3] + pad]
     }
 
     /// Errors unless `name` is a body (or a static, if `statics` is set).
-    pub(crate) fn named(&self, field: &str, name: &str, statics: bool) -> Result<()> {
+    pub(crate) fn check_name(&self, field: &str, name: &str, statics: bool) -> Result<()> {
         let bodies = self.bodies.iter().map(|b| &b.name);
         let fixed = self.statics.iter().map(|s| &s.name).filter(|_| statics);
         let known: Vec<&String> = bodies.chain(fixed).collect();
@@ -186,7 +186,7 @@ impl Scene {
     }
 }
 
-fn earth() -> [f64; 2] {
+fn default_gravity() -> [f64; 2] {
     [0.0, -9.8]
 }
 fn default_time_step() -> f64 {

@@ -1,4 +1,4 @@
-//! What a setting of measured trials changes in a scene.
+//! Overrides of a scene for one setting of measured trials.
 
 use std::collections::BTreeMap;
 
@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use super::body::{Body, Static};
 use super::shape::Shape;
 
-/// What a setting changes.
+/// The overrides of one setting.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Setting {
     /// Overrides by body name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub bodies: BTreeMap<String, BodyOverride>,
-    /// Overrides by name of a static.
+    /// Overrides by name of the static.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub statics: BTreeMap<String, StaticOverride>,
 }

@@ -1,41 +1,40 @@
-//! A scene's interventions in time: when each happens, and that it can.
+//! Validates a scene's interventions and puts them in order of time.
 
 use super::intervention::Intervention;
-use super::limits::{FAR, FAST, FAST_SPIN, vector};
+use super::limits::{MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector};
 use super::scene::Scene;
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 
-/// Most interventions in a rollout: engines stop at each.
-pub const MOST_INTERVENTIONS: usize = 64;
-/// Largest impulse in either direction, N s; what a body bears is less ([`FAST`] times its mass).
-const MOST_IMPULSE: f64 = 1e12;
+/// Maximum number of interventions of a rollout.
+pub const MAX_INTERVENTIONS: usize = 64;
+/// Largest component of an impulse, N s; the limit for a body is [`MAX_SPEED_M_S`] times its mass.
+const MAX_IMPULSE_N_S: f64 = 1e12;
 
-/// The interventions of a scene in the order in which they happen: (time step, number in the list). Errors, whose
-/// fields begin with the intervention's number, unless every value is within its limits and every name that of
-/// something that is there at that moment.
-pub fn in_order(scene: &Scene) -> Result<Vec<(u32, usize)>> {
+/// The interventions of a scene in order of time: (time step, index in the list). Errors, whose field begins
+/// with the intervention's index, unless every value is within its limits and every name exists at that time.
+pub fn schedule(scene: &Scene) -> Result<Vec<(u32, usize)>> {
     let list = &scene.interventions;
-    if list.len() > MOST_INTERVENTIONS {
-        let allowed = format!("at most {MOST_INTERVENTIONS} interventions");
+    if list.len() > MAX_INTERVENTIONS {
+        let allowed = format!("at most {MAX_INTERVENTIONS} interventions");
         return Err(Error::input("interventions", format!("{} interventions", list.len()), allowed));
     }
-    let under = |k: usize| move |e: Error| e.under(&format!("interventions[{k}]"));
+    let under = |k: usize| move |e: Error| e.in_field(&format!("interventions[{k}]"));
     let mut order = Vec::with_capacity(list.len());
     for (k, own) in list.iter().enumerate() {
-        order.push((moment(scene, own.at()).map_err(under(k))?, k));
+        order.push((step_at(scene, own.at()).map_err(under(k))?, k));
     }
     order.sort_by_key(|(step, _)| *step);
-    let mut there = There::of(scene);
+    let mut there = PresentObjects::of(scene);
     for (_, k) in &order {
         there.check(&list[*k], scene).map_err(under(*k))?;
     }
     Ok(order)
 }
 
-/// Names of all that is ever in the scene, as engines number it: bodies, then statics, what comes in behind each in the
-/// order in which it does.
-pub fn things(scene: &Scene) -> Result<Vec<String>> {
-    let order = in_order(scene)?;
+/// Names of all objects of a rollout in the engines' order: bodies, then statics; added ones follow the
+/// scene's own in the order in which they are added.
+pub fn object_names(scene: &Scene) -> Result<Vec<String>> {
+    let order = schedule(scene)?;
     let added = || order.iter().map(|(_, k)| &scene.interventions[*k]);
     let bodies = added().filter_map(|i| match i {
         Intervention::Add { body, .. } => Some(&body.name),
@@ -49,44 +48,44 @@ pub fn things(scene: &Scene) -> Result<Vec<String>> {
     Ok(bodies.chain(scene.statics.iter().map(|s| &s.name).chain(statics)).cloned().collect())
 }
 
-/// The time step that is nearest to a moment; errors, about `at`, unless a rollout has another one after it.
-pub fn moment(scene: &Scene, at: f64) -> Result<u32> {
+/// The time step nearest to a time; errors, naming `at`, unless it is before the last step of the rollout.
+pub fn step_at(scene: &Scene, at: f64) -> Result<u32> {
     let step = (at / scene.time_step).round();
     if step.is_finite() && at >= 0.0 && step < f64::from(scene.steps) {
         return Ok(step as u32);
     }
     let last = f64::from(scene.steps - 1) * scene.time_step;
     let allowed = format!(
-        "a moment from 0 to {last} s, before the last of the rollout's {} steps of {} s",
+        "a time from 0 to {last} s, before the last of the rollout's {} steps of {} s",
         scene.steps, scene.time_step
     );
     Err(Error::input("at", at, allowed))
 }
 
-/// What is in the scene at some moment, by name.
-struct There {
+/// The names of the objects in the scene at some time.
+struct PresentObjects {
     bodies: Vec<String>,
     statics: Vec<String>,
-    /// What was there once, and is not to be confused with what comes in.
+    /// Removed objects; their names cannot be reused.
     gone: Vec<String>,
 }
 
-impl There {
-    fn of(scene: &Scene) -> There {
-        There {
+impl PresentObjects {
+    fn of(scene: &Scene) -> PresentObjects {
+        PresentObjects {
             bodies: scene.bodies.iter().map(|b| b.name.clone()).collect(),
             statics: scene.statics.iter().map(|s| s.name.clone()).collect(),
             gone: Vec::new(),
         }
     }
 
-    /// Takes an intervention in; the numbers of latents are the engine's to judge.
+    /// Validates an intervention and applies it to the names; the engine validates the values of latents.
     fn check(&mut self, change: &Intervention, scene: &Scene) -> Result<()> {
         match change {
             Intervention::Impulse { body, impulse, point, .. } => {
                 self.body(body)?;
-                vector("impulse", *impulse, MOST_IMPULSE)?;
-                point.map_or(Ok(()), |p| vector("point", p, FAR))
+                check_vector("impulse", *impulse, MAX_IMPULSE_N_S)?;
+                point.map_or(Ok(()), |p| check_vector("point", p, MAX_LENGTH_M))
             }
             Intervention::Set { body, position, angle, velocity, angular_velocity, .. } => {
                 self.body(body)?;
@@ -94,34 +93,38 @@ impl There {
                     let allowed = "at least one of position, angle, velocity and angular_velocity";
                     return Err(Error::input("set", "nothing", allowed));
                 }
-                position.map_or(Ok(()), |p| vector("position", p, FAR))?;
-                angle.map_or(Ok(0.0), |a| within("angle", a, -1e6, 1e6))?;
-                velocity.map_or(Ok(()), |v| vector("velocity", v, FAST))?;
+                position.map_or(Ok(()), |p| check_vector("position", p, MAX_LENGTH_M))?;
+                angle.map_or(Ok(0.0), |a| check_range("angle", a, -1e6, 1e6))?;
+                velocity.map_or(Ok(()), |v| check_vector("velocity", v, MAX_SPEED_M_S))?;
                 angular_velocity
-                    .map_or(Ok(0.0), |w| within("angular_velocity", w, -FAST_SPIN, FAST_SPIN))
+                    .map_or(Ok(0.0), |w| check_range("angular_velocity", w, -MAX_SPIN_RAD_S, MAX_SPIN_RAD_S))
                     .map(drop)
             }
             Intervention::Add { body, .. } => {
-                body.validate().map_err(|e| e.under("body"))?;
+                body.validate().map_err(|e| e.in_field("body"))?;
                 self.fresh("body.name", &body.name)?;
                 if body.position.is_none() {
-                    return Err(Error::input("body.position", "missing", "where the body comes in, m"));
+                    return Err(Error::input(
+                        "body.position",
+                        "missing",
+                        "the position of the added body, m",
+                    ));
                 }
                 self.bodies.push(body.name.clone());
                 let most = 64 - scene.bodies.len().min(64);
                 let added = scene.interventions.iter().filter(|i| i.adds_body()).count();
                 if added > most {
-                    let value = format!("{added} bodies that come in");
+                    let value = format!("{added} added bodies");
                     return Err(Error::input(
                         "body",
                         value,
-                        format!("at most {most} beside the scene's own"),
+                        format!("at most {most} in addition to the scene's own"),
                     ));
                 }
                 Ok(())
             }
             Intervention::AddStatic { fixed, .. } => {
-                fixed.validate().map_err(|e| e.under("static"))?;
+                fixed.validate().map_err(|e| e.in_field("static"))?;
                 self.fresh("static.name", &fixed.name)?;
                 self.statics.push(fixed.name.clone());
                 Ok(())
@@ -145,7 +148,7 @@ impl There {
         self.named("body", name, false)
     }
 
-    /// Errors unless `name` is that of a body (or a static) that is there.
+    /// Errors unless `name` is that of a body (or a static, if `statics` is set) that is in the scene.
     fn named(&self, field: &str, name: &str, statics: bool) -> Result<()> {
         let fixed = self.statics.iter().filter(|_| statics);
         let known: Vec<&String> = self.bodies.iter().chain(fixed).collect();
@@ -153,22 +156,26 @@ impl There {
             return Ok(());
         }
         let value = if self.gone.iter().any(|g| g == name) {
-            format!("{name:?}, taken away before")
+            format!("{name:?}, which was removed earlier")
         } else {
             format!("{name:?}")
         };
         let known = known.iter().map(|k| format!("{k:?}")).collect::<Vec<_>>().join(", ");
-        Err(Error::input(field, value, format!("what is there then: one of {known}")))
+        Err(Error::input(field, value, format!("an object in the scene at that time: one of {known}")))
     }
 
-    /// Errors unless `name` may be given to what comes in.
+    /// Errors unless `name` is valid for an added object.
     fn fresh(&self, field: &str, name: &str) -> Result<()> {
         let mut taken = self.bodies.iter().chain(&self.statics).chain(&self.gone);
         if name.is_empty() || name.len() > 100 {
             return Err(Error::input(field, format!("{name:?}"), "a name of 1 to 100 characters"));
         }
         if taken.any(|t| t == name) {
-            return Err(Error::input(field, format!("{name:?}"), "a name that nothing else has or had"));
+            return Err(Error::input(
+                field,
+                format!("{name:?}"),
+                "a name that no other object of the rollout uses",
+            ));
         }
         Ok(())
     }

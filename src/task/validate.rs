@@ -1,19 +1,19 @@
-//! What a scene must be: every value within its limits, every name known, nothing within anything else.
+//! Validation of scenes: values within limits, names that exist, no overlaps.
 
 use std::collections::HashSet;
 
 use super::body::Body;
-use super::geometry::{Bounds, apart, signed_area};
+use super::geometry::{Aabb, disjoint, signed_area};
 use super::goal::Goal;
-use super::limits::{FAR, TIME_STEPS, vector};
+use super::limits::{MAX_LENGTH_M, TIME_STEP_RANGE_S, check_vector};
 use super::placement;
 use super::scene::{FORMAT, Scene};
-use super::solid::{Pieces, Solid};
+use super::solid::{ConvexPieces, Solid};
 use super::timeline;
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 
-/// Overlap up to this share of the smaller body is put down to measurement, not refused.
-const OVERLAP_SHARE: f64 = 0.05;
+/// Overlap up to this fraction of the smaller body is attributed to measurement error and accepted.
+const MAX_OVERLAP_FRACTION: f64 = 0.05;
 
 impl Scene {
     /// Checks every value and reference; the first problem is the error.
@@ -21,7 +21,7 @@ impl Scene {
         if self.format != FORMAT {
             return Err(Error::input("format", format!("{:?}", self.format), format!("{FORMAT:?}")));
         }
-        vector("gravity", self.gravity, 1e4)?;
+        check_vector("gravity", self.gravity, 1e4)?;
         if self.bodies.is_empty() || self.bodies.len() > 64 {
             return Err(Error::input("bodies", format!("{} bodies", self.bodies.len()), "1 to 64 bodies"));
         }
@@ -34,40 +34,44 @@ impl Scene {
         }
         let mut names = HashSet::new();
         for (i, body) in self.bodies.iter().enumerate() {
-            body.validate().map_err(|e| e.under(&format!("bodies[{i}]")))?;
+            body.validate().map_err(|e| e.in_field(&format!("bodies[{i}]")))?;
             unique(&mut names, &format!("bodies[{i}].name"), &body.name)?;
         }
         for (i, fixed) in self.statics.iter().enumerate() {
-            fixed.validate().map_err(|e| e.under(&format!("statics[{i}]")))?;
+            fixed.validate().map_err(|e| e.in_field(&format!("statics[{i}]")))?;
             unique(&mut names, &format!("statics[{i}].name"), &fixed.name)?;
         }
-        within("time_step", self.time_step, TIME_STEPS[0], TIME_STEPS[1])?;
-        within("steps", f64::from(self.steps), 1.0, 1e6)?;
-        within("observe_every", f64::from(self.observe_every), 1.0, 1e6)?;
+        check_range("time_step", self.time_step, TIME_STEP_RANGE_S[0], TIME_STEP_RANGE_S[1])?;
+        check_range("steps", f64::from(self.steps), 1.0, 1e6)?;
+        check_range("observe_every", f64::from(self.observe_every), 1.0, 1e6)?;
         if let Some(damping) = self.damping
             && !(damping > 0.0 && damping <= 1.0)
         {
-            return Err(Error::input("damping", damping, "a kept share of velocity per second in (0, 1]"));
+            return Err(Error::input(
+                "damping",
+                damping,
+                "the fraction of velocity kept per second, in (0, 1]",
+            ));
         }
         self.contact_rules.iter().try_for_each(|rules| rules.validate())?;
-        self.goal.iter().try_for_each(|goal| self.validate_goal(goal).map_err(|e| e.under("goal")))?;
+        self.goal.iter().try_for_each(|goal| self.validate_goal(goal).map_err(|e| e.in_field("goal")))?;
         for (i, name) in self.carriers.iter().flatten().enumerate() {
-            self.named(&format!("carriers[{i}]"), name, true)?;
+            self.check_name(&format!("carriers[{i}]"), name, true)?;
         }
-        let bare = self.bare();
+        let bare = self.without_settings();
         self.settings.keys().try_for_each(|name| self.validate_setting(name, &bare))?;
         if let Some(space) = &self.action {
-            placement::validate(space, self).map_err(|e| e.under("action"))?;
+            placement::validate(space, self).map_err(|e| e.in_field("action"))?;
         }
         self.validate_apart()?;
-        timeline::in_order(self).map(drop)
+        timeline::schedule(self).map(drop)
     }
 
     /// `bare`: the scene without its settings.
     fn validate_setting(&self, name: &str, bare: &Scene) -> Result<()> {
         let Some(setting) = self.settings.get(name) else { return Ok(()) };
         for body in setting.bodies.keys() {
-            self.named(&format!("settings.{name}.bodies"), body, false)?;
+            self.check_name(&format!("settings.{name}.bodies"), body, false)?;
         }
         let known: Vec<&String> = self.statics.iter().map(|s| &s.name).collect();
         if let Some(unknown) = setting.statics.keys().find(|n| !known.contains(n)) {
@@ -75,14 +79,14 @@ impl Scene {
             let field = format!("settings.{name}.statics");
             return Err(Error::input(field, format!("{unknown:?}"), format!("one of {known}")));
         }
-        let varied = bare.varied(Some(setting));
+        let varied = bare.with_setting(Some(setting));
         for fixed in &varied.statics {
             let place = format!("settings.{name}.statics.{}", fixed.name);
-            fixed.validate().map_err(|e| e.under(&place))?;
+            fixed.validate().map_err(|e| e.in_field(&place))?;
         }
         for (i, body) in varied.bodies.iter().enumerate() {
             let place = format!("settings.{name}.bodies.{}", self.bodies[i].name);
-            body.validate().map_err(|e| e.under(&place))?;
+            body.validate().map_err(|e| e.in_field(&place))?;
         }
         Ok(())
     }
@@ -92,16 +96,16 @@ impl Scene {
         match goal {
             Goal::Contact { bodies, hold_s, tolerance, .. }
             | Goal::Apart { bodies, hold_s, tolerance, .. } => {
-                self.named("bodies[0]", &bodies[0], true)?;
-                self.named("bodies[1]", &bodies[1], true)?;
+                self.check_name("bodies[0]", &bodies[0], true)?;
+                self.check_name("bodies[1]", &bodies[1], true)?;
                 if bodies[0] == bodies[1] {
                     return Err(Error::input("bodies", format!("{bodies:?}"), "two different names"));
                 }
-                within("tolerance", *tolerance, 0.0, FAR)?;
-                within("hold_s", *hold_s, 0.0, longest)?;
+                check_range("tolerance", *tolerance, 0.0, MAX_LENGTH_M)?;
+                check_range("hold_s", *hold_s, 0.0, longest)?;
             }
             Goal::Inside { body, region, hold_s, .. } => {
-                self.named("body", body, false)?;
+                self.check_name("body", body, false)?;
                 if region.len() < 3 {
                     return Err(Error::input(
                         "region",
@@ -110,27 +114,27 @@ impl Scene {
                     ));
                 }
                 for (i, p) in region.iter().enumerate() {
-                    vector(&format!("region[{i}]"), *p, FAR)?;
+                    check_vector(&format!("region[{i}]"), *p, MAX_LENGTH_M)?;
                 }
                 if signed_area(region).abs() < 1e-12 {
                     return Err(Error::input("region", "without area", "corners of a polygon with area"));
                 }
-                within("hold_s", *hold_s, 0.0, longest)?;
+                check_range("hold_s", *hold_s, 0.0, longest)?;
             }
             Goal::Above { body, height, line, hold_s, .. } => {
-                self.named("body", body, false)?;
+                self.check_name("body", body, false)?;
                 validate_line(goal, *height, *line)?;
-                within("hold_s", *hold_s, 0.0, longest)?;
+                check_range("hold_s", *hold_s, 0.0, longest)?;
             }
         }
         Ok(())
     }
 
-    /// Bodies with a given position must not overlap each other or a static. What an action places is judged
-    /// when it is placed.
+    /// Bodies with a given position must not overlap each other or a static. Objects placed by an action
+    /// are checked at placement.
     fn validate_apart(&self) -> Result<()> {
         let placed_by_action = |name: &str| self.action.as_ref().is_some_and(|a| a.places(name));
-        let shapes: Vec<(usize, &Body, Pieces, Bounds)> = self
+        let shapes: Vec<(usize, &Body, ConvexPieces, Aabb)> = self
             .bodies
             .iter()
             .enumerate()
@@ -141,7 +145,7 @@ impl Scene {
                 Some((i, b, shape, bounds))
             })
             .collect();
-        let fixed: Vec<(&str, Solid, Option<Bounds>)> = self
+        let fixed: Vec<(&str, Solid, Option<Aabb>)> = self
             .statics
             .iter()
             .filter(|s| !placed_by_action(&s.name))
@@ -152,39 +156,39 @@ impl Scene {
             })
             .collect();
         for (n, (i, body, shape, bounds)) in shapes.iter().enumerate() {
-            let give = -OVERLAP_SHARE * shape.smallest_extent();
+            let give = -MAX_OVERLAP_FRACTION * shape.smallest_extent();
             let bodies = shapes[..n].iter().map(|(_, other, theirs, around)| {
-                let give = give.max(-OVERLAP_SHARE * theirs.smallest_extent());
-                (other.name.as_str(), !apart(bounds, around) && shape.gap_to(theirs) < give)
+                let give = give.max(-MAX_OVERLAP_FRACTION * theirs.smallest_extent());
+                (other.name.as_str(), !disjoint(bounds, around) && shape.signed_distance_to(theirs) < give)
             });
             let statics = fixed.iter().map(|(name, solid, around)| {
-                let near = around.is_none_or(|around| !apart(bounds, &around));
-                (*name, near && solid.gap_to(shape) < give)
+                let near = around.is_none_or(|around| !disjoint(bounds, &around));
+                (*name, near && solid.signed_distance_to(shape) < give)
             });
             if let Some((other, _)) = bodies.chain(statics).find(|(_, overlaps)| *overlaps) {
                 let place = format!("bodies[{i}].position");
                 let at = body.position.unwrap_or_default();
                 let value = format!("{at:?} ({:?} overlaps {other:?})", body.name);
-                return Err(Error::input(place, value, "a place clear of all other bodies and statics"));
+                return Err(Error::input(place, value, "a position clear of all other bodies and statics"));
             }
         }
         Ok(())
     }
 }
 
-/// A body is to be above one line, which has an upper side.
+/// Errors unless the goal has exactly one line, with an upper side.
 fn validate_line(goal: &Goal, height: Option<f64>, line: Option<[[f64; 2]; 2]>) -> Result<()> {
     if height.is_some() == line.is_some() {
-        let value = if line.is_some() { "beside a line" } else { "missing" };
+        let value = if line.is_some() { "given together with a line" } else { "missing" };
         let allowed = "either a height, or a line given by two points";
         return Err(Error::input("height", value, allowed));
     }
-    height.map_or(Ok(0.0), |h| within("height", h, -FAR, FAR))?;
+    height.map_or(Ok(0.0), |h| check_range("height", h, -MAX_LENGTH_M, MAX_LENGTH_M))?;
     for (i, point) in line.iter().flatten().enumerate() {
-        vector(&format!("line[{i}]"), *point, FAR)?;
+        check_vector(&format!("line[{i}]"), *point, MAX_LENGTH_M)?;
     }
     if goal.line().is_none() {
-        let allowed = "two points of which one is farther right: a line that has a side above it";
+        let allowed = "two points with different x, for a line that is not vertical";
         return Err(Error::input("line", format!("{:?}", line.unwrap_or_default()), allowed));
     }
     Ok(())

@@ -1,15 +1,15 @@
-//! Latent factors: density, friction, restitution of the surfaces that carry them.
+//! Latent factors: density, friction and restitution of the objects that carry them.
 //!
 //! Source: Semage et al., section on the problem setting: mass, friction and coefficient of restitution are
-//! the hidden parameters; composition is homogeneous, so all carriers of a scene share one value each.
+//! hidden parameters; composition is homogeneous, so all carriers of a scene share one value each.
 //!
 //! Differences from the source: mass is given as density (kg/m^2), since the bodies of a task differ in size.
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 
-/// Values for the latent factors; `None` leaves the scene's own.
+/// Values of the latent factors; `None` keeps the scene's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Latents {
@@ -24,36 +24,36 @@ pub struct Latents {
     pub restitution: Option<f64>,
 }
 
-/// One kind of latent factor.
+/// The declaration of a latent factor.
 #[derive(Debug, PartialEq)]
-pub struct Factor {
+pub struct LatentFactor {
     /// Name in files and on the wire.
     pub name: &'static str,
     /// SI unit.
     pub unit: &'static str,
-    /// Values a world accepts, inclusive.
+    /// Bounds, inclusive.
     pub bounds: [f64; 2],
 }
 
-/// The latent factors in the order of all vectors of latents.
-pub const FACTORS: [Factor; 3] = [
-    Factor { name: "density", unit: "kg/m^2", bounds: [1e-3, 1e3] },
-    Factor { name: "friction", unit: "1", bounds: [0.0, 10.0] },
-    Factor { name: "restitution", unit: "1", bounds: [0.0, 1.0] },
+/// The latent factors, in the order of all vectors of latents.
+pub const FACTORS: [LatentFactor; 3] = [
+    LatentFactor { name: "density", unit: "kg/m^2", bounds: [1e-3, 1e3] },
+    LatentFactor { name: "friction", unit: "1", bounds: [0.0, 10.0] },
+    LatentFactor { name: "restitution", unit: "1", bounds: [0.0, 1.0] },
 ];
 
 impl Latents {
-    /// All three given, in the order of [`FACTORS`].
+    /// Latents with all three values, in the order of [`FACTORS`].
     pub fn of(values: [f64; 3]) -> Latents {
         Latents { density: Some(values[0]), friction: Some(values[1]), restitution: Some(values[2]) }
     }
 
-    /// In the order of [`FACTORS`].
+    /// The values in the order of [`FACTORS`].
     pub fn values(&self) -> [Option<f64>; 3] {
         [self.density, self.friction, self.restitution]
     }
 
-    /// These latents where given, `other`'s elsewhere.
+    /// These latents where set, `other`'s elsewhere.
     pub fn or(self, other: Latents) -> Latents {
         Latents {
             density: self.density.or(other.density),
@@ -62,23 +62,24 @@ impl Latents {
         }
     }
 
-    /// Errors unless every given value is within its factor's bounds.
+    /// Errors unless every value is within its factor's bounds.
     pub fn validate(&self) -> Result<()> {
         for (factor, value) in FACTORS.iter().zip(self.values()) {
             if let Some(v) = value {
-                within(factor.name, v, factor.bounds[0], factor.bounds[1]).map_err(|e| e.under("latents"))?;
+                check_range(factor.name, v, factor.bounds[0], factor.bounds[1])
+                    .map_err(|e| e.in_field("latents"))?;
             }
         }
         Ok(())
     }
 }
 
-/// Moves a vector of latents to the nearest allowed one.
+/// The nearest vector of latents within the bounds.
 pub fn clamp(values: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| values[i].clamp(FACTORS[i].bounds[0], FACTORS[i].bounds[1]))
 }
 
-/// Index of the factor named `name` (`mass` is taken for `density`).
+/// Index of the factor named `name` (`mass` is an alias of `density`).
 pub fn factor_index(name: &str) -> Result<usize> {
     let name = if name == "mass" { "density" } else { name };
     FACTORS.iter().position(|f| f.name == name).ok_or_else(|| Error::NotFound {

@@ -1,51 +1,52 @@
-//! What physics does: scene, latents and effects in, trajectory out.
+//! Simulation: scene, latents and effects in, trajectory out.
 //!
 //! Semantics, the same for every engine:
 //! - SI units; gravity is the scene's.
-//! - Friction and restitution of a contact are the products of the two surfaces' coefficients (as in Pymunk).
-//! - Once per time step, in this order: effects act on velocities, gravity acts, contacts are resolved,
-//!   positions advance. With the effect `linear_drag` this is Pymunk's damping.
-//! - Where sensor effects are at work, samples are what the sensors show; contacts, goals and outcomes are the
-//!   truth's (see [`observe`]).
-//! - A latent factor sets the coefficient of every carrier and the density of every carrying body.
+//! - Friction and restitution of a contact follow the scene's mixing rules (by default products, as in
+//!   Pymunk).
+//! - Each time step, in this order: effects change velocities, gravity acts, contacts are resolved, positions
+//!   advance. With the effect `linear_drag` this is Pymunk's damping.
+//! - With sensor effects, samples are the measured values; contacts, goals and outcomes are the true ones
+//!   (see [`observe`]).
+//! - A latent factor sets the coefficient of every carrier, or the density of every carrying body.
 
-mod change;
-pub mod coordinates;
+pub mod compile;
+mod compiled_intervention;
 pub mod effect;
 pub mod goal;
 mod intervene;
 mod lanes;
 pub mod latent;
 mod observe;
-pub mod prepare;
-mod prepared;
+pub mod parameter_space;
 mod rapier;
 mod record;
 mod rollout;
+mod rollout_model;
 mod state;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::budget::{Budget, Endless};
+use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result};
 use crate::trajectory::Trajectory;
-pub use coordinates::{Coordinates, DRAG, EffectParameter, Sample};
+use compile::{RolloutModel, compile};
 use lanes::Topology;
-pub use lanes::{Level, Settings};
+pub use lanes::{BatchSettings, SimdLevel};
 #[cfg(feature = "levels")]
-pub use lanes::{Operations, operations};
+pub use lanes::{OperationCounts, operations};
 pub use latent::Latents;
-use observe::View;
+use observe::SensorChain;
 pub use observe::observe;
-use prepare::{Prepared, prepare};
+pub use parameter_space::{EffectParameter, LINEAR_DRAG, ParameterSpace, ParameterVector};
 pub use rollout::Rollout;
 
-/// Which engine integrates.
+/// The physics engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
-    /// The fastest engine that takes the scene.
+    /// The fastest engine that supports the scene.
     #[default]
     Auto,
     /// The general engine: rapier2d.
@@ -54,237 +55,272 @@ pub enum Engine {
     Lanes,
 }
 
-/// Simulates a batch, in parallel on rayon's pool; results in the order of the rollouts, and the same bits
-/// for any number of threads.
-pub fn simulate(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Trajectory>> {
-    simulate_map(rollouts, engine, |_, trajectory| trajectory)
+/// Simulates batches of rollouts: a builder with the engine, the budget and the batch settings.
+///
+/// Batches run in parallel on rayon's pool. Results are in the order of the rollouts and have the same bits for any number
+/// of threads, any budget and any settings.
+#[derive(Clone, Copy)]
+pub struct Simulator<'a> {
+    engines: EngineChoice<'a>,
+    budget: &'a dyn Budget,
+    settings: BatchSettings,
 }
 
-/// [`simulate`], keeping only what `keep(index, trajectory)` returns, so that memory does not grow with the
-/// length of trajectories.
-pub fn simulate_map<T: Send>(
-    rollouts: &[Rollout],
-    engine: Engine,
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    simulate_map_at(Level::best(), rollouts, engine, keep)
+/// The engine of each rollout in a batch.
+#[derive(Clone, Copy)]
+enum EngineChoice<'a> {
+    Common(Engine),
+    PerRollout(&'a [Engine]),
 }
 
-/// [`simulate_map`] within a budget, at which it looks about every millisecond; an error of the budget ends it.
-pub fn simulate_within<T: Send>(
-    budget: &dyn Budget,
-    rollouts: &[Rollout],
-    engine: Engine,
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    run_all(Settings { level: Level::best(), end_at_rest: true }, budget, rollouts, engine, keep)
-}
+impl<'a> Simulator<'a> {
+    /// A simulator with one engine for all rollouts, without a budget, at the widest SIMD level.
+    pub fn new(engine: Engine) -> Simulator<'a> {
+        Simulator::with_engines(EngineChoice::Common(engine))
+    }
 
-/// [`simulate_map`] with the batched engine held to a set of instructions; the results are the same for each.
-pub fn simulate_map_at<T: Send>(
-    level: Level,
-    rollouts: &[Rollout],
-    engine: Engine,
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    simulate_map_set(Settings { level, end_at_rest: true }, rollouts, engine, keep)
-}
+    /// A simulator with an engine for each rollout, in the order of the batch.
+    pub fn per_rollout(engines: &'a [Engine]) -> Simulator<'a> {
+        Simulator::with_engines(EngineChoice::PerRollout(engines))
+    }
 
-/// [`simulate_map`] with every choice that changes only the time it takes made by the caller: for benchmarks.
-pub fn simulate_map_set<T: Send>(
-    settings: Settings,
-    rollouts: &[Rollout],
-    engine: Engine,
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    run_all(settings, &Endless, rollouts, engine, keep)
-}
+    fn with_engines(engines: EngineChoice<'a>) -> Simulator<'a> {
+        let settings = BatchSettings { level: SimdLevel::best(), end_at_rest: true };
+        Simulator { engines, budget: &Unlimited, settings }
+    }
 
-fn run_all<T: Send>(
-    settings: Settings,
-    budget: &dyn Budget,
-    rollouts: &[Rollout],
-    engine: Engine,
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    let work = divide(rollouts, engine, budget)?;
-    let run = |part: Part| -> Result<Vec<(usize, T)>> {
-        budget.look()?;
-        match part {
-            Part::Rapier(index) => {
-                let prepared = prepare(&rollouts[index])?;
-                let truth = rapier::run(&prepared, budget)?;
-                Ok(vec![(index, keep(index, seen(prepared.view.as_ref(), truth)))])
-            }
-            Part::Lanes(indices) => {
-                let kept = Vec::with_capacity(indices.len());
-                let indices = indices.into_iter();
-                let views = Vec::new();
-                let mut feed = Chunk { rollouts, indices, keep: &keep, kept, views, budget, ended: None };
-                lanes::run(&mut feed, settings);
-                feed.ended.map_or(Ok(feed.kept), Err)
-            }
-        }
-    };
-    // A single part is worth no trip to another thread.
-    let finished: Vec<Result<Vec<(usize, T)>>> = match work.len() {
-        0 | 1 => work.into_iter().map(run).collect(),
-        _ => work.into_par_iter().map(run).collect(),
-    };
-    let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
-    for part in finished {
-        for (index, kept) in part? {
-            results[index] = Some(kept);
+    /// Checks the budget about every millisecond; an error of the budget ends the simulation.
+    pub fn budget(self, budget: &'a dyn Budget) -> Simulator<'a> {
+        Simulator { budget, ..self }
+    }
+
+    /// Settings of the batched engine, which change the computing time only: for tests and benchmarks.
+    pub fn settings(self, settings: BatchSettings) -> Simulator<'a> {
+        Simulator { settings, ..self }
+    }
+
+    /// The trajectories of a batch.
+    pub fn run(&self, rollouts: &[Rollout]) -> Result<Vec<Trajectory>> {
+        self.map(rollouts, |_, trajectory| trajectory)
+    }
+
+    /// `keep(index, trajectory)` of each trajectory of a batch, so that memory does not grow with the length of
+    /// trajectories.
+    pub fn map<T: Send>(
+        &self,
+        rollouts: &[Rollout],
+        keep: impl Fn(usize, Trajectory) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        match self.engines {
+            EngineChoice::Common(engine) => self.map_batch(engine, rollouts, keep),
+            EngineChoice::PerRollout(engines) => self.map_mixed(engines, rollouts, keep),
         }
     }
-    results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
-}
 
-/// [`simulate_within`] for rollouts that engines of several names are to run: a batch for each.
-pub fn simulate_mixed<T: Send>(
-    budget: &dyn Budget,
-    rollouts: &[(Engine, Rollout)],
-    keep: impl Fn(usize, Trajectory) -> T + Sync,
-) -> Result<Vec<T>> {
-    let mut kept: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
-    for engine in [Engine::Auto, Engine::Rapier, Engine::Lanes] {
-        let here: Vec<usize> = (0..rollouts.len()).filter(|i| rollouts[*i].0 == engine).collect();
-        let batch: Vec<Rollout> = here.iter().map(|i| rollouts[*i].1).collect();
-        let done = simulate_within(budget, &batch, engine, |k, trajectory| keep(here[k], trajectory))?;
-        for (i, value) in here.iter().zip(done) {
-            kept[*i] = Some(value);
+    fn map_batch<T: Send>(
+        &self,
+        engine: Engine,
+        rollouts: &[Rollout],
+        keep: impl Fn(usize, Trajectory) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let (budget, settings) = (self.budget, self.settings);
+        let work = partition(rollouts, engine, budget)?;
+        let run = |unit: WorkUnit| -> Result<Vec<(usize, T)>> {
+            budget.check()?;
+            match unit {
+                WorkUnit::Rapier(index) => {
+                    let model = compile(&rollouts[index])?;
+                    let truth = rapier::run(&model, budget)?;
+                    Ok(vec![(index, keep(index, apply_sensors(model.sensors.as_ref(), truth)))])
+                }
+                WorkUnit::Lanes(indices) => {
+                    let results = Vec::with_capacity(indices.len());
+                    let (indices, sensors) = (indices.into_iter(), Vec::new());
+                    let mut source = UnitSource {
+                        rollouts,
+                        indices,
+                        keep: &keep,
+                        results,
+                        sensors,
+                        budget,
+                        cancelled: None,
+                    };
+                    lanes::run(&mut source, settings);
+                    source.cancelled.map_or(Ok(source.results), Err)
+                }
+            }
+        };
+        // A single unit runs on the calling thread.
+        let finished: Vec<Result<Vec<(usize, T)>>> = match work.len() {
+            0 | 1 => work.into_iter().map(run).collect(),
+            _ => work.into_par_iter().map(run).collect(),
+        };
+        let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
+        for unit in finished {
+            for (index, result) in unit? {
+                results[index] = Some(result);
+            }
         }
+        complete(results)
     }
-    kept.into_iter().map(|k| k.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
+
+    /// One batch per engine.
+    fn map_mixed<T: Send>(
+        &self,
+        engines: &[Engine],
+        rollouts: &[Rollout],
+        keep: impl Fn(usize, Trajectory) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
+        for engine in [Engine::Auto, Engine::Rapier, Engine::Lanes] {
+            let indices: Vec<usize> = (0..rollouts.len()).filter(|i| engines[*i] == engine).collect();
+            let batch: Vec<Rollout> = indices.iter().map(|i| rollouts[*i]).collect();
+            let batch_results =
+                self.map_batch(engine, &batch, |k, trajectory| keep(indices[k], trajectory))?;
+            for (i, result) in indices.iter().zip(batch_results) {
+                results[*i] = Some(result);
+            }
+        }
+        complete(results)
+    }
 }
 
-fn seen(view: Option<&View>, truth: Trajectory) -> Trajectory {
+/// All results; an error if one is missing.
+fn complete<T>(results: Vec<Option<T>>) -> Result<Vec<T>> {
+    results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout has no result".into()))).collect()
+}
+
+fn apply_sensors(view: Option<&SensorChain>, truth: Trajectory) -> Trajectory {
     match view {
-        Some(view) => view.seen(truth),
+        Some(view) => view.measure(truth),
         None => truth,
     }
 }
 
-/// The engine that [`simulate`] would use for a scene.
-pub fn chosen(engine: Engine, rollout: &Rollout) -> Result<Engine> {
-    engine_for(engine, &prepare(rollout)?)
+/// The engine that a simulation of the rollout uses.
+pub fn select_engine(engine: Engine, rollout: &Rollout) -> Result<Engine> {
+    engine_for(engine, &compile(rollout)?)
 }
 
-fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
-    match (engine, lanes::takes(prepared)) {
+fn engine_for(engine: Engine, model: &RolloutModel) -> Result<Engine> {
+    match (engine, lanes::takes(model)) {
         (Engine::Rapier, _) | (Engine::Auto, false) => Ok(Engine::Rapier),
         (Engine::Auto | Engine::Lanes, true) => Ok(Engine::Lanes),
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
             "\"lanes\"",
-            format!("\"auto\" or \"rapier\" for a scene of more than {} pairs of pieces", lanes::MOST_PAIRS),
+            format!("\"auto\" or \"rapier\" for a scene of more than {} pairs of pieces", lanes::MAX_PAIRS),
         )),
     }
 }
 
-/// Work for one thread at a time: numbers of rollouts.
-enum Part {
+/// A unit of work for one thread: indices of rollouts.
+enum WorkUnit {
     Rapier(usize),
-    /// All of one topology.
+    /// Rollouts of one topology.
     Lanes(Vec<usize>),
 }
 
-/// Rollouts of one topology, by number; `None` for the general engine's.
-type Group = (Option<Topology>, Vec<usize>);
+/// Indices of the rollouts of one topology; `None` for the general engine's.
+type TopologyGroup = (Option<Topology>, Vec<usize>);
 
-/// Fewest and most rollouts in a part: enough to keep all lanes busy until near the end, few enough to go round.
-const PART: [usize; 2] = [2 * effect::LANES, 32 * effect::LANES];
+/// Minimum and maximum number of rollouts per unit: enough to keep all lanes busy until near the end, and
+/// enough units for all threads.
+const UNIT_SIZE_RANGE: [usize; 2] = [2 * effect::LANES, 32 * effect::LANES];
 
-/// So few rollouts are looked at where the caller is.
-const FEW: usize = effect::LANES;
+/// Up to this many rollouts are checked on the calling thread.
+const MAX_SERIAL_ROLLOUTS: usize = effect::LANES;
 
-/// Checks every rollout, so that bad input is refused before any work is done, and divides the work. How it is
-/// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
-fn divide(rollouts: &[Rollout], engine: Engine, budget: &dyn Budget) -> Result<Vec<Part>> {
-    let look = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<Group>> {
-        let mut groups: Vec<Group> = Vec::new();
-        // The group that the rollout before went to.
+/// Checks every rollout, so that invalid input is rejected before any work is done, and partitions the work.
+/// The partition does not affect results. Compiled models are discarded: memory stays constant in the number
+/// of rollouts.
+fn partition(rollouts: &[Rollout], engine: Engine, budget: &dyn Budget) -> Result<Vec<WorkUnit>> {
+    let check_chunk = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<TopologyGroup>> {
+        let mut groups: Vec<TopologyGroup> = Vec::new();
+        // Group of the previous rollout.
         let mut last = 0;
-        budget.look()?;
+        budget.check()?;
         for (i, rollout) in rollouts.iter().enumerate() {
-            if i > 0 && prepare::is_like(rollout, &rollouts[i - 1]) {
-                groups[last].1.push(chunk * PART[1] + i);
+            if i > 0 && compile::is_variant_of(rollout, &rollouts[i - 1]) {
+                groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
                 continue;
             }
-            let prepared = prepare(rollout)?;
-            let topology = match engine_for(engine, &prepared)? {
-                Engine::Lanes => Some(Topology::of(&prepared)),
+            let model = compile(rollout)?;
+            let topology = match engine_for(engine, &model)? {
+                Engine::Lanes => Some(Topology::of(&model)),
                 Engine::Rapier | Engine::Auto => None,
             };
             last = group(&mut groups, topology);
-            groups[last].1.push(chunk * PART[1] + i);
+            groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
         }
         Ok(groups)
     };
-    let looked_at: Vec<Result<Vec<Group>>> = match rollouts.len() {
-        0..=FEW => rollouts.chunks(PART[1]).enumerate().map(look).collect(),
-        _ => rollouts.par_chunks(PART[1]).enumerate().map(look).collect(),
+    let checked_chunks: Vec<Result<Vec<TopologyGroup>>> = match rollouts.len() {
+        0..=MAX_SERIAL_ROLLOUTS => rollouts.chunks(UNIT_SIZE_RANGE[1]).enumerate().map(check_chunk).collect(),
+        _ => rollouts.par_chunks(UNIT_SIZE_RANGE[1]).enumerate().map(check_chunk).collect(),
     };
     let mut groups = Vec::new();
-    for chunk in looked_at {
+    for chunk in checked_chunks {
         for (topology, indices) in chunk? {
             let at = group(&mut groups, topology);
             groups[at].1.extend(indices);
         }
     }
     let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
-    let size = share.clamp(PART[0], PART[1]);
+    let size = share.clamp(UNIT_SIZE_RANGE[0], UNIT_SIZE_RANGE[1]);
     let parts = groups.into_iter().flat_map(|(topology, indices)| match topology {
-        None => indices.into_iter().map(Part::Rapier).collect::<Vec<_>>(),
-        Some(_) => indices.chunks(size).map(|c| Part::Lanes(c.to_vec())).collect(),
+        None => indices.into_iter().map(WorkUnit::Rapier).collect::<Vec<_>>(),
+        Some(_) => indices.chunks(size).map(|c| WorkUnit::Lanes(c.to_vec())).collect(),
     });
     Ok(parts.collect())
 }
 
-/// The place of the group with the topology, made if there is none.
-fn group(groups: &mut Vec<Group>, topology: Option<Topology>) -> usize {
+/// Index of the group with the topology, added if there is none.
+fn group(groups: &mut Vec<TopologyGroup>, topology: Option<Topology>) -> usize {
     groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
         groups.push((topology, Vec::new()));
         groups.len() - 1
     })
 }
 
-/// Feeds a part of the rollouts to the batched engine.
-struct Chunk<'a, K, T> {
+/// Feeds a unit of rollouts to the batched engine.
+struct UnitSource<'a, K, T> {
     rollouts: &'a [Rollout<'a>],
     indices: std::vec::IntoIter<usize>,
     keep: &'a K,
-    kept: Vec<(usize, T)>,
-    /// The sensors of the rollouts at work that have any, by number.
-    views: Vec<(usize, View)>,
+    results: Vec<(usize, T)>,
+    /// Sensors of the rollouts in progress that have any, by index.
+    sensors: Vec<(usize, SensorChain)>,
     budget: &'a dyn Budget,
-    /// Why it was not finished.
-    ended: Option<Error>,
+    /// The reason why it was cancelled, if it was.
+    cancelled: Option<Error>,
 }
 
-impl<T, K: Fn(usize, Trajectory) -> T> lanes::Feed for Chunk<'_, K, T> {
-    fn next(&mut self) -> Option<(usize, Prepared)> {
+impl<T, K: Fn(usize, Trajectory) -> T> lanes::RolloutSource for UnitSource<'_, K, T> {
+    fn next(&mut self) -> Option<(usize, RolloutModel)> {
         let index = self.indices.next()?;
-        // Prepared once before without error, in `divide`; a rollout that fails now is reported as lost.
-        let mut prepared = prepare(&self.rollouts[index]).ok()?;
-        self.views.extend(prepared.view.take().map(|view| (index, view)));
-        Some((index, prepared))
+        // `partition` has already compiled it without error; a rollout that fails now is reported as
+        // missing.
+        let mut model = compile(&self.rollouts[index]).ok()?;
+        self.sensors.extend(model.sensors.take().map(|sensors| (index, sensors)));
+        Some((index, model))
     }
 
-    fn goes_on(&mut self) -> bool {
-        self.ended = self.budget.look().err();
-        self.ended.is_none()
+    fn should_continue(&mut self) -> bool {
+        self.cancelled = self.budget.check().err();
+        self.cancelled.is_none()
     }
 
     fn done(&mut self, index: usize, truth: Trajectory) {
-        let view = self.views.iter().position(|(i, _)| *i == index).map(|at| self.views.swap_remove(at).1);
-        let trajectory = seen(view.as_ref(), truth);
-        self.kept.push((index, (self.keep)(index, trajectory)));
+        let view =
+            self.sensors.iter().position(|(i, _)| *i == index).map(|at| self.sensors.swap_remove(at).1);
+        let trajectory = apply_sensors(view.as_ref(), truth);
+        self.results.push((index, (self.keep)(index, trajectory)));
     }
 }
 
 impl Engine {
-    /// The name used on the wire and the command line.
+    /// Name on the wire and the command line.
     pub fn name(self) -> &'static str {
         match self {
             Engine::Auto => "auto",
@@ -310,9 +346,10 @@ mod tests {
     use crate::task::scene::Goal;
     use crate::task::{Placement, family};
 
-    /// Random bowling scenes with much drag and friction come to rest early; ending them there must not show.
+    /// Bowling scenes with strong drag and friction come to rest early; the early end must not change
+    /// results.
     #[test]
-    fn ending_lanes_at_rest_changes_no_bit() {
+    fn early_end_at_rest_keeps_all_bits() {
         let mut scenes = Vec::new();
         for (i, scene) in family("bowling").unwrap().candidates(0).enumerate().take(60) {
             let space = scene.action.as_ref().unwrap();
@@ -330,8 +367,8 @@ mod tests {
         }
         let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
         let run = |end_at_rest| {
-            let settings = Settings { level: Level::best(), end_at_rest };
-            simulate_map_set(settings, &rollouts, Engine::Lanes, |_, t| t).unwrap()
+            let settings = BatchSettings { level: SimdLevel::best(), end_at_rest };
+            Simulator::new(Engine::Lanes).settings(settings).run(&rollouts).unwrap()
         };
         let (quick, slow) = (run(true), run(false));
         assert_eq!(quick, slow);

@@ -1,104 +1,100 @@
-//! What a rollout's sensors show of it: the truth goes in, what is seen comes out; one place for both
-//! engines.
+//! Sensor models: from the true trajectory to the measured one, shared by both engines.
 //!
-//! Engines simulate the truth. Where effects of the form `Act::Sensor` are at work, what [`super::simulate`]
-//! returns as samples is what the sensors show; contact events, counts, goals and the outcome stay the
-//! truth's, in true time.
+//! Engines simulate the truth. With sensor effects (`EffectKind::Sensor`), the samples of a simulation are
+//! the measured values; contact events, counts, goals and the outcome remain true, in true time.
 //!
-//! Clocks: sensors may show the state of another time than they stamp. Stamps are the scene's usual ones (0,
-//! and every `observe_every` steps) from 0 until the end of the rollout has been seen, and that end. The
-//! engine then observes the two steps about each true time instead of its usual ones, and the state between
-//! them is interpolated: positions and angles by cubic Hermite polynomials, which are exact in free flight,
-//! speeds linearly. Before the start, bodies are seen waiting at it.
+//! Clocks: a sensor may stamp a state with another time. Stamps are the scene's usual ones (0, and every
+//! `observe_every` steps) from 0 until the end of the rollout is measured, and that end. The engine then
+//! observes the two steps around each true time, and the state between them is interpolated: positions and
+//! angles by cubic Hermite polynomials, which are exact in free flight, velocities linearly. Before the
+//! start, bodies are shown at rest at their initial pose.
 //!
-//! What starts at its first observation (a measured trial) starts where the sensors saw it and not where it
-//! was: whoever fits a sensor's parameters has to set the start back.
+//! A measured trial starts at its first observation, which includes the sensor's error: an estimator of
+//! sensor parameters must correct the initial state for it.
 //!
-//! The first effect of several is the nearest to the world: the second shows what the first does.
+//! Sensors apply in the order of the effects: the second measures the output of the first.
 
-use super::effect::{self, Act, Constants, Sensor, Shown, Surroundings};
+use super::effect::{self, Constants, EffectKind, Measurement, Sensor, SimulationContext};
 use crate::error::{Error, Result};
 use crate::task::scene::EffectTerm;
 use crate::trajectory::{Track, Trajectory, hermite};
 
-/// What the sensors among `effects` show of a trajectory, stamped at its own times as far as its span covers
-/// them.
+/// Applies the sensors among `effects` to a trajectory, stamped at its own times within its span.
 ///
-/// Between samples the truth is interpolated: where clocks are off, a trajectory sampled coarser than its
-/// bounces gives a poor picture, and [`super::simulate`] with the same effects a good one.
+/// The truth is interpolated between samples: with clock errors, a trajectory sampled more coarsely than its
+/// bounces is a poor approximation; a simulation with the same effects is accurate.
 pub fn observe(truth: Trajectory, effects: &[EffectTerm]) -> Result<Trajectory> {
-    let around = Surroundings { time_step: 0.0, gravity: [0.0; 2] };
-    let mut view = View::default();
+    let context = SimulationContext { time_step: 0.0, gravity: [0.0; 2] };
+    let mut view = SensorChain::default();
     for (i, term) in effects.iter().enumerate() {
         let active = effect::resolve(term, format_args!("effects[{i}]"))?;
-        if let (Act::Sensor(sensor), false) = (active.effect.act, active.is_neutral()) {
-            view.sensors.push((sensor, sensor.constants(&active.values, &around)));
+        if let (EffectKind::Sensor(sensor), false) = (active.effect.kind, active.is_neutral()) {
+            view.sensors.push((sensor, sensor.constants(&active.values, &context)));
         }
     }
     let [rate, offset] = view.clock();
     let stamps: Vec<[f64; 2]> = truth.times.iter().map(|stamp| [*stamp, rate * stamp + offset]).collect();
-    Ok(view.see(truth, &stamps))
+    Ok(view.measure_at(truth, &stamps))
 }
 
 /// The sensors of a rollout.
 #[derive(Clone, Default)]
-pub struct View {
-    /// Those that change anything; the nearest to the world first.
+pub struct SensorChain {
+    /// Sensors with non-neutral parameters, in order of application.
     pub sensors: Vec<(&'static dyn Sensor, Constants)>,
-    /// Between stamps, s.
+    /// Time between stamps, s.
     every: f64,
 }
 
-/// Steps at which an engine observes, beside the start and the end.
+/// Steps at which an engine observes, in addition to the start and the end.
 #[derive(Clone, Debug)]
-pub enum Schedule {
+pub enum ObservationSchedule {
     /// Every so many steps.
     Every(u32),
-    /// At these; rising.
+    /// At these steps; increasing.
     At(Vec<u32>),
 }
 
-/// Times no further apart than this are the same, s: more than rounds off, less than can be seen.
-const HAIR: f64 = 1e-9;
-/// Most stamps of a rollout whose clocks are off, or this many times the usual ones if that is more. No clock
-/// of a real sensor is off that far.
-const MOST_STAMPS: f64 = 1000.0;
-const MOST_TIMES_USUAL: f64 = 4.0;
+/// Times that differ by less are equal, s: above rounding errors, below any sampling interval.
+const TIME_TOLERANCE_S: f64 = 1e-9;
+/// Maximum number of observations of a rollout with clock errors, or this multiple of the usual number if
+/// that is more; more means an implausible clock.
+const MAX_OBSERVATIONS: f64 = 1000.0;
+const MAX_OBSERVATION_FACTOR: f64 = 4.0;
 
-impl View {
+impl SensorChain {
     /// The sensors, if there are any, with stamps `every` seconds.
-    pub fn new(sensors: Vec<(&'static dyn Sensor, Constants)>, every: f64) -> Option<View> {
-        (!sensors.is_empty()).then_some(View { sensors, every })
+    pub fn new(sensors: Vec<(&'static dyn Sensor, Constants)>, every: f64) -> Option<SensorChain> {
+        (!sensors.is_empty()).then_some(SensorChain { sensors, every })
     }
 
-    /// What is seen of a simulated truth.
-    pub fn seen(&self, truth: Trajectory) -> Trajectory {
+    /// The measurement of a simulated trajectory.
+    pub fn measure(&self, truth: Trajectory) -> Trajectory {
         let last = truth.times.last().copied().unwrap_or(0.0);
         let [rate, offset] = self.clock();
-        if !self.warps() {
+        if !self.changes_clock() {
             let stamps: Vec<[f64; 2]> = truth.times.iter().map(|t| [*t, *t]).collect();
-            return self.see(truth, &stamps);
+            return self.measure_at(truth, &stamps);
         }
-        // The last stamp shows the end, and one of the grid that is all but there gives way to it; a sensor
-        // that wakes after the end shows nothing else.
+        // The last stamp shows the end and replaces a grid stamp within the tolerance; a sensor that
+        // starts after the end shows only the end.
         let end = ((last - offset) / rate).max(0.0);
-        let grid = (0..).map(|k| f64::from(k) * self.every).take_while(|t| *t < end - HAIR);
+        let grid = (0..).map(|k| f64::from(k) * self.every).take_while(|t| *t < end - TIME_TOLERANCE_S);
         let stamps = grid.chain([end]).map(|stamp| [stamp, (rate * stamp + offset).min(last)]);
         let stamps: Vec<[f64; 2]> = stamps.collect();
-        self.see(truth, &stamps)
+        self.measure_at(truth, &stamps)
     }
 
-    /// The steps that the engine must observe to show what there is to see; an error if that is more than a
-    /// clock can be off.
-    pub fn schedule(&self, time_step: f64, steps: u32, observe_every: u32) -> Result<Schedule> {
-        if !self.warps() {
-            return Ok(Schedule::Every(observe_every));
+    /// The steps that the engine must observe; an error if they are implausibly many.
+    pub fn schedule(&self, time_step: f64, steps: u32, observe_every: u32) -> Result<ObservationSchedule> {
+        if !self.changes_clock() {
+            return Ok(ObservationSchedule::Every(observe_every));
         }
         let [rate, offset] = self.clock();
         let stamps = (f64::from(steps) * time_step - offset) / rate / self.every;
-        let most = MOST_STAMPS.max(MOST_TIMES_USUAL * f64::from(steps / observe_every));
+        let most = MAX_OBSERVATIONS.max(MAX_OBSERVATION_FACTOR * f64::from(steps / observe_every));
         if stamps > most {
-            let allowed = format!("sensors by whose clocks a rollout has at most {most} observations");
+            let allowed = format!("sensors whose clocks give a rollout at most {most} observations");
             return Err(Error::input("effects", format!("{stamps:.0} observations"), allowed));
         }
         let mut at = Vec::new();
@@ -108,44 +104,43 @@ impl View {
                 break;
             }
             let (low, nearest) = (step.floor().max(0.0) as u32, step.round());
-            if (step - nearest).abs() * time_step < HAIR {
+            if (step - nearest).abs() * time_step < TIME_TOLERANCE_S {
                 at.push(nearest.max(0.0) as u32);
             } else {
                 at.extend([low, low + 1]);
             }
         }
         at.dedup();
-        Ok(Schedule::At(at))
+        Ok(ObservationSchedule::At(at))
     }
 
-    /// The states of the truth at `stamps` (stamp, true time), as the sensors show them; those of times
-    /// beyond the truth are left out.
-    fn see(&self, truth: Trajectory, stamps: &[[f64; 2]]) -> Trajectory {
-        let warps = self.warps();
+    /// The measured states at `stamps` (stamp, true time); times beyond the trajectory are skipped.
+    fn measure_at(&self, truth: Trajectory, stamps: &[[f64; 2]]) -> Trajectory {
+        let changes_clock = self.changes_clock();
         let mut bodies: Vec<Track> =
             truth.bodies.iter().map(|b| Track::with_capacity(&b.name, b.len())).collect();
         let (mut times, mut interval) = (Vec::with_capacity(truth.times.len()), 0);
         for (i, [stamp, time]) in stamps.iter().enumerate() {
-            let share = if warps {
-                match between(&truth.times, *time, &mut interval) {
+            let share = if changes_clock {
+                match locate(&truth.times, *time, &mut interval) {
                     Some(share) => share,
                     None => continue,
                 }
             } else {
                 interval = i;
-                Share::Sample
+                TimePosition::Sample
             };
             times.push(*stamp);
             for (track, own) in bodies.iter_mut().zip(&truth.bodies) {
                 let state = state(own, &truth.times, interval, share);
-                let s = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
+                let s = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
                 track.push([s.x, s.y], s.angle, [s.vx, s.vy], s.omega);
             }
         }
         Trajectory { times, bodies, ..truth }
     }
 
-    /// (rate, offset) of all sensors together: true time = rate * stamp + offset.
+    /// (rate, offset) of all sensors combined: true time = rate * stamp + offset.
     fn clock(&self) -> [f64; 2] {
         self.sensors.iter().fold([1.0, 0.0], |[rate, offset], (sensor, c)| {
             let [r, o] = sensor.clock(c);
@@ -153,62 +148,62 @@ impl View {
         })
     }
 
-    fn warps(&self) -> bool {
+    fn changes_clock(&self) -> bool {
         self.clock() != [1.0, 0.0]
     }
 }
 
-impl Schedule {
-    /// The next step to be observed after `step`; beyond all steps if there is none.
+impl ObservationSchedule {
+    /// The next step to observe after `step`; `u32::MAX` if there is none.
     pub fn after(&self, step: u32) -> u32 {
         match self {
-            Schedule::Every(n) => (step / n + 1).saturating_mul(*n),
-            Schedule::At(steps) => {
+            ObservationSchedule::Every(n) => (step / n + 1).saturating_mul(*n),
+            ObservationSchedule::At(steps) => {
                 steps.get(steps.partition_point(|s| *s <= step)).copied().unwrap_or(u32::MAX)
             }
         }
     }
 
-    /// About how many observations there are in `steps` steps.
+    /// Approximate number of observations in `steps` steps.
     pub fn count(&self, steps: u32) -> usize {
         match self {
-            Schedule::Every(n) => (steps / n) as usize + 2,
-            Schedule::At(at) => at.len() + 2,
+            ObservationSchedule::Every(n) => (steps / n) as usize + 2,
+            ObservationSchedule::At(at) => at.len() + 2,
         }
     }
 }
 
-/// Where in an interval between two samples a time lies.
+/// Position of a time relative to an interval between two samples.
 #[derive(Clone, Copy)]
-enum Share {
+enum TimePosition {
     /// Before the first sample.
-    Waiting,
-    /// At the sample that the interval begins with.
+    BeforeStart,
+    /// At the first sample of the interval.
     Sample,
-    /// Further on, by this share of the interval.
+    /// Within the interval, at this fraction.
     Within(f64),
 }
 
-/// Finds the interval in which `time` lies, from the last one on; `None` beyond the end.
-fn between(times: &[f64], time: f64, interval: &mut usize) -> Option<Share> {
+/// Finds the interval that contains `time`, starting from the last one; `None` beyond the end.
+fn locate(times: &[f64], time: f64, interval: &mut usize) -> Option<TimePosition> {
     let last = times.len().checked_sub(1)?;
-    while *interval < last && times[*interval + 1] <= time + HAIR {
+    while *interval < last && times[*interval + 1] <= time + TIME_TOLERANCE_S {
         *interval += 1;
     }
     let start = times[*interval];
-    if time < start - HAIR {
-        Some(Share::Waiting)
-    } else if time <= start + HAIR {
-        Some(Share::Sample)
+    if time < start - TIME_TOLERANCE_S {
+        Some(TimePosition::BeforeStart)
+    } else if time <= start + TIME_TOLERANCE_S {
+        Some(TimePosition::Sample)
     } else if *interval == last {
         None
     } else {
-        Some(Share::Within((time - start) / (times[*interval + 1] - start)))
+        Some(TimePosition::Within((time - start) / (times[*interval + 1] - start)))
     }
 }
 
-fn state(track: &Track, times: &[f64], i: usize, share: Share) -> Shown {
-    let own = Shown {
+fn state(track: &Track, times: &[f64], i: usize, share: TimePosition) -> Measurement {
+    let own = Measurement {
         x: track.x[i],
         y: track.y[i],
         angle: track.angle[i],
@@ -217,14 +212,14 @@ fn state(track: &Track, times: &[f64], i: usize, share: Share) -> Shown {
         omega: track.omega[i],
     };
     let s = match share {
-        Share::Sample => return own,
-        Share::Waiting => return Shown { vx: 0.0, vy: 0.0, omega: 0.0, ..own },
-        Share::Within(s) => s,
+        TimePosition::Sample => return own,
+        TimePosition::BeforeStart => return Measurement { vx: 0.0, vy: 0.0, omega: 0.0, ..own },
+        TimePosition::Within(s) => s,
     };
     let (j, span) = (i + 1, times[i + 1] - times[i]);
     let place = |p: &[f64], v: &[f64]| hermite([p[i], p[j]], [v[i], v[j]], span, s);
     let speed = |v: &[f64]| v[i] + s * (v[j] - v[i]);
-    Shown {
+    Measurement {
         x: place(&track.x, &track.vx),
         y: place(&track.y, &track.vy),
         angle: place(&track.angle, &track.omega),

@@ -3,156 +3,156 @@
 //! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of
 //! coefficients, effects before gravity once per step.
 //!
-//! A body's position is its frame's origin, and so is the point whose velocity is given and observed; rapier's
-//! velocities, and what effects and contacts act on, are those of the centre of mass. For a body that turns about a
-//! centre of mass elsewhere the two differ by v(origin) = v(centre) - omega x (centre - origin).
+//! The position of a body is that of its frame's origin, and the given and observed velocity is that of the
+//! same point; rapier's velocities, and those that effects and contacts act on, are those of the centre of
+//! mass. They differ by v(origin) = v(centre) - omega x (centre - origin).
 //!
-//! Laws of contact (effects of the form `Act::Contact`) act through rapier's hook on solver contacts, which
-//! sets a contact's restitution and the slip its friction drives at from the velocities at the beginning of
-//! the step; what rolls is slowed after the step, by the impulses that rapier reports. Without such laws
-//! neither is called.
+//! Laws of contact (`EffectKind::Contact`) act through rapier's hook on solver contacts, which sets a
+//! contact's restitution and tangential target velocity from the velocities at the beginning of the step;
+//! rolling resistance acts after the step, with the impulses that rapier reports. Without such laws neither
+//! hook is installed.
 //!
 //! Differences from rapier's defaults, each of which changes results: coefficients combine by `Multiply`
 //! (default: average); bodies never sleep; contact recycling is off (stale contacts of up to 5 cm of drift);
-//! `length_unit` follows the smallest body so that centimetre-sized balls are not met with metre-sized
-//! tolerances, and the speed cap is kept at 400 m/s whatever the unit.
+//! `length_unit` follows the smallest body so that tolerances fit centimetre-sized balls, and the speed limit
+//! is 400 m/s in any unit.
 
 mod intervene;
-mod settle;
+mod warm_start;
 
 use std::borrow::Cow;
 
 use rapier2d::prelude::*;
 
-use super::effect::{Answer, Meeting, Moving, rolled_off};
-use super::goal::{self, Party, Watch};
-use super::prepare::{Prepared, PreparedBody};
-use super::record::{Recorder, State};
+use super::compile::{BodyModel, RolloutModel};
+use super::effect::{ContactResponse, ContactState, MotionState, rolling_velocity_loss};
+use super::goal::{self, HoldCounter, ObjectId};
+use super::record::{BodyState, Recorder};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::geometry::Convex;
 use crate::task::scene::{ContactRules, FrictionRule, RestitutionRule};
 use crate::task::solid::Solid;
-use crate::trajectory::{End, Trajectory};
+use crate::trajectory::{Termination, Trajectory};
 
-/// Body-time-steps between two looks at the budget: about a millisecond.
-const WORK_A_LOOK: usize = 1024;
+/// Number of body-steps between two checks of the budget: about a millisecond.
+const BODY_STEPS_PER_CHECK: usize = 1024;
 
 /// Integrates one rollout.
-pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
-    let mut world = World::build(prepared)?;
-    let mut recorder = Recorder::new(prepared);
-    let mut watch = Watch::default();
-    let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
-    // What is known of things; a copy as soon as an intervention changes it.
-    let mut prepared = Cow::Borrowed(prepared);
+pub fn run(model: &RolloutModel, budget: &dyn Budget) -> Result<Trajectory> {
+    let mut world = RapierWorld::build(model)?;
+    let mut recorder = Recorder::new(model);
+    let mut watch = HoldCounter::default();
+    let needed = model.goal.as_ref().map_or(0, |g| g.hold_steps(model.time_step));
+    // The model; cloned when an intervention changes it.
+    let mut model = Cow::Borrowed(model);
     let states = world.states();
     recorder.observe(0, &states);
-    if let Some(blocked) = world.intervene(&mut prepared, 0, &states)? {
+    if let Some(blocked) = world.intervene(&mut model, 0, &states)? {
         return Ok(recorder.finish(0, blocked));
     }
-    if prepared.settled {
-        world.settle(&prepared, &states);
+    if model.contacts_established {
+        world.settle(&model, &states);
     }
-    let mut due = prepared.schedule.after(0);
-    let steps_a_look = (WORK_A_LOOK / prepared.bodies.len().max(1)).max(1) as u32;
-    for step in 1..=prepared.steps {
-        if step % steps_a_look == 0 {
-            budget.look()?;
+    let mut due = model.schedule.after(0);
+    let steps_per_check = (BODY_STEPS_PER_CHECK / model.bodies.len().max(1)).max(1) as u32;
+    for step in 1..=model.steps {
+        if step % steps_per_check == 0 {
+            budget.check()?;
         }
-        let before = world.step(&prepared, step - 1);
+        let before = world.step(&model, step - 1);
         let states = world.states();
-        if states.iter().zip(&prepared.bodies).any(|(s, own)| own.there && !s.is_finite()) {
-            return Ok(recorder.finish(step - 1, End::Diverged));
+        if states.iter().zip(&model.bodies).any(|(s, own)| own.present && !s.is_finite()) {
+            return Ok(recorder.finish(step - 1, Termination::Diverged));
         }
-        world.record_contacts(&prepared, &before, step, &mut recorder);
-        if let Some(spec) = prepared.goal.as_ref().filter(|goal| prepared.has(goal)) {
+        world.record_contacts(&model, &before, step, &mut recorder);
+        if let Some(spec) = model.goal.as_ref().filter(|goal| model.has_goal_objects(goal)) {
             let holds = goal::holds(
                 &spec.condition,
                 |i| (states[i].position, states[i].angle),
-                |s, shape| prepared.statics[s].shape.gap_to(shape),
-                |i| &prepared.bodies[i].shape,
+                |s, shape| model.statics[s].shape.signed_distance_to(shape),
+                |i| &model.bodies[i].shape,
             );
             if watch.advance(&spec.condition, holds, needed) {
-                recorder.solved();
-                if prepared.stop {
+                recorder.set_solved();
+                if model.stop_at_goal {
                     recorder.observe(step, &states);
-                    return Ok(recorder.finish(step, End::Goal));
+                    return Ok(recorder.finish(step, Termination::Goal));
                 }
             }
         }
-        if step == due || step == prepared.steps {
+        if step == due || step == model.steps {
             recorder.observe(step, &states);
-            due = prepared.schedule.after(step);
+            due = model.schedule.after(step);
         }
-        if let Some(blocked) = world.intervene(&mut prepared, step, &states)? {
+        if let Some(blocked) = world.intervene(&mut model, step, &states)? {
             return Ok(recorder.finish(step, blocked));
         }
     }
-    Ok(recorder.finish(prepared.steps, End::Horizon))
+    Ok(recorder.finish(model.steps, Termination::Horizon))
 }
 
-struct World {
+struct RapierWorld {
     physics: PhysicsWorld,
-    /// In the order of the prepared bodies; none for what is not there.
+    /// In the order of the model's bodies; `None` for absent ones.
     bodies: Vec<Option<RigidBodyHandle>>,
-    /// Colliders of the prepared statics, in their order; none for what is not there.
+    /// Colliders of the model's statics, in their order; empty for absent ones.
     statics: Vec<Vec<ColliderHandle>>,
-    /// What colliders of bodies call upon.
+    /// Active hooks of the bodies' colliders.
     hooks: ActiveHooks,
-    /// Centre of mass of each body, its own frame.
+    /// Centre of mass of each body, body frame.
     centres: Vec<Vector>,
-    /// Body angle, unwrapped by following small turns.
+    /// Body angles, unwrapped by following small rotations.
     angles: Vec<f64>,
     time_step: f64,
-    /// Whether a body and a static bore a load on each other in the last step: `body * statics + static`.
-    /// Kept only where laws of contact are at work.
+    /// Whether a body and a static exchanged a normal impulse in the last step: `body * statics +
+    /// static`. Only maintained with laws of contact.
     loaded: Vec<bool>,
 }
 
-impl World {
-    fn build(prepared: &Prepared) -> Result<World> {
+impl RapierWorld {
+    fn build(model: &RolloutModel) -> Result<RapierWorld> {
         let mut physics = PhysicsWorld::new();
-        physics.gravity = vector(prepared.gravity);
-        let unit = (prepared.touch / 0.005) as f32;
+        physics.gravity = vector(model.gravity);
+        let unit = (model.contact_margin / 0.005) as f32;
         let parameters = &mut physics.integration_parameters;
-        parameters.dt = prepared.time_step as f32;
+        parameters.dt = model.time_step as f32;
         parameters.length_unit = unit;
         parameters.normalized_max_linear_velocity = 400.0 / unit;
         parameters.contact_recycling = false;
-        let hooks = if prepared.touches.is_empty() {
+        let hooks = if model.contact_laws.is_empty() {
             ActiveHooks::empty()
         } else {
             ActiveHooks::MODIFY_SOLVER_CONTACTS
         };
-        let angles = prepared.bodies.iter().map(|b| b.angle).collect();
-        let loaded = vec![false; prepared.bodies.len() * prepared.statics.len()];
-        let centres = prepared.bodies.iter().map(|b| vector(b.centre)).collect();
-        let bodies = vec![None; prepared.bodies.len()];
-        let statics = vec![Vec::new(); prepared.statics.len()];
-        let time_step = prepared.time_step;
-        let mut world = World { physics, bodies, statics, hooks, centres, angles, time_step, loaded };
-        for (i, body) in prepared.bodies.iter().enumerate() {
-            let path = prepared.path_of(Party::Body(i));
-            match body.there {
-                true => world.insert_body(prepared, i, &path)?,
-                // Better now than in the middle.
+        let angles = model.bodies.iter().map(|b| b.angle).collect();
+        let loaded = vec![false; model.bodies.len() * model.statics.len()];
+        let centres = model.bodies.iter().map(|b| vector(b.centre)).collect();
+        let bodies = vec![None; model.bodies.len()];
+        let statics = vec![Vec::new(); model.statics.len()];
+        let time_step = model.time_step;
+        let mut world = RapierWorld { physics, bodies, statics, hooks, centres, angles, time_step, loaded };
+        for (i, body) in model.bodies.iter().enumerate() {
+            let path = model.input_path(ObjectId::Body(i));
+            match body.present {
+                true => world.insert_body(model, i, &path)?,
+                // Report an invalid shape at the start, not during the rollout.
                 false => body.shape.0.iter().try_for_each(|piece| collider(piece, &path).map(drop))?,
             }
         }
-        for (i, fixed) in prepared.statics.iter().enumerate() {
-            let path = prepared.path_of(Party::Static(i));
-            match fixed.there {
-                true => world.insert_static(prepared, i, &path)?,
-                false => standing(&fixed.shape, &path).map(drop)?,
+        for (i, fixed) in model.statics.iter().enumerate() {
+            let path = model.input_path(ObjectId::Static(i));
+            match fixed.present {
+                true => world.insert_static(model, i, &path)?,
+                false => static_colliders(&fixed.shape, &path).map(drop)?,
             }
         }
         Ok(world)
     }
 
-    /// Lets a body in where it starts; `path` is its own, for errors.
-    fn insert_body(&mut self, prepared: &Prepared, i: usize, path: &str) -> Result<()> {
-        let body = &prepared.bodies[i];
+    /// Inserts a body at its initial state; `path` is its path in the input, for errors.
+    fn insert_body(&mut self, model: &RolloutModel, i: usize, path: &str) -> Result<()> {
+        let body = &model.bodies[i];
         let rigid = RigidBodyBuilder::dynamic()
             .translation(vector(body.position))
             .rotation(body.angle as f32)
@@ -162,10 +162,10 @@ impl World {
             .build();
         let handle = self.physics.bodies.insert(rigid);
         for (n, piece) in body.shape.0.iter().enumerate() {
-            // The first piece carries the whole body's mass.
+            // The first piece carries the mass of the whole body.
             let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
             let builder =
-                surface(collider(piece, path)?, &prepared.rules, body.friction, body.restitution, i);
+                set_surface(collider(piece, path)?, &model.rules, body.friction, body.restitution, i);
             let collider = builder.mass_properties(mass).active_hooks(self.hooks);
             self.physics.colliders.insert_with_parent(collider, handle, &mut self.physics.bodies);
         }
@@ -173,32 +173,32 @@ impl World {
         Ok(())
     }
 
-    /// Lets a static in; `path` is its own, for errors.
-    fn insert_static(&mut self, prepared: &Prepared, i: usize, path: &str) -> Result<()> {
-        let (fixed, index) = (&prepared.statics[i], prepared.bodies.len() + i);
-        for builder in standing(&fixed.shape, path)? {
-            let builder = surface(builder, &prepared.rules, fixed.friction, fixed.restitution, index);
+    /// Inserts a static; `path` is its path in the input, for errors.
+    fn insert_static(&mut self, model: &RolloutModel, i: usize, path: &str) -> Result<()> {
+        let (fixed, index) = (&model.statics[i], model.bodies.len() + i);
+        for builder in static_colliders(&fixed.shape, path)? {
+            let builder = set_surface(builder, &model.rules, fixed.friction, fixed.restitution, index);
             self.statics[i].push(self.physics.colliders.insert(builder));
         }
         Ok(())
     }
 
-    /// One time step after `step` others; the velocities that contacts met with.
-    fn step(&mut self, prepared: &Prepared, step: u32) -> Vec<(Vector, f32)> {
-        self.kick(prepared, step);
+    /// Makes one time step after `step` others; returns the velocities before contacts are resolved.
+    fn step(&mut self, model: &RolloutModel, step: u32) -> Vec<(Vector, f32)> {
+        self.apply_motion_laws(model, step);
         let before = self.velocities();
-        if prepared.touches.is_empty() {
+        if model.contact_laws.is_empty() {
             self.physics.step();
         } else {
-            self.physics.step_with_events(&Laws { prepared }, &());
-            self.slow_what_rolls(prepared);
+            self.physics.step_with_events(&ContactHooks { model }, &());
+            self.apply_rolling_resistance(model);
         }
         before
     }
 
-    /// Lets the motion effects act on every body, at its centre of mass.
-    fn kick(&mut self, prepared: &Prepared, step: u32) {
-        if prepared.motions.is_empty() {
+    /// Applies the motion effects to every body, at its centre of mass.
+    fn apply_motion_laws(&mut self, model: &RolloutModel, step: u32) {
+        if model.motion_laws.is_empty() {
             return;
         }
         let time = f64::from(step) * self.time_step;
@@ -206,7 +206,7 @@ impl World {
             let Some(handle) = handle else { continue };
             let body = &mut self.physics.bodies[*handle];
             let (at, v) = (body.translation() + arm(body, *centre), body.linvel());
-            let mut moving = Moving {
+            let mut moving = MotionState {
                 time,
                 x: at.x.into(),
                 y: at.y.into(),
@@ -214,7 +214,7 @@ impl World {
                 vy: v.y.into(),
                 omega: body.angvel().into(),
             };
-            for (motion, constants) in &prepared.motions {
+            for (motion, constants) in &model.motion_laws {
                 [moving.vx, moving.vy, moving.omega] = motion.kick(constants, moving, self.time_step);
             }
             body.set_linvel(Vector::new(moving.vx as f32, moving.vy as f32), false);
@@ -222,9 +222,9 @@ impl World {
         }
     }
 
-    /// Lets the laws of contact slow the discs that roll on statics.
-    fn slow_what_rolls(&mut self, prepared: &Prepared) {
-        let count = prepared.bodies.len();
+    /// Applies rolling resistance to the discs that roll on statics.
+    fn apply_rolling_resistance(&mut self, model: &RolloutModel) {
+        let count = model.bodies.len();
         let mut loaded = vec![false; self.loaded.len()];
         for pair in self.physics.narrow_phase.contact_pairs() {
             let PairContacts::Rigid(contacts) = &pair.contacts else { continue };
@@ -234,16 +234,16 @@ impl World {
             if body >= count || fixed < count {
                 continue;
             }
-            let Some(radius) = prepared.bodies[body].shape.disc_radius() else { continue };
+            let Some(radius) = model.bodies[body].shape.disc_radius() else { continue };
             for manifold in &contacts.manifolds {
                 let impulse: f64 = manifold.points.iter().map(|p| f64::from(p.data.impulse)).sum();
-                let slot = body * prepared.statics.len() + fixed - count;
+                let slot = body * model.statics.len() + fixed - count;
                 loaded[slot] |= impulse > 0.0;
                 if impulse <= 0.0 || !self.loaded[slot] {
                     continue;
                 }
-                let load = impulse / prepared.bodies[body].mass;
-                let off: f64 = prepared.touches.iter().map(|(law, own)| law.roll(own, load)).sum();
+                let load = impulse / model.bodies[body].mass;
+                let off: f64 = model.contact_laws.iter().map(|(law, own)| law.rolling_loss(own, load)).sum();
                 if off > 0.0 {
                     // From the static to the disc.
                     let normal = if first == body { -manifold.data.normal } else { manifold.data.normal };
@@ -251,7 +251,7 @@ impl World {
                     let Some(handle) = self.bodies[body] else { continue };
                     let rigid = &mut self.physics.bodies[handle];
                     let (v, spin) = (rigid.linvel(), rigid.angvel());
-                    let [lost, turn] = rolled_off(v.dot(tangent).into(), spin.into(), radius, off);
+                    let [lost, turn] = rolling_velocity_loss(v.dot(tangent).into(), spin.into(), radius, off);
                     rigid.set_linvel(v - tangent * lost as f32, false);
                     rigid.set_angvel(spin - turn as f32, false);
                 }
@@ -265,11 +265,11 @@ impl World {
         self.bodies.iter().map(|h| h.as_ref().map_or((Vector::ZERO, 0.0), of)).collect()
     }
 
-    fn states(&mut self) -> Vec<State> {
+    fn states(&mut self) -> Vec<BodyState> {
         let mut states = Vec::with_capacity(self.bodies.len());
         for ((handle, centre), angle) in self.bodies.iter().zip(&self.centres).zip(&mut self.angles) {
             let Some(handle) = handle else {
-                states.push(State::NOWHERE);
+                states.push(BodyState::ABSENT);
                 continue;
             };
             let body = &self.physics.bodies[*handle];
@@ -277,7 +277,7 @@ impl World {
             let turn = (wrapped - *angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
             *angle += turn - std::f64::consts::PI;
             let (at, v) = (body.translation(), velocity_of_origin(body, *centre));
-            states.push(State {
+            states.push(BodyState {
                 position: [at.x.into(), at.y.into()],
                 angle: *angle,
                 velocity: [v.x.into(), v.y.into()],
@@ -287,15 +287,15 @@ impl World {
         states
     }
 
-    /// Hands the touching pairs of this step to the recorder.
+    /// Reports the touching pairs of this step to the recorder.
     fn record_contacts(
         &self,
-        prepared: &Prepared,
+        model: &RolloutModel,
         before: &[(Vector, f32)],
         step: u32,
         recorder: &mut Recorder,
     ) {
-        let count = prepared.bodies.len();
+        let count = model.bodies.len();
         recorder.begin_step();
         for pair in self.physics.narrow_phase.contact_pairs() {
             let PairContacts::Rigid(contacts) = &pair.contacts else { continue };
@@ -305,7 +305,7 @@ impl World {
                 let touching = manifold
                     .points
                     .iter()
-                    .find(|p| p.data.impulse > 0.0 || f64::from(p.dist) <= prepared.touch);
+                    .find(|p| p.data.impulse > 0.0 || f64::from(p.dist) <= model.contact_margin);
                 let Some(point) = touching else { continue };
                 let normal = manifold.data.normal;
                 let at = self.physics.colliders[pair.collider1].position() * point.local_p1;
@@ -320,19 +320,25 @@ impl World {
                     v + Vector::new(-(at.y - centre.y), at.x - centre.x) * spin
                 };
                 let approach = (speed_at(first) - speed_at(second)).dot(normal).max(0.0);
-                recorder.touch(step, first, second, [normal.x.into(), normal.y.into()], approach.into());
+                recorder.record_contact(
+                    step,
+                    first,
+                    second,
+                    [normal.x.into(), normal.y.into()],
+                    approach.into(),
+                );
                 break;
             }
         }
     }
 }
 
-/// The laws of contact as rapier calls them.
-struct Laws<'a> {
-    prepared: &'a Prepared,
+/// Applies the laws of contact in rapier's hook.
+struct ContactHooks<'a> {
+    model: &'a RolloutModel,
 }
 
-impl PhysicsHooks for Laws<'_> {
+impl PhysicsHooks for ContactHooks<'_> {
     fn modify_solver_contacts(&self, context: &mut ContactModificationContext) {
         let (bodies, handles) = (context.bodies, [context.rigid_body1, context.rigid_body2]);
         let velocity = |handle: Option<RigidBodyHandle>, at: Vector| {
@@ -342,17 +348,18 @@ impl PhysicsHooks for Laws<'_> {
         let normal = *manifold.normal;
         let tangent = Vector::new(-normal.y, normal.x);
         let own = f64::from(*manifold.restitution);
-        // Restitution is the manifold's: of its points, the fastest decides.
+        // Restitution belongs to the manifold: the point with the fastest approach decides.
         let mut fastest = 0.0;
         for contact in manifold.solver_contacts.iter_mut() {
             let speed = velocity(handles[1], contact.anchor2) - velocity(handles[0], contact.anchor1);
-            let meeting = Meeting {
+            let meeting = ContactState {
                 approach: f64::from(-speed.dot(normal)).max(0.0),
                 slip: speed.dot(tangent).into(),
                 begins: contact.contact_id[0] & NEW_CONTACT_BIT != 0,
             };
-            let answer = Answer { restitution: own, slip: 0.0 };
-            let answer = self.prepared.touches.iter().fold(answer, |a, (law, c)| law.meet(c, meeting, a));
+            let answer = ContactResponse { restitution: own, slip: 0.0 };
+            let answer =
+                self.model.contact_laws.iter().fold(answer, |a, (law, c)| law.respond(c, meeting, a));
             if meeting.approach > fastest {
                 fastest = meeting.approach;
                 *manifold.restitution = answer.restitution as f32;
@@ -364,7 +371,7 @@ impl PhysicsHooks for Laws<'_> {
     }
 }
 
-fn surface(
+fn set_surface(
     builder: ColliderBuilder,
     rules: &ContactRules,
     friction: f64,
@@ -387,12 +394,12 @@ fn surface(
         .user_data(index as u128)
 }
 
-/// The colliders of a static where it stands; `owner` as for [`collider`].
-fn standing(solid: &Solid, owner: &str) -> Result<Vec<ColliderBuilder>> {
+/// The colliders of a static; `owner` as for [`collider`].
+fn static_colliders(solid: &Solid, owner: &str) -> Result<Vec<ColliderBuilder>> {
     match solid {
-        // Corners about the piece's own middle: far from the origin an f32 cannot tell them apart.
+        // Corners relative to the piece's centre: f32 cannot resolve them far from the origin.
         Solid::Bounded(pieces) => {
-            let middles = pieces.0.iter().map(centred);
+            let middles = pieces.0.iter().map(centre_points);
             middles.map(|(centre, own)| Ok(collider(&own, owner)?.translation(vector(centre)))).collect()
         }
         Solid::HalfPlane { normal, offset } => {
@@ -402,15 +409,15 @@ fn standing(solid: &Solid, owner: &str) -> Result<Vec<ColliderBuilder>> {
     }
 }
 
-/// The mean of a shape's corners, and the shape moved so that it is at the origin.
-fn centred(shape: &Convex) -> ([f64; 2], Convex) {
+/// The mean of a shape's corners, and the shape relative to it.
+fn centre_points(shape: &Convex) -> ([f64; 2], Convex) {
     let count = shape.points.len() as f64;
     let centre = [0, 1].map(|k| shape.points.iter().map(|p| p[k]).sum::<f64>() / count);
     let points = shape.points.iter().map(|p| [p[0] - centre[0], p[1] - centre[1]]).collect();
     (centre, Convex { points, radius: shape.radius })
 }
 
-/// `owner` is the path of the thing whose shape it is, for errors.
+/// `owner` is the path of the shape's owner, for errors.
 fn collider(shape: &Convex, owner: &str) -> Result<ColliderBuilder> {
     let points: Vec<Vector> = shape.points.iter().map(|p| vector(*p)).collect();
     let radius = shape.radius as f32;
@@ -426,16 +433,16 @@ fn collider(shape: &Convex, owner: &str) -> Result<ColliderBuilder> {
 }
 
 fn halfspace(normal: [f64; 2]) -> ColliderBuilder {
-    // Validated to be of length 1 with the scene; re-normalised for f32.
+    // Scenes validate that its length is 1; re-normalised for f32.
     ColliderBuilder::halfspace(nalgebra::Unit::new_unchecked(vector(normal).normalize()))
 }
 
-fn mass_properties(body: &PreparedBody) -> MassProperties {
+fn mass_properties(body: &BodyModel) -> MassProperties {
     MassProperties::new(vector(body.centre), body.mass as f32, body.inertia as f32)
 }
 
-/// What rapier calls a body's velocity at the start: that of the centre of mass, m/s.
-fn velocity_of_centre(body: &PreparedBody) -> [f64; 2] {
+/// Rapier's initial velocity of a body: that of the centre of mass, m/s.
+fn velocity_of_centre(body: &BodyModel) -> [f64; 2] {
     if body.centre == [0.0; 2] {
         return body.velocity;
     }
@@ -445,7 +452,7 @@ fn velocity_of_centre(body: &PreparedBody) -> [f64; 2] {
     [body.velocity[0] - body.omega * arm[1], body.velocity[1] + body.omega * arm[0]]
 }
 
-/// What we call a body's velocity: that of its frame's origin, m/s.
+/// The observed velocity of a body: that of its frame's origin, m/s.
 fn velocity_of_origin(body: &RigidBody, centre: Vector) -> Vector {
     if centre == Vector::ZERO {
         return body.linvel();
@@ -454,7 +461,7 @@ fn velocity_of_origin(body: &RigidBody, centre: Vector) -> Vector {
     body.linvel() - Vector::new(-arm.y, arm.x) * body.angvel()
 }
 
-/// From a body's origin to its centre of mass, world frame, m.
+/// Vector from a body's origin to its centre of mass, world frame, m.
 fn arm(body: &RigidBody, centre: Vector) -> Vector {
     *body.rotation() * centre
 }

@@ -1,4 +1,4 @@
-//! What is simulated.
+//! The input of a simulation.
 
 use super::latent::Latents;
 use crate::task::Scene;
@@ -9,21 +9,28 @@ use crate::task::scene::EffectTerm;
 pub struct Rollout<'a> {
     /// The scene with everything placed.
     pub scene: &'a Scene,
-    /// Latent factors; `None` leaves the scene's own.
+    /// Latent factors; `None` keeps the scene's own.
     pub latents: Latents,
-    /// Effects beyond the scene's own.
+    /// Effects in addition to the scene's own.
     pub effects: &'a [EffectTerm],
-    /// `false` simulates on after the goal is reached, whatever the scene says.
-    pub stop: bool,
-    /// `true` takes what touches at the start to have done so for long: what each contact bears, which is no part of a state that was
-    /// seen, is found before the first step. For stretches from the middle of what was seen; ignored in scenes with a goal or with
-    /// interventions.
-    pub settled: bool,
+    /// `false` continues after the goal is reached, whatever the scene's setting.
+    pub stop_at_goal: bool,
+    /// `true` warm-starts contacts that touch at the start: their impulses, which are not part of an
+    /// observed state, are computed before the first step. For segments from the middle of an observed
+    /// trajectory; ignored in scenes with a goal or with interventions.
+    pub contacts_established: bool,
 }
 
 impl<'a> Rollout<'a> {
-    /// A scene as it is: its own latents and effects, to its goal, from a start at which nothing has touched yet.
+    /// A rollout with the scene's own latents and effects, until its goal, with contacts that begin at
+    /// the start.
     pub fn of(scene: &'a Scene) -> Rollout<'a> {
-        Rollout { scene, latents: Latents::default(), effects: &[], stop: true, settled: false }
+        Rollout {
+            scene,
+            latents: Latents::default(),
+            effects: &[],
+            stop_at_goal: true,
+            contacts_established: false,
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! What a camera makes of launches: noise that is correlated, outliers, points that are missing; or next to none of it.
+//! Camera observations of trials: correlated noise, outliers and missing points, or almost none of it.
 
 use super::law::{Law, Motion, State};
 use super::normal;
@@ -9,29 +9,29 @@ use rand::RngExt;
 
 /// Correlation of the noise of neighbouring points.
 pub const CORRELATION: f64 = 0.5;
-/// Share of points that are outliers, and how far they are off, in deviations of the noise.
+/// Share of outliers, and their distance in standard deviations of the noise.
 pub const OUTLIERS: f64 = 0.02;
 pub const OUTLYING: f64 = 5.0;
-/// Share of points that are missing.
+/// Share of missing points.
 pub const MISSING: f64 = 0.03;
 /// Standard deviation of the noise of a clean twin, m.
 const TRACE: f64 = 1e-6;
-/// Standard deviation of an angle that a mark shows, and in a clean twin, rad.
+/// Standard deviation of an observed angle, and that of a clean twin, rad.
 const MARKED: [f64; 2] = [0.03, 2e-5];
 
-/// What a camera makes of launches.
+/// A camera.
 pub struct Camera<'a> {
     pub motion: Motion,
     pub scene: &'a Scene,
     pub starts: &'a [State],
     pub times: &'a [Vec<f64>],
-    /// Whether a mark shows the angle.
+    /// Whether the angle is observed.
     pub marked: bool,
     pub seed: u64,
 }
 
 impl Camera<'_> {
-    /// With noise that is correlated, outliers and points that are missing.
+    /// Trials with correlated noise, outliers and missing points.
     pub fn recorded(&self, laws: &[Law], sd: f64) -> Vec<Trial> {
         let mut r = rng::stream(self.seed, "recorded noise");
         let mut carried = [normal(&mut r), normal(&mut r)];
@@ -50,7 +50,7 @@ impl Camera<'_> {
         })
     }
 
-    /// With next to no noise.
+    /// Trials almost without noise.
     pub fn clean(&self, laws: &[Law]) -> Vec<Trial> {
         let mut r = rng::stream(self.seed, "clean noise");
         self.trials(laws, |_, [x, y, angle]| {
@@ -59,7 +59,7 @@ impl Camera<'_> {
         })
     }
 
-    /// `err`: the number of a point in its launch and where it is, to what is seen of it.
+    /// `err`: from the index of a point in its trial and its position to its observation.
     fn trials(&self, laws: &[Law], mut err: impl FnMut(usize, [f64; 3]) -> Option<[f64; 3]>) -> Vec<Trial> {
         let mut csv = String::from("trial,t,body,x,y");
         csv += if self.marked { ",angle\n" } else { "\n" };

@@ -9,8 +9,8 @@ use rand::RngExt;
 /// Number of kinds of [`contact`].
 pub const CONTACTS: usize = 6;
 
-/// What is hidden in a world with a floor, and its trials of a ball that bounces or rolls on it. The floor's own
-/// restitution is not the scene's, nor is its friction.
+/// Names of hidden effects of a world with a floor, and trials of a ball that bounces or rolls on it. The
+/// floor's true restitution and friction differ from the scene's.
 pub fn contact(
     kind: usize,
     noise: Noise,
@@ -93,7 +93,7 @@ pub fn contact(
     (names, trials_from_csv(&csv, &scene).expect("generated trials are valid"))
 }
 
-/// The scene a diagnosis of [`contact`] is given.
+/// The scene for a diagnosis of [`contact`].
 pub fn floor() -> Scene {
     Scene::from_json(
         r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,

@@ -1,8 +1,8 @@
-//! Paths of one ball under a law that may differ from launch to launch: through the air, bouncing on a floor, rolling
-//! along it; and how much of a change of path no choice of starts can take up.
+//! Paths of one ball under a law that may differ between trials: in flight, bouncing on a floor or rolling
+//! along it; and the part of a path change that initial states cannot explain.
 //!
-//! Fourth-order Runge-Kutta at 1/2000 s; a bounce ends a step where the floor is met. Once it bounces no more a ball slides
-//! and rolls.
+//! Fourth-order Runge-Kutta at 1/2000 s; a bounce ends a step at the time of contact. A ball that stops
+//! bouncing slides and rolls.
 
 use super::Force;
 
@@ -11,7 +11,7 @@ pub const RADIUS: f64 = 0.05;
 const GRAVITY: f64 = 9.81;
 /// Longest step, s.
 const STEP: f64 = 5e-4;
-/// Speed of approach, m/s, below which a ball rests on the floor: what it gains within two steps.
+/// Approach speed below which a ball rests on the floor, m/s: what it gains within two steps.
 const REST: f64 = 2.0 * GRAVITY * STEP;
 
 /// x, y (m), vx, vy (m/s), spin (rad/s), angle (rad).
@@ -25,29 +25,29 @@ pub enum Motion {
     Rolls,
 }
 
-/// What acts in one launch, and how it is seen.
+/// Dynamics and observation of one trial.
 #[derive(Clone)]
 pub struct Law {
-    /// Sizes and pushes; of a ball that rolls, their parts along the floor act.
+    /// Sizes and forces; only components along the floor act on a rolling ball.
     pub pushes: Vec<(f64, Force)>,
-    /// Lift in the first flight and after each bounce, 1/s; the last one lasts.
+    /// Lift in the first flight and after each bounce, 1/s; the last value persists.
     pub lifts: Vec<f64>,
-    /// The clock runs so many times as fast as time, lengths seem so many times as long, all seems turned by so many rad.
+    /// Clock rate, length scale and camera tilt (rad).
     pub clock: f64,
     pub scale: f64,
     pub turn: f64,
-    /// The floor's restitution at rest and its fall with the speed of impact, s/m.
+    /// The floor's restitution at zero speed and its decrease with impact speed, s/m.
     pub restitution: f64,
     pub slope: f64,
     pub friction: f64,
-    /// The share of slip that an impact turns round.
+    /// Tangential restitution.
     pub tangential: f64,
     /// Rolling resistance over the load.
     pub rolling: f64,
 }
 
 impl Law {
-    /// Gravity, and a floor of this restitution and friction.
+    /// Gravity and a floor with the given restitution and friction.
     pub fn plain(restitution: f64, friction: f64) -> Law {
         Law {
             pushes: Vec::new(),
@@ -63,7 +63,7 @@ impl Law {
         }
     }
 
-    /// x, y (m) and angle (rad) as a camera sees them without error at some times, s, which rise from 0 on.
+    /// x, y (m) and angle (rad) without error at increasing times, s.
     pub fn seen(&self, motion: Motion, start: State, times: &[f64]) -> Vec<[f64; 3]> {
         let (mut state, mut now, mut bounces) = (start, 0.0, 0);
         let (cos, sin) = (self.turn.cos(), self.turn.sin());
@@ -81,12 +81,12 @@ impl Law {
         times.iter().map(&mut see).collect()
     }
 
-    /// One step of `h` s, with the bounce that it may hold.
+    /// One step of `h` s, with a bounce if one occurs.
     fn advance(&self, motion: Motion, t: f64, s: State, h: f64, bounces: &mut usize) -> State {
         let to = self.step(motion, t, s, h, *bounces);
         match motion {
             Motion::Flies => to,
-            // What rolls comes to rest, and is not turned round.
+            // A rolling ball comes to rest and does not reverse.
             Motion::Rolls if to[2] * s[2] <= 0.0 => [to[0], s[1], 0.0, 0.0, 0.0, to[5]],
             Motion::Rolls => to,
             Motion::Bounces if to[1] >= RADIUS || to[3] >= 0.0 => to,
@@ -124,7 +124,7 @@ impl Law {
         std::array::from_fn(|i| s[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
     }
 
-    /// What an impact makes of a state: of a full disc, a third of the mass resists slip.
+    /// State after an impact of a full disc: a third of the mass resists slip.
     fn rebound(&self, mut s: State) -> State {
         let (restitution, tangential) = match -s[3] < REST {
             true => (0.0, 0.0),
@@ -140,9 +140,15 @@ impl Law {
     }
 }
 
-/// Root-mean-square change of a coordinate, m, from one law to another that neither free starts of each launch nor one
-/// restitution and friction of the floor can take up (to first order).
-pub fn told_apart(motion: Motion, starts: &[State], times: &[Vec<f64>], plain: &Law, other: &Law) -> f64 {
+/// Root-mean-square path difference between two laws, m, that neither the trials' initial states nor a common
+/// restitution and friction of the floor can explain (to first order).
+pub fn distinguishable_shift(
+    motion: Motion,
+    starts: &[State],
+    times: &[Vec<f64>],
+    plain: &Law,
+    other: &Law,
+) -> f64 {
     const SMALL: f64 = 1e-5;
     let (mut changes, mut shared) = (Vec::new(), [Vec::new(), Vec::new()]);
     for (start, times) in starts.iter().zip(times) {
@@ -151,12 +157,12 @@ pub fn told_apart(motion: Motion, starts: &[State], times: &[Vec<f64>], plain: &
         };
         let path = flat(plain, *start);
         let from = |seen: Vec<f64>| -> Vec<f64> { seen.iter().zip(&path).map(|(a, b)| a - b).collect() };
-        let moved = |i: usize| {
+        let perturbed = |i: usize| {
             let mut start = *start;
             start[i] += SMALL;
             from(flat(plain, start))
         };
-        let own = basis((0..5).map(moved).collect());
+        let own = basis((0..5).map(perturbed).collect());
         let floors = [
             Law { restitution: plain.restitution + SMALL, ..plain.clone() },
             Law { friction: plain.friction + SMALL, ..plain.clone() },
@@ -174,7 +180,7 @@ pub fn told_apart(motion: Motion, starts: &[State], times: &[Vec<f64>], plain: &
     (dot(&changes, &changes) / changes.len() as f64).sqrt()
 }
 
-/// Orthonormal vectors that span what the columns span; what is next to nothing spans nothing.
+/// Orthonormal basis of the columns; negligible columns are dropped.
 fn basis(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let mut out: Vec<Vec<f64>> = Vec::new();
     for mut column in columns {
@@ -189,7 +195,7 @@ fn basis(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     out
 }
 
-/// Takes out of a vector what orthonormal vectors span.
+/// Projects a vector onto the complement of an orthonormal basis.
 fn leave(vector: &mut [f64], basis: &[Vec<f64>]) {
     for b in basis {
         let along = dot(vector, b);

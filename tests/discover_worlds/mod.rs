@@ -1,16 +1,17 @@
-//! Hidden worlds for trying discovery on: balls thrown through the air, pushed by something the scene does not say.
+//! Hidden worlds for tests of the diagnosis: thrown balls with a force that the scene lacks.
 //!
-//! The integrator is its own: fourth-order Runge-Kutta at 1/2000 s over forces written here, so that nothing that fits
-//! is used to make the data. Noise is white, autoregressive (0.6), rounded, or white with 3 % outliers.
+//! The integrator is independent: fourth-order Runge-Kutta at 1/2000 s with forces written here, so that the
+//! code under test does not generate its own data. Noise is white, autoregressive (0.6), rounded, or white with
+//! 3 % outliers.
 
-#[allow(dead_code, reason = "not every program has recorded worlds")]
+#[allow(dead_code, reason = "not every program uses recorded worlds")]
 pub mod camera;
 mod contact;
-#[allow(dead_code, reason = "not every program has recorded worlds")]
+#[allow(dead_code, reason = "not every program uses recorded worlds")]
+mod hidden_effects;
+#[allow(dead_code, reason = "not every program uses recorded worlds")]
 pub mod law;
-#[allow(dead_code, reason = "not every program has recorded worlds")]
-mod parts;
-#[allow(dead_code, reason = "not every program has recorded worlds")]
+#[allow(dead_code, reason = "not every program uses recorded worlds")]
 pub mod recorded;
 #[allow(dead_code, reason = "not every program studies worlds")]
 pub mod study;
@@ -25,10 +26,10 @@ use rand_distr::{Distribution, StandardNormal};
 
 pub use contact::*;
 
-/// A push of the hidden world: (t, x, y, vx, vy) -> (ax, ay), m/s^2.
+/// A force per mass of the hidden world: (t, x, y, vx, vy) -> (ax, ay), m/s^2.
 pub type Force = Arc<dyn Fn(f64, [f64; 4]) -> [f64; 2] + Send + Sync>;
 
-/// How observations err.
+/// Kind of observation noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
     White,
@@ -39,24 +40,24 @@ pub enum Noise {
 
 pub const NOISES: [Noise; 4] = [Noise::White, Noise::Correlated, Noise::Rounded, Noise::Outliers];
 
-/// What is hidden.
+/// A hidden force.
 #[derive(Clone)]
-pub struct Hidden {
+pub struct HiddenForce {
     /// Names of the effects; empty for none.
     pub names: Vec<&'static str>,
     /// A parameter to compare: effect, name, true value.
     pub parameter: Option<(&'static str, &'static str, f64)>,
     pub force: Force,
-    /// What the noise is measured against; all of the force if none.
+    /// The force that the noise is scaled by; the complete force if `None`.
     pub measure: Option<Force>,
 }
 
-/// The single effects of the library, at strengths drawn from `seed`.
-pub fn single(kind: usize, seed: u64) -> Hidden {
+/// Single library effects with strengths drawn from `seed`.
+pub fn single(kind: usize, seed: u64) -> HiddenForce {
     let mut r = rng::stream(seed, "hidden effect");
     let share: f64 = r.random_range(0.7..1.4);
     let sign = if r.random::<bool>() { 1.0 } else { -1.0 };
-    let make = |name, parameter: &'static str, value: f64, force: Force| Hidden {
+    let make = |name, parameter: &'static str, value: f64, force: Force| HiddenForce {
         names: vec![name],
         parameter: Some((name, parameter, value)),
         force,
@@ -144,28 +145,33 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
 /// Number of kinds of [`single`].
 pub const SINGLES: usize = 9;
 
-/// Two effects at once, each of which moves paths as far as the other: `shift` of [`trials`] holds for each by itself.
-pub fn double(kind: usize, seed: u64) -> Hidden {
+/// Two effects that shift paths equally: `shift` of [`trials`] holds for each of them.
+pub fn double(kind: usize, seed: u64) -> HiddenForce {
     let (a, b, names) = two(kind, seed);
     let mut share = 1.0;
     for _ in 0..3 {
         let (own, force) = (share, b.force.clone());
         let scaled: Force = Arc::new(move |t, s| force(t, s).map(|v| own * v));
-        share *= moved(&a.force, seed) / moved(&scaled, seed).max(1e-12);
+        share *= trajectory_shift(&a.force, seed) / trajectory_shift(&scaled, seed).max(1e-12);
     }
-    Hidden { names, parameter: a.parameter, force: sum(&a.force, &b.force, share), measure: Some(a.force) }
+    HiddenForce {
+        names,
+        parameter: a.parameter,
+        force: sum(&a.force, &b.force, share),
+        measure: Some(a.force),
+    }
 }
 
-/// Two effects at once as they come, one of which may be much fainter than the other.
-pub fn uneven(kind: usize, seed: u64) -> Hidden {
+/// Two effects without balancing; one may be much fainter.
+pub fn unbalanced_double(kind: usize, seed: u64) -> HiddenForce {
     let (a, b, names) = two(kind, seed);
-    Hidden { names, parameter: a.parameter, force: sum(&a.force, &b.force, 1.0), measure: None }
+    HiddenForce { names, parameter: a.parameter, force: sum(&a.force, &b.force, 1.0), measure: None }
 }
 
 /// Number of kinds of [`double`].
 pub const DOUBLES: usize = 5;
 
-fn two(kind: usize, seed: u64) -> (Hidden, Hidden, Vec<&'static str>) {
+fn two(kind: usize, seed: u64) -> (HiddenForce, HiddenForce, Vec<&'static str>) {
     let pairs = [(0, 2), (1, 5), (4, 5), (1, 2), (5, 6)];
     let (a, b) = pairs[kind % DOUBLES];
     let (a, b) = (single(a, seed), single(b, seed + 1));
@@ -181,12 +187,12 @@ fn sum(a: &Force, b: &Force, share: f64) -> Force {
     })
 }
 
-/// Root-mean-square shift of some paths, m.
-fn moved(force: &Force, seed: u64) -> f64 {
+/// Root-mean-square shift of paths, m.
+fn trajectory_shift(force: &Force, seed: u64) -> f64 {
     let (mut square, mut number) = (0.0, 0.0);
     for (start, duration) in launches(14, seed) {
         let (path, plain) =
-            (flight(start, duration, 20, force), flight(start, duration, 20, &nothing().force));
+            (flight(start, duration, 20, force), flight(start, duration, 20, &no_effect().force));
         for (p, q) in path.iter().zip(&plain) {
             square += (p.1[0] - q.1[0]).powi(2) + (p.1[1] - q.1[1]).powi(2);
             number += 2.0;
@@ -195,45 +201,45 @@ fn moved(force: &Force, seed: u64) -> f64 {
     f64::sqrt(square / number)
 }
 
-/// What [`outside`] hides, kind by kind: gravity that depends on the place, a gust that chirps, a vortex, pushes in a
-/// chequered pattern, a patch that is a ring.
+/// Kinds of [`outside`]: position-dependent gravity, a chirped gust, a vortex, a chequered force pattern, a
+/// ring-shaped patch.
 pub const OUTSIDE: [&str; 5] = ["bumps", "chirp", "swirl", "chequer", "ring"];
 
-/// What the library does not have.
-pub fn outside(kind: usize, seed: u64) -> Hidden {
+/// A force that the library lacks.
+pub fn outside(kind: usize, seed: u64) -> HiddenForce {
     let mut r = rng::stream(seed, "outside effect");
     let share: f64 = r.random_range(0.8..1.3);
     let force: Force = match kind % OUTSIDE.len() {
-        // Bumps over the ground, 1.6 m apart.
+        // A spatially periodic force with a period of 1.6 m.
         0 => Arc::new(move |_, s| [0.0, 3.0 * share * (4.0 * s[0]).sin()]),
-        // A gust front that chirps.
+        // A chirped gust.
         1 => Arc::new(move |t, _| [2.0 * share * (9.0 * t * t + 2.0 * t).sin(), 0.0]),
-        // A swirl about a point, falling off with distance.
+        // A vortex that decays with distance.
         2 => Arc::new(move |_, s| {
             let d = [s[0] - 1.5, s[1] - 1.5];
             let f = 6.0 * share / (0.15 + d[0] * d[0] + d[1] * d[1]);
             [-f * d[1], f * d[0]]
         }),
-        // A sticky ring, which no rectangle resembles.
+        // A sticky ring, unlike any rectangle.
         4 => Arc::new(move |_, s| {
             let far = (s[0] - 1.5).hypot(s[1] - 1.5);
             let kept = if (0.5..1.1).contains(&far) { -3.0 * share } else { 0.0 };
             [kept * s[2], kept * s[3]]
         }),
-        // Pushes in a chequered pattern.
+        // A chequered force pattern.
         _ => Arc::new(move |_, s| {
             if (3.0 * s[0]).sin() * (3.0 * s[1]).sin() > 0.0 { [4.0 * share, 0.0] } else { [0.0; 2] }
         }),
     };
-    Hidden { names: vec!["outside"], parameter: None, force, measure: None }
+    HiddenForce { names: vec!["outside"], parameter: None, force, measure: None }
 }
 
-/// Nothing.
-pub fn nothing() -> Hidden {
-    Hidden { names: Vec::new(), parameter: None, force: Arc::new(|_, _| [0.0; 2]), measure: None }
+/// No hidden force.
+pub fn no_effect() -> HiddenForce {
+    HiddenForce { names: Vec::new(), parameter: None, force: Arc::new(|_, _| [0.0; 2]), measure: None }
 }
 
-/// What is seen of a position.
+/// An observed position.
 fn noisy(noise: Noise, at: [f64; 2], sd: f64, carried: &mut [f64; 2], r: &mut rng::Stream) -> [f64; 2] {
     let mut seen = at;
     for axis in 0..2 {
@@ -244,7 +250,7 @@ fn noisy(noise: Noise, at: [f64; 2], sd: f64, carried: &mut [f64; 2], r: &mut rn
                 seen[axis] += sd * carried[axis];
             }
             Noise::Rounded => {
-                // A grain as wide as makes the whole error's deviation sd.
+                // The grain that makes the total standard deviation equal to `sd`.
                 let grain = sd * (12.0f64 * 0.75).sqrt();
                 seen[axis] = ((seen[axis] + 0.5 * sd * normal(r)) / grain).round() * grain;
             }
@@ -257,7 +263,7 @@ fn noisy(noise: Noise, at: [f64; 2], sd: f64, carried: &mut [f64; 2], r: &mut rn
     seen
 }
 
-/// The scene a diagnosis is given: a ball in the air, and nothing else.
+/// The scene for a diagnosis: a ball in the air.
 pub fn scene() -> Scene {
     Scene::from_json(
         r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
@@ -268,17 +274,24 @@ pub fn scene() -> Scene {
 
 /// Trials of a hidden world. The noise's standard deviation is `1 / shift` of the root-mean-square path shift that the
 /// hidden effect causes (2 mm where there is none).
-pub fn trials(hidden: &Hidden, noise: Noise, count: usize, rows: usize, shift: f64, seed: u64) -> Vec<Trial> {
-    thrown(hidden, noise, &launches(count, seed), rows, deviation(hidden, count, rows, shift, seed), seed)
+pub fn trials(
+    hidden: &HiddenForce,
+    noise: Noise,
+    count: usize,
+    rows: usize,
+    shift: f64,
+    seed: u64,
+) -> Vec<Trial> {
+    thrown(hidden, noise, &launches(count, seed), rows, noise_sd(hidden, count, rows, shift, seed), seed)
 }
 
 /// Standard deviation of the noise of [`trials`], m.
-pub fn deviation(hidden: &Hidden, count: usize, rows: usize, shift: f64, seed: u64) -> f64 {
+pub fn noise_sd(hidden: &HiddenForce, count: usize, rows: usize, shift: f64, seed: u64) -> f64 {
     let force = hidden.measure.as_ref().unwrap_or(&hidden.force);
     let (mut square, mut number) = (0.0, 0.0);
     for (start, duration) in launches(count, seed) {
         let path = flight(start, duration, rows, force);
-        let plain = flight(start, duration, rows, &nothing().force);
+        let plain = flight(start, duration, rows, &no_effect().force);
         for (p, q) in path.iter().zip(&plain) {
             square += (p.1[0] - q.1[0]).powi(2) + (p.1[1] - q.1[1]).powi(2);
             number += 2.0;
@@ -290,7 +303,7 @@ pub fn deviation(hidden: &Hidden, count: usize, rows: usize, shift: f64, seed: u
 /// x, y, vx, vy at the start (m, m/s) and duration, s.
 pub type Launch = ([f64; 4], f64);
 
-/// Launches of all directions and of many speeds.
+/// Random launches in all directions and at many speeds.
 pub fn launches(count: usize, seed: u64) -> Vec<Launch> {
     let mut r = rng::stream(seed, "launches");
     (0..count)
@@ -308,9 +321,9 @@ pub fn launches(count: usize, seed: u64) -> Vec<Launch> {
         .collect()
 }
 
-/// What is seen of some launches in a hidden world; `sd` m is the noise's standard deviation.
+/// Observed trials of launches in a hidden world; `sd`: standard deviation of the noise, m.
 pub fn thrown(
-    hidden: &Hidden,
+    hidden: &HiddenForce,
     noise: Noise,
     launches: &[Launch],
     rows: usize,

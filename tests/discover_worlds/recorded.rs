@@ -1,44 +1,44 @@
-//! Hidden worlds as recordings are: launches differ, and what is seen of them errs in more than one way.
+//! Hidden worlds like real recordings, with between-trial variation and several error sources.
 //!
-//! Drawn anew for each launch: the size of what is hidden, a small lift of either sign (of each flight, where the ball
-//! bounces: a bounce changes the spin), the turn of the camera; then noise that is correlated, outliers, and points that
-//! are missing. Nothing of it is common to all launches. Each world has a clean twin, whose launches and effect are the
-//! same and in which none of this is: what cannot be told there can be told nowhere.
+//! Drawn for each trial: the size of the hidden effect, a small lift of either sign (for each flight of a
+//! bouncing ball: a bounce changes the spin), the camera tilt; then correlated noise, outliers and missing
+//! points. None of it is shared between trials. Each world has a clean twin with the same initial states and
+//! effect and without any of this: an effect that cannot be identified there is unidentifiable.
 
 use super::camera::Camera;
-use super::law::{Law, Motion, RADIUS, State, told_apart};
-pub use super::parts::{Kind, Size, kinds};
-use super::parts::{Part, hidden};
+use super::hidden_effects::{HiddenEffect, hidden};
+pub use super::hidden_effects::{Kind, Size, kinds};
+use super::law::{Law, Motion, RADIUS, State, distinguishable_shift};
 use super::{Launch, floor, launches, normal, scene};
 use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
 use rand::RngExt;
 
-/// Standard deviation of an effect's size by launch, relative.
+/// Relative standard deviation of an effect's size between trials.
 pub const SIZE_SPREAD: f64 = 0.15;
-/// Standard deviation of the lift that a launch has of its own, 1/s.
+/// Standard deviation of a trial's lift, 1/s.
 pub const LIFT_SPREAD: f64 = 0.06;
-/// Standard deviation of the camera's turn, rad.
+/// Standard deviation of the camera tilt, rad.
 pub const TURN_SPREAD: f64 = 0.2 * std::f64::consts::PI / 180.0;
-/// Standard deviation of the noise, m: from, to.
+/// Range of the noise's standard deviation, m.
 const NOISE: [f64; 2] = [5e-4, 3e-3];
-/// What a hidden effect changes, in deviations of the noise (`told_apart`): from, to.
+/// Range of the path shift by a hidden effect (`distinguishable_shift`), in standard deviations of the noise.
 const SHIFT: [f64; 2] = [5.0, 20.0];
-/// Least share of that over what one deviation of the launches' own lifts and turns changes in their mean. An effect below
-/// it would be hidden in how launches differ, where nobody can find it: such draws of noise and shift are drawn again.
+/// Minimum ratio of that shift to the uncertainty of its mean by between-trial lifts and tilts. An effect below
+/// it would be unidentifiable: noise and shift are redrawn.
 const MARGIN: f64 = 4.0;
 /// Observations per second.
 const RATE: f64 = 50.0;
-/// Launches: from, to.
+/// Range of the number of trials.
 const LAUNCHES: [f64; 2] = [14.0, 80.0];
 
-/// One world: what is hidden in it and what a diagnosis is given.
+/// A world: hidden effects and the data for a diagnosis.
 #[derive(Clone)]
 pub struct World {
     pub kind: Kind,
-    /// Sets that are right, sorted names each: what was hidden first, then what no such data can tell from it. Empty for
-    /// nothing and for what no library holds.
+    /// Correct sets, with sorted names: the hidden one first, then indistinguishable ones. Empty if nothing, or
+    /// nothing from the library, is hidden.
     pub right: Vec<Vec<&'static str>>,
     pub sizes: Vec<Size>,
     /// Whether all launches have the same speed and angle within 5 %.
@@ -46,20 +46,20 @@ pub struct World {
     pub scene: Scene,
     /// Standard deviation of the noise, m.
     pub noise: f64,
-    /// What the effect changes (`told_apart`), in deviations of the noise; of two the fainter.
+    /// Path shift by the effect (`distinguishable_shift`) in standard deviations of the noise; the fainter of two.
     pub shift: f64,
-    /// The same over what one deviation of the launches' own lifts and turns changes in their mean.
+    /// Its ratio to the uncertainty by between-trial lifts and tilts.
     pub margin: f64,
-    /// The law of each launch.
+    /// The law of each trial.
     pub laws: Vec<Law>,
     pub trials: Vec<Trial>,
-    /// Without noise and dirt.
+    /// The clean twin's trials.
     pub clean: Vec<Trial>,
 }
 
-/// World number `i`, kind after kind; launches are alike and unlike by turns.
+/// World `i`: kinds in turn, with similar and different launches alternating.
 pub fn world(i: u64, seed: u64) -> World {
-    let (kinds, own) = (kinds(), rng::derive(seed, "recorded world", i));
+    let (kinds, own) = (kinds(), rng::derive_seed(seed, "recorded world", i));
     let (round, k) = (i as usize / kinds.len(), i as usize % kinds.len());
     of_kind(kinds[k], (round + k) % 2 == 1, own)
 }
@@ -67,42 +67,42 @@ pub fn world(i: u64, seed: u64) -> World {
 /// A world of a kind.
 pub fn of_kind(kind: Kind, alike: bool, seed: u64) -> World {
     let mut r = rng::stream(seed, "recorded");
-    let (motion, mut parts) = hidden(kind, seed);
+    let (motion, mut hidden_effects) = hidden(kind, seed);
     let drawn = LAUNCHES[0] * (LAUNCHES[1] / LAUNCHES[0]).powf(r.random_range(0.0..1.0));
     let count = if kind == Kind::Spin { 80 } else { drawn.round() as usize };
     let (starts, times) = thrown(motion, alike, count, seed);
     let base = Law::plain(r.random_range(0.7..0.85), r.random_range(0.2..0.4));
     let apart = |law: &Law| {
-        // Some launches stand for all.
+        // A subset of trials represents all.
         let some = starts.len().min(14);
-        told_apart(motion, &starts[..some], &times[..some], &base, law)
+        distinguishable_shift(motion, &starts[..some], &times[..some], &base, law)
     };
-    let dirt = apart(&Law { lifts: vec![LIFT_SPREAD], turn: TURN_SPREAD, ..base.clone() });
-    let dirt = dirt / (count as f64).sqrt();
+    let variation = apart(&Law { lifts: vec![LIFT_SPREAD], turn: TURN_SPREAD, ..base.clone() });
+    let variation = variation / (count as f64).sqrt();
     let fixed = matches!(kind, Kind::Spin | Kind::Nothing(_));
-    let (noise, shift) = strength(if fixed { 0.0 } else { MARGIN * dirt }, seed);
-    let mut moved = f64::INFINITY;
-    for part in &mut parts {
-        moved = moved.min(part.fit((!fixed).then_some(noise * shift), &base, &apart));
+    let (noise, shift) = strength(if fixed { 0.0 } else { MARGIN * variation }, seed);
+    let mut shift_m = f64::INFINITY;
+    for part in &mut hidden_effects {
+        shift_m = shift_m.min(part.fit((!fixed).then_some(noise * shift), &base, &apart));
     }
-    let moved = if parts.is_empty() { 0.0 } else { moved };
-    // An effect that may not be stronger is seen by a better camera.
-    let noise = if fixed { noise } else { noise.min(moved / SHIFT[0]).max(NOISE[0]) };
+    let shift_m = if hidden_effects.is_empty() { 0.0 } else { shift_m };
+    // An effect of limited strength is observed with a better camera.
+    let noise = if fixed { noise } else { noise.min(shift_m / SHIFT[0]).max(NOISE[0]) };
     let spin = (kind == Kind::Spin).then(|| [0.05 * normal(&mut r), 0.3]);
-    let laws = drawn_laws(&base, &parts, count, spin, seed);
+    let laws = drawn_laws(&base, &hidden_effects, count, spin, seed);
     let mut even = base.clone();
-    parts.iter().for_each(|p| p.act(&mut even, p.size));
+    hidden_effects.iter().for_each(|p| p.act(&mut even, p.size));
     let scene = if motion == Motion::Flies { scene() } else { floor() };
-    // A mark that shows how the ball turns is not on every ball.
+    // Not every ball has its angle observed.
     let marked = motion != Motion::Flies && r.random::<bool>();
     let camera = Camera { motion, scene: &scene, starts: &starts, times: &times, marked, seed };
     World {
-        right: right(kind, &parts),
-        sizes: parts.iter().flat_map(Part::size).collect(),
+        right: right(kind, &hidden_effects),
+        sizes: hidden_effects.iter().flat_map(HiddenEffect::size).collect(),
         trials: camera.recorded(&laws, noise),
         clean: camera.clean(&vec![even; count]),
-        shift: moved / noise,
-        margin: moved / dirt,
+        shift: shift_m / noise,
+        margin: shift_m / variation,
         kind,
         alike,
         scene: scene.clone(),
@@ -111,8 +111,8 @@ pub fn of_kind(kind: Kind, alike: bool, seed: u64) -> World {
     }
 }
 
-/// Deviation of the noise (m) and shift (deviations) of an effect that changes paths by no less than `least` m; the most
-/// there is where that is less.
+/// Noise (m) and shift (standard deviations) of an effect that shifts paths by at least `least` m; the maximum
+/// if that is less.
 fn strength(least: f64, seed: u64) -> (f64, f64) {
     let mut r = rng::stream(seed, "strength");
     let mut draw = || {
@@ -123,18 +123,21 @@ fn strength(least: f64, seed: u64) -> (f64, f64) {
     (0..1000).map(|_| draw()).find(fits).unwrap_or((NOISE[1], SHIFT[1]))
 }
 
-/// Sets that are right: in free flight gravity, a scale and a clock look alike, and a tilted camera like wind along x.
-fn right(kind: Kind, parts: &[Part]) -> Vec<Vec<&'static str>> {
+/// Correct sets: in free flight gravity, a length scale and a clock rate are equivalent, and a camera tilt
+/// resembles wind along x.
+fn right(kind: Kind, hidden_effects: &[HiddenEffect]) -> Vec<Vec<&'static str>> {
     const GRAVITY: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
-    let truth: Vec<&str> = parts.iter().map(|p| p.name).collect();
+    let truth: Vec<&str> = hidden_effects.iter().map(|p| p.name).collect();
     let mut sets = match kind {
         Kind::Nothing(_) | Kind::Outside(_) => Vec::new(),
         Kind::Spin => vec![truth.clone(), vec!["lift", "quadratic_drag"]],
         _ => vec![truth.clone()],
     };
     let flies = matches!(kind, Kind::Single(_) | Kind::Pair(_));
-    let across =
-        parts.len() == 1 && flies && matches!(parts[0].name, "wind" | "camera_tilt") && parts[0].across();
+    let across = hidden_effects.len() == 1
+        && flies
+        && matches!(hidden_effects[0].name, "wind" | "camera_tilt")
+        && hidden_effects[0].across();
     if across {
         sets = vec![truth.clone(), vec![if truth[0] == "wind" { "camera_tilt" } else { "wind" }]];
     }
@@ -149,14 +152,20 @@ fn right(kind: Kind, parts: &[Part]) -> Vec<Vec<&'static str>> {
     sets
 }
 
-/// The law of each launch.
-fn drawn_laws(base: &Law, parts: &[Part], count: usize, spin: Option<[f64; 2]>, seed: u64) -> Vec<Law> {
-    /// More flights than a launch has.
+/// Draws the law of each trial.
+fn drawn_laws(
+    base: &Law,
+    hidden_effects: &[HiddenEffect],
+    count: usize,
+    spin: Option<[f64; 2]>,
+    seed: u64,
+) -> Vec<Law> {
+    /// More flights than any trial has.
     const FLIGHTS: usize = 16;
     let mut r = rng::stream(seed, "launches' own");
     let mut own = || {
         let mut law = base.clone();
-        for part in parts {
+        for part in hidden_effects {
             part.act(&mut law, part.size * (1.0 + SIZE_SPREAD * normal(&mut r)));
         }
         let [mean, spread] = spin.unwrap_or([0.0, LIFT_SPREAD]);
@@ -167,7 +176,7 @@ fn drawn_laws(base: &Law, parts: &[Part], count: usize, spin: Option<[f64; 2]>, 
     (0..count).map(|_| own()).collect()
 }
 
-/// Starts, and times of observations (s).
+/// Initial states and observation times (s).
 fn thrown(motion: Motion, alike: bool, count: usize, seed: u64) -> (Vec<State>, Vec<Vec<f64>>) {
     let mut r = rng::stream(seed, "recorded launches");
     let mut within = |a: f64, b: f64| r.random_range(a..b);
@@ -206,7 +215,7 @@ fn thrown(motion: Motion, alike: bool, count: usize, seed: u64) -> (Vec<State>, 
     let all: Vec<(State, f64)> = (0..count).map(&mut launch).collect();
     let times = |duration: f64| (0..=(duration * RATE) as usize).map(|k| k as f64 / RATE).collect();
     let mut starts: Vec<State> = all.iter().map(|(start, _)| *start).collect();
-    // Nobody lets go at the same place twice.
+    // Positions of release vary.
     for start in starts.iter_mut().filter(|_| alike) {
         start[0] += within(-0.05, 0.05);
         start[1] += if motion == Motion::Flies { within(-0.05, 0.05) } else { 0.0 };

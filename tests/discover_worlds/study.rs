@@ -1,5 +1,5 @@
-//! Studies of many worlds: a world's lines are added to a log as soon as they are known, a run that was stopped goes on
-//! where it was, and figures come with their intervals.
+//! Studies of many worlds: results are appended to a log immediately, interrupted studies resume, and figures
+//! have confidence intervals.
 
 use std::collections::HashSet;
 use std::fmt::Write as _;
@@ -11,31 +11,31 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use clap::{CommandFactory as _, FromArgMatches as _};
 use iplw::discover::report::Diagnosis;
 
-/// Studies worlds, adds each outcome to a log beside the table as soon as it is known, and goes on where it was.
+/// Studies worlds, appends each outcome to a log next to the table, and resumes an interrupted study
 #[derive(Clone, Debug, clap::Parser)]
 pub struct Run {
-    /// How many worlds
+    /// Number of worlds
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     pub worlds: u64,
-    /// Which worlds are drawn
+    /// Random seed of the worlds
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// How many are studied at once, each on one thread
+    /// Number of worlds studied in parallel, each on one thread
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub threads: u64,
-    /// Where the table goes
+    /// Output file of the table
     #[arg(long)]
     pub out: PathBuf,
-    /// Those alone in whose kind's name this is
+    /// Only kinds whose name contains this
     #[arg(long, default_value = "")]
     pub only: String,
-    /// Shows what each diagnosis weighed
+    /// Print the candidate models of each diagnosis
     #[arg(long = "show")]
     pub talk: bool,
 }
 
 impl Run {
-    /// What the command line asks of a study; how many worlds and where the table goes where it does not say.
+    /// Parses the command line with defaults for the number of worlds and the output file.
     pub fn with(worlds: &'static str, out: &'static str) -> Run {
         let command = Run::command()
             .mut_arg("worlds", |a| a.default_value(worlds))
@@ -43,8 +43,8 @@ impl Run {
         Run::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())
     }
 
-    /// Studies `count` worlds that are not in the log yet, which is then read; `study`: a world's number and id to its
-    /// lines, which begin with the id, or to nothing where it is not asked for.
+    /// Studies the worlds of `count` that are not in the log yet, and returns the log. `study`: from a world's
+    /// number and id to its lines, which begin with the id, or `None` to skip it.
     pub fn log(
         &self,
         log: &str,
@@ -62,7 +62,7 @@ impl Run {
         let begun = std::time::Instant::now();
         let next = AtomicU64::new(0);
         let worker = || -> std::io::Result<()> {
-            // One thread a world: the times written are of one processor.
+            // One thread per world, so that run times are those of one processor.
             let pool =
                 rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)?;
             loop {
@@ -87,20 +87,20 @@ impl Run {
             let all: Vec<_> = (0..self.threads).map(|_| scope.spawn(worker)).collect();
             all.into_iter().try_for_each(|t| t.join().expect("a world could not be diagnosed"))
         })?;
-        // Other seeds' worlds may stand in the same log.
+        // The log may also contain worlds of other seeds.
         let own = format!("{}/", self.seed);
         let all = std::fs::read_to_string(&log)?;
         Ok(all.lines().filter(|l| l.starts_with(&own)).flat_map(|l| [l, "\n"]).collect())
     }
 
-    /// Writes the table, and shows it.
+    /// Writes and prints the table.
     pub fn tell(&self, table: &str) -> std::io::Result<()> {
         print!("{table}");
         std::fs::write(&self.out, table)
     }
 }
 
-/// Tells what a diagnosis weighed: its reason, the best sets, the reported sizes and latents.
+/// Prints the reason, the best models and the estimates of a diagnosis.
 pub fn weighed(d: &Diagnosis) {
     eprintln!("  {}", d.reason);
     for s in d.scores.iter().take(10) {
@@ -120,7 +120,7 @@ pub fn sets(d: &Diagnosis) -> String {
     d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|")
 }
 
-/// A table of counts, `right` of `all` each, with their 95 % intervals; nothing is said of no worlds.
+/// A table of rates, `right` of `all` each, with 95 % intervals; rows without worlds are omitted.
 pub fn rates<'a>(counts: impl IntoIterator<Item = (&'a str, [usize; 2])>) -> String {
     let mut out = String::from("| figure | seen | 95 % | worlds |\n|---|---|---|---|\n");
     for (name, [right, all]) in counts.into_iter().filter(|(_, [_, all])| *all > 0) {
@@ -143,7 +143,7 @@ pub fn wilson(right: usize, all: usize) -> [f64; 2] {
     [-1.0, 1.0].map(|side| ((middle + side * reach) / (1.0 + Z * Z / n)).clamp(0.0, 1.0))
 }
 
-/// The middle one of some values; not a number if there is none.
+/// Median; NaN for no values.
 pub fn middle(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

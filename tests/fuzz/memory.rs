@@ -1,61 +1,61 @@
-//! How much memory a thread asks for: what an execution takes at once, in all and in one piece.
+//! Memory accounting by thread: peak, total and largest allocation of an execution.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The system's memory, counted.
-pub struct Counted;
+/// The system allocator with counters.
+pub struct CountingAllocator;
 
 #[global_allocator]
-static MEMORY: Counted = Counted;
+static MEMORY: CountingAllocator = CountingAllocator;
 
 thread_local! {
-    static HELD: Cell<i64> = const { Cell::new(0) };
-    static MOST: Cell<i64> = const { Cell::new(0) };
-    static TAKEN: Cell<u64> = const { Cell::new(0) };
+    static BYTES_IN_USE: Cell<i64> = const { Cell::new(0) };
+    static PEAK_BYTES: Cell<i64> = const { Cell::new(0) };
+    static TOTAL_BYTES: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Largest piece that any thread ever asked for, bytes.
-static LARGEST: AtomicUsize = AtomicUsize::new(0);
-/// Pieces up to this are not compared with the largest, bytes.
-const SMALL: usize = 1 << 20;
+/// Largest allocation of any thread, bytes.
+static LARGEST_ALLOCATION: AtomicUsize = AtomicUsize::new(0);
+/// Allocations up to this size are not compared with the largest, bytes.
+const SMALL_ALLOCATION_BYTES: usize = 1 << 20;
 
-/// What a thread has taken since it began to count, bytes.
+/// Memory used by a thread since counting began, bytes.
 #[derive(Clone, Copy, Debug)]
-pub struct Used {
-    /// Most at a time.
+pub struct MemoryUse {
+    /// Peak.
     pub most: i64,
-    /// In all.
+    /// Total.
     pub taken: u64,
 }
 
-/// Does `work`, and counts what its thread takes meanwhile.
-pub fn counted<T>(work: impl FnOnce() -> T) -> (T, Used) {
-    let held = HELD.get();
-    MOST.set(held);
-    TAKEN.set(0);
+/// Runs `work` and counts the memory of its thread.
+pub fn counted<T>(work: impl FnOnce() -> T) -> (T, MemoryUse) {
+    let held = BYTES_IN_USE.get();
+    PEAK_BYTES.set(held);
+    TOTAL_BYTES.set(0);
     let done = work();
-    (done, Used { most: MOST.get() - held, taken: TAKEN.get() })
+    (done, MemoryUse { most: PEAK_BYTES.get() - held, taken: TOTAL_BYTES.get() })
 }
 
-/// Largest piece that any thread has asked for so far, bytes.
+/// Largest allocation of any thread so far, bytes.
 pub fn largest() -> usize {
-    LARGEST.load(Ordering::Relaxed)
+    LARGEST_ALLOCATION.load(Ordering::Relaxed)
 }
 
 fn take(size: usize) {
-    let held = HELD.get() + size as i64;
-    HELD.set(held);
-    MOST.set(MOST.get().max(held));
-    TAKEN.set(TAKEN.get() + size as u64);
-    if size > SMALL {
-        LARGEST.fetch_max(size, Ordering::Relaxed);
+    let held = BYTES_IN_USE.get() + size as i64;
+    BYTES_IN_USE.set(held);
+    PEAK_BYTES.set(PEAK_BYTES.get().max(held));
+    TOTAL_BYTES.set(TOTAL_BYTES.get() + size as u64);
+    if size > SMALL_ALLOCATION_BYTES {
+        LARGEST_ALLOCATION.fetch_max(size, Ordering::Relaxed);
     }
 }
 
-// Cells of numbers made at compile time neither take memory nor are dropped: they may be used here.
-unsafe impl GlobalAlloc for Counted {
+// Thread-local cells with const initialisers neither allocate nor drop, so the allocator may use them.
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         take(layout.size());
         unsafe { System.alloc(layout) }
@@ -67,12 +67,12 @@ unsafe impl GlobalAlloc for Counted {
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        HELD.set(HELD.get() - layout.size() as i64);
+        BYTES_IN_USE.set(BYTES_IN_USE.get() - layout.size() as i64);
         unsafe { System.dealloc(at, layout) }
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        HELD.set(HELD.get() - layout.size() as i64);
+        BYTES_IN_USE.set(BYTES_IN_USE.get() - layout.size() as i64);
         take(size);
         unsafe { System.realloc(at, layout, size) }
     }

@@ -1,15 +1,16 @@
-//! 95 % intervals hold the truth about 95 times in 100: hidden worlds with random latents, noise, and a simulation
-//! that is otherwise right. `examples/coverage.rs` is the same at length. Seeds are fixed, so nothing here is chance.
+//! 95 % intervals cover the truth about 95 times in 100, for hidden worlds with random latents, noise and an
+//! otherwise correct simulation. `examples/coverage.rs` is the long version. Seeds are fixed, so the test is
+//! deterministic.
 
 use iplw::experiment::{EstimateConfig, ResidualKind, estimate};
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::rng;
 use iplw::task::{Split, family, split};
 use iplw::world::Latents;
 use rand::RngExt;
 
-/// Errors of friction and restitution in units of the interval's half width on their side, over `count` worlds.
+/// Errors of friction and restitution in units of the interval's half width, over `count` worlds.
 fn errors(name: &str, residual: ResidualKind, count: u64) -> Vec<f64> {
     let family = family(name).unwrap();
     let tasks = split(&family.tasks(), Split::Train);
@@ -32,7 +33,8 @@ fn errors(name: &str, residual: ResidualKind, count: u64) -> Vec<f64> {
             seed,
             ..EstimateConfig::fast(family.prior)
         };
-        let (report, _) = estimate(&tasks, &mut HiddenWorld::new(hidden).unwrap(), &config, &Silent).unwrap();
+        let (report, _) =
+            estimate(&tasks, &mut HiddenWorld::new(hidden).unwrap(), &config, &NoProgress).unwrap();
         assert!(!report.latents[0].identifiable, "density cancels: {:?}", report.latents[0]);
         for (found, truth) in report.latents.iter().zip(truth).skip(1) {
             if let [Some(low), Some(high)] = found.ci95 {
@@ -48,18 +50,18 @@ fn check(name: &str, residual: ResidualKind, count: u64) {
     let within =
         |half_widths: f64| errors.iter().filter(|e| **e <= half_widths).count() as f64 / errors.len() as f64;
     let told = errors.len() as f64 / (2 * count) as f64;
-    assert!(told > 0.6, "{name}: only {told} of the latents are told");
-    assert!(within(1.0) >= 0.9, "{name}: intervals hold {} of the truths", within(1.0));
-    assert!(within(0.5) < 0.9, "{name}: intervals half as wide would hold {}: too wide", within(0.5));
+    assert!(told > 0.6, "{name}: only {told} of the latents are identified");
+    assert!(within(1.0) >= 0.9, "{name}: intervals cover {} of the truths", within(1.0));
+    assert!(within(0.5) < 0.9, "{name}: intervals of half the width would cover {}: too wide", within(0.5));
 }
 
 #[test]
-fn intervals_hold_the_truth_in_basketball() {
+fn intervals_cover_the_truth_in_basketball() {
     check("basketball", ResidualKind::Trajectory, 60);
 }
 
-/// Positions from a camera, no velocities: every stretch's start is fitted.
+/// Positions from a camera without velocities: every segment's initial state is fitted.
 #[test]
-fn intervals_hold_the_truth_in_basketball_shot_by_shot() {
+fn intervals_cover_the_truth_in_basketball_with_shooting() {
     check("basketball", ResidualKind::Shooting, 30);
 }

@@ -1,71 +1,76 @@
-//! Discovery: effects hidden by an integrator of the tests' own are named, nothing is not, and reports keep their form.
+//! Diagnosis: effects hidden by an independent integrator are named, their absence is recognised, and reports
+//! keep their format.
 
-use crate::worlds::{self, Hidden, NOISES, Noise, SINGLES};
+use crate::worlds::{self, HiddenForce, NOISES, Noise, SINGLES};
 use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{Config, Finding, diagnose};
+use iplw::discover::{DiagnosisConfig, DiagnosisResult, diagnose};
 use iplw::experiment::EstimateConfig;
-use iplw::experiment::extension::{diagnosed, extended};
-use iplw::progress::Silent;
+use iplw::experiment::extension::{diagnose_trials, extend_simulation};
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard, trials_from_csv};
 use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, split};
 use iplw::trajectory::Trajectory;
 use iplw::world::effect::linear_drag;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Latents, Rollout, Simulator};
 
-fn look(hidden: &Hidden, noise: Noise, seed: u64) -> Finding {
+fn look(hidden: &HiddenForce, noise: Noise, seed: u64) -> DiagnosisResult {
     let trials = worlds::trials(hidden, noise, 10, 30, 8.0, seed);
-    diagnose(&worlds::scene(), &trials, &Config::standard(seed), &Silent).unwrap()
+    diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(seed), &NoProgress).unwrap()
 }
 
-fn holds(d: &Diagnosis, hidden: &Hidden) -> bool {
+fn holds(d: &Diagnosis, hidden: &HiddenForce) -> bool {
     let mut truth = hidden.names.clone();
     truth.sort_unstable();
     d.rivals.iter().any(|r| r.iter().map(String::as_str).eq(truth.iter().copied()))
 }
 
 #[test]
-fn nothing_is_found_in_noise_of_any_kind() {
+fn pure_noise_has_no_effect() {
     for (i, noise) in NOISES.into_iter().enumerate() {
-        let d = look(&worlds::nothing(), noise, 100 + i as u64).diagnosis;
+        let d = look(&worlds::no_effect(), noise, 100 + i as u64).diagnosis;
         assert_eq!(d.verdict, Verdict::None, "{noise:?}: {}", d.reason);
         assert!(d.effects.is_empty() && d.rivals.is_empty());
     }
 }
 
-/// Where every launch is the same and nothing errs, no size has to differ from launch to launch, and none is named for it.
+/// For identical trials without noise, no effect with between-trial variation is named.
 #[test]
-fn flights_without_noise_are_nothing() {
+fn noiseless_flights_have_no_effect() {
     let mut csv = String::from("trial,t,body,x,y\n");
     for (trial, i) in (0..6).flat_map(|trial| (0..30).map(move |i| (trial, i))) {
         let t = 0.02 * f64::from(i);
         csv += &format!("{trial},{t},ball,{},{}\n", 2.0 * t, 1.0 + 3.0 * t - 4.905 * t * t);
     }
     let trials = trials_from_csv(&csv, &worlds::scene()).unwrap();
-    let d = diagnose(&worlds::scene(), &trials, &Config::standard(0), &Silent).unwrap().diagnosis;
+    let d =
+        diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(0), &NoProgress).unwrap().diagnosis;
     assert_eq!(d.verdict, Verdict::None, "{:?} {}", d.rivals, d.reason);
 }
 
-/// What happens at a floor is told from what happens above it: a rebound that falls with the speed of impact, slip that
-/// turns round, a resistance to rolling; and a floor alone is nothing.
+/// Contact effects are distinguished from flight effects: speed-dependent restitution, tangential restitution,
+/// rolling resistance; a plain floor has none.
 #[test]
-fn hidden_laws_of_contact_are_named() {
+fn names_hidden_contact_effects() {
     for (kind, seed) in [(0, 1), (1, 1), (2, 1), (3, 1), (4, 1)] {
         let (truth, trials) = worlds::contact(kind, Noise::White, 12, 60, seed);
-        let d = diagnose(&worlds::floor(), &trials, &Config::standard(seed), &Silent).unwrap().diagnosis;
+        let d = diagnose(&worlds::floor(), &trials, &DiagnosisConfig::standard(seed), &NoProgress)
+            .unwrap()
+            .diagnosis;
         match truth[..] {
             [] => assert_eq!(d.verdict, Verdict::None, "{}", d.reason),
             [name] => {
                 assert!(d.rivals.iter().any(|r| r[..] == [name]), "{name}: {:?}, {}", d.rivals, d.reason)
             }
-            _ => unreachable!("one law at most is hidden"),
+            _ => unreachable!("at most one effect is hidden"),
         }
     }
 }
 
-/// Root-mean-square distance from a hidden world's paths, m, of a scene's rollouts from the starts of launches that nobody fitted.
-fn misses(scene: &Scene, hidden: &Hidden, engine: Engine) -> f64 {
+/// Root-mean-square distance, m, between a hidden world's paths and a scene's rollouts, for initial states that
+/// were not fitted.
+fn misses(scene: &Scene, hidden: &HiddenForce, engine: Engine) -> f64 {
     let starts: Vec<_> = worlds::launches(30, 987).into_iter().map(|(start, _)| (start, 0.9)).collect();
     let seen = worlds::thrown(hidden, Noise::White, &starts, 31, 0.0, 0);
     let thrown = |([x, y, vx, vy], _): &([f64; 4], f64)| {
@@ -75,8 +80,8 @@ fn misses(scene: &Scene, hidden: &Hidden, engine: Engine) -> f64 {
         scene
     };
     let scenes: Vec<Scene> = starts.iter().map(thrown).collect();
-    let rollout = |scene| Rollout { stop: false, ..Rollout::of(scene) };
-    let paths = simulate(&scenes.iter().map(rollout).collect::<Vec<_>>(), engine).unwrap();
+    let rollout = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
+    let paths = Simulator::new(engine).run(&scenes.iter().map(rollout).collect::<Vec<_>>()).unwrap();
     let off = |(path, seen): (&Trajectory, &Trial)| -> Vec<f64> {
         let ([path], [seen]) = (&path.bodies[..], &seen.observed.bodies[..]) else {
             unreachable!("one ball")
@@ -88,23 +93,22 @@ fn misses(scene: &Scene, hidden: &Hidden, engine: Engine) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// A swirl is in no library; a push that no set explains is said to be unknown, and described as the field that it is: a scene
-/// like any other, whose rollouts meet launches that nobody fitted by a quarter of what the scene without it misses them by, in
-/// both engines.
+/// A vortex is not in the library: the verdict is unknown, and the reported force field reduces the rollout
+/// error on new trials to a quarter in both engines.
 #[test]
-fn what_no_library_holds_is_unknown_and_rolls_out() {
+fn unknown_force_is_described_and_simulated() {
     let hidden = worlds::outside(2, 5);
     let trials = worlds::trials(&hidden, Noise::White, 14, 40, 15.0, 5);
-    let found = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap();
+    let found = diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(5), &NoProgress).unwrap();
     let setup = EstimateConfig::fast(iplw::task::family("basketball").unwrap().prior);
-    let taught = extended(&found, &trials, &setup, Latents::default(), &Silent).unwrap();
+    let taught = extend_simulation(&found, &trials, &setup, Latents::default(), &NoProgress).unwrap();
     let d = found.diagnosis;
     assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
-    let left = d.field.as_ref().expect("a field of what is left");
+    let left = d.field.as_ref().expect("a residual field");
     assert!(left.rows.iter().any(|r| r[2].hypot(r[3]) > 3.0 * r[4].hypot(r[5])), "{left:?}");
-    let law = d.residual_law.expect("a law for what is left");
+    let law = d.residual_law.expect("a residual law");
     assert!(law.formula.contains("place_push") && d.reason.contains(&law.formula), "{}", d.reason);
-    // Without a name, and all the same worth having: on other trials, and as a world that rolls out.
+    // Although unnamed, the law improves held-out predictions and rollouts.
     let without = d.gain.held_out.map_or(law.held_out.base_rmse, |g| g.extended_rmse);
     assert!(law.offered && law.held_out.extended_rmse < 0.6 * without, "{law:?}");
     assert_eq!(taught.excess_removed, law.held_out.excess_removed);
@@ -118,52 +122,53 @@ fn what_no_library_holds_is_unknown_and_rolls_out() {
     }
     for engine in [Engine::Lanes, Engine::Rapier] {
         let [base, with] = [&worlds::scene(), &scene].map(|s| misses(s, &hidden, engine));
-        assert!(with < 0.3 * base, "{engine:?}: {with} m, {base} m without");
+        assert!(with < 0.3 * base, "{engine:?}: {with} m with, {base} m without");
     }
 }
 
-/// Of few launches through a ring that pushes a formula says as much as any field, and rollouts meet new launches better with it.
+/// For few trials through an annular force, a formula predicts as well as a field, and improves rollouts on new
+/// trials.
 #[test]
-fn a_formula_stands_for_what_no_field_tells_better() {
+fn prefers_a_formula_to_an_equal_field() {
     let hidden = worlds::outside(4, 6);
     let trials = worlds::trials(&hidden, Noise::White, 14, 40, 15.0, 6);
-    let found = diagnose(&worlds::scene(), &trials, &Config::standard(1), &Silent).unwrap();
-    let law = found.diagnosis.residual_law.expect("a law for what is left");
+    let found = diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(1), &NoProgress).unwrap();
+    let law = found.diagnosis.residual_law.expect("a residual law");
     assert!(law.offered && law.formula.starts_with("ax ="), "{law:?}");
     let [base, with] = [&worlds::scene(), &found.extended].map(|s| misses(s, &hidden, Engine::Auto));
     assert!(with < 0.7 * base, "{with} m, {base} m without");
 }
 
-/// A diagnosis of random actions in a task's hidden world, seen whole at the paper's rate.
+/// Diagnosis of random actions in a task's hidden world, with full state at the paper's rate.
 fn task(family: &str, effects: Vec<EffectTerm>, engine: Engine, seed: u64) -> Diagnosis {
     let family = iplw::task::family(family).unwrap();
     tried(family, HiddenConfig { effects, engine, ..standard(family) }, 16, seed)
 }
 
-/// A diagnosis of so many random actions in a task's hidden world.
+/// Diagnosis of `count` random actions in a task's hidden world.
 fn tried(family: &'static Family, hidden: HiddenConfig, count: usize, seed: u64) -> Diagnosis {
     let mut world = HiddenWorld::new(hidden).unwrap();
     let tasks = split(&family.fold(0), Split::Train);
-    let trials = iplw::experiment::random_trials(&tasks, &mut world, count, seed, &Silent).unwrap();
+    let trials = iplw::experiment::random_trials(&tasks, &mut world, count, seed, &NoProgress).unwrap();
     let (scene, trials) = settled(&tasks[0].scene, trials).unwrap();
-    diagnose(&scene, &trials, &Config::standard(seed), &Silent).unwrap().diagnosis
+    diagnose(&scene, &trials, &DiagnosisConfig::standard(seed), &NoProgress).unwrap().diagnosis
 }
 
-/// Latents far from their start are found with the effect, and to the last digits: nothing errs in what is seen.
+/// Noise-free latents far from their initial values are recovered together with the effect.
 #[test]
-fn what_a_task_hides_is_named_and_its_latents_found() {
+fn names_effects_and_latents_of_tasks() {
     let right = |d: &Diagnosis| {
         let of = |name: &str| d.calibrated.iter().find(|c| c.name == name).unwrap().value;
         assert!((of("friction") - 0.2).abs() < 2e-3, "friction {}", of("friction"));
         assert!((of("restitution") - 0.7).abs() < 2e-3, "restitution {}", of("restitution"));
     };
-    // What rounding leaves has the same sign in trial after trial, and is nothing.
+    // Rounding errors have the same sign in all trials and must not count as an effect.
     for seed in [1, 101] {
         let d = task("basketball", Vec::new(), Engine::Auto, seed);
         assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
         right(&d);
     }
-    // The patch's drag is no round number, which a search might meet by chance.
+    // The patch's drag is not a round number that a search could hit by chance.
     let patch: &[(&str, f64)] =
         &[("c", 2.271), ("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0)];
     for (name, parameters) in [
@@ -182,10 +187,11 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
     }
 }
 
-/// Positions alone, a quarter of a second apart and 5 mm off: what the beginnings say, which start where they were set, is told up
-/// to where nobody could foresee them. (Told over three observations, drag was a moving air, or drag and a lesser restitution.)
+/// Positions alone, a quarter of a second apart with 5 mm noise: segments from known initial states are used up
+/// to the predictability horizon. (With three observations only, drag was confused with moving air, or with
+/// less restitution.)
 #[test]
-fn what_few_trials_show_without_velocities_is_named() {
+fn names_drag_from_few_positions() {
     let family = iplw::task::family("bowling").unwrap();
     let parameters = [("c".to_string(), 0.223)].into();
     let effects = vec![EffectTerm { name: "linear_drag".into(), parameters }];
@@ -197,10 +203,10 @@ fn what_few_trials_show_without_velocities_is_named() {
     assert!((restitution - f64::sqrt(0.2)).abs() < 0.01, "{restitution}");
 }
 
-/// States seen whole, of a world that steps in a way of its own: that its velocities are of another moment of a step than
-/// the simulation's is no gravity, and hides no wind.
+/// Full states of a world with another integration scheme: its velocity offset is neither gravity nor hides a
+/// wind.
 #[test]
-fn another_engines_steps_are_no_effect() {
+fn integration_scheme_is_not_an_effect() {
     let mut scene = worlds::scene();
     (scene.bodies[0].position, scene.steps, scene.observe_every) = (Some([0.0, 20.0]), 480, 60);
     scene.time_step = 1.0 / 240.0;
@@ -208,12 +214,12 @@ fn another_engines_steps_are_no_effect() {
         let throw = |i: u32| {
             let mut scene = scene.clone();
             scene.bodies[0].velocity = [f64::from(i % 4) - 2.0, 0.5 * f64::from(i)];
-            let rollout = Rollout { effects, stop: false, ..Rollout::of(&scene) };
-            let observed = simulate(&[rollout], Engine::Rapier).unwrap().remove(0);
+            let rollout = Rollout { effects, stop_at_goal: false, ..Rollout::of(&scene) };
+            let observed = Simulator::new(Engine::Rapier).run(&[rollout]).unwrap().remove(0);
             Trial { name: i.to_string(), setting: None, scene, observed }
         };
         let mut trials: Vec<Trial> = (0..12).map(throw).collect();
-        // One of which nothing is known is no reason to refuse the others.
+        // A trial without observations does not invalidate the others.
         let mut unseen = throw(12);
         unseen.scene.bodies[0].position = None;
         unseen.observed.bodies[0].x.fill(f64::NAN);
@@ -221,7 +227,7 @@ fn another_engines_steps_are_no_effect() {
         trials
     };
     let look = |effects: &[EffectTerm]| {
-        diagnose(&scene, &thrown(effects), &Config::standard(1), &Silent).unwrap().diagnosis
+        diagnose(&scene, &thrown(effects), &DiagnosisConfig::standard(1), &NoProgress).unwrap().diagnosis
     };
     let nothing = look(&[]);
     assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
@@ -232,9 +238,9 @@ fn another_engines_steps_are_no_effect() {
     assert!((of(0) - 0.5).abs() < 0.02 && of(1).abs() < 0.02, "{:?}", windy.effects);
 }
 
-/// Where another engine plays nature its bounces are not quite ours, by centimetres; that is no effect, and hides none.
+/// Bounces of another engine differ by centimetres; that is not an effect and hides none.
 #[test]
-fn another_engines_bounces_are_no_effect() {
+fn contact_solver_is_not_an_effect() {
     let nothing = task("basketball", Vec::new(), Engine::Rapier, 1);
     assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
     let term = EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), 0.223)].into() };
@@ -246,15 +252,15 @@ fn another_engines_bounces_are_no_effect() {
     assert!((restitution - 0.7).abs() < 0.03, "{restitution}");
 }
 
-/// Every hidden effect is noticed, and what is named with confidence is what was hidden.
+/// Every hidden effect is detected, and a named effect is the hidden one.
 #[test]
-fn hidden_effects_are_noticed_and_never_misnamed() {
+fn detects_hidden_effects_without_misnaming() {
     let mut named = 0;
     for kind in 0..SINGLES {
         let hidden = worlds::single(kind, 7);
         let d = look(&hidden, NOISES[kind % 4], 200 + kind as u64).diagnosis;
         let sets = &d.rivals;
-        assert_ne!(d.verdict, Verdict::None, "{:?} was not noticed", hidden.names);
+        assert_ne!(d.verdict, Verdict::None, "{:?} was not detected", hidden.names);
         if d.verdict == Verdict::Named {
             assert!(holds(&d, &hidden), "{:?} was named {sets:?}", hidden.names);
             named += 1;
@@ -263,9 +269,9 @@ fn hidden_effects_are_noticed_and_never_misnamed() {
     assert!(named >= SINGLES / 2, "only {named} of {SINGLES} were named");
 }
 
-/// Moving air imitates a drag with a wind: the pair is tried whatever else looks better at first.
+/// Moving air resembles drag with wind: the pair is tried although other models look better at first.
 #[test]
-fn two_effects_at_once_are_in_the_reported_set() {
+fn reports_pairs_of_effects() {
     for (kind, seed) in [(0, 31), (1, 32), (3, 33)] {
         let hidden = worlds::double(kind, seed);
         let d = look(&hidden, Noise::White, seed).diagnosis;
@@ -273,27 +279,27 @@ fn two_effects_at_once_are_in_the_reported_set() {
     }
 }
 
-/// Faint drag could be of either law; the advised launch tells which.
+/// Faint drag fits both laws; the recommended experiment discriminates them.
 #[test]
-fn an_advised_launch_parts_the_laws_of_drag() {
+fn recommended_experiment_discriminates_drag_laws() {
     let (hidden, seed) = (worlds::single(1, 3), 5);
     let trials = worlds::trials(&hidden, Noise::White, 10, 30, 3.5, seed);
     let scene = worlds::scene();
-    let d = diagnose(&scene, &trials, &Config::standard(1), &Silent).unwrap().diagnosis;
+    let d = diagnose(&scene, &trials, &DiagnosisConfig::standard(1), &NoProgress).unwrap().diagnosis;
     assert_eq!(d.verdict, Verdict::Ambiguous, "{:?}", d.rivals);
     let next = d.next_experiment.expect("rivals tie");
-    let advised = next.scene.expect("a launch is advised").bodies[0].clone();
-    let [x, y] = advised.position.expect("it says from where");
+    let advised = next.scene.expect("an experiment is recommended").bodies[0].clone();
+    let [x, y] = advised.position.expect("it has a position");
     let start = [x, y, advised.velocity[0], advised.velocity[1]];
-    let sd = worlds::deviation(&hidden, 10, 30, 3.5, seed);
+    let sd = worlds::noise_sd(&hidden, 10, 30, 3.5, seed);
     let more = worlds::thrown(&hidden, Noise::White, &[(start, 1.0); 6], 30, sd, 77);
     let all: Vec<_> = trials.into_iter().chain(more).collect();
-    let d = diagnose(&scene, &all, &Config::standard(1), &Silent).unwrap().diagnosis;
+    let d = diagnose(&scene, &all, &DiagnosisConfig::standard(1), &NoProgress).unwrap().diagnosis;
     assert_eq!((d.verdict, d.rivals), (Verdict::Named, vec![vec!["quadratic_drag".to_string()]]));
 }
 
-/// Every launch has the sizes of the reported model, and stands somewhere in what the others predict of it.
-fn each_launch_is_told(json: &serde_json::Value) {
+/// Every trial has estimates of the reported model and a predictive check.
+fn check_per_trial_entries(json: &serde_json::Value) {
     let list = |v: &serde_json::Value| v.as_array().unwrap().clone();
     let (launches, predicted) = (list(&json["launches"]), list(&json["predictive"]["launches"]));
     assert_eq!((launches.len(), predicted.len()), (10, 10));
@@ -321,7 +327,7 @@ fn each_launch_is_told(json: &serde_json::Value) {
 }
 
 #[test]
-fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
+fn report_has_its_fields_and_extended_scene_simulates() {
     let hidden = worlds::single(1, 3);
     let found = look(&hidden, Noise::White, 5);
     let json = serde_json::to_value(&found.diagnosis).unwrap();
@@ -344,19 +350,19 @@ fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
         assert!(json.get(field).is_some(), "{field} is missing");
     }
     assert_eq!(json["format"], "iplw.diagnosis/1");
-    each_launch_is_told(&json);
+    check_per_trial_entries(&json);
     let excess = found.diagnosis.gain.held_out.as_ref().unwrap().excess_removed.unwrap();
     assert!(excess > 0.9, "{excess}");
     found.extended.validate().unwrap();
     let rollout = Rollout::of(&found.extended);
-    let path = simulate(&[rollout], Engine::Auto).unwrap();
+    let path = Simulator::new(Engine::Auto).run(&[rollout]).unwrap();
     assert!(path[0].times.len() > 1);
     assert!(!found.extended.effects.is_empty());
     assert!(!found.evidence.points.is_empty());
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
+fn is_deterministic_across_threads() {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let found = pool.install(|| look(&worlds::single(2, 4), Noise::Correlated, 9));
@@ -366,24 +372,31 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
-fn too_little_is_said_to_be_too_little() {
+fn reports_insufficient_data() {
     let hidden = worlds::single(2, 4);
     let few = worlds::trials(&hidden, Noise::White, 3, 40, 8.0, 1);
     let short = worlds::trials(&hidden, Noise::White, 10, 5, 8.0, 1);
     for trials in [few, short] {
-        let d = diagnose(&worlds::scene(), &trials, &Config::standard(0), &Silent).unwrap().diagnosis;
+        let d = diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(0), &NoProgress)
+            .unwrap()
+            .diagnosis;
         assert_eq!(d.verdict, Verdict::InsufficientData);
         assert!(!d.reason.is_empty());
     }
 }
 
-/// A simulation is extended by what was found, not once more by what its scene already holds.
+/// A simulation is extended by the selected effects, without duplicating those of its scene.
 #[test]
-fn a_scene_is_not_extended_by_its_own_effects() {
+fn extension_excludes_existing_effects() {
     let mut trials = worlds::trials(&worlds::single(2, 4), Noise::White, 3, 40, 8.0, 1);
     trials.iter_mut().for_each(|t| t.scene.effects.push(linear_drag(0.1)));
     let setup = EstimateConfig::fast(iplw::task::family("basketball").unwrap().prior);
-    let (_, found) = diagnosed(&trials, &setup, &Silent).unwrap();
+    let (_, found) = diagnose_trials(&trials, &setup, &NoProgress).unwrap();
     assert_eq!(found.extended.effects, [linear_drag(0.1)]);
-    assert!(extended(&found, &trials, &setup, Latents::default(), &Silent).unwrap().effects.is_empty());
+    assert!(
+        extend_simulation(&found, &trials, &setup, Latents::default(), &NoProgress)
+            .unwrap()
+            .effects
+            .is_empty()
+    );
 }

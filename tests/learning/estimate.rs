@@ -1,13 +1,13 @@
-//! Estimation: planted latents are recovered, what cannot be known is said to be so, racing changes nothing,
-//! and a seed gives the same bits on any number of threads.
+//! Estimation: hidden latents are recovered, unidentifiable ones are reported, racing is exact, and results are
+//! deterministic across threads.
 
 use iplw::error::{Error, Result};
-use iplw::estimate::fitness::{Racing, Simulation, losses};
+use iplw::estimate::loss::{Racing, Simulation, trial_losses};
 use iplw::experiment::{
-    Answer, EstimateConfig, EstimateReport, Memory, ResidualKind, Round, Sense, Stopped, Workflow, estimate,
-    random_trials, refit, run as run_workflow,
+    EstimateConfig, EstimateReport, Memory, OrderConstraint, ProposalResult, ResidualKind, Round, StopReason,
+    Workflow, estimate, random_trials, refit, run as run_workflow,
 };
-use iplw::progress::{Progress, Silent};
+use iplw::progress::{NoProgress, Progress};
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard, trials_from_csv, trials_to_csv};
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, Task, family, split};
@@ -25,16 +25,16 @@ fn hidden(name: &str, latents: [f64; 3], damped: bool) -> HiddenConfig {
 
 fn run(name: &str, world: HiddenConfig, config: EstimateConfig) -> EstimateReport {
     let mut world = HiddenWorld::new(world).unwrap();
-    estimate(&training(name), &mut world, &config, &Silent).unwrap().0
+    estimate(&training(name), &mut world, &config, &NoProgress).unwrap().0
 }
 
 fn fast(name: &str) -> EstimateConfig {
     EstimateConfig::fast(family(name).unwrap().prior)
 }
 
-/// Restitution planted in basketball, the model otherwise right: found to 2 % of its range.
+/// Restitution hidden in basketball, with an otherwise correct model, is recovered to 2 % of its range.
 #[test]
-fn restitution_is_recovered_in_basketball() {
+fn recovers_restitution_in_basketball() {
     for (truth, seed) in [(0.45, 1), (0.85, 2)] {
         let report = run(
             "basketball",
@@ -47,10 +47,10 @@ fn restitution_is_recovered_in_basketball() {
     }
 }
 
-/// Both coefficients planted in bowling, the model otherwise right. Chaos after collisions makes the residual
-/// rough, so the tolerance is 10 % of the prior's width.
+/// Both coefficients hidden in bowling, with an otherwise correct model. Chaos after collisions makes the
+/// residual rough, so the tolerance is 10 % of the prior's width.
 #[test]
-fn bowling_recovers_both_coefficients_and_admits_density() {
+fn recovers_bowling_coefficients_and_reports_unidentifiable_density() {
     let truth = [0.25, 0.5, 0.6];
     let report =
         run("bowling", hidden("bowling", truth, false), EstimateConfig { seed: 3, ..fast("bowling") });
@@ -68,19 +68,20 @@ fn bowling_recovers_both_coefficients_and_admits_density() {
 }
 
 #[test]
-fn racing_changes_no_elite() {
+fn racing_preserves_elites() {
     for (name, seed) in [("basketball", 5), ("bowling", 6)] {
         let mut world = HiddenWorld::new(hidden(name, [0.5, 0.4, 0.6], true)).unwrap();
         let count = if name == "bowling" { 14 } else { 24 };
-        let trials = random_trials(&training(name), &mut world, count, seed, &Silent).unwrap();
+        let trials = random_trials(&training(name), &mut world, count, seed, &NoProgress).unwrap();
         let mut stream = iplw::rng::stream(seed, "cem");
         let cem =
             iplw::estimate::Cem::new(iplw::estimate::CemConfig::fast(family(name).unwrap().prior)).unwrap();
         let samples = cem.ask(&mut stream);
-        let coordinates = iplw::world::Coordinates::new(&[]);
+        let coordinates = iplw::world::ParameterSpace::new(&[]);
         let simulation = Simulation { engine: Engine::Auto, effects: &[], coordinates: &coordinates };
-        let slow = losses(&samples, &trials, simulation, Racing::Off, &Silent).unwrap();
-        let raced = losses(&samples, &trials, simulation, Racing::On { elites: 12 }, &Silent).unwrap();
+        let slow = trial_losses(&samples, &trials, simulation, Racing::Off, &NoProgress).unwrap();
+        let raced =
+            trial_losses(&samples, &trials, simulation, Racing::On { elites: 12 }, &NoProgress).unwrap();
         let best = |values: &[f64]| {
             let mut order: Vec<usize> = (0..values.len()).collect();
             order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
@@ -93,7 +94,7 @@ fn racing_changes_no_elite() {
 }
 
 #[test]
-fn a_seed_gives_the_same_bits_on_any_number_of_threads() {
+fn is_deterministic_across_threads() {
     let small = EstimateConfig { rounds: 2, actions: 5, candidates: 40, ..fast("basketball") };
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -108,9 +109,9 @@ fn a_seed_gives_the_same_bits_on_any_number_of_threads() {
     assert_ne!(on(1).estimates, other.estimates, "the seed matters");
 }
 
-/// Rounds go through JSON, as a store keeps them; whatever round it is resumed from, the end is the same bits.
+/// Rounds pass through JSON, as in a store; a workflow resumed from any round ends bit-identically.
 #[test]
-fn a_workflow_resumed_from_any_round_ends_the_same() {
+fn resumed_workflow_is_bit_identical() {
     let config = EstimateConfig { rounds: 4, actions: 5, candidates: 40, settled: 0.0, ..fast("basketball") };
     let tasks = training("basketball");
     let world = || HiddenConfig { noise: 0.01, ..hidden("basketball", [1.0, 0.2, 0.7], true) };
@@ -122,62 +123,66 @@ fn a_workflow_resumed_from_any_round_ends_the_same() {
         let rounds: Vec<Round> = serde_json::from_str(&text).unwrap();
         let mut workflow = Workflow::new(&tasks, &config, None).unwrap().resume(rounds).unwrap();
         let mut kept = Vec::new();
-        run_workflow(&mut workflow, &mut reality, &Silent, &mut |r| {
+        run_workflow(&mut workflow, &mut reality, &NoProgress, &mut |r| {
             kept.push(r.clone());
             Ok(())
         })
         .unwrap();
-        (workflow.report(&Silent).unwrap(), workflow.rounds().to_vec(), kept.len())
+        (workflow.report(&NoProgress).unwrap(), workflow.rounds().to_vec(), kept.len())
     };
     let (report, rounds, kept) = through(Vec::new());
     assert_eq!(kept, 4);
     for n in 1..=4 {
         let (again, all, kept) = through(rounds[..n].to_vec());
-        // As text, since what a camera does not see is NaN, which equals nothing.
+        // Compared as text: unobserved values are NaN.
         let text = serde_json::to_string(&rounds).unwrap();
         assert_eq!((&again, kept), (&report, 4 - n), "resumed after round {n}");
         assert!(serde_json::to_string(&all).unwrap() == text, "resumed after round {n}");
     }
 }
 
-/// Answers may come in any order, twice, or not at all; ones nobody asked for are refused and change nothing.
+/// Answers may arrive in any order, repeated or not at all; unrequested ones are rejected without change.
 #[test]
-fn a_workflow_takes_answers_as_they_come() {
+fn accepts_answers_in_any_order() {
     let config = EstimateConfig { rounds: 2, actions: 4, candidates: 40, ..fast("basketball") };
     let tasks = training("basketball");
     let mut reality = HiddenWorld::new(hidden("basketball", [1.0, 0.2, 0.7], true)).unwrap();
     let start = || Workflow::new(&tasks, &config, None).unwrap();
     let mut workflow = start();
-    assert!(matches!(workflow.tell(&[], &Silent), Err(Error::Refused { .. })), "nothing was asked yet");
-    let proposals = workflow.propose(None, &Silent).unwrap().unwrap();
-    assert_eq!(workflow.propose(None, &Silent).unwrap().unwrap(), proposals, "asking twice is the same");
-    let mut answers: Vec<Answer> = proposals
+    assert!(matches!(workflow.tell(&[], &NoProgress), Err(Error::Refused { .. })), "nothing was asked yet");
+    let proposals = workflow.propose(None, &NoProgress).unwrap().unwrap();
+    assert_eq!(
+        workflow.propose(None, &NoProgress).unwrap().unwrap(),
+        proposals,
+        "proposing twice gives the same"
+    );
+    let mut answers: Vec<ProposalResult> = proposals
         .iter()
         .map(|p| {
             let task = workflow.task(&p.task).unwrap();
             let attempt = reality.measure(task, &[p.action_on(task).unwrap()]).unwrap().remove(0);
-            Answer { number: p.number, observed: attempt.trajectory.unwrap() }
+            ProposalResult { number: p.number, observed: attempt.trajectory.unwrap() }
         })
         .collect();
-    let stray = [Answer { number: 99, ..answers[0].clone() }];
-    assert!(workflow.tell(&stray, &Silent).unwrap_err().to_string().contains("0 to 3"));
+    let stray = [ProposalResult { number: 99, ..answers[0].clone() }];
+    assert!(workflow.tell(&stray, &NoProgress).unwrap_err().to_string().contains("0 to 3"));
     assert!(workflow.rounds().is_empty());
-    let straight = workflow.tell(&answers, &Silent).unwrap().clone();
+    let straight = workflow.tell(&answers, &NoProgress).unwrap().clone();
     answers.reverse();
     answers.push(answers[0].clone());
     let mut shuffled = start();
-    shuffled.propose(None, &Silent).unwrap();
-    assert_eq!(*shuffled.tell(&answers, &Silent).unwrap(), straight);
+    shuffled.propose(None, &NoProgress).unwrap();
+    assert_eq!(*shuffled.tell(&answers, &NoProgress).unwrap(), straight);
     let mut partial = start();
-    partial.propose(None, &Silent).unwrap();
-    assert_eq!(partial.tell(&answers[..2], &Silent).unwrap().answers.len(), 2);
-    partial.propose(None, &Silent).unwrap();
-    partial.tell(&[], &Silent).unwrap();
-    assert_eq!((partial.ended(), partial.trials().len()), (Some(Stopped::Rounds), 2));
+    partial.propose(None, &NoProgress).unwrap();
+    assert_eq!(partial.tell(&answers[..2], &NoProgress).unwrap().answers.len(), 2);
+    partial.propose(None, &NoProgress).unwrap();
+    partial.tell(&[], &NoProgress).unwrap();
+    assert_eq!((partial.ended(), partial.trials().len()), (Some(StopReason::Rounds), 2));
 }
 
 #[test]
-fn the_budget_is_kept_and_said() {
+fn respects_and_reports_budget() {
     let world = HiddenConfig { budget: Some(7), ..hidden("basketball", [1.0, 0.2, 0.7], true) };
     let config = EstimateConfig {
         rounds: 4,
@@ -187,11 +192,11 @@ fn the_budget_is_kept_and_said() {
         ..fast("basketball")
     };
     let report = run("basketball", world, config);
-    assert_eq!((report.real_interactions, report.stopped), (7, Stopped::Budget));
+    assert_eq!((report.real_interactions, report.stopped), (7, StopReason::Budget));
 }
 
 #[test]
-fn a_spent_budget_refuses_and_counts_nothing() {
+fn exhausted_budget_rejects_without_counting() {
     let tasks = training("basketball");
     let mut world =
         HiddenWorld::new(HiddenConfig { budget: Some(1), ..hidden("basketball", [1.0, 0.2, 0.7], true) })
@@ -202,16 +207,16 @@ fn a_spent_budget_refuses_and_counts_nothing() {
 }
 
 #[test]
-fn noise_is_seeded_and_of_the_stated_size() {
+fn noise_is_seeded_and_has_its_sd() {
     let tasks = training("basketball");
     let observe = |noise, seed| {
         let mut world =
             HiddenWorld::new(HiddenConfig { noise, seed, ..hidden("basketball", [1.0, 0.2, 0.7], true) })
                 .unwrap();
-        random_trials(&tasks, &mut world, 30, 4, &Silent).unwrap()
+        random_trials(&tasks, &mut world, 30, 4, &NoProgress).unwrap()
     };
     let (clean, noisy) = (observe(0.0, 1), observe(0.05, 1));
-    // As text, since what a camera does not see is NaN, which equals nothing.
+    // Compared as text: unobserved values are NaN.
     let text = |trials: &[iplw::reality::Trial]| format!("{trials:?}");
     assert!(text(&noisy) == text(&observe(0.05, 1)));
     assert!(text(&noisy) != text(&observe(0.05, 2)));
@@ -226,9 +231,9 @@ fn noise_is_seeded_and_of_the_stated_size() {
     assert!((0.04..0.06).contains(&sd), "{sd} from {} differences", differences.len());
 }
 
-/// Cancellation comes through as such, from any stage.
+/// Cancellation is reported as such from any stage.
 #[test]
-fn cancelling_ends_the_work() {
+fn cancellation_is_reported() {
     struct After(std::sync::atomic::AtomicU64);
     impl Progress for After {
         fn report(&self, _: &str, _: u64, _: u64) -> Result<()> {
@@ -249,7 +254,7 @@ fn cancelling_ends_the_work() {
 }
 
 #[test]
-fn configurations_are_checked_by_name() {
+fn rejects_invalid_config_by_name() {
     let base = fast("bowling");
     let with = |change: fn(&mut EstimateConfig)| {
         let mut config = base.clone();
@@ -264,10 +269,12 @@ fn configurations_are_checked_by_name() {
     assert!(with(|c| c.cem.smoothing = f64::NAN).contains("smoothing"));
     assert!(with(|c| c.cem.limits = Some([[0.0, 1.0]; 3])).contains("limits[0][0]"));
     assert!(with(|c| c.cem.prior[1].1 = 0.0).contains("prior[1][1]"));
-    let along = |c: &mut EstimateConfig, name| c.cem.fit_along(EffectParameter::parse(name).unwrap());
-    let twice = with(|c| (0..2).for_each(|_| c.cem.fit_along(EffectParameter::parse("wind.ax").unwrap())));
+    let along =
+        |c: &mut EstimateConfig, name| c.cem.add_free_parameter(EffectParameter::parse(name).unwrap());
+    let twice =
+        with(|c| (0..2).for_each(|_| c.cem.add_free_parameter(EffectParameter::parse("wind.ax").unwrap())));
     assert!(twice.contains("cem.fit[1].parameter") && twice.contains("wind.ax"), "{twice}");
-    // A gust's period is told by nothing unless the gust blows.
+    // A gust's period is unidentifiable unless its amplitude is estimated.
     let mut still = base.clone();
     along(&mut still, "gust.period");
     let said = still.validate().unwrap_err().to_string();
@@ -276,7 +283,7 @@ fn configurations_are_checked_by_name() {
     still.validate().unwrap();
 }
 
-/// Every stretch starts from what was seen, so chance in collisions does not add up: ten trials of bowling are enough.
+/// Every segment starts from an observed state, so chaos does not accumulate: ten trials of bowling suffice.
 #[test]
 fn shooting_recovers_bowling_from_ten_trials() {
     let truth = [0.25, 0.5, 0.6];
@@ -289,12 +296,11 @@ fn shooting_recovers_bowling_from_ten_trials() {
     assert!(!report.latents[0].identifiable);
 }
 
-/// A camera's file: noisy positions, no angles to speak of, no velocities at all. Starts are fitted along.
-/// Any parameter of any effect is fitted along by naming it: planted in bowling beside both coefficients, what the
-/// simulation is given the effect for is found to a tenth of its prior's width, and leaves the latents right. A wind
-/// of two components is one effect.
+/// Any effect parameter can be estimated by name: hidden in bowling together with both coefficients, it is
+/// recovered to a tenth of its prior's width and leaves the latents unbiased. A wind with two components is one
+/// effect.
 #[test]
-fn effects_other_than_drag_are_fitted_along() {
+fn estimates_effect_parameters_by_name() {
     let planted: [&[(&str, f64)]; 3] = [
         &[("quadratic_drag.k", 0.03)],
         &[("wind.ax", -0.4), ("wind.ay", 0.2)],
@@ -306,9 +312,9 @@ fn effects_other_than_drag_are_fitted_along() {
         let fitted: Vec<EffectParameter> = values.iter().map(|(name, _)| parse(name)).collect();
         let mut config =
             EstimateConfig { seed, residual: ResidualKind::Shooting, rounds: 3, ..fast("bowling") };
-        fitted.iter().for_each(|p| config.cem.fit_along(*p));
+        fitted.iter().for_each(|p| config.cem.add_free_parameter(*p));
         let coordinates = config.cem.coordinates();
-        // Where the drag is not fitted it stands at 0 in the planted point, too.
+        // Drag that is not estimated is 0 in the hidden point, too.
         let of = |i: usize| values.iter().find(|(n, _)| *n == coordinates.name(i)).map_or(0.0, |(_, v)| *v);
         let at: Vec<f64> = (0..coordinates.len()).map(|i| truth.get(i).copied().unwrap_or(of(i))).collect();
         let effects = coordinates.effects(&at, &[]);
@@ -322,7 +328,7 @@ fn effects_other_than_drag_are_fitted_along() {
         let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
         assert_eq!(names, values.iter().map(|(n, _)| *n).collect::<Vec<_>>());
         for (found, (own, (_, truth))) in report.effects.iter().zip(fitted.iter().zip(values)) {
-            let (off, width) = ((found.value - truth).abs(), 4.0 * own.parameter().prior().1);
+            let (off, width) = ((found.value - truth).abs(), 4.0 * own.parameter().weak_prior().1);
             eprintln!("{}: {:.4} for {truth}, {:?}", found.name, found.value, found.ci95);
             assert!(found.identifiable && off < 0.1 * width, "{found:?} for {truth}");
         }
@@ -338,7 +344,7 @@ fn shooting_needs_no_velocities() {
     tasks.truncate(1);
     let truth = [1.0, 0.2, 0.7];
     let world = HiddenConfig { noise: 0.01, ..hidden("basketball", truth, false) };
-    let measured = random_trials(&tasks, &mut HiddenWorld::new(world).unwrap(), 25, 3, &Silent).unwrap();
+    let measured = random_trials(&tasks, &mut HiddenWorld::new(world).unwrap(), 25, 3, &NoProgress).unwrap();
     assert!(measured[0].observed.bodies[0].vx[1].is_nan(), "with noise, velocities are not seen");
     let read: Vec<_> = measured
         .iter()
@@ -352,14 +358,14 @@ fn shooting_needs_no_velocities() {
     assert!(read.iter().all(|t| t.observed.bodies[0].vx.iter().all(|v| v.is_nan())));
     let config =
         EstimateConfig { rounds: 1, residual: ResidualKind::Shooting, seed: 1, ..fast("basketball") };
-    let report = refit(&read, &config, &Silent).unwrap();
+    let report = refit(&read, &config, &NoProgress).unwrap();
     let found = &report.latents[2];
     assert!(found.identifiable && (found.value - truth[2]).abs() < 0.01, "{found:?}");
 }
 
-/// Racing over stretches is as exact as over trials, and nothing depends on the number of threads.
+/// Racing over segments is exact, and independent of the number of threads.
 #[test]
-fn shooting_races_exactly_and_repeats() {
+fn shooting_race_is_exact_and_deterministic() {
     let world = || HiddenConfig { noise: 0.01, ..hidden("basketball", [1.0, 0.2, 0.7], false) };
     let small = EstimateConfig {
         rounds: 2,
@@ -379,13 +385,13 @@ fn shooting_races_exactly_and_repeats() {
     assert_eq!(raced, on(3));
 }
 
-/// A ball that grips throughout says no more than that friction is high. What is sensed beforehand narrows that, and
-/// is never overruled.
+/// A ball that never slips only bounds friction from below. A sensed range narrows the estimate and is never
+/// violated.
 #[test]
-fn what_is_sensed_narrows_what_the_data_leave_open() {
+fn sensed_ranges_constrain_estimates() {
     let truth = [1.0, 0.9, 0.6];
     let with = |senses: &[&str], seed| {
-        let senses = senses.iter().map(|s| Sense::parse(s).unwrap()).collect();
+        let senses = senses.iter().map(|s| OrderConstraint::parse(s).unwrap()).collect();
         let config = EstimateConfig { rounds: 2, seed, senses, ..fast("basketball") };
         run("basketball", hidden("basketball", truth, false), config)
     };
@@ -393,7 +399,7 @@ fn what_is_sensed_narrows_what_the_data_leave_open() {
     for seed in 0..4 {
         let (open, sensed) = (with(&[], seed), with(&["friction>0.8", "friction<1.0"], seed));
         for estimate in &sensed.estimates {
-            assert!((0.8..=1.0).contains(&estimate[1]), "left the allowed side: {estimate:?}");
+            assert!((0.8..=1.0).contains(&estimate[1]), "left the sensed range: {estimate:?}");
         }
         for (sum, report) in off.iter_mut().zip([&sensed, &open]) {
             *sum += (report.latents[1].value - truth[1]).abs();
@@ -404,5 +410,5 @@ fn what_is_sensed_narrows_what_the_data_leave_open() {
     let wrong = with(&["restitution>0.7"], 1);
     assert!(wrong.estimates.iter().all(|e| e[2] >= 0.7), "{wrong:?}");
     let open = wrong.latents[2].ci95[0];
-    assert!(open.is_none_or(|low| low >= 0.7), "the interval left the allowed side");
+    assert!(open.is_none_or(|low| low >= 0.7), "the interval left the sensed range");
 }

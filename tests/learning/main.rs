@@ -1,7 +1,7 @@
-//! What is learned from trials: estimates, what the simulation lacks, files of trials.
+//! Learning from trials: estimation, diagnosis, posteriors and trial files.
 
 #[path = "../discover_worlds/mod.rs"]
-#[allow(dead_code, reason = "shared with others, which use the rest")]
+#[allow(dead_code, reason = "shared with other test programs that use the rest")]
 mod worlds;
 
 mod coverage;

@@ -1,4 +1,4 @@
-//! The worlds as recordings are: what their generator says of them holds.
+//! Synthetic recordings have the properties that their generator documents.
 
 use crate::worlds::camera;
 use crate::worlds::law::{Law, Motion};
@@ -27,10 +27,10 @@ fn recorded_worlds_repeat_by_seed() {
     }
 }
 
-/// Every kind of world is made, its effect changes paths by 5 to 20 deviations, and the means of launches' own lifts hide
-/// none.
+/// Every kind of world is generated; its effect shifts paths by 5 to 20 standard deviations and is not hidden
+/// by between-trial variation.
 #[test]
-fn recorded_effects_are_as_strong_as_is_said() {
+fn recorded_effects_have_documented_strength() {
     let kinds = recorded::kinds();
     for (i, kind) in kinds.iter().enumerate() {
         let world = recorded::world(i as u64, 11);
@@ -48,9 +48,9 @@ fn recorded_effects_are_as_strong_as_is_said() {
     }
 }
 
-/// Launches' own: sizes, lifts, turns.
+/// Between-trial variation of effect sizes, lifts and camera tilt.
 #[test]
-fn recorded_launches_vary_as_is_said() {
+fn recorded_trials_vary_as_documented() {
     let worlds: Vec<World> = (0..6).map(|seed| recorded::of_kind(Kind::Single(1), true, seed)).collect();
     let laws = || worlds.iter().flat_map(|w| &w.laws);
     let sizes = worlds.iter().flat_map(|w| {
@@ -68,13 +68,13 @@ fn recorded_launches_vary_as_is_said() {
     }
 }
 
-/// What a camera adds: correlated noise, 2 % outliers, 3 % missing.
+/// Camera errors: correlated noise, 2 % outliers, 3 % missing.
 #[test]
-fn recorded_points_err_as_is_said() {
+fn recorded_noise_is_as_documented() {
     let (mut all, mut missing, mut far) = (0.0, 0.0, 0.0);
     let (mut square, mut beside, mut pairs) = (0.0, 0.0, 0.0);
     for seed in 0..4 {
-        // A ball at rest on the floor would do: what rolls without anything hidden differs from its twin by the camera.
+        // Without a hidden effect a rolling ball differs from its clean twin only by the camera.
         let world = recorded::of_kind(Kind::Nothing(Motion::Rolls), true, seed);
         let off: Vec<f64> = points(&world).map(|(a, b)| (a - b) / world.noise).collect();
         all += off.len() as f64;
@@ -87,15 +87,15 @@ fn recorded_points_err_as_is_said() {
         }
     }
     assert!((missing / all - camera::MISSING).abs() < 0.01, "{}", missing / all);
-    // Of outliers in all directions half are that far off along x.
+    // Half of the outliers, whose direction is uniform, deviate that far along x.
     assert!((far / all - 0.5 * camera::OUTLIERS).abs() < 0.005, "{}", far / all);
     assert!((beside / square - camera::CORRELATION).abs() < 0.07, "{}", beside / square);
     assert!((square / pairs - 1.0f64).abs() < 0.1, "{}", square / pairs);
 }
 
-/// Linear drag has a path in closed form, of which nothing but the step's error and a micrometre is left.
+/// Linear drag has a closed-form path; only integration error and a micrometre of noise remain.
 #[test]
-fn a_clean_twin_flies_as_pen_and_paper_say() {
+fn clean_twin_follows_analytic_drag() {
     let world = recorded::of_kind(Kind::Single(0), false, 5);
     let c = world.sizes[0].value;
     let drag: crate::worlds::Force = std::sync::Arc::new(move |_, s| [-c * s[2], -c * s[3]]);
@@ -106,7 +106,7 @@ fn a_clean_twin_flies_as_pen_and_paper_say() {
         let exact = [v[0] * gone, 1.0 + (v[1] + 9.81 / c) * gone - 9.81 / c * t];
         assert!((0..2).all(|i| (seen[i] - exact[i]).abs() < 1e-9), "{seen:?} {exact:?}");
     }
-    // The twin's first flight is that of the same law from where it started.
+    // The clean twin's first flight follows the same law.
     let track = &world.clean[0].observed;
     let (x, t) = (&track.bodies[0].x, &track.times);
     let speed = (x[20] - x[0]) * c / -(-c * t[20]).exp_m1();
@@ -116,9 +116,9 @@ fn a_clean_twin_flies_as_pen_and_paper_say() {
     }
 }
 
-/// A bounce without friction keeps what it should, wherever in a step it falls.
+/// A frictionless bounce rebounds to the analytic height, wherever in a step it occurs.
 #[test]
-fn a_bounce_rebounds_as_pen_and_paper_say() {
+fn bounce_reaches_analytic_height() {
     let law = Law { slope: 0.02, ..Law::plain(0.8, 0.0) };
     let (drop, g): (f64, f64) = (1.0, 9.81);
     let (met, speed) = ((2.0 * drop / g).sqrt(), (2.0 * drop * g).sqrt());
@@ -129,9 +129,9 @@ fn a_bounce_rebounds_as_pen_and_paper_say() {
     assert!((seen[1][0] - times[1]).abs() < 1e-9);
 }
 
-/// Bounces that grow too small to follow end in rolling: v falls to 2/3 of what it was, by a full disc's inertia.
+/// Vanishing bounces end in rolling: v falls to 2/3 by the inertia of a full disc.
 #[test]
-fn a_ball_that_bounces_no_more_rolls_on() {
+fn bouncing_ends_in_rolling() {
     let law = Law::plain(0.3, 0.4);
     let seen = law.seen(Motion::Bounces, [0.0, 0.15, 1.0, 0.0, 0.0, 0.0], &[0.0, 1.5, 2.0]);
     assert!(seen[1..].iter().all(|p| (p[1] - 0.05).abs() < 1e-5), "{seen:?}");
@@ -140,9 +140,9 @@ fn a_ball_that_bounces_no_more_rolls_on() {
     assert!(((seen[1][2] - seen[2][2]) / 0.5 - speed / 0.05).abs() < 0.05, "{seen:?}");
 }
 
-/// Wilson's interval, against figures worked out by hand.
+/// Wilson's interval against values computed by hand.
 #[test]
-fn shares_have_wilsons_interval() {
+fn wilson_interval_matches_hand_computation() {
     let near = |right, all, expected: [f64; 2]| {
         let own = crate::worlds::study::wilson(right, all);
         assert!((0..2).all(|i| (own[i] - expected[i]).abs() < 1e-4), "{right} of {all}: {own:?}");

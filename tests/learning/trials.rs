@@ -1,4 +1,4 @@
-//! Recorded trials: what is read, what is refused and how clearly, and that files round-trip.
+//! Trial files: parsing, error messages and round trips.
 
 use iplw::reality::{trials_from_csv, trials_to_csv};
 use iplw::task::Scene;
@@ -20,7 +20,7 @@ const GOOD: &str = "trial,setting,t,body,x,y,angle\n\
     \"b, second\",slow,0.0,ball,5.0,1.5,\n";
 
 #[test]
-fn good_files_are_read() {
+fn reads_valid_files() {
     let trials = trials_from_csv(GOOD, &scene()).unwrap();
     assert_eq!(trials.len(), 2);
     let first = &trials[0];
@@ -33,25 +33,25 @@ fn good_files_are_read() {
     assert_eq!(trials[1].scene.bodies[0].mass, Some(1.0), "an unknown setting changes nothing");
 }
 
-/// A spin seen at the start was once read and not used: trials started without it.
+/// Regression test: an observed initial spin was read and not used.
 #[test]
-fn a_trial_starts_with_the_spin_that_was_seen() {
+fn initial_spin_is_the_observed_one() {
     let text = "trial,t,body,x,y,vx,vy,omega\na,0,ball,0,1,2,3,-4.5\na,0.1,ball,0.2,1.3,2,2,-4\n";
     let start = &trials_from_csv(text, &scene()).unwrap()[0].scene.bodies[0];
     assert_eq!((start.velocity, start.angular_velocity), ([2.0, 3.0], -4.5));
 }
 
 #[test]
-fn written_files_read_back_the_same() {
+fn csv_round_trips() {
     let scene = scene();
     let trials = trials_from_csv(GOOD, &scene).unwrap();
     let again = trials_from_csv(&trials_to_csv(&trials), &scene).unwrap();
     assert_eq!(format!("{trials:?}"), format!("{again:?}"));
 }
 
-/// A carriage return was once written without quotes, and ended the row for whoever read it.
+/// Regression test: a carriage return was written without quotes and ended the row.
 #[test]
-fn a_name_with_a_quote_a_comma_and_a_carriage_return_survives() {
+fn quotes_special_characters_in_names() {
     let scene = scene();
     let mut trials = trials_from_csv(GOOD, &scene).unwrap();
     trials[1].name = "the \"second\", begun\ranew".into();
@@ -60,20 +60,20 @@ fn a_name_with_a_quote_a_comma_and_a_carriage_return_survives() {
 }
 
 #[test]
-fn ordinary_files_have_no_quotes_and_every_digit() {
+fn writes_plain_names_unquoted_with_full_precision() {
     let text = "trial,t,body,x,y,angle\na,0,ball,0,1,\na,0,cup,3,3,0.5\na,0.1,ball,0.1234567890123456,,\na,0.1,cup,,,\n";
     assert_eq!(trials_to_csv(&trials_from_csv(text, &scene()).unwrap()), text);
 }
 
 #[test]
-fn windows_line_ends_and_byte_order_marks_are_taken() {
+fn accepts_crlf_and_byte_order_mark() {
     let text = format!("\u{feff}{}", GOOD.replace('\n', "\r\n"));
     assert_eq!(trials_from_csv(&text, &scene()).unwrap().len(), 2);
 }
 
-/// Each bad file with what the error must say.
+/// Each invalid file with a part of its error message.
 #[test]
-fn bad_files_are_refused_with_line_and_reason() {
+fn rejects_invalid_files_with_line_and_reason() {
     let cases = [
         ("", "empty file"),
         ("trial,t,body,x\na,0,ball,1\n", "\"y\""),
@@ -104,6 +104,6 @@ fn bad_files_are_refused_with_line_and_reason() {
 }
 
 #[test]
-fn a_complete_last_line_needs_no_newline() {
+fn accepts_missing_final_newline() {
     assert_eq!(trials_from_csv(GOOD.trim_end(), &scene()).unwrap().len(), 2);
 }

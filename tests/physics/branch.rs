@@ -1,15 +1,15 @@
-//! Interventions: nothing done changes no bit, what is done is what pen and paper say, in both engines.
+//! Interventions: neutral ones change no bit, and others match analytic solutions, in both engines.
 
 use iplw::error::Error;
 use iplw::task::{Intervention, Scene};
-use iplw::trajectory::{End, Track, Trajectory};
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::trajectory::{Termination, Track, Trajectory};
+use iplw::world::{Engine, Rollout, Simulator};
 use serde_json::{Value, json};
 
 const G: f64 = 9.8;
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
 
-/// Discs and boxes that fall on each other and on a floor; with effects of motion, contact and sensor.
+/// Discs and boxes that fall on each other and on a floor; with effects of motion, contact and sensors.
 fn busy(polygons: bool, effects: bool) -> Scene {
     let disc = |r: f64| json!({"type": "disc", "radius": r});
     let second =
@@ -34,7 +34,7 @@ fn busy(polygons: bool, effects: bool) -> Scene {
             {"name": "step", "shape": {"type": "box", "half_width": 1, "half_height": 0.2}, "position": [2, 0.2]}]}))
 }
 
-/// Changes that come to nothing: of nothing, to what is so already, of what is far away, after which everything is as it was.
+/// Interventions without consequences: of size zero, or to the current values.
 fn nothing(scene: &Scene, plain: &Trajectory) -> Vec<Intervention> {
     let latents = scene.bodies[0].restitution;
     let ball = &plain.bodies[0];
@@ -51,23 +51,24 @@ fn nothing(scene: &Scene, plain: &Trajectory) -> Vec<Intervention> {
 }
 
 #[test]
-fn a_branch_without_a_change_is_the_rollout_to_the_bit() {
+fn neutral_interventions_keep_all_bits() {
     for (polygons, effects) in [(false, false), (true, false), (false, true), (true, true)] {
         let scene = busy(polygons, effects);
         for engine in ENGINES {
-            let plain = roll(&scene, engine);
+            let plain = run(&scene, engine);
             let mut list = nothing(&scene, &plain);
             if effects {
-                // What the sensors show is not where things are.
+                // Measured positions are not the true ones.
                 list.retain(|own| !matches!(own, Intervention::Set { .. }));
             }
-            let branch = roll(&with(&scene, list), engine);
+            let branch = run(&with(&scene, list), engine);
             assert!(bits(&branch) == bits(&plain), "{engine:?}, polygons {polygons}, effects {effects}");
         }
     }
 }
 
-/// Lanes of one batch, each with changes of its own at other steps, are what they are alone; and those without do not notice.
+/// Lanes of one batch with interventions at different steps equal single rollouts; lanes without
+/// interventions are unaffected.
 #[test]
 fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
     for polygons in [false, true] {
@@ -85,12 +86,12 @@ fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
         };
         let scenes: Vec<Scene> = (0..40).map(changed).collect();
         let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
-        let together = simulate(&rollouts, Engine::Lanes).unwrap();
+        let together = Simulator::new(Engine::Lanes).run(&rollouts).unwrap();
         for (k, scene) in scenes.iter().enumerate() {
-            let alone = roll(scene, Engine::Lanes);
+            let alone = run(scene, Engine::Lanes);
             assert!(bits(&together[k]) == bits(&alone), "rollout {k}, polygons {polygons}");
         }
-        let plain = roll(&scene, Engine::Lanes);
+        let plain = run(&scene, Engine::Lanes);
         let floorless = &together[12];
         let until = floorless.times.iter().filter(|t| **t <= 0.36).count();
         assert!(until > 3 && until < plain.times.len() - 10);
@@ -99,7 +100,8 @@ fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
     }
 }
 
-/// Impulse / mass in the next observation, beside what gravity does; off the centre of mass, (r x J) / I of spin.
+/// The velocity changes by impulse / mass, in addition to gravity; the spin by (r x J) / I off the centre of
+/// mass.
 #[test]
 fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
     for shape in [
@@ -117,8 +119,8 @@ fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
             .unwrap()
         };
         for (engine, exact) in [(Engine::Lanes, 1e-12), (Engine::Rapier, 2e-4)] {
-            let plain = roll(&scene, engine);
-            let hit = roll(&with(&scene, blow(Value::Null)), engine);
+            let plain = run(&scene, engine);
+            let hit = run(&with(&scene, blow(Value::Null)), engine);
             let (a, b) = (&plain.bodies[0], &hit.bodies[0]);
             assert_eq!((a.vx[120], a.vy[120], a.x[120]), (b.vx[120], b.vy[120], b.x[120]), "before it");
             for k in [121, 240] {
@@ -126,11 +128,12 @@ fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
                 assert!((b.vy[k] - a.vy[k] - 0.5 / 2.5).abs() < exact, "{engine:?}: {}", b.vy[k]);
                 assert_eq!(b.omega[k], 0.0);
             }
-            // Beside the centre of mass by 0.3 m: spin, and the same velocity of the centre of mass.
+            // At 0.3 m from the centre of mass: spin, and the same velocity of the centre of
+            // mass.
             let (_, inertia) = scene.bodies[0].mass_properties(None);
             let centre = scene.bodies[0].shape.moments().centre;
             let point = json!([a.x[120] + centre[0] + 0.3, a.y[120] + centre[1]]);
-            let turned = &roll(&with(&scene, blow(point)), engine).bodies[0];
+            let turned = &run(&with(&scene, blow(point)), engine).bodies[0];
             let spin = 0.3 * 0.5 / inertia;
             assert!(
                 (turned.omega[121] - spin).abs() < 1e-4 * spin,
@@ -146,9 +149,9 @@ fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
     }
 }
 
-/// A ball on a plank, static or a body, falls freely once it is taken away.
+/// A ball on a plank, static or movable, falls freely once the plank is removed.
 #[test]
-fn what_stood_on_what_is_taken_away_falls_freely() {
+fn objects_fall_after_their_support_is_removed() {
     let text = |polygons: bool| {
         let ball = if polygons {
             json!({"type": "box", "half_width": 0.5, "half_height": 0.5})
@@ -169,13 +172,14 @@ fn what_stood_on_what_is_taken_away_falls_freely() {
             {"type": "remove", "at": 1.5, "body": "post"}]))
             .unwrap();
         for engine in ENGINES {
-            let t = roll(&with(&scene, list.clone()), engine);
+            let t = run(&with(&scene, list.clone()), engine);
             let ball = &t.bodies[0];
             assert!((ball.y[240] - 10.7).abs() < 0.11, "{engine:?}: it lies on the plank at {}", ball.y[240]);
             for k in [250, 300, 480] {
                 let s = f64::from(k - 240) * scene.time_step;
                 let fallen = ball.y[240] - ball.y[k as usize];
-                // Of first order in the time step, and what pushed it out of the plank.
+                // Of first order in the time step, plus the velocity of the overlap
+                // correction.
                 let wanted = 0.5 * G * s * s;
                 assert!(
                     (fallen - wanted).abs() < 0.03 + G * s * scene.time_step,
@@ -185,14 +189,15 @@ fn what_stood_on_what_is_taken_away_falls_freely() {
             }
             let post = &t.bodies[1];
             assert!(post.x[360].is_finite() && post.x[361].is_nan() && post.omega[480].is_nan());
-            assert_eq!(t.outcome.end, End::Horizon);
+            assert_eq!(t.outcome.end, Termination::Horizon);
         }
     }
 }
 
-/// What comes in falls as what was there falls; before it comes in nothing knows of it, also where it is of another kind.
+/// An added object falls like an original one; before its addition it has no influence, also if it has
+/// another kind of shape.
 #[test]
-fn what_comes_in_is_as_if_it_had_been_there_and_before_as_if_not() {
+fn added_objects_act_only_after_their_addition() {
     for (polygons, shape) in [
         (false, json!({"type": "disc", "radius": 0.2})),
         (true, json!({"type": "disc", "radius": 0.2})),
@@ -207,7 +212,7 @@ fn what_comes_in_is_as_if_it_had_been_there_and_before_as_if_not() {
             {"type": "remove", "at": 1.5, "body": "shelf"}]))
         .unwrap();
         for engine in ENGINES {
-            let (plain, t) = (roll(&scene, engine), roll(&with(&scene, list.clone()), engine));
+            let (plain, t) = (run(&scene, engine), run(&with(&scene, list.clone()), engine));
             let (own, new) = (&plain.bodies, &t.bodies[3]);
             let before = t.times.iter().filter(|t| **t <= 0.7).count();
             for (a, b) in own.iter().zip(&t.bodies) {
@@ -225,42 +230,42 @@ fn what_comes_in_is_as_if_it_had_been_there_and_before_as_if_not() {
             assert!((new.y[at(1.5)] - 5.4).abs() < 0.1, "{engine:?}: on the shelf, at {}", new.y[at(1.5)]);
             assert!(new.y.last().unwrap() < &4.9, "{engine:?}: and off it: {}", new.y.last().unwrap());
         }
-        // Elsewhere nobody notices: discs, of which none is finer than what came in.
+        // Other objects are unaffected: discs, none of which is smaller than the added one.
         let far = serde_json::from_value(json!([{"type": "add", "at": 0.7,
             "body": {"name": "new", "shape": {"type": "disc", "radius": 2}, "position": [-50, 8]}}]))
         .unwrap();
-        let (plain, t) = (roll(&scene, Engine::Lanes), roll(&with(&scene, far), Engine::Lanes));
+        let (plain, t) = (run(&scene, Engine::Lanes), run(&with(&scene, far), Engine::Lanes));
         assert_eq!(plain.bodies[..], t.bodies[..3]);
     }
 }
 
 #[test]
-fn what_has_no_place_ends_the_rollout_and_says_what_is_in_the_way() {
+fn overlapping_addition_ends_rollout_and_names_obstacle() {
     let scene = busy(true, false);
     let new = |x: f64| {
         json!([{"type": "impulse", "at": 0.3, "body": "ball", "impulse": [0, 0]},
             {"type": "add", "at": 1.99, "body": {"name": "new", "shape": {"type": "disc", "radius": 0.3}, "position": [x, 0.1]}}])
     };
     for engine in ENGINES {
-        let t = roll(&with(&scene, serde_json::from_value(new(-30.0)).unwrap()), engine);
-        // Bodies, what comes in, then the floor.
-        assert_eq!(t.outcome.end, End::Blocked { intervention: 1, by: 4 }, "{engine:?}");
+        let t = run(&with(&scene, serde_json::from_value(new(-30.0)).unwrap()), engine);
+        // Indices: bodies, added bodies, then the floor.
+        assert_eq!(t.outcome.end, Termination::Blocked { intervention: 1, by: 4 }, "{engine:?}");
         assert_eq!(t.outcome.steps, 478);
         let put = json!([{"type": "set", "at": 0.5, "body": "third", "position": [2, 0.2]}]);
-        let t = roll(&with(&scene, serde_json::from_value(put).unwrap()), engine);
-        assert_eq!(t.outcome.end, End::Blocked { intervention: 0, by: 4 }, "{engine:?}: in the step");
+        let t = run(&with(&scene, serde_json::from_value(put).unwrap()), engine);
+        assert_eq!(t.outcome.end, Termination::Blocked { intervention: 0, by: 4 }, "{engine:?}: in the step");
         let within_steps = json!([{"type": "set", "at": 0, "body": "third", "position": [0, 2]}]);
-        let t = roll(&with(&scene, serde_json::from_value(within_steps).unwrap()), engine);
+        let t = run(&with(&scene, serde_json::from_value(within_steps).unwrap()), engine);
         assert_eq!(
             (t.outcome.end, t.times.len()),
-            (End::Blocked { intervention: 0, by: 0 }, 1),
+            (Termination::Blocked { intervention: 0, by: 0 }, 1),
             "{engine:?}"
         );
     }
 }
 
 #[test]
-fn latents_and_velocities_become_others_at_once() {
+fn latents_and_velocities_change_at_once() {
     let text = json!({"format": "iplw.scene/1", "steps": 480, "observe_every": 1, "gravity": [0, -G],
         "bodies": [{"name": "puck", "shape": {"type": "box", "half_width": 0.5, "half_height": 0.25},
             "position": [0, 0.25], "friction": 0, "restitution": 0}],
@@ -271,7 +276,7 @@ fn latents_and_velocities_become_others_at_once() {
         {"type": "latents", "at": 1.0, "friction": 0.5, "density": 3}]))
     .unwrap();
     for engine in ENGINES {
-        let t = roll(&with(&scene(&text), list.clone()), engine);
+        let t = run(&with(&scene(&text), list.clone()), engine);
         let puck = &t.bodies[0];
         assert!(puck.x[120].abs() < 1e-6, "{engine:?}: it lies still");
         assert!((puck.vx[240] - 3.0).abs() < 1e-3, "{engine:?}: no friction: {}", puck.vx[240]);
@@ -280,9 +285,9 @@ fn latents_and_velocities_become_others_at_once() {
     }
 }
 
-/// What is moved by a hair goes on touching what it touched, in both engines.
+/// A tiny displacement does not create a new contact, in either engine.
 #[test]
-fn what_is_put_beside_what_it_touches_does_not_touch_it_anew() {
+fn tiny_displacement_keeps_contact() {
     let disc = |r: f64| json!({"type": "disc", "radius": r});
     let square = json!({"type": "box", "half_width": 0.5, "half_height": 0.5});
     for shape in [disc(0.5), square] {
@@ -291,11 +296,11 @@ fn what_is_put_beside_what_it_touches_does_not_touch_it_anew() {
                        {"name": "upon", "shape": shape, "position": [0, 1.5]}],
             "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}));
         for engine in ENGINES {
-            let plain = roll(&resting, engine);
+            let plain = run(&resting, engine);
             let [x, y] = [plain.bodies[1].x[5], plain.bodies[1].y[5]];
             let moved =
                 json!([{"type": "set", "at": plain.times[5], "body": "upon", "position": [x + 1e-9, y]}]);
-            let after = roll(&with(&resting, serde_json::from_value(moved).unwrap()), engine);
+            let after = run(&with(&resting, serde_json::from_value(moved).unwrap()), engine);
             assert_eq!(plain.collisions, 1, "{engine:?} {shape}");
             assert_eq!(after.collisions, plain.collisions, "{engine:?} {shape}");
         }
@@ -303,7 +308,7 @@ fn what_is_put_beside_what_it_touches_does_not_touch_it_anew() {
 }
 
 #[test]
-fn bad_interventions_are_errors_that_say_what_is_allowed() {
+fn rejects_invalid_interventions_by_field() {
     let scene = busy(false, false);
     for (list, field) in [
         (json!([{"type": "impulse", "at": 2.0, "body": "ball", "impulse": [1, 0]}]), "interventions[0].at"),
@@ -339,7 +344,7 @@ fn bad_interventions_are_errors_that_say_what_is_allowed() {
     ] {
         let wrong = with(&scene, serde_json::from_value(list.clone()).unwrap());
         let rollout = Rollout::of(&wrong);
-        match simulate(&[rollout], Engine::Auto) {
+        match Simulator::new(Engine::Auto).run(&[rollout]) {
             Err(Error::Input(input)) => assert_eq!(input.field, field, "{list}"),
             other => panic!("{list}: {other:?}"),
         }
@@ -348,14 +353,16 @@ fn bad_interventions_are_errors_that_say_what_is_allowed() {
         vec![Intervention::Impulse { at: 1.0, body: "ball".into(), impulse: [f64::NAN, 0.0], point: None }];
     let wrong = with(&scene, nan);
     let rollout = Rollout::of(&wrong);
-    assert!(simulate(&[rollout], Engine::Auto).is_err_and(|e| e.to_string().contains("impulse[0]")));
+    assert!(
+        Simulator::new(Engine::Auto).run(&[rollout]).is_err_and(|e| e.to_string().contains("impulse[0]"))
+    );
 }
 
 fn scene(text: &Value) -> Scene {
     Scene::from_json(&text.to_string()).unwrap()
 }
 
-/// All of it, to the last digit and the sign of a zero.
+/// All fields to the last digit, with the sign of zeros.
 fn bits(t: &Trajectory) -> String {
     format!("{t:?}")
 }
@@ -364,8 +371,8 @@ fn with(scene: &Scene, interventions: Vec<Intervention>) -> Scene {
     Scene { interventions, ..scene.clone() }
 }
 
-fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+fn run(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
     let rollout = Rollout::of(scene);
-    simulate(&[rollout], engine).unwrap().remove(0)
+    Simulator::new(engine).run(&[rollout]).unwrap().remove(0)
 }

@@ -1,43 +1,44 @@
-//! How surfaces' coefficients make a contact's, and when nothing bounces, in both engines.
+//! Mixing rules and the restitution threshold in both engines.
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, ContactRules, FrictionRule, RestitutionRule, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace, Rectangle};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
 const G: f64 = 9.8;
 
-/// A ball of restitution 0.8 on a floor of 0.5 rebounds by their product or by the larger.
+/// A ball of restitution 0.8 on a floor of 0.5 rebounds with the product or with the larger.
 #[test]
-fn restitutions_mix_as_the_scene_says() {
+fn mixes_restitution_by_the_scenes_rule() {
     for (restitution, e) in [(RestitutionRule::Product, 0.4), (RestitutionRule::Max, 0.8)] {
         let rules = ContactRules { restitution, ..ContactRules::default() };
         for engine in ENGINES {
-            let t = roll(&scene(vec![ball(2.0)], 1.2, rules), engine);
+            let t = run(&scene(vec![ball(2.0)], 1.2, rules), engine);
             let top = t.bodies[0].y[apex(&t)] - 0.5;
             assert!((top - e * e * 2.0).abs() < 0.03, "{engine:?}, {restitution:?}: {top} m");
         }
     }
 }
 
-/// A block of friction 0.9 on a floor of 0.4 is slowed by their product or by its root.
+/// A block of friction 0.9 on a floor of 0.4 is decelerated by the product or by the geometric mean.
 #[test]
-fn frictions_mix_as_the_scene_says() {
+fn mixes_friction_by_the_scenes_rule() {
     for (friction, mu) in [(FrictionRule::Product, 0.36), (FrictionRule::GeometricMean, 0.6)] {
         let rules = ContactRules { friction, ..ContactRules::default() };
         let shape = Rectangle { half_width: 1.0, half_height: 0.25 };
         let sliding = Body { velocity: [4.0, 0.0], position: Some([0.0, 0.2499]), ..body(shape.into()) };
         for engine in ENGINES {
-            let t = roll(&scene(vec![sliding.clone()], 0.5, rules), engine);
+            let t = run(&scene(vec![sliding.clone()], 0.5, rules), engine);
             let lost = 4.0 - t.bodies[0].vx.last().unwrap();
             assert!((lost - mu * G * 0.5).abs() < 0.05, "{engine:?}, {friction:?}: {lost} m/s");
         }
     }
 }
 
-/// Impacts above the threshold are as without it, to the bit in the batched engine; the first below it is the last.
+/// Impacts above the threshold are unchanged, to the bit in the batched engine; the first one below it is the
+/// last.
 #[test]
 fn nothing_bounces_below_the_threshold() {
     let at = |restitution_threshold| ContactRules {
@@ -47,8 +48,8 @@ fn nothing_bounces_below_the_threshold() {
     };
     // Impacts at 4.43, 3.54, 2.83, 2.27, 1.81 ... m/s.
     for engine in ENGINES {
-        let free = roll(&scene(vec![ball(1.0)], 4.0, at(0.0)), engine);
-        let held = roll(&scene(vec![ball(1.0)], 4.0, at(2.5)), engine);
+        let free = run(&scene(vec![ball(1.0)], 4.0, at(0.0)), engine);
+        let held = run(&scene(vec![ball(1.0)], 4.0, at(2.5)), engine);
         let top = |t: &Trajectory, after: f64| {
             let from = t.times.iter().position(|s| *s >= after).unwrap();
             t.bodies[0].y[from..].iter().fold(0.0, |a: f64, y| a.max(*y)) - 0.5
@@ -63,19 +64,19 @@ fn nothing_bounces_below_the_threshold() {
     }
 }
 
-/// Absent, spelt out as Chipmunk's, or neutral: the same bits.
+/// Missing, explicit and neutral rules give the same bits.
 #[test]
-fn the_default_is_none() {
+fn default_rules_keep_all_bits() {
     let plain = scene(vec![ball(2.0)], 3.0, ContactRules::default());
     for engine in ENGINES {
         let absent = Scene { contact_rules: None, ..plain.clone() };
-        assert_eq!(roll(&plain, engine), roll(&absent, engine), "{engine:?}");
+        assert_eq!(run(&plain, engine), run(&absent, engine), "{engine:?}");
     }
     let json = plain.to_json();
     assert_eq!(Scene::from_json(&json).unwrap(), plain);
     let odd = json.replace("\"restitution_threshold\": 0.0", "\"restitution_threshold\": -1.0");
-    let told = Scene::from_json(&odd).unwrap_err().to_string();
-    assert!(told.contains("contact_rules.restitution_threshold"), "{told}");
+    let error = Scene::from_json(&odd).unwrap_err().to_string();
+    assert!(error.contains("contact_rules.restitution_threshold"), "{error}");
 }
 
 /// Index of the first apex after the first bounce.
@@ -126,8 +127,8 @@ fn scene(bodies: Vec<Body>, seconds: f64, rules: ContactRules) -> Scene {
     }
 }
 
-fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+fn run(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
     let rollout = Rollout::of(scene);
-    simulate(&[rollout], engine).unwrap().remove(0)
+    Simulator::new(engine).run(&[rollout]).unwrap().remove(0)
 }

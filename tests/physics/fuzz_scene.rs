@@ -1,8 +1,9 @@
-//! Fuzzing of scenes on stable Rust: legal scenes are mutated, and whatever comes out must be refused by name or
+//! Fuzzing of scenes on stable Rust: valid scenes are mutated, and every mutant must be rejected by name or
 //! simulated to finite numbers in both engines (`fuzz/fuzz_one.rs`).
 //!
-//! By default ten thousand mutants of fixed seeds. `FUZZ_SCENES=1000000 cargo test --release --test physics fuzz_scene`
-//! runs as many, `FUZZ_SEED=17` begins at another seed; a failure names the seed and prints the mutant.
+//! By default ten thousand mutants of fixed seeds. `FUZZ_SCENES=1000000 cargo test --release --test physics
+//! fuzz_scene` runs that many, `FUZZ_SEED=17` starts at another seed; a failure prints the seed and the
+//! mutant.
 
 use crate::fuzz_one::{Fate, fuzz_one};
 use crate::json;
@@ -14,11 +15,11 @@ use rayon::iter::Either;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-/// Mutants of a run with the tests: some seconds.
+/// Default number of mutants: some seconds.
 const MUTANTS: u64 = 10_000;
 
 #[test]
-fn mutated_scenes_are_refused_by_name_or_simulated() {
+fn mutated_scenes_are_rejected_by_name_or_simulated() {
     let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<u64>().ok());
     let (first, count) = (number("FUZZ_SEED").unwrap_or(0), number("FUZZ_SCENES").unwrap_or(MUTANTS));
     let seeds = seeds();
@@ -38,20 +39,20 @@ fn mutated_scenes_are_refused_by_name_or_simulated() {
     let share = |fate| fates.iter().filter(|f| **f == fate).count() as f64 / fates.len() as f64;
     let (refused, simulated) = (share(Fate::Refused), share(Fate::Simulated));
     println!("{count} mutants: {:.1} % refused, {:.1} % simulated", 100.0 * refused, 100.0 * simulated);
-    assert!(refused > 0.2 && simulated > 0.15, "mutants too tame or too wild to show anything");
+    assert!(refused > 0.2 && simulated > 0.15, "too few mutants are rejected or simulated");
 }
 
 #[test]
-fn seeds_are_legal_and_simulated() {
+fn seeds_are_valid_and_simulated() {
     for (i, seed) in seeds().iter().enumerate() {
         let fate = fuzz_one(seed.to_string().as_bytes());
         assert_eq!(fate, Fate::Simulated, "seed {i}: {:?}", Scene::from_json(&seed.to_string()).err());
     }
 }
 
-/// What used to be taken and led to division by nothing, or to a shape with no inside and outside.
+/// Regression: values that led to a division by zero, or to a shape without interior.
 #[test]
-fn vanishing_and_crossed_shapes_are_refused() {
+fn rejects_degenerate_shapes() {
     let star: Vec<[f64; 2]> =
         (0..5).map(|k| (1.2566 * 2.0 * f64::from(k)).sin_cos()).map(|(y, x)| [x, y]).collect();
     let shapes = [
@@ -74,7 +75,7 @@ fn vanishing_and_crossed_shapes_are_refused() {
     }
 }
 
-/// Legal scenes that between them use every field, every shape and every effect.
+/// Valid scenes that together use every field, every shape and every effect.
 fn seeds() -> Vec<Value> {
     let mut seeds = Vec::new();
     for family in families() {
@@ -86,7 +87,7 @@ fn seeds() -> Vec<Value> {
         });
         seeds.extend([&scene, &*placed.expect("some action can be placed")].map(|s| json!(s)));
     }
-    // The families' scenes need an action before they can be rolled out: only what is placed is a seed.
+    // The families' scenes need an action before a rollout: only placed ones are seeds.
     seeds.retain(|s| s["bodies"].as_array().is_some_and(|b| b.iter().all(|b| !b["position"].is_null())));
     seeds.push(json!({
         "format": "iplw.scene/1", "name": "all shapes", "gravity": [0.5, -9.81],
@@ -133,10 +134,10 @@ fn seeds() -> Vec<Value> {
         "time_step": 0.01, "steps": 60, "observe_every": 1, "stop": false,
         "goal": {"type": "contact", "bodies": ["a", "table"], "hold_s": 0.1, "tolerance": 0.01}
     }));
-    // Every effect, at a tenth of the way from where it vanishes to its greatest.
+    // Every effect, at a tenth of the distance from its neutral values to its upper bounds.
     for effect in effect::REGISTRY {
         let mut scene = seeds.last().expect("there are seeds").clone();
-        let value = |p: &effect::Parameter| json!(p.neutral + 0.1 * (p.bounds[1] - p.neutral));
+        let value = |p: &effect::ParameterDeclaration| json!(p.neutral + 0.1 * (p.bounds[1] - p.neutral));
         let parameters: Map<String, Value> =
             effect.parameters.iter().map(|p| (p.name.to_string(), value(p))).collect();
         scene["effects"] = json!([{"name": effect.name, "parameters": parameters}]);

@@ -1,13 +1,14 @@
-//! Goals in both engines: each is reached in the step in which exact geometry says so of what was observed.
+//! Goals in both engines: each is reached in the step at which exact geometry of the observations gives it.
 
 use iplw::task::Scene;
 use iplw::task::geometry::polygon_contains;
-use iplw::task::scene::{Goal, Point};
-use iplw::task::solid::{Pieces, Solid};
-use iplw::trajectory::{End, Trajectory};
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::task::scene::{Goal, GoalPoint};
+use iplw::task::solid::{ConvexPieces, Solid};
+use iplw::trajectory::{Termination, Trajectory};
+use iplw::world::{Engine, Rollout, Simulator};
 
-/// A ball falls onto the floor, another onto that one, a box and a jar are thrown up and tumble; observed in every step.
+/// A ball falls onto the floor, another onto it, a box and a jar are thrown upwards and rotate; observed in
+/// every step.
 const SCENE: &str = r#"{"format": "iplw.scene/1", "time_step": 0.005, "steps": 400, "observe_every": 1,
     "bodies": [
       {"name": "disc", "shape": {"type": "disc", "radius": 0.3}, "position": [-3, 0.8], "velocity": [0.2, 0]},
@@ -21,9 +22,9 @@ const SCENE: &str = r#"{"format": "iplw.scene/1", "time_step": 0.005, "steps": 4
     "statics": [{"name": "floor", "shape": {"type": "box", "half_width": 9, "half_height": 1}, "position": [0, -1]}]}"#;
 
 #[test]
-fn goals_are_reached_when_geometry_says_so_in_both_engines() {
+fn goals_are_reached_when_exact_geometry_gives_them() {
     let whole = Scene::from_json(SCENE).unwrap();
-    // Discs alone are another way through the batched engine.
+    // Scenes of discs alone use another path of the batched engine.
     let mut discs = whole.clone();
     discs.bodies.truncate(2);
     for goal in goals() {
@@ -32,21 +33,21 @@ fn goals_are_reached_when_geometry_says_so_in_both_engines() {
                 continue;
             }
             for engine in [Engine::Lanes, Engine::Rapier] {
-                let free = roll(scene, engine);
+                let free = run(scene, engine);
                 let wanted = reached(scene, &goal, &free);
-                let found = roll(&Scene { goal: Some(goal.clone()), ..scene.clone() }, engine);
+                let found = run(&Scene { goal: Some(goal.clone()), ..scene.clone() }, engine);
                 let steps = found.solved().then_some(found.outcome.steps as usize);
                 assert_eq!(steps, wanted, "{engine:?}: {goal:?}");
                 assert!(wanted.is_some_and(|s| s > 1), "{engine:?}: {goal:?} shows nothing: {wanted:?}");
-                assert_eq!(found.outcome.end, End::Goal);
+                assert_eq!(found.outcome.end, Termination::Goal);
             }
         }
     }
 }
 
-/// A lane that something diverged in is given to the next rollout, which is judged from its first step on.
+/// The lane of a diverged rollout is refilled; the next rollout is evaluated from its first step.
 #[test]
-fn what_follows_a_divergence_is_judged_as_it_is_alone() {
+fn rollouts_after_a_diverged_one_are_unaffected() {
     let falling = Scene::from_json(
         r#"{"format": "iplw.scene/1", "gravity": [0, -9.8], "time_step": 0.1, "steps": 20000, "observe_every": 20000,
             "bodies": [{"name": "a", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 0]},
@@ -63,16 +64,17 @@ fn what_follows_a_divergence_is_judged_as_it_is_alone() {
     };
     let calm = Scene { gravity: [0.0; 2], steps: 50, goal: Some(apart), ..falling.clone() };
     let scenes: Vec<&Scene> = [&falling; 40].into_iter().chain([&calm; 40]).collect();
-    let all = simulate(&scenes.into_iter().map(Rollout::of).collect::<Vec<_>>(), Engine::Lanes).unwrap();
-    assert!(all[..40].iter().all(|t| t.outcome.end == End::Diverged));
-    let alone = roll(&calm, Engine::Lanes);
-    assert_eq!((alone.outcome.end, alone.outcome.steps), (End::Goal, 1));
+    let all =
+        Simulator::new(Engine::Lanes).run(&scenes.into_iter().map(Rollout::of).collect::<Vec<_>>()).unwrap();
+    assert!(all[..40].iter().all(|t| t.outcome.end == Termination::Diverged));
+    let alone = run(&calm, Engine::Lanes);
+    assert_eq!((alone.outcome.end, alone.outcome.steps), (Termination::Goal, 1));
     assert!(all[40..].iter().all(|t| *t == alone), "{:?}", all[40].outcome);
 }
 
-/// Two statics are neither together nor apart, and what never touches does not part.
+/// Two statics are neither touching nor apart, and objects that never touch never separate.
 #[test]
-fn what_can_never_be_is_not_reached() {
+fn impossible_goals_are_not_reached() {
     let mut scene = Scene::from_json(SCENE).unwrap();
     scene.statics.push(iplw::task::scene::Static {
         name: "far".into(),
@@ -90,13 +92,13 @@ fn what_can_never_be_is_not_reached() {
         };
         scene.goal = Some(goal);
         for engine in [Engine::Lanes, Engine::Rapier] {
-            assert!(!roll(&scene, engine).solved(), "{engine:?}: {bodies:?}");
+            assert!(!run(&scene, engine).solved(), "{engine:?}: {bodies:?}");
         }
     }
 }
 
 #[test]
-fn goals_that_cannot_be_meant_are_refused_by_field() {
+fn rejects_invalid_goals_by_field() {
     let check = |goal: &str, wanted: &[&str]| {
         let text = SCENE.replace("\"statics\"", &format!("\"goal\": {goal}, \"statics\""));
         let error = Scene::from_json(&text).unwrap_err().to_string();
@@ -110,15 +112,15 @@ fn goals_that_cannot_be_meant_are_refused_by_field() {
         r#"{"type": "above", "body": "disc", "height": 1, "line": [[0, 0], [1, 1]]}"#,
         &["goal.height", "either"],
     );
-    check(r#"{"type": "above", "body": "disc", "line": [[1, 0], [1, 5]]}"#, &["goal.line", "farther right"]);
+    check(r#"{"type": "above", "body": "disc", "line": [[1, 0], [1, 5]]}"#, &["goal.line", "different x"]);
     check(r#"{"type": "above", "body": "disc", "height": 1e9}"#, &["goal.height", "1000000000"]);
     check(r#"{"type": "above", "body": "disc", "height": 1, "point": "top"}"#, &["goal", "top"]);
     check(r#"{"type": "above", "body": "disc", "height": 1, "hold_s": 99}"#, &["goal.hold_s", "99"]);
 }
 
-/// What is left out is not written, and what is written is read back the same.
+/// Default values are not serialised, and a round trip preserves the goal.
 #[test]
-fn goals_are_written_as_they_are_read() {
+fn goals_survive_a_round_trip() {
     for goal in goals() {
         let text = serde_json::to_string(&goal).unwrap();
         assert_eq!(serde_json::from_str::<Goal>(&text).unwrap(), goal);
@@ -154,23 +156,23 @@ fn goals() -> Vec<Goal> {
         apart("box", "floor", true, 0.03),
         apart("box", "jar", false, 0.2),
         apart("other", "jar", false, 0.2),
-        above("other", Some(0.9), None, Point::Lowest, 0.2),
-        above("disc", Some(0.75), None, Point::Centre, 0.02),
-        above("box", Some(1.3), None, Point::Lowest, 0.1),
-        above("box", Some(1.3), None, Point::Centre, 0.1),
-        above("box", None, slope(false), Point::Lowest, 0.05),
-        above("box", None, slope(true), Point::Centre, 0.05),
-        above("jar", Some(0.9), None, Point::Lowest, 0.0),
-        above("jar", Some(1.0), None, Point::Centre, 0.05),
+        above("other", Some(0.9), None, GoalPoint::Lowest, 0.2),
+        above("disc", Some(0.75), None, GoalPoint::Centre, 0.02),
+        above("box", Some(1.3), None, GoalPoint::Lowest, 0.1),
+        above("box", Some(1.3), None, GoalPoint::Centre, 0.1),
+        above("box", None, slope(false), GoalPoint::Lowest, 0.05),
+        above("box", None, slope(true), GoalPoint::Centre, 0.05),
+        above("jar", Some(0.9), None, GoalPoint::Lowest, 0.0),
+        above("jar", Some(1.0), None, GoalPoint::Centre, 0.05),
     ]
 }
 
-fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+fn run(scene: &Scene, engine: Engine) -> Trajectory {
     let rollout = Rollout::of(scene);
-    simulate(&[rollout], engine).unwrap().remove(0)
+    Simulator::new(engine).run(&[rollout]).unwrap().remove(0)
 }
 
-/// The step in which a goal has held for as long as it is to, from what was observed in every step.
+/// The step in which a goal has held for its duration, from observations of every step.
 fn reached(scene: &Scene, goal: &Goal, seen: &Trajectory) -> Option<usize> {
     let (mut held, mut failed) = (0, false);
     (1..seen.times.len()).find(|step| {
@@ -203,8 +205,12 @@ fn holds(scene: &Scene, goal: &Goal, seen: &Trajectory, step: usize) -> bool {
         }
     };
     match goal {
-        Goal::Contact { bodies, tolerance, .. } => placed(&bodies[0]).gap(&placed(&bodies[1])) <= *tolerance,
-        Goal::Apart { bodies, tolerance, .. } => placed(&bodies[0]).gap(&placed(&bodies[1])) > *tolerance,
+        Goal::Contact { bodies, tolerance, .. } => {
+            placed(&bodies[0]).signed_distance(&placed(&bodies[1])) <= *tolerance
+        }
+        Goal::Apart { bodies, tolerance, .. } => {
+            placed(&bodies[0]).signed_distance(&placed(&bodies[1])) > *tolerance
+        }
         Goal::Inside { body, region, .. } => polygon_contains(region, at(body).unwrap().0),
         Goal::Above { body, height, line, point, .. } => {
             let over = |[x, y]: [f64; 2]| match (height, line) {
@@ -213,9 +219,10 @@ fn holds(scene: &Scene, goal: &Goal, seen: &Trajectory, step: usize) -> bool {
                 _ => f64::NAN,
             };
             match (point, placed(body)) {
-                (Point::Centre, _) => over(at(body).unwrap().0) >= 0.0,
-                (_, Solid::Bounded(Pieces(pieces))) => {
-                    // A disc's lowest point lies below its middle where the line is level; none here stands over a slope.
+                (GoalPoint::Centre, _) => over(at(body).unwrap().0) >= 0.0,
+                (_, Solid::Bounded(ConvexPieces(pieces))) => {
+                    // The lowest point of a disc is below its centre where the line is
+                    // horizontal; no disc here is above a slope.
                     let low = |radius: f64, p: &[f64; 2]| over([p[0], p[1] - radius]);
                     pieces.iter().all(|c| c.points.iter().all(|p| low(c.radius, p) >= 0.0))
                 }

@@ -1,34 +1,37 @@
-//! The batched engine's promises: one result whatever the threads, lanes and instructions; symmetry; no NaN; what
-//! it shares with the general engine; agreement with Pymunk.
+//! Properties of the batched engine: results independent of threads, lanes and instruction set; symmetry; no
+//! NaN; consistency with the general engine; agreement with Pymunk.
 
-use iplw::task::scene::{Body, Goal, Point, Shape, Static};
-use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
+use iplw::task::scene::{Body, Goal, GoalPoint, Shape, Static};
+use iplw::task::shape::{Compound, CompoundPiece, Disc, Halfspace, Polygon, Rectangle, SegmentShape};
 use iplw::task::{Placement, Scene, families};
-use iplw::trajectory::{End, Trajectory};
-use iplw::world::{Engine, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
+use iplw::trajectory::{Termination, Trajectory};
+use iplw::world::{BatchSettings, Engine, Rollout, SimdLevel, Simulator, effect, select_engine};
 use proptest::prelude::*;
 
 #[test]
-fn results_do_not_depend_on_instructions_threads_or_company() {
+fn results_are_independent_of_instruction_set_threads_and_batch() {
     let scenes = mixed_scenes();
     let rollouts = rollouts(&scenes);
     let alone: Vec<Trajectory> =
-        rollouts.iter().map(|r| simulate(&[*r], Engine::Lanes).unwrap().remove(0)).collect();
-    let counted: &[Level] = &[
+        rollouts.iter().map(|r| Simulator::new(Engine::Lanes).run(&[*r]).unwrap().remove(0)).collect();
+    let counted: &[SimdLevel] = &[
         #[cfg(feature = "levels")]
-        Level::Counted,
+        SimdLevel::Counted,
     ];
-    for level in Level::ALL.iter().chain(counted).copied().filter(|l| l.available()) {
-        let together = simulate_map_at(level, &rollouts, Engine::Lanes, |_, t| t).unwrap();
+    for level in SimdLevel::ALL.iter().chain(counted).copied().filter(|l| l.available()) {
+        let together = Simulator::new(Engine::Lanes)
+            .settings(BatchSettings { level: level, end_at_rest: true })
+            .map(&rollouts, |_, t| t)
+            .unwrap();
         same(&together, &alone, &format!("{level:?}"));
     }
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let pooled = pool.install(|| simulate(&rollouts, Engine::Lanes).unwrap());
+        let pooled = pool.install(|| Simulator::new(Engine::Lanes).run(&rollouts).unwrap());
         same(&pooled, &alone, &format!("{threads} threads"));
     }
     let backwards: Vec<Rollout> = rollouts.iter().rev().copied().collect();
-    let mut turned = simulate(&backwards, Engine::Lanes).unwrap();
+    let mut turned = Simulator::new(Engine::Lanes).run(&backwards).unwrap();
     turned.reverse();
     same(&turned, &alone, "reversed order");
 }
@@ -36,7 +39,7 @@ fn results_do_not_depend_on_instructions_threads_or_company() {
 fn same(ours: &[Trajectory], wanted: &[Trajectory], what: &str) {
     assert_eq!(ours.len(), wanted.len());
     for (i, (a, b)) in ours.iter().zip(wanted).enumerate() {
-        // Bits, not values: 0 and -0 are told apart.
+        // Bits, not values: 0 and -0 differ.
         assert_eq!(bits(a), bits(b), "{what}: rollout {i} differs in its samples");
         assert_eq!(a, b, "{what}: rollout {i} differs");
     }
@@ -52,15 +55,15 @@ fn bits(t: &Trajectory) -> Vec<u64> {
 }
 
 #[test]
-fn auto_takes_lanes_for_what_is_not_too_many() {
+fn auto_selects_lanes_up_to_its_pair_limit() {
     let mut scene = box_scene(vec![disc("a", 0.5, [0.0, 3.0], [0.0, 0.0])]);
-    let engine = |scene: &Scene, engine| chosen(engine, &rollouts(std::slice::from_ref(scene))[0]);
+    let engine = |scene: &Scene, engine| select_engine(engine, &rollouts(std::slice::from_ref(scene))[0]);
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
     scene.bodies[0].shape = Shape::Box(Rectangle { half_width: 0.5, half_height: 0.5 });
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
     assert_eq!(engine(&scene, Engine::Rapier).unwrap(), Engine::Rapier);
-    // 40 bodies of six pieces make more than 20,000 pairs.
-    let piece = |i: u32| Piece {
+    // 40 bodies of six pieces have more than 20,000 pairs.
+    let piece = |i: u32| CompoundPiece {
         shape: Shape::Box(Rectangle { half_width: 0.1, half_height: 0.1 }),
         position: [0.1 * f64::from(i), 0.0],
         angle: 0.0,
@@ -75,29 +78,29 @@ fn auto_takes_lanes_for_what_is_not_too_many() {
 }
 
 #[test]
-fn bad_rollouts_are_refused_by_field() {
+fn rejects_invalid_rollouts_by_field() {
     let good = box_scene(vec![disc("a", 0.5, [0.0, 3.0], [0.0, 0.0])]);
     let mut bad = good.clone();
     bad.bodies[0].position = None;
     let scenes = [good.clone(), bad, good];
-    let error = simulate(&rollouts(&scenes), Engine::Auto).unwrap_err();
+    let error = Simulator::new(Engine::Auto).run(&rollouts(&scenes)).unwrap_err();
     assert!(error.to_string().contains("bodies[0].position"), "{error}");
 }
 
 #[test]
-fn a_batch_keeps_only_what_is_asked_for_and_in_order() {
+fn map_keeps_order() {
     let scenes = mixed_scenes();
-    let kept = simulate_map(&rollouts(&scenes), Engine::Auto, |i, t| (i, t.bodies.len())).unwrap();
+    let kept = Simulator::new(Engine::Auto).map(&rollouts(&scenes), |i, t| (i, t.bodies.len())).unwrap();
     assert!(kept.iter().enumerate().all(|(i, (k, n))| i == *k && *n == scenes[i].bodies.len()));
 }
 
-/// Both engines tell the same story of a ball that drops, bounces, rolls off and comes to lie against a wall.
+/// Both engines record the same events for a ball that drops, bounces, rolls and stops at a wall.
 #[test]
-fn both_engines_record_alike() {
+fn both_engines_record_the_same_events() {
     let mut scene =
         box_scene(vec![disc("a", 0.5, [-3.0, 4.0], [2.0, 0.0]), disc("b", 0.5, [2.0, 0.5], [0.0, 0.0])]);
     scene.steps = 1200;
-    let by = |engine| simulate(&rollouts(std::slice::from_ref(&scene)), engine).unwrap().remove(0);
+    let by = |engine| Simulator::new(engine).run(&rollouts(std::slice::from_ref(&scene))).unwrap().remove(0);
     let (lanes, rapier) = (by(Engine::Lanes), by(Engine::Rapier));
     assert_eq!(lanes.times, rapier.times);
     assert_eq!(lanes.events[0].between, rapier.events[0].between);
@@ -116,7 +119,7 @@ fn both_engines_record_alike() {
 }
 
 #[test]
-fn goals_are_reached_and_held_alike() {
+fn both_engines_reach_the_same_goals() {
     let mut scene = box_scene(vec![disc("a", 0.5, [0.0, 2.0], [0.0, 0.0])]);
     scene.goal = Some(Goal::Contact {
         bodies: ["a".into(), "floor".into()],
@@ -135,24 +138,25 @@ fn goals_are_reached_and_held_alike() {
     };
     for scene in [scene, inside] {
         let by = |engine, stop| {
-            let rollout = Rollout { stop, ..rollouts(std::slice::from_ref(&scene))[0] };
-            simulate(&[rollout], engine).unwrap().remove(0)
+            let rollout = Rollout { stop_at_goal: stop, ..rollouts(std::slice::from_ref(&scene))[0] };
+            Simulator::new(engine).run(&[rollout]).unwrap().remove(0)
         };
         let (lanes, rapier) = (by(Engine::Lanes, true), by(Engine::Rapier, true));
         assert!(lanes.solved() && rapier.solved());
-        assert_eq!(lanes.outcome.end, End::Goal);
+        assert_eq!(lanes.outcome.end, Termination::Goal);
         let (ours, theirs) = (lanes.outcome.steps, rapier.outcome.steps);
         assert!(ours.abs_diff(theirs) < 40, "solved after {ours} steps, {theirs} steps");
         let on = by(Engine::Lanes, false);
-        assert!(on.solved() && on.outcome.end == End::Horizon && on.outcome.steps == scene.steps);
+        assert!(on.solved() && on.outcome.end == Termination::Horizon && on.outcome.steps == scene.steps);
         let shared = lanes.times.len() - 1;
         assert_eq!(lanes.bodies[0].y[..shared], on.bodies[0].y[..shared]);
     }
 }
 
-/// A ball faster than its radius a step must not pass a thin table, a post or a wall: issue of Chipmunk's scheme.
+/// Regression: a ball that moves farther than its radius in a step must not pass a thin table, post or wall,
+/// as in Chipmunk's scheme.
 #[test]
-fn fast_discs_do_not_pass_through() {
+fn fast_discs_do_not_tunnel() {
     let table = |shape| Static {
         name: "table".into(),
         shape,
@@ -162,7 +166,7 @@ fn fast_discs_do_not_pass_through() {
         angle: 0.0,
     };
     let shapes = [
-        Shape::Segment(Segment { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }),
+        Shape::Segment(SegmentShape { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }),
         Shape::Box(Rectangle { half_width: 5.0, half_height: 0.005 }),
         Shape::Disc(Disc { radius: 0.01 }),
     ];
@@ -175,7 +179,7 @@ fn fast_discs_do_not_pass_through() {
             scene.statics = vec![table(shape.clone())];
             scene.steps = 100;
             scene.observe_every = 1;
-            let t = simulate(&rollouts(&[scene]), Engine::Lanes).unwrap().remove(0);
+            let t = Simulator::new(Engine::Lanes).run(&rollouts(&[scene])).unwrap().remove(0);
             let track = &t.bodies[0];
             assert!(track.y.iter().all(|y| *y > 0.0), "{shape:?} from {height} m: passed through");
             let after = track.vy.iter().copied().fold(f64::MIN, f64::max);
@@ -184,9 +188,9 @@ fn fast_discs_do_not_pass_through() {
     }
 }
 
-/// Once stopped at a wall, a fast disc that slides on must not be stopped in every step.
+/// After a stop at a wall, a fast disc that slides must not be stopped in every step.
 #[test]
-fn fast_discs_slide_on() {
+fn fast_discs_slide_along_walls() {
     for k in 0..20 {
         let mut ball = disc("ball", 0.1, [0.0, 2.0 + 0.013 * f64::from(k)], [18.0, -12.0]);
         (ball.friction, ball.restitution) = (0.0, 0.3);
@@ -194,9 +198,9 @@ fn fast_discs_slide_on() {
         scene.statics.truncate(1);
         scene.statics[0].shape = Shape::Box(Rectangle { half_width: 100.0, half_height: 0.5 });
         scene.steps = 480;
-        let t = simulate(&rollouts(&[scene]), Engine::Lanes).unwrap().remove(0);
+        let t = Simulator::new(Engine::Lanes).run(&rollouts(&[scene])).unwrap().remove(0);
         let way = t.bodies[0].x.last().unwrap();
-        // At most one step's way is lost at the first, hard bounce.
+        // At most one step's distance is lost at the first, hard bounce.
         assert!((36.0 - 18.0 / 240.0..=36.0 + 1e-9).contains(way), "slid {way} m of 36 m");
     }
 }
@@ -221,11 +225,11 @@ fn agrees_with_pymunk() {
     }
 }
 
-/// Largest distance of any body to its golden place, at all golden times, m.
+/// Largest distance of any body from its golden position, at all golden times, m.
 fn worst_distance_to(row: &serde_json::Value) -> f64 {
     let mut scene = Scene::from_json(&row["scene"].to_string()).unwrap();
     scene.observe_every = 1;
-    let t = simulate(&rollouts(&[scene]), Engine::Lanes).unwrap().remove(0);
+    let t = Simulator::new(Engine::Lanes).run(&rollouts(&[scene])).unwrap().remove(0);
     let positions: Vec<Vec<[f64; 2]>> = serde_json::from_value(row["positions"].clone()).unwrap();
     let steps: Vec<usize> = serde_json::from_value(row["steps"].clone()).unwrap();
     let mut worst = 0.0f64;
@@ -244,9 +248,10 @@ proptest! {
     fn mirrored_scenes_give_mirrored_trajectories(scene in disc_scenes()) {
         let mirrored = mirror(&scene);
         let pair = [scene, mirrored];
-        let out = simulate(&rollouts(&pair), Engine::Lanes).unwrap();
+        let out = Simulator::new(Engine::Lanes).run(&rollouts(&pair)).unwrap();
         for (a, b) in out[0].bodies.iter().zip(&out[1].bodies) {
-            // Rounding differs (polygons are turned round), and collisions amplify it: compare the first second.
+            // Rounding differs (polygons are reversed), and collisions amplify it: only the first
+            // second is compared.
             for i in 0..a.len().min(5) {
                 prop_assert!((a.x[i] + b.x[i]).abs() < 1e-6 && (a.y[i] - b.y[i]).abs() < 1e-6);
                 prop_assert!((a.omega[i] + b.omega[i]).abs() < 1e-6);
@@ -255,9 +260,9 @@ proptest! {
     }
 
     #[test]
-    fn legal_scenes_stay_finite_and_complete(scene in disc_scenes()) {
-        let t = simulate(&rollouts(std::slice::from_ref(&scene)), Engine::Lanes).unwrap().remove(0);
-        prop_assert_eq!(t.outcome.end, End::Horizon);
+    fn valid_scenes_stay_finite_and_complete(scene in disc_scenes()) {
+        let t = Simulator::new(Engine::Lanes).run(&rollouts(std::slice::from_ref(&scene))).unwrap().remove(0);
+        prop_assert_eq!(t.outcome.end, Termination::Horizon);
         prop_assert_eq!(t.times.len(), 1 + scene.steps.div_ceil(scene.observe_every) as usize);
         for b in &t.bodies {
             let all = [&b.x, &b.y, &b.angle, &b.vx, &b.vy, &b.omega];
@@ -266,12 +271,12 @@ proptest! {
     }
 
     #[test]
-    fn lanes_may_change_places(scenes in prop::collection::vec(disc_scenes(), 3..20), turn in 1usize..19) {
-        let straight = simulate(&rollouts(&scenes), Engine::Lanes).unwrap();
+    fn results_are_independent_of_order(scenes in prop::collection::vec(disc_scenes(), 3..20), turn in 1usize..19) {
+        let straight = Simulator::new(Engine::Lanes).run(&rollouts(&scenes)).unwrap();
         let mut turned = scenes.clone();
         let turn = turn % scenes.len();
         turned.rotate_left(turn);
-        let mut out = simulate(&rollouts(&turned), Engine::Lanes).unwrap();
+        let mut out = Simulator::new(Engine::Lanes).run(&rollouts(&turned)).unwrap();
         out.rotate_right(turn);
         prop_assert_eq!(straight, out);
     }
@@ -281,7 +286,7 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
     scenes.iter().map(Rollout::of).collect()
 }
 
-/// Scenes of every family and of our own, damped and not, some with goals reached early.
+/// Scenes of every family and others, damped and not, some with goals reached early.
 fn mixed_scenes() -> Vec<Scene> {
     let mut scenes = Vec::new();
     for family in families() {
@@ -303,10 +308,10 @@ fn mixed_scenes() -> Vec<Scene> {
     scenes
 }
 
-/// Boxes, a triangle, a capsule, an L and a disc in a box, each scene with other numbers.
+/// Boxes, a triangle, a capsule, an L and a disc in a box, with different numbers in each scene.
 fn tumbling(i: u32) -> Scene {
     let share = |k: u32| f64::from((i * 7 + k * 13) % 24) / 24.0;
-    let bar = |w: f64, h: f64, position: [f64; 2]| Piece {
+    let bar = |w: f64, h: f64, position: [f64; 2]| CompoundPiece {
         shape: Shape::Box(Rectangle { half_width: w, half_height: h }),
         position,
         angle: 0.0,
@@ -314,7 +319,7 @@ fn tumbling(i: u32) -> Scene {
     let shapes: [Shape; 5] = [
         Rectangle { half_width: 0.4, half_height: 0.3 }.into(),
         Polygon { vertices: vec![[-0.5, -0.3], [0.5, -0.2], [0.0, 0.5]] }.into(),
-        Segment { from: [-0.4, 0.0], to: [0.4, 0.1], radius: 0.15 }.into(),
+        SegmentShape { from: [-0.4, 0.0], to: [0.4, 0.1], radius: 0.15 }.into(),
         Compound { pieces: vec![bar(0.5, 0.15, [0.0, 0.0]), bar(0.15, 0.4, [0.35, 0.4])] }.into(),
         Disc { radius: 0.35 }.into(),
     ];
@@ -337,7 +342,7 @@ fn tumbling(i: u32) -> Scene {
         4 => {
             let [body, _] = bodies;
             let line = Some([[-4.0, 2.0 + 0.1 * f64::from(i % 7)], [4.0, 2.5]]);
-            Goal::Above { body, height: None, line, point: Point::Lowest, hold_s, stop }
+            Goal::Above { body, height: None, line, point: GoalPoint::Lowest, hold_s, stop }
         }
         _ => Goal::Contact { bodies, hold_s, tolerance, stop },
     });
@@ -411,7 +416,7 @@ prop_compose! {
         };
         let triangle = Shape::Polygon(Polygon { vertices: vec![[-0.5, -0.3], [0.6, -0.2], [0.1, 0.5]] });
         scene.statics.push(fixed("triangle", triangle, [-2.0, 0.8], angle));
-        let bar = Shape::Segment(Segment { from: [-0.7, 0.0], to: [0.7, 0.1], radius: 0.05 });
+        let bar = Shape::Segment(SegmentShape { from: [-0.7, 0.0], to: [0.7, 0.1], radius: 0.05 });
         scene.statics.push(fixed("bar", bar, [0.7, 1.1], -angle / 3.0));
         scene.statics.push(fixed("post", Shape::Disc(Disc { radius: 0.3 }), [3.0, 0.7], 0.0));
         let slope = Shape::Halfspace(Halfspace { normal: [-0.6, 0.8], offset: -3.0 });
@@ -421,7 +426,7 @@ prop_compose! {
     }
 }
 
-/// The scene seen in a mirror on the y axis.
+/// The scene mirrored at the y axis.
 fn mirror(scene: &Scene) -> Scene {
     let flip = |p: [f64; 2]| [-p[0], p[1]];
     let mut out = scene.clone();
@@ -437,7 +442,7 @@ fn mirror(scene: &Scene) -> Scene {
             Shape::Polygon(Polygon { vertices }) => {
                 *vertices = vertices.iter().rev().map(|p| flip(*p)).collect();
             }
-            Shape::Segment(Segment { from, to, .. }) => (*from, *to) = (flip(*from), flip(*to)),
+            Shape::Segment(SegmentShape { from, to, .. }) => (*from, *to) = (flip(*from), flip(*to)),
             Shape::Halfspace(Halfspace { normal, .. }) => *normal = flip(*normal),
             symmetric => assert!(matches!(symmetric, Shape::Disc(_) | Shape::Box(_)), "{symmetric:?}"),
         }

@@ -1,41 +1,41 @@
-//! Bodies that are no discs in the batched engine, against what can be worked out.
+//! Bodies that are not discs in the batched engine, against analytic solutions.
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
-use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
+use iplw::task::shape::{Compound, CompoundPiece, Disc, Halfspace, Polygon, Rectangle, SegmentShape};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 
 const G: f64 = 9.8;
 
-/// A block on a slope slides at g (sin - mu cos), or not at all where friction holds it.
+/// A block slides down a slope at g (sin - mu cos), or stays if friction holds it.
 #[test]
-fn a_block_slides_down_a_slope_as_friction_says() {
+fn block_slides_down_a_slope_by_friction() {
     for (mu, angle) in [(0.2, 0.5), (0.5, 0.7), (0.9, 0.5)] {
-        let t = roll(&scene(vec![on_slope(block(0.5, 0.25), angle, mu)], vec![slope(angle)], 1.0));
+        let t = run(&scene(vec![on_slope(block(0.5, 0.25), angle, mu)], vec![slope(angle)], 1.0));
         let moved = f64::hypot(last(&t, 0).0 - t.bodies[0].x[0], last(&t, 0).1 - t.bodies[0].y[0]);
         let wanted = (0.5 * G * (angle.sin() - mu * angle.cos())).max(0.0);
         assert!((moved - wanted).abs() < 0.01 * wanted.max(0.1), "mu {mu}: {moved} m for {wanted} m");
     }
 }
 
-/// It tips over where the slope is steeper than its base is wide for its height.
+/// A block tips over if the slope is steeper than its width-to-height ratio.
 #[test]
-fn a_block_tips_where_its_centre_is_beyond_its_edge() {
+fn block_tips_if_its_centre_is_beyond_its_edge() {
     for (half_width, tips) in [(0.25, true), (0.36, false)] {
         // tan(angle) times the half height is 0.3.
         let tall = block(half_width, 0.6);
         let angle = 0.5f64.atan();
-        let t = roll(&scene(vec![on_slope(tall, angle, 5.0)], vec![slope(angle)], 2.0));
+        let t = run(&scene(vec![on_slope(tall, angle, 5.0)], vec![slope(angle)], 2.0));
         let turned = (t.bodies[0].angle.last().unwrap() + angle).abs() > 0.5;
         assert_eq!(turned, tips, "half width {half_width}");
     }
 }
 
-/// Housner (1963): a block let go at an angle rocks as an upside-down pendulum about its corner, until it is flat; then it goes on
-/// about the other corner with 1 - 3/2 sin^2(alpha) of its spin.
+/// Housner (1963): a block released at an angle rocks like an inverted pendulum about its corner until it is
+/// flat; then it continues about the other corner with 1 - 3/2 sin^2(alpha) of its spin.
 #[test]
-fn a_block_rocks_as_housner_says() {
+fn block_rocks_by_housners_model() {
     let (b, h, start) = (0.2, 1.0, 0.08);
     let (radius, alpha) = (f64::hypot(b, h), f64::atan2(b, h));
     // About the corner: 4/3 m R^2 * angle'' = -m g R sin(alpha - angle).
@@ -47,32 +47,32 @@ fn a_block_rocks_as_housner_says() {
     }
     let mut own = block(b, h);
     own.friction = 10.0;
-    // On its right corner, turned clockwise by the angle.
+    // On its right corner, rotated clockwise by the angle.
     own.angle = -start;
     own.position = Some([-radius * (alpha - start).sin(), radius * (alpha - start).cos()]);
     let mut scene = scene(vec![own], vec![ground()], time + 0.25);
     (scene.time_step, scene.steps) = (1e-3, ((time + 0.25) * 1e3) as u32);
-    let t = roll(&scene);
+    let t = run(&scene);
     let at = |t_wanted: f64| (t_wanted / scene.time_step).round() as usize;
     let (before, wanted) =
         (t.bodies[0].omega[at(time - 0.01)], -spin - 0.01 * 0.75 * G / radius * alpha.sin());
     assert!((before - wanted).abs() < 0.02 * spin.abs(), "{before} rad/s for {wanted}");
     let after = t.bodies[0].omega[at(time + 0.03)];
-    // From then on the other corner takes speed off.
+    // From then on the other corner decelerates it.
     let wanted = -spin * (1.0 - 1.5 * alpha.sin().powi(2)) - 0.03 * 0.75 * G / radius * alpha.sin();
     assert!((after - wanted).abs() < 0.03 * wanted.abs(), "{after} rad/s for {wanted}");
 }
 
-/// Ten boxes on each other stand still; three come to a rest that is one to the last bit.
+/// Ten stacked boxes stand still; three come to rest to the last bit.
 #[test]
-fn stacks_stand() {
+fn stacks_are_stable() {
     for count in [3, 10] {
         let on = |i: u32| Body {
             position: Some([0.0, 0.5 + f64::from(i)]),
             name: format!("b{i}"),
             ..block(0.5, 0.5)
         };
-        let t = roll(&scene((0..count).map(on).collect(), vec![ground()], 60.0));
+        let t = run(&scene((0..count).map(on).collect(), vec![ground()], 60.0));
         for b in &t.bodies {
             let (early, late) = (5 * 240, b.len() - 1);
             let drift = f64::hypot(b.x[late] - b.x[early], b.y[late] - b.y[early]);
@@ -88,7 +88,7 @@ fn stacks_stand() {
     }
 }
 
-/// A row of dominoes falls, each after the one before.
+/// A row of dominoes falls, one after the other.
 #[test]
 fn dominoes_fall_one_after_the_other() {
     let mut row: Vec<Body> = (0..8)
@@ -100,7 +100,7 @@ fn dominoes_fall_one_after_the_other() {
         })
         .collect();
     row[0].angular_velocity = -2.0;
-    let t = roll(&scene(row, vec![ground()], 6.0));
+    let t = run(&scene(row, vec![ground()], 6.0));
     let fell: Vec<usize> = t
         .bodies
         .iter()
@@ -109,9 +109,9 @@ fn dominoes_fall_one_after_the_other() {
     assert!(fell.is_sorted(), "{fell:?}");
 }
 
-/// A plank on an edge goes down where weight times arm is greater.
+/// A plank on an edge tips to the side of the larger moment.
 #[test]
-fn a_see_saw_goes_down_at_the_greater_moment() {
+fn seesaw_tips_to_the_larger_moment() {
     for (arm, left_falls) in [(0.9, false), (1.1, true)] {
         let plank =
             Body { position: Some([0.0, 1.05]), name: "plank".into(), friction: 1.0, ..block(2.0, 0.05) };
@@ -122,20 +122,22 @@ fn a_see_saw_goes_down_at_the_greater_moment() {
             density: None,
             ..block(0.1, 0.1)
         };
-        // 2 kg at `arm` on the left against 1 kg at twice 1 m on the right, less what boxes are wide.
+        // 2 kg at `arm` on the left against 1 kg at twice 1 m on the right, minus the widths of the
+        // boxes.
         let bodies = vec![plank, weight("left", -arm, 20.0), weight("right", 1.9, 20.0 / 1.9)];
         let pivot = fixed("pivot", Polygon { vertices: vec![[-0.5, 0.0], [0.5, 0.0], [0.0, 1.0]] }.into());
-        let t = roll(&scene(bodies, vec![pivot], 1.0));
+        let t = run(&scene(bodies, vec![pivot], 1.0));
         let turned = *t.bodies[0].angle.last().unwrap();
         assert_eq!(turned > 0.0, left_falls, "arm {arm}: {turned} rad");
         assert!(turned.abs() > 0.03, "arm {arm}: {turned} rad");
     }
 }
 
-/// In free flight the centre of mass of an L flies its parabola and its spin stays, whatever its frame's origin does.
+/// In free flight the centre of mass of an L moves on a parabola with constant spin, whatever the motion of
+/// its frame's origin.
 #[test]
-fn a_compound_flies_about_its_centre_of_mass() {
-    let bar = |w: f64, h: f64, at: [f64; 2]| Piece {
+fn compound_rotates_about_its_centre_of_mass() {
+    let bar = |w: f64, h: f64, at: [f64; 2]| CompoundPiece {
         shape: Shape::Box(Rectangle { half_width: w, half_height: h }),
         position: at,
         angle: 0.0,
@@ -149,14 +151,14 @@ fn a_compound_flies_about_its_centre_of_mass() {
         position: Some([0.0, 5.0]),
         ..block(1.0, 1.0)
     };
-    let t = roll(&scene(vec![own.clone()], vec![], 1.0));
+    let t = run(&scene(vec![own.clone()], vec![], 1.0));
     let of = |x: f64, y: f64, angle: f64| {
         let (sin, cos) = angle.sin_cos();
         [x + cos * centre[0] - sin * centre[1], y + sin * centre[0] + cos * centre[1]]
     };
     let b = &t.bodies[0];
     let start = of(b.x[0], b.y[0], 0.0);
-    // What the origin's velocity says of the centre's.
+    // The centre's velocity from that of the origin.
     let v = [1.0 - 3.0 * centre[1], 4.0 + 3.0 * centre[0]];
     let at = of(last(&t, 0).0, last(&t, 0).1, *b.angle.last().unwrap());
     let wanted = [start[0] + v[0], start[1] + v[1] - 0.5 * G];
@@ -164,11 +166,11 @@ fn a_compound_flies_about_its_centre_of_mass() {
     assert!((b.angle.last().unwrap() - 3.0).abs() < 1e-9 && b.omega.iter().all(|w| *w == 3.0));
 }
 
-/// Square to square and round to flat: what falls rebounds to e^2 h, whatever touches.
+/// Bodies of any shape rebound to e^2 h.
 #[test]
-fn every_shape_rebounds() {
+fn every_shape_rebounds_by_restitution() {
     let e = 0.6;
-    let capsule = Segment { from: [-0.4, 0.0], to: [0.4, 0.0], radius: 0.2 };
+    let capsule = SegmentShape { from: [-0.4, 0.0], to: [0.4, 0.0], radius: 0.2 };
     let shapes: [(Shape, f64); 3] = [
         (Rectangle { half_width: 0.5, half_height: 0.3 }.into(), 0.3),
         (capsule.into(), 0.2),
@@ -179,18 +181,18 @@ fn every_shape_rebounds() {
         own.restitution = e;
         let mut scene = scene(vec![own], vec![ground()], 1.25);
         (scene.time_step, scene.steps) = (1.0 / 960.0, 1200);
-        let t = roll(&scene);
+        let t = run(&scene);
         let landed = t.bodies[0].vy.iter().position(|v| *v > 0.0).expect("it bounces");
         let top = t.bodies[0].y[landed..].iter().copied().fold(0.0, f64::max) - low;
         assert!((top - e * e * 2.0).abs() < 0.03, "{shape:?}: {top} m");
-        // Ten sweeps over two points leave a little turn: Pymunk's triangle has 0.019 rad/s.
+        // Ten iterations over two points leave a small rotation: Pymunk's triangle has 0.019 rad/s.
         assert!(t.bodies[0].omega.iter().all(|w| w.abs() < 0.03), "{shape:?} turns");
     }
 }
 
-/// A goal between corners holds at their true distance.
+/// A goal between corners uses their true distance.
 #[test]
-fn a_goal_between_corners_is_their_distance() {
+fn goal_distance_is_exact_between_corners() {
     // Two squares, corner to corner: 0.3 m and 0.4 m apart, so 0.5 m.
     for (tolerance, holds) in [(0.499, false), (0.501, true)] {
         let mut own = block(0.5, 0.5);
@@ -201,35 +203,36 @@ fn a_goal_between_corners_is_their_distance() {
         scene.gravity = [0.0, 0.0];
         scene.goal =
             Some(Goal::Contact { bodies: ["b".into(), "other".into()], hold_s: 0.0, tolerance, stop: None });
-        assert_eq!(roll(&scene).solved(), holds, "{tolerance}");
+        assert_eq!(run(&scene).solved(), holds, "{tolerance}");
     }
 }
 
-/// A fast plate does not pass through a thin wall.
+/// A fast plate does not pass a thin wall.
 #[test]
-fn a_fast_plate_does_not_pass_through() {
+fn fast_plate_does_not_tunnel() {
     let mut plate = Body { position: Some([0.0, 1.0]), velocity: [60.0, 0.0], ..block(0.05, 0.4) };
     plate.restitution = 0.3;
-    let wall = fixed("wall", Segment { from: [5.0, -3.0], to: [5.0, 5.0], radius: 0.0 }.into());
-    let t = roll(&scene(vec![plate], vec![wall], 0.5));
+    let wall = fixed("wall", SegmentShape { from: [5.0, -3.0], to: [5.0, 5.0], radius: 0.0 }.into());
+    let t = run(&scene(vec![plate], vec![wall], 0.5));
     assert!(t.bodies[0].x.iter().all(|x| *x < 5.2), "{:?}", last(&t, 0));
     assert!(!t.events.is_empty());
 }
 
-/// A capsule lands on its end and bounces off a wall with it, whichever end was named first; so does a box on a post.
+/// A capsule lands on its end and bounces off a wall with it, for either order of its ends; so does a box on
+/// a post.
 #[test]
-fn what_is_seen_end_on_is_met_at_its_end() {
+fn segments_collide_with_their_ends() {
     let swapped = |from: [f64; 2], to: [f64; 2]| [(from, to), (to, from)];
     for (from, to) in swapped([0.0, -0.4], [0.0, 0.4]) {
         let standing = Body { position: Some([0.0, 1.5]), ..capsule(from, to) };
         for floor in [ground(), fixed("floor", block_shape(5.0, 0.5))] {
             let top = if matches!(floor.shape, Shape::Halfspace(_)) { 0.0 } else { 0.5 };
-            let t = roll(&scene(vec![standing.clone()], vec![floor], 0.6));
+            let t = run(&scene(vec![standing.clone()], vec![floor], 0.6));
             let low = t.bodies[0].y.iter().copied().fold(f64::INFINITY, f64::min);
             assert!((low - top - 0.5).abs() < 0.1, "{from:?} to {to:?}: {low} over {top}");
         }
-        let post = fixed("post", Segment { from, to, radius: 0.0 }.into());
-        let t = roll(&scene(vec![Body { position: Some([0.0, 1.5]), ..block(0.5, 0.5) }], vec![post], 0.5));
+        let post = fixed("post", SegmentShape { from, to, radius: 0.0 }.into());
+        let t = run(&scene(vec![Body { position: Some([0.0, 1.5]), ..block(0.5, 0.5) }], vec![post], 0.5));
         assert!((last(&t, 0).1 - 0.9).abs() < 0.1, "{from:?} to {to:?}: {:?}", last(&t, 0));
     }
     for (from, to) in swapped([-0.4, 0.0], [0.4, 0.0]) {
@@ -239,15 +242,15 @@ fn what_is_seen_end_on_is_met_at_its_end() {
             let wall = Static { position: [2.0 * way, 0.0], ..fixed("wall", block_shape(0.5, 3.0)) };
             let mut scene = scene(vec![flies], vec![wall], 1.0);
             scene.gravity = [0.0; 2];
-            let t = roll(&scene);
+            let t = run(&scene);
             assert!((t.bodies[0].vx.last().unwrap() + 2.0 * way).abs() < 1e-6, "{from:?} to {to:?} {way}");
         }
     }
 }
 
-/// Cores on one line are as far apart as their ends.
+/// The distance of collinear cores is that of their ends.
 #[test]
-fn what_lies_on_one_line_does_not_touch_from_afar() {
+fn collinear_bodies_do_not_touch_at_a_distance() {
     for turn in 0..16 {
         let angle = 0.37 * f64::from(turn);
         let (sin, cos) = angle.sin_cos();
@@ -267,16 +270,16 @@ fn what_lies_on_one_line_does_not_touch_from_afar() {
                 tolerance: 0.1,
                 stop: None,
             });
-            let t = roll(&scene);
+            let t = run(&scene);
             assert!(t.events.is_empty() && !t.solved(), "turned by {angle}: {:?}", t.events);
             assert!(t.bodies.iter().all(|b| b.vx.iter().chain(&b.omega).all(|v| *v == 0.0)));
         }
     }
 }
 
-/// How a body's frame is drawn does not matter: a plank along x, and one drawn at 45 degrees and turned back.
+/// The choice of a body's frame does not matter: a plank along x, and one at 45 degrees rotated back.
 #[test]
-fn a_frame_is_a_matter_of_drawing() {
+fn results_are_independent_of_the_body_frame() {
     let (half, slant) = (1.0, std::f64::consts::FRAC_PI_4);
     let end = half * slant.cos();
     let drawn = [
@@ -285,17 +288,17 @@ fn a_frame_is_a_matter_of_drawing() {
     ];
     let heights = drawn.map(|(own, angle)| {
         let own = Body { position: Some([0.0, 0.5]), angle, ..own };
-        last(&roll(&scene(vec![own], vec![ground()], 3.0)), 0).1
+        last(&run(&scene(vec![own], vec![ground()], 3.0)), 0).1
     });
     assert!((heights[0] - heights[1]).abs() < 1e-6, "{heights:?}");
 }
 
-/// What is fast meets a thin static: triangles, planks drawn askew, a jar; and does not come out on its other side, if in a step it
-/// moves no farther than it is wide. Nothing hangs where nothing holds it.
+/// Fast bodies collide with a thin static: triangles, rotated planks, a jar; they do not pass it if they move
+/// at most their width in a step. No body stays suspended without support.
 #[test]
-fn what_is_fast_does_not_pass_through() {
-    let wall = || fixed("wall", Segment { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }.into());
-    let piece = |w: f64, h: f64, at: [f64; 2]| Piece {
+fn fast_bodies_do_not_tunnel() {
+    let wall = || fixed("wall", SegmentShape { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }.into());
+    let piece = |w: f64, h: f64, at: [f64; 2]| CompoundPiece {
         shape: Rectangle { half_width: w, half_height: h }.into(),
         position: at,
         angle: 0.0,
@@ -331,10 +334,10 @@ fn what_is_fast_does_not_pass_through() {
                 restitution: 0.2,
                 ..own.clone()
             };
-            let t = roll(&scene(vec![own], vec![wall()], 0.5));
+            let t = run(&scene(vec![own], vec![wall()], 0.5));
             let b = &t.bodies[0];
             assert!(!t.events.is_empty(), "{i} at {speed}: {:?}", last(&t, 0));
-            // Below the wall only where it came past one of its ends.
+            // A body may be below the wall only if it passed one of its ends.
             let passes = b.y.iter().position(|y| *y < -0.3).is_some_and(|k| b.x[k].abs() < 4.5);
             assert!(!passes || speed / 240.0 > width, "{i} at {speed}: {:?}", last(&t, 0));
             let hangs = (60..b.len()).all(|k| b.y[k] == b.y[k - 1] && b.vy[k].abs() > 0.5);
@@ -345,12 +348,12 @@ fn what_is_fast_does_not_pass_through() {
 
 fn on_slope(own: Body, angle: f64, mu: f64) -> Body {
     let Shape::Box(Rectangle { half_height, .. }) = own.shape else { unreachable!("blocks are boxes") };
-    // A hair in, so that it bears from the start.
+    // A tiny overlap makes the contact active from the start.
     let off = half_height - 1e-9;
     Body { position: Some([off * angle.sin(), off * angle.cos()]), angle: -angle, friction: mu, ..own }
 }
 
-/// Falls to the right.
+/// Descends to the right.
 fn slope(angle: f64) -> Static {
     fixed("slope", Halfspace { normal: [angle.sin(), angle.cos()], offset: 0.0 }.into())
 }
@@ -372,7 +375,7 @@ fn capsule(from: [f64; 2], to: [f64; 2]) -> Body {
 }
 
 fn capsule_of(from: [f64; 2], to: [f64; 2], radius: f64) -> Body {
-    Body { shape: Segment { from, to, radius }.into(), ..block(1.0, 1.0) }
+    Body { shape: SegmentShape { from, to, radius }.into(), ..block(1.0, 1.0) }
 }
 
 fn block(half_width: f64, half_height: f64) -> Body {
@@ -403,10 +406,10 @@ fn scene(bodies: Vec<Body>, statics: Vec<Static>, seconds: f64) -> Scene {
     }
 }
 
-fn roll(scene: &Scene) -> Trajectory {
+fn run(scene: &Scene) -> Trajectory {
     scene.validate().unwrap();
     let rollout = Rollout::of(scene);
-    simulate(&[rollout], Engine::Lanes).unwrap().remove(0)
+    Simulator::new(Engine::Lanes).run(&[rollout]).unwrap().remove(0)
 }
 
 fn last(t: &Trajectory, body: usize) -> (f64, f64) {

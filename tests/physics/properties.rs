@@ -1,47 +1,49 @@
-//! What holds for every scene, in both engines: legal scenes stay finite, whatever their sizes; the order in which
-//! bodies and statics are listed does not matter where it must not.
+//! Properties of both engines for random scenes: valid scenes of any size stay finite; the order of bodies
+//! and statics does not matter where contacts are isolated.
 
 use crate::fuzz_one::{Fate, check_scene};
 use iplw::rng::stream;
 use iplw::task::scene::{Body, Goal, Shape, Static};
-use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, Segment};
+use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, SegmentShape};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{Track, Trajectory};
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 use proptest::prelude::*;
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
-/// m; how far two bodies that collide in rapier may end, 2 s later, from where they end when listed the other way
-/// round, if they met in the same time step. Rapier's places are f32, so it depends on how far out they are: of 24,000
-/// pairs each the worst were 0.36 mm off near the origin, 7 mm at 60 m and 51 mm at 420 m.
-const SWAPPED: f64 = 0.1;
+/// Distance, m, between the final positions of two bodies that collide in rapier, 2 s later, for both orders
+/// of the bodies, if they collide in the same time step. Rapier's positions are f32, so it grows with the
+/// distance from the origin: the largest of 24,000 pairs each were 0.36 mm near the origin, 7 mm at 60 m and
+/// 51 mm at 420 m.
+const SWAPPED_TOLERANCE_M: f64 = 0.1;
 /// The same near the origin.
-const SWAPPED_NEAR: f64 = 1e-3;
+const SWAPPED_TOLERANCE_NEAR_ORIGIN_M: f64 = 1e-3;
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
 
-    /// Sizes from a micrometre to the largest legal, masses, speeds, time steps and coefficients likewise: no NaN,
-    /// no panic, and a rollout that leaves all reason says so.
+    /// Sizes from a micrometre to the largest valid one, masses, speeds, time steps and coefficients
+    /// likewise: no NaN, no panic, and an implausible rollout ends as diverged.
     #[test]
-    fn legal_scenes_are_simulated_to_finite_numbers(scene in any_scene()) {
+    fn valid_scenes_give_finite_numbers(scene in any_scene()) {
         prop_assert!(scene.validate().is_ok(), "{}", scene.validate().unwrap_err());
         prop_assert_eq!(check_scene(&scene, 100), Fate::Simulated);
     }
 
-    /// Things that meet one at a time, in as many places at once as there are: the order in which they are listed
-    /// is the order in which contacts are visited, which matters only within a cluster of contacts. What is left is
-    /// the sign of normals and the order of the two terms of a sum, which cost no bit. Rapier turns the second of
-    /// two bodies into the frame of the first, in f32, so which is first shows in the last bits: see [`SWAPPED`].
-    /// Of 24,000 pairs at 420 m the last bits decided for nine in which of two time steps they met; a step later their
-    /// normal has turned, and 2 s later they are decimetres off. That is no fault of the order, but no other step will do.
+    /// Objects collide in isolated pairs, several pairs at once. The order of the objects is the order in
+    /// which contacts are visited, which matters only within a cluster of contacts; the remaining
+    /// differences, the sign of normals and the order of two terms of a sum, change no bit. Rapier
+    /// transforms the second of two bodies to the frame of the first in f32, so the order changes the
+    /// last bits: see [`SWAPPED_TOLERANCE_M`]. Of 24,000 pairs at 420 m nine collided one time step later
+    /// in one of the orders; their normals then differ, and 2 s later they are decimetres apart. This is
+    /// inherent to the time step.
     #[test]
-    fn order_does_not_matter_where_contacts_are_single(scene in islands(), seed in 0u64..1000) {
+    fn order_does_not_matter_for_isolated_contacts(scene in islands(), seed in 0u64..1000) {
         for engine in ENGINES {
-            let straight = roll(&scene, engine);
-            let turned = in_order_of(&scene, roll(&shuffled(&scene, seed), engine));
+            let straight = run(&scene, engine);
+            let turned = in_order_of(&scene, run(&shuffled(&scene, seed), engine));
             prop_assume!(!straight.events.is_empty());
             let mut all_met_alike = true;
             for (a, b) in straight.bodies.iter().zip(&turned.bodies) {
@@ -50,12 +52,12 @@ proptest! {
                     prop_assert_eq!(a, b, "{:?}", engine);
                     continue;
                 }
-                let (met, met_turned) = (meetings(&straight, &a.name), meetings(&turned, &a.name));
+                let (met, met_turned) = (contact_times(&straight, &a.name), contact_times(&turned, &a.name));
                 all_met_alike &= met == met_turned;
                 let late = met.len() == met_turned.len() && met != met_turned;
                 let apart = met.iter().zip(&met_turned).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 prop_assert!(apart < 1.5 * scene.time_step, "{} meets its partner {} s apart", a.name, apart);
-                prop_assert!(late || off(a, b) < SWAPPED, "{} is {} m off", a.name, off(a, b));
+                prop_assert!(late || max_distance(a, b) < SWAPPED_TOLERANCE_M, "{} is {} m off", a.name, max_distance(a, b));
             }
             if all_met_alike {
                 prop_assert_eq!(straight.rolling_steps, turned.rolling_steps);
@@ -65,15 +67,16 @@ proptest! {
     }
 }
 
-/// Where an f32 is fine enough, rapier's pairs meet in the same step and go the same way, in whichever order listed.
+/// Near the origin f32 is accurate enough: rapier's pairs collide in the same step and move alike, in either
+/// order.
 #[test]
-fn order_does_not_matter_to_pairs_near_the_origin() {
+fn order_does_not_matter_for_pairs_near_the_origin() {
     let mut draw = stream(7, "pairs");
     let pairs: Vec<Scene> = (0..1000)
         .map(|_| {
             let u: [f64; 8] = std::array::from_fn(|_| 2.0 * draw.random::<f64>() - 1.0);
             let mut scene = Scene { steps: 480, observe_every: 5, ..Scene::empty() };
-            scene.bodies = [pusher("b0", 0.0, u), thrown("o0", 0.0, u)].into();
+            scene.bodies = [slow_disc("b0", 0.0, u), fast_disc("o0", 0.0, u)].into();
             scene
         })
         .collect();
@@ -84,57 +87,62 @@ fn order_does_not_matter_to_pairs_near_the_origin() {
             Scene { bodies, ..s.clone() }
         })
         .collect();
-    let of = |scenes: &[Scene]| simulate(&rollouts(scenes), Engine::Rapier).unwrap();
+    let of = |scenes: &[Scene]| Simulator::new(Engine::Rapier).run(&rollouts(scenes)).unwrap();
     let mut met = 0;
     for ((scene, straight), turned) in pairs.iter().zip(of(&pairs)).zip(of(&other)) {
         let turned = in_order_of(scene, turned);
         assert_eq!(times(&straight), times(&turned));
         met += usize::from(!straight.events.is_empty());
         for (a, b) in straight.bodies.iter().zip(&turned.bodies) {
-            assert!(off(a, b) < SWAPPED_NEAR, "{} is {} m off", a.name, off(a, b));
+            assert!(
+                max_distance(a, b) < SWAPPED_TOLERANCE_NEAR_ORIGIN_M,
+                "{} is {} m off",
+                a.name,
+                max_distance(a, b)
+            );
         }
     }
     assert!(met >= 500, "{met} pairs met");
 }
 
-/// In clusters the sweeps' order is part of the result, but no order is better: bowling scenes listed in another
-/// order are solved as often, and few fare differently.
+/// Within clusters the result depends on the order of iterations, but no order is better: bowling scenes in
+/// another order are solved as often, and few outcomes change.
 #[test]
-fn order_shifts_no_statistics_of_bowling() {
+fn order_keeps_statistics_of_bowling() {
     let scenes = bowling(250);
     let other: Vec<Scene> = (0..).zip(&scenes).map(|(i, s)| shuffled(s, i)).collect();
     for engine in ENGINES {
         let solved = |scenes: &[Scene]| -> Vec<bool> {
-            simulate(&rollouts(scenes), engine).unwrap().iter().map(Trajectory::solved).collect()
+            Simulator::new(engine).run(&rollouts(scenes)).unwrap().iter().map(Trajectory::solved).collect()
         };
         let (straight, turned) = (solved(&scenes), solved(&other));
         let count = |solved: &[bool]| solved.iter().filter(|s| **s).count();
         let differ = straight.iter().zip(&turned).filter(|(a, b)| a != b).count();
         println!("{engine:?}: {} and {} solved, {differ} differ", count(&straight), count(&turned));
         assert!(count(&straight) >= 10, "{engine:?}: too few solved to compare");
-        // In lanes only clusters feel the order; in rapier every collision of two balls does, in its last bits, and
-        // the walls they roll to make much of it.
+        // In lanes only clusters depend on the order; in rapier the last bits of every collision of
+        // two balls do, and rolling and wall contacts amplify them.
         let most = if engine == Engine::Lanes { 2 } else { 10 };
         assert!(differ <= most, "{engine:?}: {differ} of {} fare differently", scenes.len());
     }
 }
 
-/// m; the furthest that two tracks of a body are ever apart.
-fn off(a: &Track, b: &Track) -> f64 {
+/// Largest distance between two tracks of a body, m.
+fn max_distance(a: &Track, b: &Track) -> f64 {
     (0..a.len()).map(|i| (a.x[i] - b.x[i]).hypot(a.y[i] - b.y[i])).fold(0.0, f64::max)
 }
 
-/// s; when the body began to touch something.
-fn meetings(t: &Trajectory, name: &str) -> Vec<f64> {
+/// Times at which the body's contacts begin, s.
+fn contact_times(t: &Trajectory, name: &str) -> Vec<f64> {
     t.events.iter().filter(|e| e.between.iter().any(|n| n == name)).map(|e| e.time).collect()
 }
 
-/// s; when any two things began to touch.
+/// Times at which any contact begins, s.
 fn times(t: &Trajectory) -> Vec<f64> {
     t.events.iter().map(|e| e.time).collect()
 }
 
-/// The scene with bodies and statics in another order.
+/// The scene with bodies and statics in random order.
 fn shuffled(scene: &Scene, seed: u64) -> Scene {
     let mut draw = stream(seed, "order");
     let mut out = scene.clone();
@@ -161,8 +169,8 @@ fn bowling(count: usize) -> Vec<Scene> {
     placed.take(count).collect()
 }
 
-fn roll(scene: &Scene, engine: Engine) -> Trajectory {
-    simulate(&rollouts(std::slice::from_ref(scene)), engine).expect("it simulates").remove(0)
+fn run(scene: &Scene, engine: Engine) -> Trajectory {
+    Simulator::new(engine).run(&rollouts(std::slice::from_ref(scene))).expect("it simulates").remove(0)
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
@@ -170,7 +178,8 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
 }
 
 prop_compose! {
-    /// Three to eight places far apart, in each of which one disc meets one thing: a disc, or a static of any kind.
+    /// Three to eight distant positions, at each of which one disc collides with one object: a disc, or a
+    /// static of any kind.
     fn islands()(
         meetings in prop::collection::vec(
             (0usize..5, prop::array::uniform8(-1.0f64..1.0)), 3..8),
@@ -178,19 +187,19 @@ prop_compose! {
         let mut scene = Scene { steps: 480, observe_every: 5, ..Scene::empty() };
         for (i, (kind, u)) in meetings.into_iter().enumerate() {
             let x = 60.0 * i as f64;
-            let own = pusher(&format!("b{i}"), x, u);
+            let own = slow_disc(&format!("b{i}"), x, u);
             let post = Shape::Disc(Disc { radius: 0.3 });
             let shape = match kind {
                 0 => {
-                    scene.bodies.push(thrown(&format!("o{i}"), x, u));
+                    scene.bodies.push(fast_disc(&format!("o{i}"), x, u));
                     post.clone()
                 }
                 1 => Shape::Box(Rectangle { half_width: 20.0, half_height: 0.5 }),
-                2 => Shape::Segment(Segment { from: [-20.0, 0.2 * u[7]], to: [20.0, 0.0], radius: 0.1 }),
+                2 => Shape::Segment(SegmentShape { from: [-20.0, 0.2 * u[7]], to: [20.0, 0.0], radius: 0.1 }),
                 3 => Shape::Polygon(Polygon { vertices: vec![[-20.0, -1.0], [20.0, -1.0], [0.0, u[7].abs()]] }),
                 _ => post.clone(),
             };
-            // Under a colliding pair there is nothing to meet.
+            // A colliding pair has no static within reach.
             let depth = if kind == 0 { -500.0 } else { 0.0 };
             scene.bodies.push(own);
             scene.statics.push(Static {
@@ -202,11 +211,12 @@ prop_compose! {
 }
 
 prop_compose! {
-    /// Up to 12 bodies and 12 statics of any shape, sizes over eleven orders of magnitude, apart from one another.
+    /// Up to 12 bodies and 12 statics of any shape, sizes over eleven orders of magnitude, without
+    /// overlaps.
     fn any_scene()(
         bodies in prop::collection::vec((any_shape(), any_state()), 1..12),
         statics in prop::collection::vec((any_shape(), any_state(), any::<bool>()), 0..12),
-        // Half the scenes are of one size, so that things meet; half of all sizes at once.
+        // Half the scenes have one size, so that objects collide; half mix all sizes.
         size in prop::option::of(log(-5.0, 3.0)),
         gap in log(-8.0, 0.5),
         gravity in prop::array::uniform2(prop_oneof![Just(0.0), -1e4f64..1e4, -10.0f64..10.0]),
@@ -244,7 +254,7 @@ prop_compose! {
                 position: [at[0], side * 4.0 * extent], angle: state.angle,
             };
             scene.statics.push(fixed);
-            // What overlaps a body or lies too far out is left away.
+            // Statics that overlap a body or are out of range are dropped.
             if scene.validate().is_err() {
                 scene.statics.pop();
             }
@@ -270,18 +280,18 @@ prop_compose! {
     }
 }
 
-/// A shape and its greatest extent from its origin, m.
+/// A shape and its largest extent from its origin, m.
 fn any_shape() -> impl Strategy<Value = (Shape, f64)> {
     let ratio = || prop_oneof![Just(1.0), log(-3.0, 0.0)];
     prop_oneof![
-        // Both engines take discs: as many scenes of discs alone as of all shapes would be rare otherwise.
+        // Discs are more frequent, because only some of the code paths accept scenes of discs alone.
         4 => log(-6.0, 4.0).prop_map(|radius| (Shape::Disc(Disc { radius }), radius)),
         1 => (log(-3.0, 4.0), ratio()).prop_map(|(w, r)| {
             (Shape::Box(Rectangle { half_width: w, half_height: w * r }), 1.5 * w)
         }),
         1 => (log(-3.0, 4.0), ratio()).prop_map(|(w, r)| {
             let radius = (w * r).max(1e-6);
-            (Shape::Segment(Segment { from: [-w, 0.0], to: [w, 0.3 * w], radius }), 2.5 * w)
+            (Shape::Segment(SegmentShape { from: [-w, 0.0], to: [w, 0.3 * w], radius }), 2.5 * w)
         }),
         1 => (log(-3.0, 4.0), 3usize..32, ratio()).prop_map(|(w, n, r)| {
             let corner = |k: usize| {
@@ -293,7 +303,7 @@ fn any_shape() -> impl Strategy<Value = (Shape, f64)> {
     ]
 }
 
-/// The shape `by` times as large, no length below the smallest legal.
+/// The shape scaled by `by`, with lengths at least the smallest valid one.
 fn scaled(shape: &Shape, by: f64) -> Shape {
     let length = |v: f64| (v * by).max(1e-6);
     let point = |p: &[f64; 2]| [p[0] * by, p[1] * by];
@@ -302,10 +312,10 @@ fn scaled(shape: &Shape, by: f64) -> Shape {
         Shape::Box(Rectangle { half_width, half_height }) => {
             Shape::Box(Rectangle { half_width: length(*half_width), half_height: length(*half_height) })
         }
-        Shape::Segment(Segment { from, to, radius }) => {
-            Shape::Segment(Segment { from: point(from), to: point(to), radius: length(*radius) })
+        Shape::Segment(SegmentShape { from, to, radius }) => {
+            Shape::Segment(SegmentShape { from: point(from), to: point(to), radius: length(*radius) })
         }
-        // Polygons below a millimetre may have triangles of no legal area.
+        // Polygons below a millimetre may have triangles of invalid area.
         Shape::Polygon(Polygon { vertices }) => {
             let extent = vertices.iter().map(|v| v[0]).fold(0.0, f64::max);
             match extent * by < 1e-3 {
@@ -317,9 +327,9 @@ fn scaled(shape: &Shape, by: f64) -> Shape {
     }
 }
 
-/// How a body begins and what it is made of.
+/// Initial state and material of a body.
 #[derive(Clone, Debug)]
-struct State {
+struct BodyParameters {
     mass: Option<f64>,
     density: Option<f64>,
     friction: f64,
@@ -339,27 +349,27 @@ prop_compose! {
         velocity in prop::array::uniform2(prop_oneof![Just(0.0), -400.0f64..400.0, -3.0f64..3.0]),
         spin in prop_oneof![Just(0.0), -1e4f64..1e4],
         angle in prop_oneof![Just(0.0), -1e6f64..1e6, -4.0f64..4.0],
-    ) -> State {
+    ) -> BodyParameters {
         let (mass, density) = if by_mass { (Some(mass), None) } else { (None, Some(density)) };
-        State { mass, density, friction, restitution, velocity, spin, angle }
+        BodyParameters { mass, density, friction, restitution, velocity, spin, angle }
     }
 }
 
-/// Evenly over the powers of ten.
+/// Log-uniform.
 fn log(low: f64, high: f64) -> impl Strategy<Value = f64> {
     (low..high).prop_map(|e| 10f64.powf(e))
 }
 
-/// A disc at about (x, 2) m; `u` in [-1, 1] says how.
-fn pusher(name: &str, x: f64, u: [f64; 8]) -> Body {
+/// A disc at about (x, 2) m; `u` in [-1, 1] parametrises it.
+fn slow_disc(name: &str, x: f64, u: [f64; 8]) -> Body {
     let mut own = disc(name, 0.5 + 0.2 * u[0], [x, 2.0 + 0.5 * u[1]], [2.0 * u[2], 2.0 * u[3]]);
     own.angular_velocity = 5.0 * u[4];
     (own.friction, own.restitution) = (0.5 + 0.5 * u[5], 0.5 + 0.5 * u[6]);
     own
 }
 
-/// A disc thrown at what is at x while both fall.
-fn thrown(name: &str, x: f64, u: [f64; 8]) -> Body {
+/// A disc thrown at the object at x while both fall.
+fn fast_disc(name: &str, x: f64, u: [f64; 8]) -> Body {
     let mut other = disc(name, 0.4, [x + 3.0, 2.0], [-6.0, 0.5 * u[7]]);
     other.density = Some(2.0);
     other

@@ -1,12 +1,13 @@
-//! Rollouts from the middle of what was seen: what contacts bear there is found, where nothing of it was.
+//! Rollouts from the middle of an observed trajectory: contact impulses are warm-started although they are
+//! not observed.
 
 use iplw::task::Scene;
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 
-/// A heavy ball on a pole that stands on end, a stack of three boxes and a ball that falls, as the engine has them, seen every half
-/// second.
-fn stood(engine: Engine) -> (Scene, Trajectory) {
+/// A heavy ball on an upright pole, a stack of three boxes and a falling ball, simulated by the engine and
+/// observed every half second.
+fn stacked(engine: Engine) -> (Scene, Trajectory) {
     let boxed = |name: &str, half: [f64; 2], at: [f64; 2]| {
         let ([w, h], [x, y]) = (half, at);
         format!(
@@ -36,7 +37,7 @@ fn stood(engine: Engine) -> (Scene, Trajectory) {
         bodies.join(", ")
     );
     let scene = Scene::from_json(&text).unwrap();
-    let seen = simulate(&[Rollout::of(&scene)], engine).unwrap().remove(0);
+    let seen = Simulator::new(engine).run(&[Rollout::of(&scene)]).unwrap().remove(0);
     (scene, seen)
 }
 
@@ -52,8 +53,8 @@ fn from(scene: &Scene, seen: &Trajectory, i: usize) -> Scene {
     scene
 }
 
-/// How far everything ends from where it was seen next, m: root mean square.
-fn off(path: &Trajectory, seen: &Trajectory, i: usize) -> f64 {
+/// Root mean square distance of the final positions from the next observation, m.
+fn rms_error(path: &Trajectory, seen: &Trajectory, i: usize) -> f64 {
     let of = path.bodies.iter().zip(&seen.bodies).map(|(a, b)| {
         let last = a.len() - 1;
         (a.x[last] - b.x[i + 1]).powi(2) + (a.y[last] - b.y[i + 1]).powi(2)
@@ -61,17 +62,19 @@ fn off(path: &Trajectory, seen: &Trajectory, i: usize) -> f64 {
     (of.sum::<f64>() / seen.bodies.len() as f64).sqrt()
 }
 
-/// Begun anew, what stands on others sways by millimetres; where contacts bear what they did it goes on as it was.
+/// Without a warm start stacks sway by millimetres; with it they continue as observed.
 #[test]
-fn what_rests_goes_on_resting() {
+fn warm_start_keeps_stacks_at_rest() {
     for (engine, share) in [(Engine::Lanes, 0.1), (Engine::Rapier, 0.001)] {
-        let (scene, seen) = stood(engine);
+        let (scene, seen) = stacked(engine);
         let scenes: Vec<Scene> = (4..9).map(|i| from(&scene, &seen, i)).collect();
         let errors = |settled| {
-            let rollouts: Vec<Rollout> =
-                scenes.iter().map(|scene| Rollout { settled, ..Rollout::of(scene) }).collect();
-            let paths = simulate(&rollouts, engine).unwrap();
-            paths.iter().enumerate().map(|(k, p)| off(p, &seen, 4 + k)).collect::<Vec<f64>>()
+            let rollouts: Vec<Rollout> = scenes
+                .iter()
+                .map(|scene| Rollout { contacts_established: settled, ..Rollout::of(scene) })
+                .collect();
+            let paths = Simulator::new(engine).run(&rollouts).unwrap();
+            paths.iter().enumerate().map(|(k, p)| rms_error(p, &seen, 4 + k)).collect::<Vec<f64>>()
         };
         let (cold, settled) = (errors(false), errors(true));
         println!("{engine:?}: cold {cold:?}, settled {settled:?}");
@@ -80,30 +83,38 @@ fn what_rests_goes_on_resting() {
     }
 }
 
-/// Whatever else is in the batch, and however far that has come.
+/// A warm start does not affect other rollouts of the batch.
 #[test]
-fn settling_disturbs_nobody() {
-    let (scene, seen) = stood(Engine::Lanes);
+fn warm_start_does_not_affect_other_lanes() {
+    let (scene, seen) = stacked(Engine::Lanes);
     let stands: Vec<Scene> = (1..9).map(|i| from(&scene, &seen, i)).collect();
     let alone = |scene: &Scene, settled| {
-        simulate(&[Rollout { settled, ..Rollout::of(scene) }], Engine::Lanes).unwrap().remove(0)
+        Simulator::new(Engine::Lanes)
+            .run(&[Rollout { contacts_established: settled, ..Rollout::of(scene) }])
+            .unwrap()
+            .remove(0)
     };
     let long = Scene { steps: 45, ..stands[2].clone() };
     let mut mixed: Vec<Rollout> = Vec::new();
     for scene in &stands {
-        mixed.push(Rollout { settled: true, ..Rollout::of(scene) });
+        mixed.push(Rollout { contacts_established: true, ..Rollout::of(scene) });
         mixed.push(Rollout::of(&long));
         mixed.push(Rollout::of(scene));
     }
-    let together = simulate(&mixed, Engine::Lanes).unwrap();
+    let together = Simulator::new(Engine::Lanes).run(&mixed).unwrap();
     for (rollout, path) in mixed.iter().zip(&together) {
-        assert_eq!(*path, alone(rollout.scene, rollout.settled), "{} steps", rollout.scene.steps);
+        assert_eq!(
+            *path,
+            alone(rollout.scene, rollout.contacts_established),
+            "{} steps",
+            rollout.scene.steps
+        );
     }
 }
 
-/// What touches nothing at the start is rolled out as ever, to the bit.
+/// Bodies without contacts at the start are unaffected, to the bit.
 #[test]
-fn what_flies_needs_no_settling() {
+fn warm_start_without_contacts_changes_nothing() {
     let text = r#"{"format": "iplw.scene/1", "gravity": [0, -9.8], "time_step": 0.01, "steps": 200, "observe_every": 10,
         "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 3], "velocity": [1, 0],
                     "restitution": 0.8},
@@ -112,6 +123,7 @@ fn what_flies_needs_no_settling() {
         "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}, "restitution": 0.8}]}"#;
     let scene = Scene::from_json(text).unwrap();
     let usual = Rollout::of(&scene);
-    let paths = simulate(&[usual, Rollout { settled: true, ..usual }], Engine::Lanes).unwrap();
+    let paths =
+        Simulator::new(Engine::Lanes).run(&[usual, Rollout { contacts_established: true, ..usual }]).unwrap();
     assert_eq!(paths[0], paths[1]);
 }

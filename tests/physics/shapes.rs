@@ -1,19 +1,20 @@
-//! What holds for every shape in the registry, whatever it is like.
+//! Properties of every shape in the registry.
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Rollout, simulate};
+use iplw::world::{Engine, Rollout, Simulator};
 
-/// A ball falls on it, in either engine; the goal sees the touch, and the two engines the same touch.
+/// A ball falls on the shape in either engine; the goal detects the contact, and both engines record the same
+/// one.
 #[test]
 fn every_shape_stops_a_ball() {
     for shape in Shape::samples() {
         let middle = shape.moments().centre;
         let ball = body("ball", Disc { radius: 0.2 }.into(), [middle[0] + 0.01, 3.0]);
         let scene = scene(ball, fixed("thing", shape.clone()), ["ball", "thing"]);
-        let [lanes, rapier] = [Engine::Lanes, Engine::Rapier].map(|engine| roll(&scene, engine));
+        let [lanes, rapier] = [Engine::Lanes, Engine::Rapier].map(|engine| run(&scene, engine));
         for t in [&lanes, &rapier] {
             assert!(t.solved(), "{shape:?}");
             assert_eq!(t.events[0].between, ["ball", "thing"], "{shape:?}");
@@ -23,7 +24,7 @@ fn every_shape_stops_a_ball() {
     }
 }
 
-/// What is bounded falls on the ground and does not sink in.
+/// Bounded shapes fall to the ground and do not sink in.
 #[test]
 fn every_bounded_shape_falls_to_the_ground() {
     for shape in Shape::samples().into_iter().filter(|s| s.bounds().is_some()) {
@@ -32,12 +33,12 @@ fn every_bounded_shape_falls_to_the_ground() {
         let ground = fixed("ground", Halfspace { normal: [0.0, 1.0], offset: 0.0 }.into());
         let scene = scene(thing, ground, ["thing", "ground"]);
         for engine in [Engine::Lanes, Engine::Rapier] {
-            let t = roll(&scene, engine);
+            let t = run(&scene, engine);
             assert!(t.solved(), "{shape:?}");
             let (track, mut at_end) = (&t.bodies[0], scene.bodies[0].clone());
             let last = track.len() - 1;
             (at_end.position, at_end.angle) = (Some([track.x[last], track.y[last]]), track.angle[last]);
-            let gap = scene.statics[0].placed().gap_to(&at_end.placed().unwrap());
+            let gap = scene.statics[0].placed().signed_distance_to(&at_end.placed().unwrap());
             // `lanes` leaves bodies within Chipmunk's slop of 0.1 m, by size.
             let slop = if engine == Engine::Lanes { 0.1 } else { 0.02 };
             assert!(gap.abs() < slop, "{shape:?} {engine:?}: {gap} m from the ground");
@@ -45,15 +46,18 @@ fn every_bounded_shape_falls_to_the_ground() {
     }
 }
 
-/// Nothing is infinitely far from anything.
+/// Distances are finite everywhere.
 #[test]
-fn every_static_is_near_somewhere() {
+fn distances_to_every_shape_are_finite() {
     for shape in Shape::samples() {
         let placed = fixed("thing", shape.clone()).placed();
         let point = Shape::from(Disc { radius: 0.1 }).pieces().unwrap();
         let middle = shape.moments().centre;
-        assert!(placed.gap_to(&point.placed([middle[0], middle[1] - 0.01], 0.0)) < 0.0, "{shape:?}");
-        assert!(placed.gap_to(&point.placed([0.0, 5.0], 0.0)).is_finite(), "{shape:?}");
+        assert!(
+            placed.signed_distance_to(&point.placed([middle[0], middle[1] - 0.01], 0.0)) < 0.0,
+            "{shape:?}"
+        );
+        assert!(placed.signed_distance_to(&point.placed([0.0, 5.0], 0.0)).is_finite(), "{shape:?}");
     }
 }
 
@@ -82,8 +86,8 @@ fn fixed(name: &str, shape: Shape) -> Static {
     Static { name: name.into(), shape, friction: 1.0, restitution: 1.0, position: [0.0; 2], angle: 0.0 }
 }
 
-fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+fn run(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
     let rollout = Rollout::of(scene);
-    simulate(&[rollout], engine).unwrap().remove(0)
+    Simulator::new(engine).run(&[rollout]).unwrap().remove(0)
 }

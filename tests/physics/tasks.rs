@@ -1,6 +1,6 @@
-//! The built-in tasks: their number and splits, their certificates, and that actions behave.
+//! The built-in tasks: numbers, splits, certificates and actions.
 
-use iplw::reality::certify::{PERTURBATIONS, holds};
+use iplw::reality::certify::{PERTURBATIONS, is_certificate_valid};
 use iplw::task::{COLLECTIONS, Placement, Split, Task, families, family, read_families};
 use iplw::world::Engine;
 
@@ -13,7 +13,7 @@ fn each_task(mut check: impl FnMut(&'static iplw::task::Family, &Task)) {
 }
 
 #[test]
-fn numbers_and_splits_are_the_papers() {
+fn numbers_and_splits_match_the_paper() {
     for (name, splits, actions) in [("bowling", [60, 20, 20], 50_000), ("basketball", [15, 5, 5], 40_000)] {
         let tasks = family(name).unwrap().tasks();
         let counts = [Split::Train, Split::Validation, Split::Test]
@@ -35,7 +35,7 @@ fn scenes_are_valid_distinct_and_round_trip() {
     });
 }
 
-/// Every certificate, on the engine that tasks are served with: the action and its perturbed copies solve.
+/// Every certificate, with the engine that serves tasks: the action and its perturbed copies solve.
 #[test]
 fn certificates_hold() {
     let mut failed = Vec::new();
@@ -43,12 +43,12 @@ fn certificates_hold() {
     each_task(|family, task| {
         let certificate = task.certificate.as_ref().expect("built-in tasks are certified");
         count += 1;
-        if !holds(family, &task.scene, certificate, Engine::Auto).unwrap() {
+        if !is_certificate_valid(family, &task.scene, certificate, Engine::Auto).unwrap() {
             failed.push(task.id.clone());
         }
     });
-    // The perturbations here are not those of the search: a solution near the edge of its basin may lose one
-    // of them. More than a few would mean that the certificates no longer describe the physics.
+    // The perturbations differ from those of the search: a solution near the edge of its basin may lose
+    // one of them. More than a few failures would mean that the certificates no longer match the physics.
     assert!(
         failed.len() * 20 <= count,
         "{} of {count} fail under {PERTURBATIONS} new perturbations: {failed:?}",
@@ -57,7 +57,7 @@ fn certificates_hold() {
 }
 
 #[test]
-fn shares_look_like_phyres() {
+fn solving_shares_are_in_phyres_range() {
     let of = |name: &str| {
         let tasks = family(name).unwrap().tasks();
         let mut shares: Vec<[f64; 2]> = tasks
@@ -78,9 +78,9 @@ fn shares_look_like_phyres() {
     assert!(of("basketball").iter().all(|s| (0.002..=0.10).contains(&s[0])));
 }
 
-/// An action is placed or not, never an error, and what is placed lies within bounds.
+/// An action is placed or not, without error, and placed objects lie within bounds.
 #[test]
-fn every_action_has_an_outcome() {
+fn every_action_is_placed_or_rejected() {
     each_task(|_, task| {
         let space = task.actions();
         let mut valid = 0;
@@ -96,7 +96,7 @@ fn every_action_has_an_outcome() {
 }
 
 #[test]
-fn actions_outside_the_space_are_refused_by_name() {
+fn rejects_actions_outside_the_space_by_name() {
     let task = &family("bowling").unwrap().tasks()[0];
     for (action, wanted) in [
         (vec![0.5, 0.5], "2 numbers"),
@@ -111,26 +111,27 @@ fn actions_outside_the_space_are_refused_by_name() {
     assert!(task.actions().at(50_000).unwrap_err().to_string().contains("49999"));
 }
 
-/// The families that users are shown: read as a user's are, certified as ours are.
+/// The example families parse like users' families and have valid certificates.
 #[test]
-fn example_families_hold_what_they_promise() {
+fn example_families_have_valid_certificates() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/families");
     let found = read_families(&folder).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(found.iter().map(|f| f.name).collect::<Vec<_>>(), ["bank", "shelf", "topple", "two_balls"]);
     for family in found {
         let tasks = family.tasks();
-        let held =
-            |t: &&Task| holds(&family, &t.scene, t.certificate.as_ref().unwrap(), Engine::Auto).unwrap();
+        let held = |t: &&Task| {
+            is_certificate_valid(&family, &t.scene, t.certificate.as_ref().unwrap(), Engine::Auto).unwrap()
+        };
         let count = tasks.iter().filter(held).count();
-        // As above: a solution near the edge of its basin may lose a new perturbation.
+        // As above: a solution near the edge of its basin may fail a new perturbation.
         assert!(count + 1 >= tasks.len(), "{}: {count} of {}", family.name, tasks.len());
         assert!(tasks.iter().any(|t| t.split == Split::Test));
     }
 }
 
-/// Three tasks of each family of the collections: the first, one of the middle and the last of those certified.
+/// Three tasks of each family of the collections: the first, a middle and the last certified one.
 #[test]
-fn collections_hold_what_they_promise() {
+fn collections_have_valid_certificates() {
     let (mut failed, mut count) = (Vec::new(), 0);
     for family in COLLECTIONS.iter().flat_map(|c| c.families().unwrap_or_else(|e| panic!("{}: {e}", c.name)))
     {
@@ -138,12 +139,14 @@ fn collections_hold_what_they_promise() {
         assert!(tasks.iter().any(|t| t.split == Split::Test), "{}", family.name);
         for task in [0, tasks.len() / 2, tasks.len() - 1].map(|i| &tasks[i]) {
             count += 1;
-            if !holds(&family, &task.scene, task.certificate.as_ref().unwrap(), Engine::Auto).unwrap() {
+            if !is_certificate_valid(&family, &task.scene, task.certificate.as_ref().unwrap(), Engine::Auto)
+                .unwrap()
+            {
                 failed.push(task.id.clone());
             }
         }
     }
-    // As above: a solution near the edge of its basin may lose a new perturbation.
+    // As above: a solution near the edge of its basin may fail a new perturbation.
     assert!(
         failed.len() * 10 <= count,
         "{} of {count} fail under new perturbations: {failed:?}",

@@ -1,4 +1,4 @@
-//! Agents over families, from tables of outcomes: made, compared, gone on with, learned from, and refused where they are none.
+//! `iplw outcomes` and `iplw agents`: computing tables, comparing agents, resuming, training on tables, and rejecting bad tables.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::families_cli::{DROP, iplw, told};
 
-/// Two families of one kind, certified, with tables of their real and of their simulated worlds.
+/// Two certified families of one kind, with tables of their real and simulated worlds.
 fn tables(folder: &Path) -> [String; 4] {
     for name in ["drop", "fall"] {
         let path = folder.join(format!("{name}.toml"));
@@ -26,7 +26,7 @@ fn json(path: &Path) -> Value {
 }
 
 #[test]
-fn agents_are_compared_from_tables_and_go_on_where_they_were() {
+fn compares_agents_from_tables_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let own = Some(folder.path());
     let [drop, fall, drop_sim, fall_sim] = tables(folder.path());
@@ -34,10 +34,10 @@ fn agents_are_compared_from_tables_and_go_on_where_they_were() {
     assert_eq!(
         (&about["world"], about["latents"]["friction"].as_f64()),
         (&"real".into(), None),
-        "what is hidden is not said"
+        "the hidden physics is not written"
     );
     let run = |out: &Path, more: &[&str]| {
-        let tables = ["agents", "--tables", &drop, &fall, "--beliefs", &fall_sim, &drop_sim];
+        let tables = ["agents", "--tables", &drop, &fall, "--posteriors", &fall_sim, &drop_sim];
         let how = ["--batches", "40", "--folds", "3", "--out", out.to_str().unwrap()];
         iplw(&[&tables[..], &how[..], more].concat(), own)
     };
@@ -54,10 +54,10 @@ fn agents_are_compared_from_tables_and_go_on_where_they_were() {
         assert_eq!(of("random")["folds"].as_array().unwrap().len(), 3);
         assert!(of("dqn")["auccess"]["standard_error"].is_number());
         let mean = |agent: &str| of(agent)["auccess"]["mean"].as_f64().unwrap();
-        // A ball that falls straight down does in either world what it does in the other.
+        // A ball that falls straight down moves alike in both worlds.
         assert!(mean("simulate") > mean("random") && mean("simulate") > 0.9, "{setting}: {said}");
     }
-    // Half of it at first, then the rest; on more threads. The same bits.
+    // A part first, then the rest on more threads, gives the same bits.
     told(&run(&other, &["--agents", "dqn", "--setting", "within"]), 0, &[]);
     let cell = other.join("cells/within-dqn-001.json");
     let before = std::fs::metadata(&cell).unwrap().modified().unwrap();
@@ -65,7 +65,7 @@ fn agents_are_compared_from_tables_and_go_on_where_they_were() {
     assert_eq!(std::fs::metadata(&cell).unwrap().modified().unwrap(), before, "computed again");
     assert_eq!(json(&other.join("agents.json")), found);
 
-    // A policy of both, without a simulator.
+    // A policy for both families, trained without a simulator.
     let weights = folder.path().join("policy.safetensors");
     let weights = weights.to_str().unwrap();
     let args = ["train", "--outcomes", &drop, &fall, "--batches", "40", "--out", weights];
@@ -75,7 +75,7 @@ fn agents_are_compared_from_tables_and_go_on_where_they_were() {
 }
 
 #[test]
-fn tables_that_do_not_serve_are_refused() {
+fn rejects_unsuitable_tables() {
     let folder = tempfile::tempdir().unwrap();
     let [drop, fall, drop_sim, _] = tables(folder.path());
     let out = folder.path().join("never");
@@ -86,10 +86,10 @@ fn tables_that_do_not_serve_are_refused() {
     };
     refused(&["--tables", &drop, "--setting", "across"], &["`families for across` is 1", "at least 2"]);
     refused(&["--tables", &drop, &drop], &["one table of drop"]);
-    refused(&["--tables", &drop, "--agents", "simulate"], &["--beliefs", "none"]);
+    refused(&["--tables", &drop, "--agents", "simulate"], &["--posteriors", "none"]);
     refused(&["--tables", &drop, "--agents", "oracle"], &["no agent named `oracle`", "memory"]);
-    refused(&["--tables", &drop, &fall, "--beliefs", &drop_sim], &["none of fall"]);
-    refused(&["--tables", &drop, "--beliefs", &drop], &["--beliefs", "what the real world did"]);
+    refused(&["--tables", &drop, &fall, "--posteriors", &drop_sim], &["none of fall"]);
+    refused(&["--tables", &drop, "--posteriors", &drop], &["--posteriors", "the outcomes of the real world"]);
     refused(&["--tables", &drop, "--setting", "beyond"], &["within, across"]);
     refused(&["--tables", folder.path().to_str().unwrap()], &["outcomes.json", "finished table"]);
     let bowling = folder.path().join("bowling");
@@ -97,7 +97,7 @@ fn tables_that_do_not_serve_are_refused() {
     told(&iplw(&args, None), 0, &["20 tasks"]);
     refused(&["--tables", &drop, bowling.to_str().unwrap()], &["actions of 3 components", "fit each other"]);
 
-    // Files that are damaged, and a family that was changed since.
+    // Damaged files, and a changed family.
     let broken = |file: &str, change: &dyn Fn(Vec<u8>) -> Vec<u8>, wanted: &[&str]| {
         let path = Path::new(&fall).join(file);
         let before = std::fs::read(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The commands as a user runs them: formats, exit codes, and that bad input writes nothing.
+//! Commands as a user runs them: formats, exit codes, and that invalid input writes nothing.
 
 use std::io::Write;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn iplw(args: &[&str], input: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A command that refuses its arguments may be gone before it reads.
+    // A command that rejects its arguments may exit before it reads.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     child.wait_with_output().unwrap()
 }
@@ -25,7 +25,7 @@ fn good(args: &[&str], input: &str) -> String {
     String::from_utf8(out.stdout).unwrap()
 }
 
-/// Exit code 2, one line on stderr holding `wanted`, nothing on stdout.
+/// Expects exit code 2, one line on stderr that contains `wanted`, and nothing on stdout.
 fn refused(args: &[&str], input: &str, wanted: &str) {
     let out = iplw(args, input);
     let error = String::from_utf8_lossy(&out.stderr);
@@ -38,7 +38,7 @@ fn refused(args: &[&str], input: &str, wanted: &str) {
 const FALL: &str = r#"{"format":"iplw.scene/1","bodies":[{"name":"ball","shape":{"type":"disc","radius":0.5},"position":[0,100]}],"gravity":[0,-9.8],"time_step":0.001,"steps":1000,"observe_every":500}"#;
 
 #[test]
-fn rollout_gives_a_line_per_scene_on_every_engine() {
+fn rollout_writes_a_line_per_scene_on_every_engine() {
     let two = format!("{FALL}\n\n{FALL}\n");
     for engine in ["auto", "rapier", "lanes"] {
         let out = good(&["rollout", "--engine", engine], &two);
@@ -55,7 +55,7 @@ fn rollout_gives_a_line_per_scene_on_every_engine() {
 }
 
 #[test]
-fn rollout_refuses_bad_scenes_by_line_and_field() {
+fn rollout_rejects_invalid_scenes_by_line_and_field() {
     let swap = |from: &str, to: &str| format!("{FALL}\n{}\n", FALL.replace(from, to));
     for (input, wanted) in [
         (swap("\"radius\":0.5", "\"radius\":-1"), "standard input:2: `bodies[0].shape.radius` is -1"),
@@ -109,7 +109,7 @@ fn rollout_refuses_bad_scenes_by_line_and_field() {
 }
 
 #[test]
-fn rollout_writes_its_file_whole_or_not_at_all() {
+fn rollout_writes_its_file_atomically() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("out.jsonl");
     let out = path.to_str().unwrap();
@@ -120,9 +120,9 @@ fn rollout_writes_its_file_whole_or_not_at_all() {
     assert_eq!(files(dir.path()), ["out.jsonl"]);
 }
 
-/// What cannot be written is refused before the work it would be lost with.
+/// Errors of output paths are reported before the computation.
 #[test]
-fn a_place_that_cannot_take_results_is_refused_before_the_work() {
+fn rejects_output_paths_before_computing() {
     let dir = tempfile::tempdir().unwrap();
     let (folder, file) = (dir.path().to_str().unwrap(), dir.path().join("taken"));
     std::fs::write(&file, "mine").unwrap();
@@ -153,7 +153,7 @@ fn a_place_that_cannot_take_results_is_refused_before_the_work() {
 }
 
 #[test]
-fn tasks_are_listed() {
+fn lists_tasks() {
     let all: Value = serde_json::from_str(&good(&["tasks", "--json"], "")).unwrap();
     assert_eq!(all["families"].as_array().unwrap().len(), 2);
     let bowling: Value = serde_json::from_str(&good(&["tasks", "bowling", "--json"], "")).unwrap();
@@ -165,7 +165,7 @@ fn tasks_are_listed() {
 }
 
 #[test]
-fn measured_files_read_back_and_hide_the_truth() {
+fn measured_files_can_be_read_and_hide_the_truth() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("m");
     let args =
@@ -179,8 +179,8 @@ fn measured_files_read_back_and_hide_the_truth() {
     run(&out, "1");
     let text = std::fs::read_to_string(out.join("scene.json")).unwrap();
     let scene = iplw::task::Scene::from_json(&text).unwrap();
-    assert!(scene.effects.is_empty() && scene.damping.is_none(), "the hidden effect is not told");
-    let trials = iplw::reality::read_trials(&out.join("trials.csv"), &scene).unwrap();
+    assert!(scene.effects.is_empty() && scene.damping.is_none(), "the hidden effect is not written");
+    let trials = read_trials(&out.join("trials.csv"), &scene);
     assert_eq!(trials.len(), 6);
     let plank =
         |t: &iplw::reality::Trial| t.scene.statics.iter().find(|s| s.name == "plank").unwrap().position;
@@ -199,7 +199,7 @@ fn measured_files_read_back_and_hide_the_truth() {
 }
 
 #[test]
-fn effects_are_listed_and_every_one_can_be_measured() {
+fn lists_effects_and_measures_every_one() {
     let listed: Value = serde_json::from_str(&good(&["effects", "--json"], "")).unwrap();
     let all = listed["effects"].as_array().unwrap();
     assert_eq!(all.len(), iplw::world::effect::REGISTRY.len());
@@ -216,7 +216,7 @@ fn effects_are_listed_and_every_one_can_be_measured() {
         let to = out.to_str().unwrap();
         good(&["measure", "--task", "basketball", "--effect", &term, "--trials", "2", "--out", to], "");
         let scene = iplw::task::Scene::from_json(&std::fs::read_to_string(out.join("scene.json")).unwrap());
-        let trials = iplw::reality::read_trials(&out.join("trials.csv"), &scene.unwrap()).unwrap();
+        let trials = read_trials(&out.join("trials.csv"), &scene.unwrap());
         assert_eq!(trials.len(), 2, "{term}");
         let parameters = format!("{{{}: {value}}}", first["name"]);
         let effects = format!(r#""effects":[{{"name":{},"parameters":{parameters}}}],"gravity""#, e["name"]);
@@ -231,7 +231,7 @@ fn effects_are_listed_and_every_one_can_be_measured() {
 }
 
 #[test]
-fn measure_refuses_before_it_writes() {
+fn measure_rejects_invalid_options_before_writing() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("m");
     for (args, wanted) in [
@@ -253,7 +253,7 @@ fn measure_refuses_before_it_writes() {
 }
 
 #[test]
-fn estimate_prints_the_contract() {
+fn estimate_prints_the_documented_json() {
     let args = ["estimate", "--task", "basketball", "--real", "damping=0.8", "--strategy", "mixed"];
     let mut all = args.to_vec();
     all.extend(["--rounds", "2", "--actions", "5", "--samples", "24", "--seed", "1", "--json"]);
@@ -278,13 +278,13 @@ fn estimate_prints_the_contract() {
     refused(&experiment("bowling"), "", "--worlds");
     for (option, value) in [("--effect", "wind:ax=1"), ("--estimators", "iplw")] {
         let unheeded = ["experiment", "harder", option, value, "--out", nowhere.to_str().unwrap()];
-        refused(&unheeded, "", "it is for grounding");
+        refused(&unheeded, "", "applies to grounding");
     }
     refused(&["estimate", "--real", "grip=1"], "", "grip");
 }
 
 #[test]
-fn a_policy_is_trained_kept_and_tried() {
+fn trains_saves_and_evaluates_a_policy() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("p.safetensors");
     let file = path.to_str().unwrap();
@@ -304,13 +304,13 @@ fn a_policy_is_trained_kept_and_tried() {
     refused(&["evaluate", "--task", "basketball", "--policy", file], "", "p.safetensors");
 }
 
-/// A posterior of one world is that world: the weights are the same to the bit, on any number of threads.
+/// A posterior with one sample gives the same weights, to the bit, as that world, with any number of threads.
 #[test]
-fn a_policy_is_trained_under_what_is_known() {
+fn trains_a_policy_on_posterior_samples() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
     let posterior = |name: &str, columns: Value| {
-        let document = json!({"format": "iplw.posterior/1", "converged": true, "columns": columns});
+        let document = json!({"format": "iplw.posterior/2", "converged": true, "columns": columns});
         std::fs::write(dir.path().join(name), document.to_string()).unwrap();
         path(name)
     };
@@ -325,24 +325,24 @@ fn a_policy_is_trained_under_what_is_known() {
         std::fs::read(out).unwrap()
     };
     let point = weights(&["--latents", "friction=0.2,restitution=0.7", "--effect", "linear_drag:c=0.223"]);
-    assert!(weights(&["--belief", &one]) == point);
-    assert!(weights(&["--belief", &one, "--threads", "1"]) == point);
-    let both = weights(&["--belief", &two]);
-    assert!(both != point && both == weights(&["--belief", &two, "--fold", "0"]));
-    assert!(both != weights(&["--belief", &two, "--fold", "1"]));
+    assert!(weights(&["--posterior", &one]) == point);
+    assert!(weights(&["--posterior", &one, "--threads", "1"]) == point);
+    let both = weights(&["--posterior", &two]);
+    assert!(both != point && both == weights(&["--posterior", &two, "--fold", "0"]));
+    assert!(both != weights(&["--posterior", &two, "--fold", "1"]));
     let no = |more: &[&str], wanted: &str| refused(&[&train[..], more].concat(), "", wanted);
-    no(&["--belief", &bad], "columns.friction[1]");
-    no(&["--belief", &one, "--randomised"], "--randomised");
-    no(&["--belief", &one, "--latents", "friction=1"], "--latents");
+    no(&["--posterior", &bad], "columns.friction[1]");
+    no(&["--posterior", &one, "--randomised"], "--randomised");
+    no(&["--posterior", &one, "--latents", "friction=1"], "--latents");
     no(&["--preset", "saturating"], "--batches");
     refused(&["train", "--task", "basketball", "--preset", "quick"], "", "--preset");
     refused(&["train", "--task", "basketball:000", "--preset", "saturating"], "", "--preset saturating");
     refused(&["train", "--task", "basketball:000", "--fold", "1"], "", "--fold");
 }
 
-/// Without a number of updates validation tasks of the simulation decide, and the program says what they said.
+/// Without a number of updates, validation tasks determine the length of training, and the program reports it.
 #[test]
-fn a_training_goes_on_for_as_long_as_it_helps() {
+fn training_stops_at_saturation() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("p.safetensors");
     let latents = ["--latents", "friction=0.2,restitution=0.7", "--effect", "linear_drag:c=0.223"];
@@ -355,14 +355,14 @@ fn a_training_goes_on_for_as_long_as_it_helps() {
 }
 
 #[test]
-fn help_and_unknown_words() {
+fn prints_help_and_rejects_unknown_commands() {
     assert!(good(&["--help"], "").contains("rollout"));
     assert_eq!(iplw(&["fly"], "").status.code(), Some(2));
 }
 
-/// Threads are for every command that computes, and results do not depend on them.
+/// All commands that compute have --threads, and results don't depend on it.
 #[test]
-fn results_are_the_same_with_any_number_of_threads() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let estimate = ["estimate", "--task", "basketball", "--rounds", "1", "--actions", "4", "--samples", "24"];
     let with = |threads| {
         let all = [&estimate[..], &["--json", "--threads", threads]].concat();
@@ -391,9 +391,9 @@ fn results_are_the_same_with_any_number_of_threads() {
     }
 }
 
-/// Whoever started a command holds the other end of its standard input, and it goes with them.
+/// A command with --exit-with-stdin ends with its parent process.
 #[test]
-fn a_command_ends_with_its_standard_input() {
+fn commands_end_with_their_standard_input() {
     let minutes = ["estimate", "--preset", "paper", "--exit-with-stdin"];
     let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
         .args(minutes)
@@ -408,13 +408,17 @@ fn a_command_ends_with_its_standard_input() {
     refused(&["rollout", "--exit-with-stdin"], FALL, "--exit-with-stdin");
 }
 
+fn read_trials(path: &Path, scene: &iplw::task::Scene) -> Vec<iplw::reality::Trial> {
+    iplw::reality::trials_from_csv(&std::fs::read_to_string(path).unwrap(), scene).unwrap()
+}
+
 fn files(dir: &Path) -> Vec<String> {
     std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
 }
 
-/// A surface is found, drawn, read again, and spends actions; one of another family is refused.
+/// A surface is computed, drawn, read again and used for estimation; one of another family is rejected.
 #[test]
-fn a_surface_goes_from_its_command_to_the_estimation() {
+fn estimation_uses_computed_surfaces() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
     let (json, svg) = (at("surface.json"), at("surface.svg"));
@@ -429,7 +433,7 @@ fn a_surface_goes_from_its_command_to_the_estimation() {
     );
     let drawn = std::fs::read_to_string(&svg).unwrap();
     assert!(drawn.contains("friction, 1") && drawn.contains("standard deviation") && drawn.contains("here"));
-    // Found again, it is the same to the bit.
+    // A second computation gives the same bits.
     let again = at("again.json");
     good(&[&find[..8], &[&again]].concat(), "");
     assert_eq!(std::fs::read(&json).unwrap(), std::fs::read(&again).unwrap());
@@ -449,9 +453,9 @@ fn a_surface_goes_from_its_command_to_the_estimation() {
     refused(&["surface", "--from", &json, "--points", "5"], "", "--from");
 }
 
-/// Who could reach a server is asked who they are; tokens are made, listed and taken back.
+/// Listening on a public address needs tokens; tokens are created, listed and revoked.
 #[test]
-fn an_address_that_others_reach_is_refused_without_tokens() {
+fn public_addresses_need_tokens() {
     let place = tempfile::tempdir().unwrap();
     let data = place.path().join("data").display().to_string();
     let run = |args: &[&str], input: &str| {
@@ -465,22 +469,22 @@ fn an_address_that_others_reach_is_refused_without_tokens() {
     let (code, _, said) = run(&["serve", "--http", "127.0.0.1:0", "--zmq", "tcp://*:*"], "");
     assert!(code == 2 && said.contains("`--zmq`"), "{code} {said}");
     let (code, token, said) =
-        run(&["token", "new", "ann", "--may", "act", "--expires", "30d", "--data-dir", &data], "");
+        run(&["token", "new", "ann", "--scope", "act", "--expires", "30d", "--data-dir", &data], "");
     assert!(code == 0 && token.starts_with("iplw_") && token.trim().len() == 48, "{said}");
-    assert!(said.contains("ann may act until 20") && !said.contains(token.trim()), "{said}");
-    let (code, _, said) = run(&["token", "new", "ann", "--may", "read", "--data-dir", &data], "");
+    assert!(said.contains("ann has scope act until 20") && !said.contains(token.trim()), "{said}");
+    let (code, _, said) = run(&["token", "new", "ann", "--scope", "read", "--data-dir", &data], "");
     assert!(code == 2 && said.contains("ann"), "{said}");
-    let (code, _, said) = run(&["token", "new", "bob", "--may", "fly", "--data-dir", &data], "");
+    let (code, _, said) = run(&["token", "new", "bob", "--scope", "fly", "--data-dir", &data], "");
     assert!(code == 2 && said.contains("read, act or admin"), "{said}");
     let (code, listed, _) = run(&["token", "list", "--data-dir", &data], "");
     assert!(code == 0 && listed.starts_with("ann ") && listed.contains("expires 20"), "{listed}");
     assert!(!listed.contains(token.trim()));
-    // With tokens, but in clear.
+    // With tokens, but without encryption.
     let (code, _, said) = run(&["serve", "--http", "0.0.0.0:0", "--data-dir", &data], "");
     assert!(code == 2 && said.contains("--plaintext"), "{said}");
     assert_eq!(run(&["token", "revoke", "ann", "--data-dir", &data], "").0, 0);
     let (code, _, said) = run(&["token", "revoke", "ann", "--data-dir", &data], "");
     assert!(code == 2 && said.contains("no token named `ann`"), "{said}");
-    let (code, _, row) = run(&["token", "new", "ci", "--may", "act"], "");
+    let (code, _, row) = run(&["token", "new", "ci", "--scope", "act"], "");
     assert!(code == 0 && row.starts_with("IPLW_TOKENS='[{"), "{row}");
 }

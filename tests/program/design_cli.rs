@@ -1,4 +1,4 @@
-//! `iplw design`, and `iplw measure --design`: which experiment tells most, carried out.
+//! `iplw design`, and `iplw measure --design`.
 
 use serde_json::{Value, json};
 
@@ -8,7 +8,7 @@ const SMALL: [&str; 10] =
     ["--task", "basketball", "--candidates", "24", "--shortlist", "6", "--worlds", "24", "--copies", "2"];
 
 #[test]
-fn a_design_is_chosen_told_and_carried_out() {
+fn designs_and_measures_a_batch() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("next");
     let run = |more: &[&str]| iplw(&[&["design"], &SMALL[..], more].concat(), None);
@@ -19,7 +19,7 @@ fn a_design_is_chosen_told_and_carried_out() {
     assert_eq!(design["format"], json!("iplw.design/1"));
     let batch = design["experiments"].as_array().unwrap();
     assert_eq!((batch.len(), design["others"].as_array().unwrap().len()), (2, 4));
-    // Each is chosen first for what it tells, then for what it adds; more than nothing is told of three numbers never seen.
+    // The gains of the batch add up, and the first experiment is informative about unknown latents.
     assert!(batch[0]["information"].as_f64().unwrap() > 1.0, "{}", batch[0]);
     let adds: f64 = batch.iter().map(|e| e["adds"].as_f64().unwrap()).sum();
     assert!((adds - design["together"]["information"].as_f64().unwrap()).abs() < 1e-9);
@@ -48,7 +48,7 @@ fn a_design_is_chosen_told_and_carried_out() {
     other["experiments"][0]["action"] = json!([0.5, 2.0, 0.5, 0.5]);
     std::fs::write(&odd, other.to_string()).unwrap();
     told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["odd.json", "experiments[0].action"]);
-    // One of before experiments had costs.
+    // A document of a version without costs.
     let mut earlier = design.clone();
     let document = earlier.as_object_mut().unwrap();
     document.remove("cost");
@@ -68,7 +68,7 @@ fn a_design_is_chosen_told_and_carried_out() {
 }
 
 #[test]
-fn which_effect_and_whether_plans_work_can_be_asked() {
+fn designs_for_effects_and_success() {
     let run = |more: &[&str]| iplw(&[&["design"], &SMALL[..], more].concat(), None);
     let sets = ["--set", "none", "--set", "linear_drag", "--question", "effects", "--json"];
     let found: Value = serde_json::from_slice(&run(&sets).stdout).unwrap();
@@ -76,13 +76,13 @@ fn which_effect_and_whether_plans_work_can_be_asked() {
     assert_eq!(found["sets"][1], json!({"effects": ["linear_drag"], "weight": 0.5}));
     let right = &first["right"];
     assert!(right[0] == json!(0.5) && right[1].as_f64().unwrap() > 0.7, "{first}");
-    // A drag tells itself by more than chance; twice the same physics does not.
+    // Drag is identified by more than chance.
     assert!(first["information"].as_f64().unwrap() > 0.2, "{first}");
-    told(&run(&["--question", "success"]), 0, &["tells whether plans work"]);
+    told(&run(&["--question", "success"]), 0, &["predicts whether plans work"]);
 }
 
 #[test]
-fn a_budget_is_spent_where_it_tells_most() {
+fn spends_the_budget_by_gain_per_cost() {
     let run = |task: &str, more: &[&str]| -> Value {
         let on = ["design", "--task", task, "--seed", "3", "--json"];
         let out = iplw(&[&on, &SMALL[2..], more].concat(), None);
@@ -97,18 +97,18 @@ fn a_budget_is_spent_where_it_tells_most() {
     assert_eq!(one["cost"], json!(8.0));
     assert!(one["experiments"][0]["reason"].as_str().unwrap().ends_with("costs 6 with setting up"));
     assert!(one["experiments"][1]["reason"].as_str().unwrap().ends_with("costs 1"));
-    // Of many tasks it stays where it is; nothing is dearer than what is left.
+    // With many tasks the batch stays on one, within the budget.
     let many = run("basketball", &["--setup-cost", "5", "--budget", "8"]);
     let tasks: std::collections::BTreeSet<&str> =
         many["experiments"].as_array().unwrap().iter().map(|e| e["task"].as_str().unwrap()).collect();
     assert!(tasks.len() == 1 && many["cost"].as_f64().unwrap() <= 8.0, "{many}");
-    // What pays for a second task is spent on both, and no task is paid for twice.
+    // A budget for two tasks is spent on both, and each is set up once.
     let two = run("basketball", &["--setup-cost", "5", "--budget", "14.5"]);
     let (spent, rows) = (two["cost"].as_f64().unwrap(), two["experiments"].as_array().unwrap());
     let tasks: std::collections::BTreeSet<&str> = rows.iter().map(|e| e["task"].as_str().unwrap()).collect();
     assert_eq!(spent, rows.len() as f64 + 5.0 * tasks.len() as f64, "{two}");
     assert!(rows.len() > 1 && spent > 8.0 && spent <= 14.5, "{two}");
-    // Without costs nothing is said of them, and a batch is chosen as ever.
+    // Without costs the reasons don't mention any.
     let free = run("basketball", &["--batch", "2"]);
     assert_eq!((costs(&free), &free["cost"]), (vec![1.0, 1.0], &json!(2.0)));
     assert!(!free["experiments"][0]["reason"].as_str().unwrap().contains("cost"));
@@ -117,7 +117,7 @@ fn a_budget_is_spent_where_it_tells_most() {
 }
 
 #[test]
-fn what_cannot_be_designed_is_refused() {
+fn rejects_invalid_designs() {
     let cases: [(&[&str], &str); 9] = [
         (&["--question", "weather"], "question"),
         (&["--question", "effects"], "draws of two sets of effects or more"),
@@ -127,11 +127,11 @@ fn what_cannot_be_designed_is_refused() {
         (&["--batch", "0"], "batch"),
         (&["--noise", "0"], "noise"),
         (&["--worlds", "1"], "worlds"),
-        (&["--belief", "/nowhere/posterior.json"], "/nowhere/posterior.json"),
+        (&["--posterior", "/nowhere/posterior.json"], "/nowhere/posterior.json"),
     ];
     for (args, names) in cases {
         let done = iplw(&[&["design", "--task", "bowling"], args].concat(), None);
-        let code = if args[0] == "--belief" { 1 } else { 2 };
+        let code = if args[0] == "--posterior" { 1 } else { 2 };
         told(&done, code, &[names]);
     }
 }

@@ -17,7 +17,7 @@ fn diagnose(scene: &Path, trials: &Path, out: &Path) -> Output {
 }
 
 #[test]
-fn files_are_written_and_read_back() {
+fn diagnose_writes_its_files() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let trials = worlds::trials(&worlds::single(2, 1), worlds::Noise::White, 8, 30, 8.0, 1);
@@ -52,7 +52,7 @@ fn files_are_written_and_read_back() {
 }
 
 #[test]
-fn bad_input_is_exit_code_2_and_writes_nothing() {
+fn invalid_input_has_exit_code_2_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("scene.json"), worlds::scene().to_json()).unwrap();

@@ -1,13 +1,13 @@
-//! What commands do for every family.
+//! Behaviour of commands for every family.
 
 use std::process::Command;
 
 use iplw::policy::Dqn;
 use iplw::task::families;
 
-/// It once took bowling's 16 for every family.
+/// Regression test: bowling's batch size was used for every family.
 #[test]
-fn train_takes_the_batch_size_of_the_family() {
+fn train_uses_the_batch_size_of_the_family() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
     for family in families() {

@@ -1,4 +1,4 @@
-//! Families of the user's own: from a file to a world that is served.
+//! User-defined families: from a file to a served world.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 
-/// A ball that is to come down on a plate: a fifth of all places solve it, each surely.
+/// A ball to drop onto a plate: a fifth of all positions solve it, robustly.
 pub(super) const DROP: &str = r#"
 format = "iplw.family/1"
 name = "drop"
@@ -63,7 +63,7 @@ pub fn iplw(args: &[&str], own: Option<&Path>) -> Output {
     command.args(args).output().unwrap()
 }
 
-/// The exit code is `code`, and standard output or error, has all of `wanted`.
+/// Expects the exit code, and all of `wanted` in standard output or error; returns both.
 pub fn told(out: &Output, code: i32, wanted: &[&str]) -> String {
     let said = [&out.stdout, &out.stderr].map(|s| String::from_utf8_lossy(s)).join("\n");
     assert_eq!(out.status.code(), Some(code), "{said}");
@@ -80,16 +80,16 @@ fn family(folder: &Path, text: &str) -> PathBuf {
 }
 
 #[test]
-fn a_family_is_certified_and_is_one_like_any_other() {
+fn certifies_and_uses_a_family() {
     let folder = tempfile::tempdir().unwrap();
     let (path, out) = (family(folder.path(), DROP), folder.path().join("out"));
     let (file, out) = (path.to_str().unwrap(), out.to_str().unwrap());
     let beside = folder.path().join("drop.certified.json");
-    // Stopped on the way: what it found stays.
-    told(&iplw(&["tasks", "check", file, "--candidates", "2"], None), 1, &["not fit", "of 4 tasks"]);
+    // An interrupted search keeps its results.
+    told(&iplw(&["tasks", "check", file, "--candidates", "2"], None), 1, &["too few tasks", "of 4 tasks"]);
     let journal = folder.path().join("drop.search.jsonl");
     assert!(journal.is_file() && !beside.exists());
-    // A look, which disturbs neither.
+    // A preview changes neither file.
     let args = ["tasks", "check", file, "--tasks", "1", "--out", out];
     told(&iplw(&args, None), 0, &["1 of 1 tasks", "contact sheet"]);
     for ending in ["svg", "png", "csv", "certified.json"] {
@@ -97,10 +97,10 @@ fn a_family_is_certified_and_is_one_like_any_other() {
     }
     assert!(journal.is_file() && !beside.exists());
     let args = ["tasks", "check", file];
-    told(&iplw(&args, None), 0, &["goes on after 2 candidates", "4 of 4 tasks", "certified tasks"]);
+    told(&iplw(&args, None), 0, &["resumes after 2 candidates", "4 of 4 tasks", "certified tasks"]);
     let found = std::fs::read_to_string(&beside).unwrap();
     assert!(!journal.exists());
-    // The same as at one go.
+    // The same as without interruption.
     told(&iplw(&args, None), 0, &["4 of 4 tasks"]);
     assert_eq!(std::fs::read_to_string(&beside).unwrap(), found);
 
@@ -122,7 +122,7 @@ fn a_family_is_certified_and_is_one_like_any_other() {
     told(&iplw(&["tasks", "drop"], None), 2, &["no task family named `drop`"]);
 }
 
-/// Worlds of the family are there, and can be acted in.
+/// Worlds of the family are served.
 fn served(folder: &Path) {
     let mut server = Command::new(env!("CARGO_BIN_EXE_iplw"))
         .args(["serve", "--http", "127.0.0.1:0", "--exit-with-stdin", "--tasks", folder.to_str().unwrap()])
@@ -150,7 +150,7 @@ fn served(folder: &Path) {
 }
 
 #[test]
-fn what_is_no_family_is_refused_and_said() {
+fn rejects_invalid_families() {
     let folder = tempfile::tempdir().unwrap();
     let check = |text: &str, code: i32, wanted: &[&str]| {
         let path = family(folder.path(), text);
@@ -160,15 +160,11 @@ fn what_is_no_family_is_refused_and_said() {
     };
     check(&DROP.replace("count = 12", "cuont = 12"), 2, &["drop.toml:line 7: `candidates.cuont`"]);
     check(&DROP.replace("\"= half\"", "\"= hlaf\""), 2, &["drop.toml: `scene.statics[0].shape.half_width`"]);
-    check(
-        &DROP.replace("to = 0.5", "to = 0.06"),
-        1,
-        &["too easy", "what helps: a harder goal or higher ranges"],
-    );
+    check(&DROP.replace("to = 0.5", "to = 0.06"), 1, &["too easy", "try a harder goal or higher ranges"]);
     let never = DROP.replace("position = [\"= middle\", 0]", "position = [\"= middle\", 9]");
-    check(&never, 1, &["unsolvable", "what helps: an easier goal"]);
+    check(&never, 1, &["unsolvable", "try an easier goal"]);
 
-    // A folder is taken in whole or not at all, by every command; what is wrong in it is named.
+    // A directory is loaded as a whole or rejected with the reason, by every command.
     family(folder.path(), DROP);
     let own = Some(folder.path());
     for args in [&["tasks"][..], &["measure", "--task", "bowling", "--out", "never"], &["serve"], &["mcp"]] {
@@ -179,7 +175,7 @@ fn what_is_no_family_is_refused_and_said() {
     told(
         &iplw(&["tasks"], Some(Path::new("/nowhere"))),
         2,
-        &["/nowhere", "a collection (levels, phyre) or a folder"],
+        &["/nowhere", "a collection (levels, phyre) or a directory"],
     );
     std::fs::remove_file(folder.path().join("drop.toml")).unwrap();
     told(&iplw(&["tasks"], own), 0, &["no families in", "bowling:"]);

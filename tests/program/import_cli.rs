@@ -1,4 +1,4 @@
-//! Tasks that others wrote: from a file to families that are ones like any other.
+//! `iplw tasks import`.
 
 use std::io::Write;
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::families_cli::{iplw, told};
 
-/// A ball on a ledge is to come down to the floor; px, as PHYRE has it.
+/// A ball on a ledge to bring to the floor, in PHYRE's pixels.
 fn task(x: f64, ball_y: f64, solutions: &[[f64; 3]]) -> Value {
     let rectangle = |w: f64, h: f64| json!([{"polygon": [[w, h], [-w, h], [-w, -h], [w, -h]]}]);
     let fixed = |x: f64, y: f64, w: f64, h: f64, kind: Option<&str>| json!({"x": x, "y": y, "angle": 0.0, "dynamic": false, "kind": kind, "shapes": rectangle(w, h)});
@@ -23,7 +23,7 @@ fn task(x: f64, ball_y: f64, solutions: &[[f64; 3]]) -> Value {
     })
 }
 
-/// Two tasks of which the first comes with a solution and the second with an action that is none, and one that cannot stand.
+/// Two tasks, the first with a valid and the second with an invalid solution, and one with overlapping bodies.
 fn tasks() -> Value {
     let knocks = [118.3 / 255.0, 120.6 / 255.0, 8.2 / 30.0];
     json!({
@@ -40,7 +40,7 @@ fn written(path: &Path, text: &str) -> String {
 }
 
 #[test]
-fn tasks_of_phyre_become_a_family_with_their_solutions() {
+fn imports_phyre_tasks_with_their_solutions() {
     let folder = tempfile::tempdir().unwrap();
     let (out, gz) = (folder.path().join("out"), folder.path().join("tasks.json.gz"));
     let mut encoder = GzEncoder::new(std::fs::File::create(&gz).unwrap(), Compression::fast());
@@ -63,7 +63,7 @@ fn tasks_of_phyre_become_a_family_with_their_solutions() {
     let said = told(&iplw(&args, None), 0, &wanted);
     let row: Vec<&str> =
         said.lines().find(|l| l.starts_with("phyre_00007")).unwrap().split_whitespace().collect();
-    // Tasks, of which said; solutions, of which solve, and cannot be placed; solved; imported, by their own.
+    // Tasks, valid; solutions, solving, invalid; tasks solved; imported, by their own solution.
     assert_eq!(row[1..11], ["3", "2", "|", "2", "1", "0", "1", "|", "2", "1"], "{said}");
     let names = |path: &Path| {
         let mut all: Vec<String> =
@@ -79,7 +79,7 @@ fn tasks_of_phyre_become_a_family_with_their_solutions() {
     assert_eq!(found[0].certificate.as_ref().unwrap().action, solution.values());
     assert_eq!(found[1].scene.name, "00007:001");
     assert!(found[1].certificate.as_ref().unwrap().solving_share > 0.0);
-    // It is one like any other.
+    // It can be used like any other family.
     let before = std::fs::read_to_string(out.join(all[0])).unwrap();
     let own = Some(out.as_path());
     let path = out.join("phyre_00007.toml");
@@ -94,17 +94,17 @@ fn tasks_of_phyre_become_a_family_with_their_solutions() {
     let args_of = ["outcomes", "--task", "phyre_00007", "--actions", "30", "--out", table.to_str().unwrap()];
     told(&iplw(&args_of, own), 0, &["2 tasks, 30 actions each"]);
 
-    // Again, it is there; another's is left alone.
-    told(&iplw(&args, None), 0, &["all of it is there", "2 of 3 tasks imported"]);
+    // A second import finds it complete; another family's files aren't overwritten.
+    told(&iplw(&args, None), 0, &["already complete", "2 of 3 tasks imported"]);
     let other = written(&folder.path().join("other.json"), &tasks().to_string().replace("0.9", "0.8"));
     let mut args = args;
     args[3] = &other;
-    told(&iplw(&args, None), 2, &["--out", "phyre_00007", "another folder"]);
+    told(&iplw(&args, None), 2, &["--out", "phyre_00007", "another directory"]);
     assert_eq!(std::fs::read_to_string(out.join(all[0])).unwrap(), before);
     from_scenes(folder.path(), &out.join(all[1]));
 }
 
-/// The scenes of the family, as anybody's.
+/// Imports the scenes of the family.
 fn from_scenes(folder: &Path, scenes: &Path) {
     let out = folder.join("scenes");
     let (from, to) = (scenes.to_str().unwrap(), out.to_str().unwrap());
@@ -114,7 +114,7 @@ fn from_scenes(folder: &Path, scenes: &Path) {
     assert!(text.contains("density = 0.25\nfriction = 0.5\nrestitution = 0.2\ndamping = 1.0\n"), "{text}");
     assert_eq!(read_families(&out).unwrap()[0].tasks().len(), 2);
 
-    // What is wrong with a line is said, and nothing is written.
+    // Errors name the line, and nothing is written.
     let lines = std::fs::read_to_string(scenes).unwrap();
     let check = |second: &dyn Fn(&str) -> String, wanted: &[&str]| {
         let mut all: Vec<String> = lines.lines().map(String::from).collect();
@@ -138,7 +138,7 @@ fn from_scenes(folder: &Path, scenes: &Path) {
 }
 
 #[test]
-fn what_is_no_task_of_phyre_is_refused_and_said() {
+fn rejects_invalid_phyre_tasks() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let check = |text: &str, more: &[&str], wanted: &[&str]| {

@@ -1,4 +1,4 @@
-//! `iplw plan`: one task's plan, a family's orders in a hidden world, and what is refused.
+//! `iplw plan` for a task and for a family.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ fn read(path: &Path) -> Value {
 const SMALL: [&str; 6] = ["--actions", "200", "--draws", "6", "--exact", "3"];
 
 #[test]
-fn a_task_is_planned_under_what_is_believed() {
+fn plans_a_task_with_posterior_samples() {
     let folder = tempfile::tempdir().unwrap();
     let posterior = folder.path().join("posterior.json");
-    let document = json!({"format": "iplw.posterior/1", "effective": 12,
+    let document = json!({"format": "iplw.posterior/2", "effective": 12,
         "columns": {"friction": [0.2, 0.22, 0.25, 0.2], "linear_drag.c": [0.2, null, 0.25, 0.22]}});
     std::fs::write(&posterior, document.to_string()).unwrap();
     let out = folder.path().join("out");
@@ -24,12 +24,12 @@ fn a_task_is_planned_under_what_is_believed() {
         let args = ["plan", "--task", "basketball:003", "--seed", "4"];
         iplw(&[&args[..], &SMALL[..], more].concat(), None)
     };
-    let to = ["--belief", posterior.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let to = ["--posterior", posterior.to_str().unwrap(), "--out", out.to_str().unwrap()];
     let said = told(&run(&to), 0, &["200 actions", "probability", "ball.x"]);
     assert!(!said.contains("not complete"), "{said}");
     let plan = read(&out.join("plan.json"));
     assert_eq!((&plan["format"], &plan["task"]), (&json!("iplw.plan/1"), &json!("basketball:003")));
-    assert_eq!(plan["belief"], json!({"source": "posterior", "draws": 4}));
+    assert_eq!(plan["posterior"], json!({"source": "posterior", "draws": 4}));
     let best = &plan["actions"][0];
     assert_eq!((&best["draws"], best["action"].as_array().unwrap().len()), (&json!(6), 4));
     for map in ["map.svg", "map_2.svg"] {
@@ -45,7 +45,7 @@ fn a_task_is_planned_under_what_is_believed() {
 }
 
 #[test]
-fn a_family_s_orders_are_tried_and_go_on_where_they_were() {
+fn evaluates_plans_of_a_family_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let run = |rows: &str| {
@@ -77,10 +77,10 @@ fn a_family_s_orders_are_tried_and_go_on_where_they_were() {
 }
 
 #[test]
-fn what_cannot_be_planned_is_refused() {
+fn rejects_invalid_plans() {
     let folder = tempfile::tempdir().unwrap();
     let odd = folder.path().join("odd.json");
-    std::fs::write(&odd, r#"{"format": "iplw.posterior/1", "columns": {"friction": [0.5, -2]}}"#).unwrap();
+    std::fs::write(&odd, r#"{"format": "iplw.posterior/2", "columns": {"friction": [0.5, -2]}}"#).unwrap();
     let odd = odd.to_str().unwrap();
     let cases: [(&[&str], &str); 12] = [
         (&["--task", "curling"], "curling"),
@@ -88,12 +88,12 @@ fn what_cannot_be_planned_is_refused() {
         (&["--task", "bowling:000", "--draws", "0"], "draws"),
         (&["--task", "bowling:000", "--perturb", "2"], "perturb"),
         (&["--task", "bowling:000", "--seconds=-1"], "--seconds"),
-        (&["--task", "bowling:000", "--belief", "nowhere.json"], "nowhere.json"),
-        (&["--task", "bowling:000", "--belief", odd], "columns.friction[1]"),
-        (&["--task", "bowling:000", "--belief", odd, "--prior"], "--prior"),
+        (&["--task", "bowling:000", "--posterior", "nowhere.json"], "nowhere.json"),
+        (&["--task", "bowling:000", "--posterior", odd], "columns.friction[1]"),
+        (&["--task", "bowling:000", "--posterior", odd, "--prior"], "--prior"),
         (&["--task", "bowling:000", "--latents", "grip=1"], "grip"),
         (&["--task", "bowling:000", "--real", "damping=0.8"], "--real"),
-        (&["--task", "bowling", "--rows", "belief"], "--rows"),
+        (&["--task", "bowling", "--rows", "posterior"], "--rows"),
         (&["--task", "bowling", "--real", "damping=2"], "damping"),
     ];
     for (args, wanted) in cases {

@@ -27,7 +27,7 @@ fn films(folder: &Path, size: f64) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_balls_radius_makes_the_scene() {
+fn creates_the_scene_from_the_radius() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let done = diagnose(
@@ -43,7 +43,7 @@ fn a_balls_radius_makes_the_scene() {
 }
 
 #[test]
-fn what_is_missing_or_odd_is_told_in_the_commands_own_words() {
+fn errors_name_options() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let scene = folder.path().join("scene.json");
@@ -52,7 +52,7 @@ fn what_is_missing_or_odd_is_told_in_the_commands_own_words() {
     let (metres, centimetres) = (films(folder.path(), 1.0), tempfile::tempdir().unwrap());
     let small = films(centimetres.path(), 0.01);
     let cases: [(&[PathBuf], &[&str], &str); 8] = [
-        (&metres, &[], "`--scene` is missing; allowed: a scene file; or, where one ball flies, --radius"),
+        (&metres, &[], "`--scene` is missing; allowed: a scene file; or, for a single ball, --radius"),
         (&metres, &["--radius", "0"], "`--radius` is 0"),
         (&metres, &["--radius", "0.02", "--mass", "2.7"], "`--mass` is 2.7; allowed: kg, at most"),
         (
@@ -74,9 +74,9 @@ fn what_is_missing_or_odd_is_told_in_the_commands_own_words() {
     }
 }
 
-/// Columns that are not read are named, and a scene's only body may come from such files, too.
+/// Ignored columns are reported, and a scene with a single body accepts track files, too.
 #[test]
-fn a_scene_of_one_body_takes_tracks_too() {
+fn scenes_with_one_body_accept_tracks() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("scene.json"), worlds::scene().to_json()).unwrap();
@@ -87,6 +87,6 @@ fn a_scene_of_one_body_takes_tracks_too() {
     let done = diagnose(&[at("film.csv")], &more, &at("out"));
     let told = String::from_utf8_lossy(&done.stderr).to_string();
     assert!(done.status.success(), "{told}");
-    assert!(told.contains("film.csv: columns that were not read: \"v\""), "{told}");
+    assert!(told.contains("film.csv: unused columns: \"v\""), "{told}");
     assert!(String::from_utf8_lossy(&done.stdout).contains("verdict: insufficient_data"));
 }

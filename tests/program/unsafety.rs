@@ -1,13 +1,13 @@
-//! Unsafe code stands where it is needed, which SECURITY.md lists with the reasons.
+//! Unsafe code is restricted to the files that SECURITY.md lists with reasons.
 
 use std::collections::BTreeMap;
 
 use crate::sources::{files, text};
 
-/// Files that allow themselves unsafe code, each with its reason.
+/// Files that allow unsafe code, each with its reason.
 fn allowed() -> BTreeMap<String, String> {
     let reason = |text: &str| {
-        // On one line or on several.
+        // The attribute may span several lines.
         let text =
             text.split_whitespace().collect::<Vec<_>>().join(" ").replace("( ", "(").replace("\" )", "\")");
         let told = text.split_once("#![allow(unsafe_code, reason = \"")?.1.split_once("\")]")?.0;

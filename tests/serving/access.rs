@@ -1,8 +1,8 @@
-//! Who may do what: every operation over both transports, from the list of operations, so that a new one is tried too.
+//! Authorisation of every operation over both transports, driven by the list of operations so that new ones are covered.
 
 use std::path::Path;
 
-use iplw::access::{Kept, Scope, TokenFile, digest};
+use iplw::access::{HashedToken, Scope, TokenFile, digest};
 use iplw::serve::ServeConfig;
 use reqwest::Method;
 use reqwest::blocking::Response;
@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 use crate::http::{Running, ok, problem};
 use crate::peer::Peer;
 
-/// An operation as the document has it.
+/// An operation of the OpenAPI document.
 struct Operation {
     name: String,
     method: Method,
     path: String,
-    /// What a token must allow; none where none is asked for.
+    /// Required scope; none for public operations.
     needs: Option<Scope>,
 }
 
@@ -26,7 +26,7 @@ fn operations() -> Vec<Operation> {
     for (path, methods) in document["paths"].as_object().unwrap() {
         for (method, operation) in methods.as_object().unwrap() {
             let needs = operation["security"].as_array().expect("every operation says what it needs");
-            // Beside nothing, which is what a server without tokens asks for.
+            // Apart from no security, for servers without authentication.
             let scope = needs.iter().find_map(|n| n.get("token")).map(|t| t[0].as_str().unwrap());
             all.push(Operation {
                 name: operation["operationId"].as_str().unwrap().into(),
@@ -39,25 +39,25 @@ fn operations() -> Vec<Operation> {
     all
 }
 
-/// Not over ZeroMQ.
+/// Operations that are not available over ZeroMQ.
 const ONLY_HTTP: [&str; 3] = ["metrics", "follow_job", "watch_world"];
 
-fn kept(name: &str, scope: Scope, expires: Option<u64>) -> Kept {
-    Kept { name: name.into(), scope, digest: digest(token(name).as_bytes()), made: 0, expires }
+fn stored_token(name: &str, scope: Scope, expires: Option<u64>) -> HashedToken {
+    HashedToken { name: name.into(), scope, digest: digest(token(name).as_bytes()), made: 0, expires }
 }
 
 fn token(name: &str) -> String {
     format!("iplw_of-{name}")
 }
 
-/// ann and bob may act, eve may read, root may everything; old's token has expired.
-fn guarded(directory: &Path) -> Running {
+/// Tokens: ann and bob have `act`, eve `read`, root `admin`; old's has expired.
+fn start_with_tokens(directory: &Path) -> Running {
     let all = [
-        kept("ann", Scope::Act, None),
-        kept("bob", Scope::Act, None),
-        kept("eve", Scope::Read, None),
-        kept("root", Scope::Admin, None),
-        kept("old", Scope::Admin, Some(1)),
+        stored_token("ann", Scope::Act, None),
+        stored_token("bob", Scope::Act, None),
+        stored_token("eve", Scope::Read, None),
+        stored_token("root", Scope::Admin, None),
+        stored_token("old", Scope::Admin, Some(1)),
     ];
     TokenFile::of_directory(directory)
         .change(|tokens| {
@@ -88,7 +88,7 @@ impl Running {
     }
 }
 
-/// Who presents what, and how each operation is to be answered: 401, 403, or something else.
+/// Expected status of an operation per token: 401, 403, or other (`None`).
 fn expected(presented: Option<&str>, needs: Option<Scope>) -> Option<(u16, &'static str)> {
     let has = match presented {
         None | Some("nobody" | "old") => None,
@@ -108,9 +108,9 @@ const PRESENTED: [Option<&str>; 6] =
     [None, Some("nobody"), Some("old"), Some("eve"), Some("ann"), Some("root")];
 
 #[test]
-fn every_operation_asks_for_its_token_over_http() {
+fn every_operation_requires_its_scope_over_http() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let mut refused = 0;
     for operation in operations() {
         for presented in PRESENTED {
@@ -140,7 +140,7 @@ fn every_operation_asks_for_its_token_over_http() {
     let open: Vec<String> = operations().into_iter().filter(|o| o.needs.is_none()).map(|o| o.name).collect();
     assert_eq!(open, ["healthz", "readyz"]);
     assert!(refused > 3 * (operations().len() - 2), "{refused}");
-    // What is no operation is no way in either.
+    // Unknown operations are rejected, too.
     for path in ["/docs/", "/docs/index.html", "/nowhere", "/v1/worlds/"] {
         problem(server.of(None, Method::GET, path, &json!({})), 401, "unauthorized");
     }
@@ -150,9 +150,9 @@ fn every_operation_asks_for_its_token_over_http() {
 }
 
 #[test]
-fn every_operation_asks_for_its_token_over_zeromq() {
+fn every_operation_requires_its_scope_over_zeromq() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let address = server.zmq.clone().unwrap();
     for presented in PRESENTED {
         let token = presented.map(token);
@@ -175,18 +175,18 @@ fn every_operation_asks_for_its_token_over_zeromq() {
         }
         assert_eq!(peer.ask("ping", &json!({}))["result"]["pong"], true, "needs no token");
         if expected(presented, Some(Scope::Read)).is_some() {
-            // What is large is dropped as it comes, and refused for the same reason.
+            // Large bodies are discarded while reading and get the same status.
             peer.send(&vec![0; 1 << 20]);
             assert_eq!(peer.answer()["problem"]["status"], 401);
         }
     }
 }
 
-/// What one made is as good as not there for the other; `read` and `admin` see it, and `admin` may end it.
+/// Resources are invisible to other `act` tokens; `read` and `admin` see them, and `admin` can delete them.
 #[test]
-fn worlds_jobs_and_policies_belong_to_who_made_them() {
+fn worlds_jobs_and_policies_belong_to_their_creator() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let make = json!({"task": "bowling", "kind": "sim"});
     let world = server.post_of("ann", "/v1/worlds", &make, 201)["id"].as_str().unwrap().to_string();
     let many = server.post_of(
@@ -240,15 +240,15 @@ fn worlds_jobs_and_policies_belong_to_who_made_them() {
     }
     assert_eq!(ask("eve", Method::GET, &theirs[0].1), 200);
     assert_eq!(ask("eve", Method::POST, &theirs[2].1), 403);
-    // Whose it is, is said; who may see it, may watch it.
+    // Owners are listed; whoever sees a world can watch it.
     assert_eq!(server.get_of("eve", &theirs[0].1)["owner"], "ann");
     assert_eq!(ask("eve", Method::GET, &theirs[11].1), 200);
     assert_eq!(ask("eve", Method::GET, &theirs[10].1), 200);
-    // What all share, anybody may act in, and only `admin` may take away.
+    // Anybody can act in default worlds, and only `admin` can delete them.
     assert_eq!(ask("bob", Method::POST, "/v1/worlds/bowling-sim/reset"), 200);
     assert_eq!(ask("ann", Method::DELETE, "/v1/worlds/bowling-sim"), 403);
     assert_eq!(ask("root", Method::DELETE, "/v1/worlds/basketball-sim"), 204);
-    // A film is an attempt: whoever may only see is shown the scene.
+    // A film counts as an attempt; with `read` only the scene can be rendered.
     assert_eq!(ask("eve", Method::GET, "/v1/worlds/bowling-sim/render"), 200);
     assert_eq!(
         ask("eve", Method::GET, "/v1/worlds/bowling-sim/render?view=filmstrip&action=0.5,0.8,0.3"),
@@ -259,9 +259,9 @@ fn worlds_jobs_and_policies_belong_to_who_made_them() {
 }
 
 #[test]
-fn a_policy_is_its_owners_and_stays_so() {
+fn policies_keep_their_owner() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let learn = json!({"world": "bowling-sim", "attempts": 200, "batches": 1});
     let job = server.post_of("ann", "/v1/policies/untrained/learn", &learn, 202)["id"]
         .as_str()
@@ -296,9 +296,9 @@ fn a_policy_is_its_owners_and_stays_so() {
 }
 
 #[test]
-fn everybody_has_idempotency_keys_of_their_own() {
+fn idempotency_keys_are_separate_per_client() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let make = |name: &str| {
         let request = server.client.post(format!("{}/v1/worlds", server.url)).bearer_auth(token(name));
         let body = json!({"task": "bowling", "kind": "sim"}).to_string();
@@ -309,15 +309,15 @@ fn everybody_has_idempotency_keys_of_their_own() {
 }
 
 #[test]
-fn a_token_counts_at_once_and_no_longer_once_it_is_taken_back() {
+fn tokens_take_effect_and_are_revoked_immediately() {
     let place = tempfile::tempdir().unwrap();
-    let server = guarded(place.path());
+    let server = start_with_tokens(place.path());
     let mut peer = Peer::connect(server.zmq.as_ref().unwrap(), Some(&token("ann")));
     assert_eq!(peer.ask("list_worlds", &json!({}))["ok"], true);
     let file = TokenFile::of_directory(place.path());
     file.change(|all| {
         all.retain(|k| k.name != "ann");
-        all.push(kept("new", Scope::Read, None));
+        all.push(stored_token("new", Scope::Read, None));
         Ok(())
     })
     .unwrap();
@@ -330,13 +330,13 @@ fn a_token_counts_at_once_and_no_longer_once_it_is_taken_back() {
     assert_eq!(peer.ask("list_worlds", &json!({}))["problem"]["status"], 401, "on an open connection too");
 }
 
-/// Restarted, everything is still its owner's.
+/// Resources keep their owners after a restart.
 #[test]
-fn owners_outlive_the_server() {
+fn owners_survive_a_restart() {
     let place = tempfile::tempdir().unwrap();
     let make = json!({"task": "bowling", "kind": "sim"});
     let world = {
-        let server = guarded(place.path());
+        let server = start_with_tokens(place.path());
         server.post_of("ann", "/v1/worlds", &make, 201)["id"].as_str().unwrap().to_string()
     };
     let config = ServeConfig { data_dir: Some(place.path().into()), ..ServeConfig::default() };
@@ -347,9 +347,9 @@ fn owners_outlive_the_server() {
     assert_eq!((status("ann"), status("bob"), status("eve")), (200, 404, 200));
 }
 
-/// A page that somebody visits: every operation, with the wrong name, the wrong origin and the wrong type of body.
+/// Requests of a malicious page: every operation with a wrong host, a foreign origin and a wrong content type.
 #[test]
-fn no_operation_is_answered_to_a_foreign_page() {
+fn rejects_requests_from_foreign_origins() {
     let config = ServeConfig { allow_origin: vec!["https://lab.example".into()], ..ServeConfig::default() };
     let server = Running::with(config).unwrap();
     let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
@@ -392,7 +392,7 @@ fn no_operation_is_answered_to_a_foreign_page() {
 }
 
 #[test]
-fn an_allowed_page_may_read_and_every_answer_is_covered() {
+fn allowed_origins_get_cors_headers_on_every_response() {
     let config = ServeConfig { allow_origin: vec!["https://lab.example".into()], ..ServeConfig::default() };
     let server = Running::with(config).unwrap();
     let of = |origin: &str, method: Method, path: &str| {

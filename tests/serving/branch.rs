@@ -1,4 +1,4 @@
-//! Snapshots and branches as clients see them: over HTTP and ZeroMQ, after a restart, and what is refused.
+//! Snapshots and branches over HTTP and ZeroMQ, after a restart, and their errors.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn serving(directory: Option<&Path>) -> Running {
     Running::with(ServeConfig { data_dir, zmq, ..ServeConfig::default() }).unwrap()
 }
 
-/// Some action of a task that can be placed, and what it brings.
+/// An action that can be placed, and its result.
 fn placed(server: &Running) -> (u64, Value) {
     let ask = |actions: Value| {
         let body = json!({"task": "bowling:002", "actions": actions, "trajectories": true, "stop": false});
@@ -39,7 +39,7 @@ fn branch(server: &Running, snapshot: &Value, changes: &Value) -> Value {
 }
 
 #[test]
-fn a_snapshot_outlives_the_server_and_a_branch_without_a_change_is_the_rollout() {
+fn snapshots_survive_a_restart_and_unchanged_branches_equal_the_rollout() {
     let place = tempfile::tempdir().unwrap();
     let server = serving(Some(place.path()));
     let (action, plain) = placed(&server);
@@ -60,7 +60,7 @@ fn a_snapshot_outlives_the_server_and_a_branch_without_a_change_is_the_rollout()
         assert_eq!((&branched["steps"], &branched["solved"]), (&plain["steps"], &plain["solved"]));
     };
     same(&branch(&server, &taken, &json!([])));
-    // Latents that are set later are not the rollout's.
+    // Latents set later do not affect the snapshot.
     server.post(&format!("{WORLD}/set_latents"), &json!({"restitution": 0.01}), 200);
     same(&branch(&server, &taken, &json!([])));
     drop(server);
@@ -72,7 +72,7 @@ fn a_snapshot_outlives_the_server_and_a_branch_without_a_change_is_the_rollout()
 }
 
 #[test]
-fn what_is_done_in_a_branch_is_what_a_batch_of_counterfactuals_has() {
+fn branches_equal_batched_rollouts_with_interventions() {
     let server = serving(None);
     let (action, plain) = placed(&server);
     let at = plain["t"][1].as_f64().unwrap();
@@ -98,7 +98,7 @@ fn what_is_done_in_a_branch_is_what_a_batch_of_counterfactuals_has() {
     );
     for k in 0..4 {
         let mut changes = lists[k].clone();
-        // A branch's own moment is that of its snapshot.
+        // Interventions default to the time of the snapshot.
         changes
             .as_array_mut()
             .unwrap()
@@ -113,7 +113,7 @@ fn what_is_done_in_a_branch_is_what_a_batch_of_counterfactuals_has() {
     assert!(batch[2]["bodies"]["blue"]["x"][1].is_f64() && batch[2]["bodies"]["blue"]["x"][2].is_null());
     assert!(batch[3]["bodies"]["extra"]["x"][1].is_null() && batch[3]["bodies"]["extra"]["x"][2].is_f64());
     assert_ne!(batch[1]["bodies"]["green"]["x"][2], plain["bodies"]["green"]["x"][2]);
-    // One after the other: a snapshot of what was branched, and its state.
+    // A snapshot of a branch, and its state.
     let later = json!({"task": "bowling:002", "action": action, "at": at + 1.0 / 240.0, "stop": false,
         "interventions": lists[1]});
     let pushed = server.post(&format!("{WORLD}/snapshot"), &later, 200);
@@ -123,7 +123,7 @@ fn what_is_done_in_a_branch_is_what_a_batch_of_counterfactuals_has() {
 }
 
 #[test]
-fn the_last_step_can_be_branched() {
+fn branches_the_last_step() {
     let server = serving(None);
     let (action, _) = placed(&server);
     let world =
@@ -152,7 +152,7 @@ fn the_last_step_can_be_branched() {
 }
 
 #[test]
-fn reality_happens_once_and_bad_changes_are_named() {
+fn rejects_branching_real_worlds_and_invalid_interventions() {
     let server = serving(None);
     let (action, _) = placed(&server);
     let at = 0.5;
@@ -207,7 +207,7 @@ fn reality_happens_once_and_bad_changes_are_named() {
     {
         assert_eq!(branches(&with(field, value), json!([]))["field"], format!("snapshot.{field}"));
     }
-    // Answers have room for everything that is ever let in by any of the lists.
+    // Results reserve space for every body that any list adds.
     let add = |i: usize| {
         let body =
             json!({"name": format!("x{i}"), "shape": {"type": "disc", "radius": 0.1}, "position": [1, 30]});

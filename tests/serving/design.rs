@@ -1,4 +1,4 @@
-//! Designs over HTTP.
+//! Experimental designs over HTTP.
 
 use iplw::serve::ServeConfig;
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use crate::http::Running;
 
 #[test]
-fn experiments_are_designed() {
+fn computes_a_design() {
     let server = Running::with(ServeConfig::default()).unwrap();
     let small = |more: Value| {
         let mut body =
@@ -31,11 +31,11 @@ fn experiments_are_designed() {
     let dear = json!({"task": "basketball", "costs": {"setup": 3.0, "budget": 3.5}});
     let refused = server.post("/v1/designs", &dear, 422);
     assert_eq!(refused["field"], "costs.budget", "{refused}");
-    // Of draws that all but agree there is little to be told.
+    // Nearly identical draws leave little information to gain.
     let near = |spread: f64| {
         let friction: Vec<f64> = (0..40).map(|i| 0.3 + spread * f64::from(i)).collect();
-        let belief = json!({"format": "iplw.posterior/1", "columns": {"friction": friction}});
-        let found = small(json!({"belief": belief, "noise": 0.05}));
+        let belief = json!({"format": "iplw.posterior/2", "columns": {"friction": friction}});
+        let found = small(json!({"posterior": belief, "noise": 0.05}));
         found["experiments"][0]["information"].as_f64().unwrap()
     };
     assert!(near(1e-2) > near(1e-7) + 0.2, "{} {}", near(1e-2), near(1e-7));

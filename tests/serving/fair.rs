@@ -1,10 +1,10 @@
-//! Clients that ask for too much do not keep the others from theirs.
+//! Fair queueing: flooding clients do not delay others.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use iplw::access::{Kept, Scope, TokenFile, digest};
+use iplw::access::{HashedToken, Scope, TokenFile, digest};
 use iplw::serve::ServeConfig;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -16,11 +16,11 @@ fn token(name: &str) -> String {
     format!("iplw_of-{name}")
 }
 
-/// ann and bob may act, root sees everything.
-fn shared(directory: &Path) -> Running {
+/// Tokens: ann and bob have `act`, root `admin`.
+fn start_with_tokens(directory: &Path) -> Running {
     let kept = |name: &str, scope| {
         let digest = digest(token(name).as_bytes());
-        Kept { name: name.into(), scope, digest, made: 0, expires: None }
+        HashedToken { name: name.into(), scope, digest, made: 0, expires: None }
     };
     let file = TokenFile::of_directory(directory);
     for (name, scope) in [("ann", Scope::Act), ("bob", Scope::Act), ("root", Scope::Admin)] {
@@ -30,8 +30,8 @@ fn shared(directory: &Path) -> Running {
     Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, ..ServeConfig::default() }).unwrap()
 }
 
-/// A fraction of a second of computing at least.
-fn much() -> Value {
+/// Work of at least a fraction of a second.
+fn heavy_request() -> Value {
     let actions: Vec<u64> = (0..600).map(|i| i * 7).collect();
     json!({"task": "bowling:001", "actions": actions})
 }
@@ -48,10 +48,10 @@ fn metric(server: &Running, name: &str) -> u64 {
 
 const FLOOD: usize = 16;
 
-/// While ann's requests stand in line, one of bob's is answered before most of hers are.
+/// While ann's requests are queued, one of bob's finishes before most of hers.
 fn check(bob: impl FnOnce(&Running)) {
     let place = tempfile::tempdir().unwrap();
-    let server = shared(place.path());
+    let server = start_with_tokens(place.path());
     let (answered, url) =
         (Arc::new(AtomicUsize::new(0)), format!("{}/v1/worlds/bowling-sim/rollout", server.url));
     let flood: Vec<_> = (0..FLOOD)
@@ -59,7 +59,7 @@ fn check(bob: impl FnOnce(&Running)) {
             let (answered, url) = (answered.clone(), url.clone());
             std::thread::spawn(move || {
                 let client = reqwest::blocking::Client::builder().timeout(None).build().unwrap();
-                let asked = client.post(url).bearer_auth(token("ann")).body(much().to_string());
+                let asked = client.post(url).bearer_auth(token("ann")).body(heavy_request().to_string());
                 assert_eq!(asked.send().unwrap().status(), 200);
                 answered.fetch_add(1, Ordering::SeqCst);
             })
@@ -72,24 +72,24 @@ fn check(bob: impl FnOnce(&Running)) {
     bob(&server);
     let meanwhile = answered.load(Ordering::SeqCst) - before;
     flood.into_iter().for_each(|f| f.join().unwrap());
-    // He begins beside two of hers; by turns he would be the third, in order of arrival the ninth or later.
+    // Two of hers run when his arrives: fair queueing makes it third, arrival order ninth or later.
     assert!(meanwhile <= 6, "{meanwhile} of ann's {FLOOD} before one of bob's");
     assert_eq!(metric(&server, "iplw_requests_waiting"), 0);
 }
 
 #[test]
-fn one_that_floods_does_not_keep_another_waiting_over_http() {
+fn flooding_client_does_not_delay_others_over_http() {
     check(|server| {
         let url = format!("{}/v1/worlds/bowling-sim/rollout", server.url);
-        let asked = server.client.post(url).bearer_auth(token("bob")).body(much().to_string());
+        let asked = server.client.post(url).bearer_auth(token("bob")).body(heavy_request().to_string());
         ok(asked.send().unwrap(), 200);
     });
 }
 
 #[test]
-fn one_that_floods_does_not_keep_another_waiting_over_zeromq() {
+fn flooding_client_does_not_delay_others_over_zeromq() {
     check(|server| {
-        let mut args = much();
+        let mut args = heavy_request();
         args["id"] = "bowling-sim".into();
         let answer =
             Peer::connect(server.zmq.as_ref().unwrap(), Some(&token("bob"))).ask("rollout_world", &args);
@@ -97,30 +97,30 @@ fn one_that_floods_does_not_keep_another_waiting_over_zeromq() {
     });
 }
 
-/// Whoever may administer makes tokens and takes them back, over HTTP; nobody is shown a hash.
+/// `admin` creates and revokes tokens over HTTP; hashes are never shown.
 #[test]
-fn tokens_are_managed_over_http_and_count_at_once() {
+fn tokens_managed_over_http_take_effect_immediately() {
     let place = tempfile::tempdir().unwrap();
-    let server = shared(place.path());
+    let server = start_with_tokens(place.path());
     let of = |token: &str, method: Method, path: &str, body: &Value| {
         let asked = server.client.request(method, format!("{}{path}", server.url)).bearer_auth(token);
         asked.body(body.to_string()).send().unwrap()
     };
     let root = token("root");
-    let new = json!({"name": "eve", "may": "read", "expires": "1d"});
+    let new = json!({"name": "eve", "scope": "read", "expires": "1d"});
     let made = ok(of(&root, Method::POST, "/v1/tokens", &new), 201);
     let eve = made["token"].as_str().unwrap().to_string();
     assert_eq!(
-        (&made["name"], &made["may"], &made["expired"]),
+        (&made["name"], &made["scope"], &made["expired"]),
         (&json!("eve"), &json!("read"), &json!(false))
     );
     assert_eq!(of(&eve, Method::GET, "/v1/worlds", &json!({})).status(), 200);
     assert_eq!(of(&eve, Method::GET, "/v1/tokens", &json!({})).status(), 403);
     assert_eq!(of(&root, Method::POST, "/v1/tokens", &new).status(), 422, "the name has one");
     for bad in [
-        json!({"name": "x y", "may": "act"}),
-        json!({"name": "x", "may": "god"}),
-        json!({"name": "x", "may": "act", "expires": "1"}),
+        json!({"name": "x y", "scope": "act"}),
+        json!({"name": "x", "scope": "god"}),
+        json!({"name": "x", "scope": "act", "expires": "1"}),
     ] {
         assert_eq!(of(&root, Method::POST, "/v1/tokens", &bad).status(), 422, "{bad}");
     }
@@ -136,7 +136,7 @@ fn tokens_are_managed_over_http_and_count_at_once() {
     assert_eq!(of(&root, Method::DELETE, "/v1/tokens/eve", &json!({})).status(), 204);
     assert_eq!(of(&eve, Method::GET, "/v1/worlds", &json!({})).status(), 401, "at once");
     assert_eq!(of(&root, Method::DELETE, "/v1/tokens/eve", &json!({})).status(), 404);
-    // Nobody shuts the others out of a server that asks for no token.
+    // A server without authentication accepts no tokens to be created.
     let open = Running::with(ServeConfig::default()).unwrap();
     assert_eq!(open.get("/v1/tokens")["tokens"], json!([]));
     assert_eq!(open.send(Method::POST, "/v1/tokens", new.to_string()).status(), 409);

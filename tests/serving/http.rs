@@ -1,4 +1,4 @@
-//! The server over real sockets: every endpoint, every kind of bad input, restart, lock, idling out.
+//! The server over real sockets: every endpoint, every kind of bad input, restart, locking, expiry.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -14,10 +14,10 @@ use serde_json::{Value, json};
 
 use crate::worlds;
 
-/// A server in this process, stopped when dropped.
+/// An in-process server, stopped on drop.
 pub struct Running {
     pub url: String,
-    /// Where ZeroMQ is, if it is anywhere.
+    /// ZeroMQ address, if enabled.
     pub zmq: Option<String>,
     pub client: Client,
     stop: Option<tokio::sync::oneshot::Sender<()>>,
@@ -68,7 +68,7 @@ impl Running {
         ok(self.send(Method::POST, path, body.to_string()), status)
     }
 
-    /// Waits for a job's end by its events; returns it.
+    /// Waits for a job's end by its events and returns the job.
     pub fn finish(&self, job: &Value) -> Value {
         let events = self.events(job["id"].as_str().unwrap(), None);
         let (_, name, last) = events.last().unwrap();
@@ -104,7 +104,7 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         drop(self.stop.take());
-        // Idle connections would be waited for.
+        // Shutdown waits for idle connections.
         self.client = Client::new();
         if let Some(thread) = self.thread.take() {
             let ended = thread.join();
@@ -113,7 +113,7 @@ impl Drop for Running {
     }
 }
 
-/// The JSON of an answer that must have this status.
+/// The JSON of a response, which must have this status.
 pub fn ok(response: Response, status: u16) -> Value {
     let (got, url) = (response.status().as_u16(), response.url().clone());
     let text = response.text().unwrap();
@@ -121,7 +121,7 @@ pub fn ok(response: Response, status: u16) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// Checks that an answer is a problem of this status and kind; returns it.
+/// Checks that a response is a problem of this status and kind, and returns it.
 pub fn problem(response: Response, status: u16, slug: &str) -> Value {
     let kind = response.headers().get("content-type").map(|v| v.to_str().unwrap().to_string());
     let value = ok(response, status);
@@ -132,7 +132,7 @@ pub fn problem(response: Response, status: u16, slug: &str) -> Value {
     value
 }
 
-/// Number of the first discrete action of a task that can (or cannot) be placed.
+/// Index of a task's first discrete action that can (or cannot) be placed.
 fn action(server: &Running, task: &str, valid: bool) -> u64 {
     let body = json!({"task": task, "actions": (0..64).collect::<Vec<_>>()});
     let results = server.post("/v1/worlds/bowling-sim/rollout", &body, 200)["results"].clone();
@@ -181,7 +181,7 @@ fn default_worlds_play_whole_episodes() {
 }
 
 #[test]
-fn unseeded_resets_go_on_deterministically() {
+fn unseeded_resets_continue_deterministically() {
     let server = Running::start();
     let sequence = |id: &str| -> Vec<Value> {
         server.post(&format!("/v1/worlds/{id}/reset"), &json!({"seed": 9}), 200);
@@ -215,7 +215,7 @@ fn certified_actions_solve_their_tasks_in_the_real_world() {
 }
 
 #[test]
-fn steps_and_rollouts_agree_and_latents_matter() {
+fn steps_and_rollouts_agree_and_depend_on_latents() {
     let server = Running::start();
     let task = "bowling:001";
     let valid = action(&server, task, true);
@@ -245,14 +245,14 @@ fn steps_and_rollouts_agree_and_latents_matter() {
     assert_eq!(set["latents"], json!({"density": 3.0, "friction": 0.1, "restitution": 0.9}));
     let other = server.post(&format!("{path}/rollout"), &body, 200);
     assert_ne!(other["results"][0]["bodies"], result["bodies"]);
-    // Without being asked for, samples stay at home; so does the goal's stop.
+    // Samples are only returned on request.
     let short = server.post(&format!("{path}/rollout"), &json!({"actions": [valid], "stop": false}), 200);
     assert_eq!(short["results"][0]["steps"], 4000);
     assert!(short["results"][0].get("t").is_none());
 }
 
 #[test]
-fn a_real_world_keeps_its_secrets_and_its_budget() {
+fn real_worlds_hide_latents_and_enforce_budgets() {
     let server = Running::start();
     let valid = action(&server, "bowling:000", true);
     let invalid = action(&server, "bowling:000", false);
@@ -289,7 +289,7 @@ fn a_real_world_keeps_its_secrets_and_its_budget() {
         429,
         "budget-spent",
     );
-    // Open by request: then it tells.
+    // An unsealed real world shows its latents.
     let open =
         json!({"task": "bowling:000", "kind": "real", "sealed": false, "latents": {"friction": 0.123}});
     let open = server.post("/v1/worlds", &open, 201);
@@ -298,7 +298,7 @@ fn a_real_world_keeps_its_secrets_and_its_budget() {
 }
 
 #[test]
-fn the_last_step_is_filmed_at_no_interaction() {
+fn renders_the_last_step_without_an_interaction() {
     let server = Running::start();
     let valid = action(&server, "bowling:000", true);
     let body = json!({"task": "bowling:000", "kind": "real", "noise": 0.01, "budget": 1});
@@ -329,7 +329,7 @@ fn the_last_step_is_filmed_at_no_interaction() {
     );
     let frames = picture("view=film&fps=20&width=64").2;
     let twice = picture("view=film&fps=40&width=64").2;
-    // The animation's chunk tells how many there are.
+    // The acTL chunk contains the number of frames.
     let count = |png: &[u8]| {
         let at = png.windows(4).position(|w| w == b"acTL").unwrap() + 4;
         u32::from_be_bytes(png[at..at + 4].try_into().unwrap())
@@ -338,7 +338,7 @@ fn the_last_step_is_filmed_at_no_interaction() {
 }
 
 #[test]
-fn pictures_are_pictures() {
+fn renders_valid_images() {
     let server = Running::start();
     let valid = action(&server, "bowling:002", true);
     for (query, kind, start) in [
@@ -359,7 +359,7 @@ fn pictures_are_pictures() {
 }
 
 #[test]
-fn custom_scenes_are_worlds() {
+fn creates_worlds_from_custom_scenes() {
     let server = Running::start();
     let made = server.send(
         Method::POST,
@@ -380,9 +380,9 @@ fn custom_scenes_are_worlds() {
 }
 
 #[test]
-fn worlds_take_every_effect() {
+fn worlds_accept_every_effect() {
     let server = Running::start();
-    // Long and slow enough for the ball to come to roll.
+    // Long and slow enough for the ball to roll.
     let mut scene = scene();
     scene["steps"] = json!(960);
     let attempt = |kind: &str, effects: Value| {
@@ -429,7 +429,7 @@ fn scene() -> Value {
 }
 
 #[test]
-fn tasks_are_listed() {
+fn lists_tasks() {
     let server = Running::start();
     let families = server.get("/v1/tasks");
     assert_eq!(families["families"][0]["split"], json!({"train": 60, "validation": 20, "test": 20}));
@@ -439,12 +439,12 @@ fn tasks_are_listed() {
     let task = server.get("/v1/tasks/bowling/017");
     assert_eq!((&task["id"], &task["split"]), (&family["tasks"][17]["id"], &family["tasks"][17]["split"]));
     assert_eq!(task, server.get("/v1/tasks/bowling/17"));
-    // What is served can be sent back.
+    // A served scene is valid input.
     let made = server.post("/v1/worlds", &json!({"scene": task["scene"]}), 201);
     assert_eq!(made["action_space"], family["action_space"]);
 }
 
-/// Method, path, body, status, kind of problem, field (where there is one).
+/// Method, path, body, status, kind of problem, field (if any).
 type Row = (&'static str, String, String, u16, &'static str, &'static str);
 
 fn row(
@@ -459,7 +459,7 @@ fn row(
 }
 
 #[test]
-fn bad_input_is_a_problem_that_names_it() {
+fn rejects_bad_input_naming_the_field() {
     let server = Running::start();
     server.post("/v1/worlds/bowling-sim/reset", &json!({"task": "bowling:000"}), 200);
     let overlap = {
@@ -695,14 +695,14 @@ fn bad_input_is_a_problem_that_names_it() {
         row("POST", "/v1/designs", r#"{"task": "bowling", "batch": 21}"#, 422, wrong, "batch"),
         row("POST", "/v1/designs", r#"{"task": "bowling", "candidates": 1e6}"#, 422, wrong, "candidates"),
         row("POST", "/v1/designs", r#"{"task": "bowling", "noise": -1}"#, 422, wrong, "noise"),
-        row("POST", "/v1/designs", r#"{"task": "bowling", "question": "effects"}"#, 422, wrong, "belief"),
+        row("POST", "/v1/designs", r#"{"task": "bowling", "question": "effects"}"#, 422, wrong, "posterior"),
         row(
             "POST",
             "/v1/designs",
-            plan_under(json!({"friction": [0.5, 0.4]}), "iplw.posterior/1").replace(":000", ""),
+            plan_request(json!({"friction": [0.5, 0.4]}), "iplw.posterior/2").replace(":000", ""),
             422,
             wrong,
-            "belief",
+            "posterior",
         ),
         row("POST", "/v1/designs", r#"{"task": "bowling", "copies": 1}"#, 422, wrong, "copies"),
         row("POST", "/v1/plans", "{}", 400, bad, ""),
@@ -733,26 +733,26 @@ fn bad_input_is_a_problem_that_names_it() {
         row(
             "POST",
             "/v1/plans",
-            plan_under(json!({"friction": [0.5]}), "iplw.posterior/9"),
+            plan_request(json!({"friction": [0.5]}), "iplw.posterior/9"),
             422,
             wrong,
-            "belief.format",
+            "posterior.format",
         ),
         row(
             "POST",
             "/v1/plans",
-            plan_under(json!({"friction": [0.5, -1]}), "iplw.posterior/1"),
+            plan_request(json!({"friction": [0.5, -1]}), "iplw.posterior/2"),
             422,
             wrong,
-            "belief.columns.friction[1]",
+            "posterior.columns.friction[1]",
         ),
         row(
             "POST",
             "/v1/plans",
-            plan_under(json!({"grip": [0.5]}), "iplw.posterior/1"),
+            plan_request(json!({"grip": [0.5]}), "iplw.posterior/2"),
             422,
             wrong,
-            "belief.columns.grip",
+            "posterior.columns.grip",
         ),
         row("POST", "/v1/posteriors", "{}", 422, wrong, "scene"),
         row("POST", "/v1/posteriors", r#"{"job": "job-99"}"#, 404, missing, ""),
@@ -878,23 +878,23 @@ fn bad_input_is_a_problem_that_names_it() {
         row(
             "POST",
             policies,
-            trained_under(json!({"friction": [0.5, -1]}), json!({})),
+            train_request(json!({"friction": [0.5, -1]}), json!({})),
             422,
             wrong,
-            "belief.columns.friction[1]",
+            "posterior.columns.friction[1]",
         ),
         row(
             "POST",
             policies,
-            trained_under(json!({"grip": [1]}), json!({})),
+            train_request(json!({"grip": [1]}), json!({})),
             422,
             wrong,
-            "belief.columns.grip",
+            "posterior.columns.grip",
         ),
-        row("POST", policies, trained_under(json!({}), json!({"training": "fixed"})), 422, wrong, "training"),
-        row("POST", policies, trained_under(json!({}), json!({"latents": {}})), 422, wrong, "latents"),
-        row("POST", policies, trained_under(json!({}), json!({"effects": []})), 422, wrong, "effects"),
-        row("POST", policies, r#"{"task": "bowling", "belief": {"format": "x"}}"#, 422, wrong, ""),
+        row("POST", policies, train_request(json!({}), json!({"training": "fixed"})), 422, wrong, "training"),
+        row("POST", policies, train_request(json!({}), json!({"latents": {}})), 422, wrong, "latents"),
+        row("POST", policies, train_request(json!({}), json!({"effects": []})), 422, wrong, "effects"),
+        row("POST", policies, r#"{"task": "bowling", "posterior": {"format": "x"}}"#, 422, wrong, ""),
         row("POST", policies, r#"{"task": "bowling", "preset": "quick"}"#, 400, bad, "preset"),
         row(
             "POST",
@@ -955,14 +955,14 @@ fn bad_input_is_a_problem_that_names_it() {
     problem(server.send(Method::POST, step, long), 413, "too-large");
     let nested = format!("{{\"action\": {}", "[".repeat(100_000));
     problem(server.send(Method::POST, step, nested), 400, bad);
-    // Nothing above was an attempt, and nothing broke.
+    // None of the requests above was counted, and the server still works.
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 0);
     let metrics = server.send(Method::GET, "/metrics", "").text().unwrap();
     assert!(metrics.contains("iplw_errors_total{class=\"5xx\"} 0"), "{metrics}");
 }
 
 #[test]
-fn estimation_counts_on_its_world_and_tells_its_progress() {
+fn estimation_counts_interactions_and_reports_progress() {
     let server = Running::start();
     let body = json!({"task": "bowling", "world": "bowling-real", "rounds": 3, "actions": 3, "samples": 12, "budget": 4, "seed": 1});
     let sent = server.send(Method::POST, "/v1/iplw", body.to_string());
@@ -993,13 +993,13 @@ fn estimation_counts_on_its_world_and_tells_its_progress() {
         result["seconds"].as_f64().unwrap() > 0.0 && result["strategy"] == "mixed" && result["seed"] == 1
     );
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 4);
-    // A watcher that lost its connection goes on where it was, and is told when there is no more.
+    // A reconnecting watcher resumes, and gets 204 when there are no more events.
     let rest = server.events(job["id"].as_str().unwrap(), Some(ids[2]));
     assert_eq!(rest, events[3..]);
     assert!(server.events(job["id"].as_str().unwrap(), ids.last().copied()).is_empty());
     let request = server.client.get(format!("{}{place}/events", server.url)).header("Last-Event-ID", "x");
     problem(request.send().unwrap(), 422, "invalid-value");
-    // The same seed in a world of the job's own finds the same.
+    // The same seed in a dedicated world gives the same result.
     let own = json!({"task": "bowling", "rounds": 3, "actions": 3, "samples": 12, "budget": 4, "seed": 1});
     let own = server.finish(&server.post("/v1/iplw", &own, 202));
     assert_eq!(own["result"]["latents"], result["latents"]);
@@ -1009,7 +1009,7 @@ fn estimation_counts_on_its_world_and_tells_its_progress() {
 }
 
 #[test]
-fn jobs_are_cancelled_and_their_queue_is_bounded() {
+fn cancels_jobs_and_bounds_their_queue() {
     let server = Running::with(ServeConfig {
         limits: Limits { jobs_running: 1, jobs_waiting: 1, ..Limits::default() },
         ..ServeConfig::default()
@@ -1018,7 +1018,7 @@ fn jobs_are_cancelled_and_their_queue_is_bounded() {
     let endless = json!({"task": "bowling", "rounds": 1000, "actions": 50, "samples": 1000});
     let running = server.post("/v1/iplw", &endless, 202);
     let path = format!("/v1/jobs/{}", running["id"].as_str().unwrap());
-    // The events say when it has begun.
+    // The events show when it has started.
     let events = server.client.get(format!("{}{path}/events", server.url)).send().unwrap();
     let mut lines = BufReader::new(events).lines();
     assert!(lines.by_ref().any(|l| l.unwrap().contains("\"running\"")));
@@ -1038,9 +1038,9 @@ fn jobs_are_cancelled_and_their_queue_is_bounded() {
     assert_eq!(server.send(Method::DELETE, &path, "").status(), 204);
 }
 
-/// Every family was once trained with bowling's.
+/// Regression: every family was trained with bowling's batch size.
 #[test]
-fn policies_are_trained_with_the_batch_size_of_their_family() {
+fn trains_with_the_batch_size_of_the_family() {
     let server = Running::start();
     for family in iplw::task::families() {
         let body = json!({"task": format!("{}:000", family.name), "batches": 1});
@@ -1050,7 +1050,7 @@ fn policies_are_trained_with_the_batch_size_of_their_family() {
 }
 
 #[test]
-fn a_training_tells_its_loss_and_its_validation_on_the_way() {
+fn training_reports_loss_and_validation() {
     let server = Running::start();
     let body = json!({"task": "basketball:000", "batches": 12, "batch_size": 4, "validations": 3, "seed": 3});
     let job = server.post("/v1/policies", &body, 202);
@@ -1073,7 +1073,7 @@ fn a_training_tells_its_loss_and_its_validation_on_the_way() {
     assert_eq!(checks.iter().map(|c| c.0).collect::<Vec<_>>(), [0, 4, 8, 12]);
     assert!(checks.iter().all(|c| (0.0..=1.0).contains(&c.1)), "{checks:?}");
     assert_eq!(told("validation"), checks);
-    // In events alone: what is asked for later has the result.
+    // Only in events; the finished job has them in its result.
     assert_eq!(
         server.get(&format!("/v1/jobs/{}", job["id"].as_str().unwrap()))["progress"].get("figures"),
         None
@@ -1083,7 +1083,7 @@ fn a_training_tells_its_loss_and_its_validation_on_the_way() {
 }
 
 #[test]
-fn policies_are_trained_act_are_evaluated_and_travel() {
+fn trains_evaluates_and_transfers_policies() {
     let server = Running::start();
     let body = json!({"task": "bowling:000", "batches": 20, "latents": {"friction": 0.7}, "seed": 3});
     let trained = server.finish(&server.post("/v1/policies", &body, 202));
@@ -1112,7 +1112,7 @@ fn policies_are_trained_act_are_evaluated_and_travel() {
         tried["results"].as_array().unwrap().iter().all(|r| r["valid"] == true),
         "what is proposed can be placed"
     );
-    // Down, up under another name, and it acts the same; up again, and it is replaced.
+    // Download, upload under another name: same actions; upload again: replaced.
     let weights = server.send(Method::GET, &format!("/v1/policies/{id}/weights"), "");
     assert_eq!(weights.headers()["content-type"], "application/octet-stream");
     let weights = weights.bytes().unwrap().to_vec();
@@ -1125,7 +1125,7 @@ fn policies_are_trained_act_are_evaluated_and_travel() {
     let cut = server.send(Method::PUT, "/v1/policies/copy/weights", weights[..weights.len() - 5].to_vec());
     problem(cut, 422, "invalid-value");
     assert_eq!(act("copy"), acted, "what was refused changed nothing");
-    // A policy of another family does not fit.
+    // A policy of another family is rejected.
     problem(
         server.send(Method::POST, "/v1/policies/copy/act", r#"{"task": "basketball:000"}"#),
         422,
@@ -1150,9 +1150,9 @@ fn policies_are_trained_act_are_evaluated_and_travel() {
     problem(server.send(Method::GET, "/v1/policies/copy", ""), 404, "not-found");
 }
 
-/// The baselines without a simulation: actions at random, and learning in the real world alone.
+/// The baselines without simulation: random actions, and direct learning in the real world.
 #[test]
-fn baselines_need_no_simulation() {
+fn trains_and_evaluates_baselines_without_simulation() {
     let server = Running::start();
     let evaluate = |id: &str| {
         let body = json!({"world": "bowling-real", "attempts": 3});
@@ -1163,7 +1163,7 @@ fn baselines_need_no_simulation() {
         assert_eq!(server.get(&format!("/v1/policies/{always}"))["training"], "none");
     }
     assert!(chance["auccess"].as_f64().unwrap() < 0.5, "{chance}");
-    // Acting at random: the same every time, in no order, and only what can be placed.
+    // Random actions: reproducible, unordered, and placeable.
     let act = || {
         server.post("/v1/policies/random/act", &json!({"task": "bowling:000", "count": 40}), 200)["actions"]
             .clone()
@@ -1177,7 +1177,7 @@ fn baselines_need_no_simulation() {
     assert!(tried["results"].as_array().unwrap().iter().all(|r| r["valid"] == true), "{tried}");
     let before = server.get("/v1/worlds/bowling-real")["interactions"].as_u64().unwrap();
     assert_eq!(before, chance["interactions"].as_u64().unwrap());
-    let before = before + a_ranking_of_ones_own_is_tried(&server);
+    let before = before + evaluate_client_ranking(&server);
     let body = json!({"world": "bowling-real", "attempts": 120, "batches": 10, "seed": 2});
     let learned = server.finish(&server.post("/v1/policies/untrained/learn", &body, 202));
     assert_eq!(learned["state"], "succeeded", "{learned}");
@@ -1187,7 +1187,7 @@ fn baselines_need_no_simulation() {
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], before + 120);
     let id = result["policy"].as_str().unwrap();
     assert_eq!(server.get(&format!("/v1/policies/{id}"))["training"], "direct");
-    // It learns on, and becomes another policy.
+    // Fine-tuning creates another policy.
     let on = server.finish(&server.post(&format!("/v1/policies/{id}/learn"), &body, 202));
     let next = on["result"]["policy"].as_str().unwrap();
     assert_ne!(next, id);
@@ -1201,12 +1201,12 @@ fn baselines_need_no_simulation() {
     assert_eq!(problem(refused, 422, "invalid-value")["field"], "attempts");
 }
 
-/// A policy outside the server sends its order of actions. Returns the attempts it was charged for.
-fn a_ranking_of_ones_own_is_tried(server: &Running) -> u64 {
+/// Evaluates a client's ranking and returns the number of counted attempts.
+fn evaluate_client_ranking(server: &Running) -> u64 {
     let tasks =
         ["bowling:000", "bowling:001"].map(|id| server.get(&format!("/v1/tasks/{}", id.replace(':', "/"))));
     let known = |i: usize| tasks[i]["certificate"]["action"].clone();
-    // The first solves at once; the second after one action that cannot be placed (no attempt) and one that fails.
+    // The first task is solved at once; the second after an unplaceable action (not counted) and a failure.
     let [nowhere, fails] = [json!([0.5, 0.0, 1.0]), json!([0.05, 0.9, 0.0])];
     let ranking = json!([
         {"task": "bowling:000", "actions": [known(0)]},
@@ -1239,7 +1239,7 @@ fn a_ranking_of_ones_own_is_tried(server: &Running) -> u64 {
 }
 
 #[test]
-fn surfaces_are_found_kept_and_used() {
+fn computes_stores_and_uses_surfaces() {
     let directory = tempfile::tempdir().unwrap();
     let body = json!({"task": "basketball", "points": 4, "actions": 150, "seed": 5});
     let server = Running::on(directory.path()).unwrap();
@@ -1253,7 +1253,7 @@ fn surfaces_are_found_kept_and_used() {
     assert_eq!(drawn.headers()["content-type"], "image/svg+xml");
     assert!(drawn.text().unwrap().starts_with("<svg"));
     drop(server);
-    // It outlives the server, and is not found twice.
+    // It survives a restart and is not computed twice.
     let server = Running::on(directory.path()).unwrap();
     assert_eq!(find(&server), found);
     assert_eq!(server.get("/v1/surfaces")["surfaces"].as_array().unwrap().len(), 1);
@@ -1267,7 +1267,7 @@ fn surfaces_are_found_kept_and_used() {
     assert_eq!(problem(refused, 422, "invalid-value")["field"], "surface");
     assert_eq!(server.send(Method::DELETE, &format!("/v1/surfaces/{id}"), "").status(), 204);
     problem(server.send(Method::POST, "/v1/iplw", ask(&id).to_string()), 404, "not-found");
-    // Without one, the strategy has a small one found, which is kept.
+    // Without a surface, the strategy computes a small one, which is stored.
     let mut unnamed = ask(&id);
     unnamed.as_object_mut().unwrap().remove("surface");
     let done = server.finish(&server.post("/v1/iplw", &unnamed, 202));
@@ -1275,16 +1275,17 @@ fn surfaces_are_found_kept_and_used() {
     assert_eq!(server.get("/v1/surfaces")["surfaces"][0]["task"], "basketball");
 }
 
-/// A training under columns of draws, and more.
-fn trained_under(columns: Value, more: Value) -> String {
-    let mut body = json!({"task": "bowling", "belief": {"format": "iplw.posterior/1", "columns": columns}});
+/// A training request with a posterior of these columns, and further fields.
+fn train_request(columns: Value, more: Value) -> String {
+    let mut body =
+        json!({"task": "bowling", "posterior": {"format": "iplw.posterior/2", "columns": columns}});
     body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
     body.to_string()
 }
 
-/// One world that is believed is that world; of two there are labels of both. The draws are in no answer.
+/// One draw equals a fixed simulation; two draws give labels of both. Responses do not contain the draws.
 #[test]
-fn policies_are_trained_under_what_is_known() {
+fn trains_policies_under_a_posterior() {
     let server = Running::start();
     let columns = |restitution: Value| {
         let n = restitution.as_array().unwrap().len();
@@ -1299,7 +1300,7 @@ fn policies_are_trained_under_what_is_known() {
     };
     let believed = |restitution: Value| {
         under(
-            json!({"belief": {"format": "iplw.posterior/1", "columns": columns(restitution), "seconds": 2}}),
+            json!({"posterior": {"format": "iplw.posterior/2", "columns": columns(restitution), "seconds": 2}}),
         )
     };
     let point = under(json!({"latents": {"density": 1, "friction": 0.2, "restitution": 0.7}}));
@@ -1308,13 +1309,13 @@ fn policies_are_trained_under_what_is_known() {
     assert_eq!(figures(&one), figures(&point));
     assert_ne!(figures(&two), figures(&point));
     assert_eq!(two["result"]["training"], json!({"type": "believed", "draws": 2}));
-    assert_eq!(two["config"]["belief"], json!({"type": "believed", "draws": 2}));
+    assert_eq!(two["config"]["posterior"], json!({"type": "believed", "draws": 2}));
     let policy = server.get(&format!("/v1/policies/{}", two["result"]["policy"].as_str().unwrap()));
     assert_eq!((&policy["training"], &policy["config"]), (&json!("believed"), &two["config"]));
 }
 
 #[test]
-fn a_saturating_training_ends_where_validation_says() {
+fn saturating_training_stops_early() {
     let server = Running::start();
     let body = json!({"task": "basketball", "preset": "saturating", "batch_size": 8, "seed": 3});
     let done = server.finish(&server.post("/v1/policies", &body, 202));
@@ -1325,21 +1326,21 @@ fn a_saturating_training_ends_where_validation_says() {
     assert_eq!(done["result"]["loss"].as_array().unwrap().len() as u64, all);
     assert_eq!(done["result"]["config"]["batches"], 1000);
     assert_eq!(done["result"]["labels"]["per_task"], 1000);
-    // The weights that were kept are those of the last look that no other is above.
+    // The best weights are kept, the latest of equals.
     let best = checks.iter().map(|c| c["auccess"].as_f64().unwrap()).fold(0.0, f64::max);
     let kept = checks.iter().rfind(|c| c["auccess"] == best).unwrap();
     assert_eq!(done["result"]["batches"], kept["batches"]);
 }
 
-/// A plan of a task under columns of draws.
-fn plan_under(columns: Value, format: &str) -> String {
+/// A plan request with a posterior of these columns.
+fn plan_request(columns: Value, format: &str) -> String {
     let belief = json!({"format": format, "columns": columns, "effects": []});
-    json!({"task": "bowling:000", "belief": belief}).to_string()
+    json!({"task": "bowling:000", "posterior": belief}).to_string()
 }
 
-/// Under the prior, one world and a posterior; a plan that runs out of rollouts says so.
+/// Plans under the prior, one world and a posterior; one that runs out of rollouts reports it.
 #[test]
-fn tasks_are_planned() {
+fn computes_plans() {
     let server = Running::start();
     let small = |more: Value| {
         let mut body = json!({"task": "basketball:003", "actions": 200, "draws": 6, "exact": 3, "seed": 4});
@@ -1348,7 +1349,7 @@ fn tasks_are_planned() {
         assert_eq!(done["state"], "succeeded", "{done}");
         done["result"].clone()
     };
-    let posterior = json!({"format": "iplw.posterior/1", "seconds": 3.5,
+    let posterior = json!({"format": "iplw.posterior/2", "seconds": 3.5,
         "columns": {"friction": [0.2, 0.25, 0.2], "restitution": [0.7, 0.68, 0.71], "linear_drag.c": [0.22, null, 0.3]}});
     let beliefs = [
         (json!({}), "prior", 1024),
@@ -1357,12 +1358,12 @@ fn tasks_are_planned() {
             "point",
             1,
         ),
-        (json!({"belief": posterior}), "posterior", 3),
+        (json!({"posterior": posterior}), "posterior", 3),
     ];
     for (belief, source, draws) in beliefs {
         let plan = small(belief);
         assert_eq!(plan["format"], "iplw.plan/1");
-        assert_eq!(plan["belief"], json!({"source": source, "draws": draws}));
+        assert_eq!(plan["posterior"], json!({"source": source, "draws": draws}));
         assert_eq!((&plan["complete"], &plan["candidates"]), (&json!(true), &json!(200)));
         let rows = plan["actions"].as_array().unwrap();
         assert_eq!(rows.len(), 100);
@@ -1378,9 +1379,9 @@ fn tasks_are_planned() {
     assert_eq!((&few["complete"], &few["rollouts"]), (&json!(false), &json!(50 + 3 * 6)));
 }
 
-/// Trials sent, and trials that an estimation measured, are diagnosed as they are.
+/// Diagnoses uploaded trials and those of an estimation.
 #[test]
-fn measured_trials_are_diagnosed() {
+fn diagnoses_measured_trials() {
     let server = Running::start();
     let trials = worlds::trials(&worlds::single(1, 3), worlds::Noise::White, 10, 30, 8.0, 5);
     let scene: Value = serde_json::from_str(&worlds::scene().to_json()).unwrap();
@@ -1407,7 +1408,7 @@ fn measured_trials_are_diagnosed() {
     problem(untrialled, 409, "refused");
     let roundless = format!("/v1/iplw/{}/rounds", of_run["id"].as_str().unwrap());
     problem(server.send(Method::GET, &roundless, String::new()), 409, "refused");
-    // What a diagnosis was given is there as it was read, page by page.
+    // The trials of a diagnosis are listed in pages.
     let given = |job: &Value, query: &str| {
         let path = format!("/v1/diagnoses/{}/trials?{query}", job["id"].as_str().unwrap());
         server.send(Method::GET, &path, "")
@@ -1426,9 +1427,9 @@ fn measured_trials_are_diagnosed() {
     assert_eq!(ok(given(&of_run, ""), 200)["trials"].as_array().unwrap().len(), 4);
 }
 
-/// Tracks of one ball need no scene, and an error stands under the field of the request that it speaks of.
+/// Tracks of one ball need no scene; errors name the field of the request.
 #[test]
-fn tracks_of_one_ball_are_diagnosed() {
+fn diagnoses_tracks_of_one_ball() {
     let server = Running::start();
     let films = worlds::trials(&worlds::single(1, 3), worlds::Noise::White, 6, 30, 8.0, 5);
     let text = |size: f64| {
@@ -1461,7 +1462,7 @@ fn tracks_of_one_ball_are_diagnosed() {
 }
 
 #[test]
-fn jobs_and_policies_survive_a_restart_and_one_server_owns_a_directory() {
+fn jobs_and_policies_survive_a_restart_and_directories_are_locked() {
     let directory = tempfile::tempdir().unwrap();
     let (ended, running, policy, weights) = {
         let server = Running::on(directory.path()).unwrap();
@@ -1483,7 +1484,7 @@ fn jobs_and_policies_survive_a_restart_and_one_server_owns_a_directory() {
     let id = policy["id"].as_str().unwrap();
     assert_eq!(server.get(&format!("/v1/policies/{id}")), policy);
     assert_eq!(server.send(Method::GET, &format!("/v1/policies/{id}/weights"), "").bytes().unwrap(), weights);
-    // Numbers go on.
+    // Job numbers continue.
     let next = server.post("/v1/policies", &json!({"task": "bowling:000", "batches": 1}), 202);
     assert_eq!(next["id"], "job-3");
     assert_eq!(
@@ -1494,7 +1495,7 @@ fn jobs_and_policies_survive_a_restart_and_one_server_owns_a_directory() {
 }
 
 #[test]
-fn worlds_idle_out_and_have_a_limit() {
+fn worlds_expire_and_are_limited() {
     let now = Arc::new(AtomicU64::new(0));
     let clock = now.clone();
     let server = Running::with(ServeConfig {
@@ -1506,7 +1507,7 @@ fn worlds_idle_out_and_have_a_limit() {
     let make = || server.send(Method::POST, "/v1/worlds", r#"{"task": "bowling"}"#);
     let id = |r: Response| format!("/v1/worlds/{}", ok(r, 201)["id"].as_str().unwrap());
     let (used, unused) = (id(make()), id(make()));
-    assert!(problem(make(), 429, "capacity")["detail"].as_str().unwrap().contains("delete one"));
+    assert!(problem(make(), 429, "capacity")["detail"].as_str().unwrap().contains("delete worlds"));
     now.store(500, Ordering::SeqCst);
     server.get(&used);
     now.store(700, Ordering::SeqCst);
@@ -1523,7 +1524,7 @@ fn worlds_idle_out_and_have_a_limit() {
 }
 
 #[test]
-fn clients_at_once_are_all_counted() {
+fn counts_concurrent_clients() {
     let server = Running::start();
     let valid = action(&server, "bowling:000", true);
     let before = server.get("/v1/worlds/bowling-sim")["interactions"].as_u64().unwrap();
@@ -1542,7 +1543,7 @@ fn clients_at_once_are_all_counted() {
 }
 
 #[test]
-fn effects_are_listed_as_worlds_take_them() {
+fn lists_effects_as_worlds_accept_them() {
     let server = Running::start();
     let all = server.get("/v1/effects");
     let effects = all["effects"].as_array().unwrap();
@@ -1557,7 +1558,7 @@ fn effects_are_listed_as_worlds_take_them() {
 }
 
 #[test]
-fn the_rest_answers() {
+fn other_endpoints_respond() {
     let server = Running::start();
     assert_eq!(server.get("/healthz")["status"], "ok");
     assert_eq!(server.get("/readyz")["status"], "ready");

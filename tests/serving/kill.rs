@@ -1,5 +1,5 @@
-//! A server that is killed at random moments of a workload over both transports: what it acknowledged is there afterwards, and
-//! it starts again. A few kills in every run of the tests, a hundred by `make kill`.
+//! Kills a server at random moments of a workload over both transports: acknowledged writes survive, and
+//! the server restarts. A few kills in every test run, a hundred with `make kill`.
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader};
@@ -23,7 +23,7 @@ struct Server {
 }
 
 impl Server {
-    /// Errors by what it said, if it does not start.
+    /// Fails with the server's output if it does not start.
     fn start(directory: &Path) -> Result<Server, String> {
         let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
             .args(["serve", "--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:*", "--data-dir"])
@@ -56,17 +56,17 @@ impl Drop for Server {
     }
 }
 
-/// What answers a request: its status (200 for whatever went well over ZeroMQ) and JSON; `None` if the server is gone.
+/// Response to a request: status (200 for success over ZeroMQ) and JSON; `None` if the server is gone.
 type Answer = Option<(u64, Value)>;
 
 /// A client of one of the transports.
-enum Way {
+enum ClientKind {
     Http(Client, String),
     Zmq(Peer),
 }
 
-/// An operation: its name over ZeroMQ, method and path over HTTP, what it is given, and the key of its request.
-struct Ask<'a> {
+/// An operation: name for ZeroMQ, method and path for HTTP, arguments, and idempotency key.
+struct OperationCall<'a> {
     op: &'a str,
     method: &'a str,
     path: String,
@@ -74,10 +74,10 @@ struct Ask<'a> {
     key: Option<&'a str>,
 }
 
-impl Way {
-    fn ask(&mut self, ask: &Ask) -> Answer {
+impl ClientKind {
+    fn ask(&mut self, ask: &OperationCall) -> Answer {
         match self {
-            Way::Http(client, url) => {
+            ClientKind::Http(client, url) => {
                 let mut request = client.request(ask.method.parse().unwrap(), format!("{url}{}", ask.path));
                 if let Some(key) = ask.key {
                     request = request.header("Idempotency-Key", key);
@@ -92,7 +92,7 @@ impl Way {
                 let text = response.text().ok()?;
                 Some((status, serde_json::from_str(&text).unwrap_or_default()))
             }
-            Way::Zmq(peer) => {
+            ClientKind::Zmq(peer) => {
                 let answer = peer.try_ask(ask.op, &ask.args, ask.key).ok()?;
                 if answer["ok"] == true {
                     return Some((200, answer["result"].clone()));
@@ -103,162 +103,182 @@ impl Way {
     }
 }
 
-/// What was acknowledged so far.
+/// State that the server has acknowledged.
 #[derive(Default)]
-struct Kept {
-    /// Worlds by id: kind, and attempts in a real one that were answered, and that were sent.
+struct Acknowledged {
+    /// Worlds by id: kind, and answered and sent attempts in real ones.
     worlds: BTreeMap<String, (String, u64, u64)>,
     deleted: Vec<String>,
     /// Jobs by id.
     jobs: BTreeMap<String, Value>,
-    /// Results of jobs that were seen to have ended.
+    /// Results of finished jobs.
     results: BTreeMap<String, Value>,
-    /// What a request with a key made, by key.
+    /// Created resources by idempotency key.
     keys: BTreeMap<String, (Value, String)>,
     acknowledged: u64,
-    /// One that can be carried out, and counts.
+    /// An action that can be placed.
     action: Value,
 }
 
-/// Works until the server is gone. Everything that is answered is written down.
-fn work(mut way: Way, name: &str, draws: &mut impl rand::Rng, kept: &Mutex<Kept>) {
+/// Sends requests until the server is gone and records every response.
+fn work(mut transport: ClientKind, name: &str, draws: &mut impl rand::Rng, state: &Mutex<Acknowledged>) {
     let mut own = Vec::new();
     for turn in 0.. {
         let done = match draws.random_range(0..6) {
-            0 | 1 => {
-                make_world(&mut way, &format!("{name}-{turn}"), draws.random_range(0..2), &mut own, kept)
-            }
-            2 | 3 => attempt(&mut way, &own, draws.random_range(0..1000), kept),
-            4 => delete_world(&mut way, &mut own, draws.random_range(0..1000), kept),
-            _ => make_job(&mut way, draws.random_range(0..1000), kept),
+            0 | 1 => make_world(
+                &mut transport,
+                &format!("{name}-{turn}"),
+                draws.random_range(0..2),
+                &mut own,
+                state,
+            ),
+            2 | 3 => attempt(&mut transport, &own, draws.random_range(0..1000), state),
+            4 => delete_world(&mut transport, &mut own, draws.random_range(0..1000), state),
+            _ => make_job(&mut transport, draws.random_range(0..1000), state),
         };
         let Some(acknowledged) = done else { return };
-        kept.lock().unwrap().acknowledged += u64::from(acknowledged);
+        state.lock().unwrap().acknowledged += u64::from(acknowledged);
     }
 }
 
 fn make_world(
-    way: &mut Way,
+    transport: &mut ClientKind,
     key: &str,
     kind: usize,
     own: &mut Vec<String>,
-    kept: &Mutex<Kept>,
+    state: &Mutex<Acknowledged>,
 ) -> Option<bool> {
     let kind = ["sim", "real"][kind];
     let args = json!({"task": "bowling:003", "kind": kind, "seed": own.len()});
-    let ask = Ask {
+    let ask = OperationCall {
         op: "create_world",
         method: "POST",
         path: "/v1/worlds".into(),
         args: args.clone(),
         key: Some(key),
     };
-    let (status, made) = way.ask(&ask)?;
+    let (status, made) = transport.ask(&ask)?;
     if status == 429 {
-        // No room for more worlds.
+        // Too many worlds.
         return Some(false);
     }
     assert!(status < 300, "{made}");
     let id = made["id"].as_str().unwrap().to_string();
-    let mut kept = kept.lock().unwrap();
-    kept.worlds.insert(id.clone(), (kind.into(), 0, 0));
-    kept.keys.insert(key.into(), (args, id.clone()));
+    let mut state = state.lock().unwrap();
+    state.worlds.insert(id.clone(), (kind.into(), 0, 0));
+    state.keys.insert(key.into(), (args, id.clone()));
     own.push(id);
     Some(true)
 }
 
-fn attempt(way: &mut Way, own: &[String], which: usize, kept: &Mutex<Kept>) -> Option<bool> {
+fn attempt(
+    transport: &mut ClientKind,
+    own: &[String],
+    which: usize,
+    state: &Mutex<Acknowledged>,
+) -> Option<bool> {
     if own.is_empty() {
         return Some(false);
     }
     let id = &own[which % own.len()];
     let action = {
-        let mut kept = kept.lock().unwrap();
-        kept.worlds.get_mut(id).unwrap().2 += 1;
-        kept.action.clone()
+        let mut state = state.lock().unwrap();
+        state.worlds.get_mut(id).unwrap().2 += 1;
+        state.action.clone()
     };
     let args = json!({"id": id, "task": "bowling:003", "actions": [action]});
     let path = format!("/v1/worlds/{id}/rollout");
-    let (status, told) = way.ask(&Ask { op: "rollout_world", method: "POST", path, args, key: None })?;
+    let (status, told) =
+        transport.ask(&OperationCall { op: "rollout_world", method: "POST", path, args, key: None })?;
     assert!(status < 300, "{told}");
-    kept.lock().unwrap().worlds.get_mut(id).unwrap().1 += 1;
+    state.lock().unwrap().worlds.get_mut(id).unwrap().1 += 1;
     Some(true)
 }
 
-fn delete_world(way: &mut Way, own: &mut Vec<String>, which: usize, kept: &Mutex<Kept>) -> Option<bool> {
+fn delete_world(
+    transport: &mut ClientKind,
+    own: &mut Vec<String>,
+    which: usize,
+    state: &Mutex<Acknowledged>,
+) -> Option<bool> {
     if own.len() < 3 {
         return Some(false);
     }
     let id = own.swap_remove(which % own.len());
-    // Until it is answered, it may be there or not.
-    kept.lock().unwrap().worlds.remove(&id);
-    kept.lock().unwrap().keys.retain(|_, (_, made)| *made != id);
+    // Without a response, it may or may not exist.
+    state.lock().unwrap().worlds.remove(&id);
+    state.lock().unwrap().keys.retain(|_, (_, made)| *made != id);
     let (args, path) = (json!({"id": id}), format!("/v1/worlds/{id}"));
-    let (status, told) = way.ask(&Ask { op: "delete_world", method: "DELETE", path, args, key: None })?;
+    let (status, told) =
+        transport.ask(&OperationCall { op: "delete_world", method: "DELETE", path, args, key: None })?;
     assert!(status < 300, "{told}");
-    kept.lock().unwrap().deleted.push(id);
+    state.lock().unwrap().deleted.push(id);
     Some(true)
 }
 
-fn make_job(way: &mut Way, seed: usize, kept: &Mutex<Kept>) -> Option<bool> {
+fn make_job(transport: &mut ClientKind, seed: usize, state: &Mutex<Acknowledged>) -> Option<bool> {
     let args = json!({"task": "basketball", "rounds": 1, "actions": 2, "samples": 4, "seed": seed});
-    let ask = Ask { op: "start_iplw", method: "POST", path: "/v1/iplw".into(), args, key: None };
-    let (status, made) = way.ask(&ask)?;
+    let ask = OperationCall { op: "start_iplw", method: "POST", path: "/v1/iplw".into(), args, key: None };
+    let (status, made) = transport.ask(&ask)?;
     if status == 429 {
-        // No room for more jobs.
+        // Too many jobs.
         std::thread::sleep(Duration::from_millis(5));
         return Some(false);
     }
     assert!(status < 300, "{made}");
-    kept.lock().unwrap().jobs.insert(made["id"].as_str().unwrap().into(), made["config"].clone());
+    state.lock().unwrap().jobs.insert(made["id"].as_str().unwrap().into(), made["config"].clone());
     Some(true)
 }
 
-/// Errors unless all that was acknowledged is there.
-fn look(server: &Server, kept: &mut Kept) {
-    let mut ways = [Way::Http(client(), server.http.clone()), Way::Zmq(Peer::connect(&server.zmq, None))];
+/// Checks that everything acknowledged is there.
+fn check_state(server: &Server, state: &mut Acknowledged) {
+    let mut transports =
+        [ClientKind::Http(client(), server.http.clone()), ClientKind::Zmq(Peer::connect(&server.zmq, None))];
     let mut get = |turn: usize, op: &str, kind: &str, id: &str| {
         let (args, path) = (json!({"id": id}), format!("/v1/{kind}/{id}"));
-        ways[turn % 2].ask(&Ask { op, method: "GET", path, args, key: None }).expect("it answers")
+        transports[turn % 2]
+            .ask(&OperationCall { op, method: "GET", path, args, key: None })
+            .expect("it answers")
     };
-    for (turn, (id, (kind, answered, sent))) in kept.worlds.iter().enumerate() {
+    for (turn, (id, (kind, answered, sent))) in state.worlds.iter().enumerate() {
         let (status, world) = get(turn, "get_world", "worlds", id);
         assert_eq!((status, world["kind"].as_str()), (200, Some(kind.as_str())), "{id}: {world}");
-        // What a simulated world has seen is written down every second.
+        // Counters of simulated worlds are written once per second.
         if kind == "real" {
             let counted = world["interactions"].as_u64().unwrap();
             assert!((*answered..=*sent).contains(&counted), "{id}: {counted} of {answered} to {sent}");
         }
     }
-    for (turn, id) in kept.deleted.iter().enumerate() {
+    for (turn, id) in state.deleted.iter().enumerate() {
         assert_eq!(get(turn, "get_world", "worlds", id).0, 404, "{id}");
     }
-    for (turn, (id, config)) in kept.jobs.iter().enumerate() {
+    for (turn, (id, config)) in state.jobs.iter().enumerate() {
         let (status, job) = get(turn, "get_job", "jobs", id);
         assert_eq!((status, &job["config"]), (200, config), "{id}: {job}");
-        // A job that ends every server, as far as the server can tell, says so.
+        // A job that seems to crash the server every time fails with an explanation.
         let given_up = job["error"]["detail"].as_str().unwrap_or_default().contains("the server ended");
         assert!(job["state"] != "failed" || given_up, "{job}");
-        if let Some(result) = kept.results.get(id) {
+        if let Some(result) = state.results.get(id) {
             assert_eq!(&job["result"], result, "{id}: what was seen stays");
         } else if job["state"] == "succeeded" {
-            kept.results.insert(id.clone(), job["result"].clone());
+            state.results.insert(id.clone(), job["result"].clone());
         }
     }
-    for (key, (args, made)) in &kept.keys {
-        // A key is known where it was given.
-        let way = usize::from(key.starts_with("zmq"));
+    for (key, (args, made)) in &state.keys {
+        // Idempotency keys are per transport client.
+        let transport = usize::from(key.starts_with("zmq"));
         let path = "/v1/worlds".into();
-        let ask = Ask { op: "create_world", method: "POST", path, args: args.clone(), key: Some(key) };
-        let (status, again) = ways[way].ask(&ask).expect("it answers");
+        let ask =
+            OperationCall { op: "create_world", method: "POST", path, args: args.clone(), key: Some(key) };
+        let (status, again) = transports[transport].ask(&ask).expect("it answers");
         assert!(status < 300 && again["id"] == made.as_str(), "{key}: {made} {again}");
     }
 }
 
 /// Waits until every job has ended.
-fn ended(server: &Server, kept: &Kept) {
+fn wait_for_jobs(server: &Server, state: &Acknowledged) {
     let client = client();
-    for id in kept.jobs.keys() {
+    for id in state.jobs.keys() {
         loop {
             let job = client.get(format!("{}/v1/jobs/{id}", server.http)).send().unwrap().text().unwrap();
             let job: Value = serde_json::from_str(&job).unwrap();
@@ -274,9 +294,9 @@ fn client() -> Client {
     Client::builder().timeout(Duration::from_secs(120)).build().unwrap()
 }
 
-fn killed(kills: usize) {
+fn run_with_kills(kills: usize) {
     let directory = tempfile::tempdir().unwrap();
-    let kept = Mutex::new(Kept::default());
+    let state = Mutex::new(Acknowledged::default());
     let mut draws = rng::stream(11, "kills");
     let mut failed = Vec::new();
     for kill in 0..kills {
@@ -290,20 +310,20 @@ fn killed(kills: usize) {
         if kill == 0 {
             let task = client().get(format!("{}/v1/tasks/bowling/003", server.http)).send().unwrap();
             let task: Value = serde_json::from_str(&task.text().unwrap()).unwrap();
-            kept.lock().unwrap().action = task["certificate"]["action"].clone();
+            state.lock().unwrap().action = task["certificate"]["action"].clone();
         }
-        look(&server, &mut kept.lock().unwrap());
+        check_state(&server, &mut state.lock().unwrap());
         let pause = Duration::from_secs_f64(draws.random_range(0.005..0.8));
         std::thread::scope(|scope| {
             for i in 0..2 {
-                for (name, way) in [
-                    ("http", Way::Http(client(), server.http.clone())),
-                    ("zmq", Way::Zmq(Peer::connect(&server.zmq, None))),
+                for (name, transport) in [
+                    ("http", ClientKind::Http(client(), server.http.clone())),
+                    ("zmq", ClientKind::Zmq(Peer::connect(&server.zmq, None))),
                 ] {
-                    let (name, kept) = (format!("{name}-{kill}-{i}"), &kept);
+                    let (name, state) = (format!("{name}-{kill}-{i}"), &state);
                     scope.spawn(move || {
                         let mut draws = rng::stream(kill as u64, &name);
-                        work(way, &name, &mut draws, kept);
+                        work(transport, &name, &mut draws, state);
                     });
                 }
             }
@@ -312,34 +332,34 @@ fn killed(kills: usize) {
         });
     }
     let server = Server::start(directory.path()).unwrap();
-    let mut kept = kept.into_inner().unwrap();
-    look(&server, &mut kept);
-    ended(&server, &kept);
-    look(&server, &mut kept);
+    let mut state = state.into_inner().unwrap();
+    check_state(&server, &mut state);
+    wait_for_jobs(&server, &state);
+    check_state(&server, &mut state);
     println!(
         "{kills} kills: {} acknowledged, of which there are {} worlds, {} deletions, {} jobs, {} results, {} keys; \
          lost 0; starts that failed {}",
-        kept.acknowledged,
-        kept.worlds.len(),
-        kept.deleted.len(),
-        kept.jobs.len(),
-        kept.results.len(),
-        kept.keys.len(),
+        state.acknowledged,
+        state.worlds.len(),
+        state.deleted.len(),
+        state.jobs.len(),
+        state.results.len(),
+        state.keys.len(),
         failed.len()
     );
     assert!(failed.is_empty(), "{failed:?}");
-    assert!(kept.acknowledged > 0 && !kept.worlds.is_empty(), "nothing was asked for");
+    assert!(state.acknowledged > 0 && !state.worlds.is_empty(), "nothing was asked for");
 }
 
 #[test]
-fn what_was_acknowledged_is_there_after_a_kill() {
-    killed(5);
+fn acknowledged_writes_survive_a_kill() {
+    run_with_kills(5);
 }
 
 #[test]
 #[ignore = "long: `make kill`"]
-fn what_was_acknowledged_is_there_after_a_hundred_kills() {
-    killed(100);
+fn acknowledged_writes_survive_a_hundred_kills() {
+    run_with_kills(100);
 }
 
 impl Peer {

@@ -1,9 +1,9 @@
-//! Likelihoods for samplers of one's own: the same numbers as in process, in any company, after a restart; and what is refused.
+//! Likelihoods for external samplers: equal to in-process results in any batch and after a restart; errors.
 
 use std::path::Path;
 
-use iplw::discover::posterior::{Likelihood, Wanted};
-use iplw::progress::Silent;
+use iplw::discover::posterior::{PosteriorOptions, TrialLikelihood};
+use iplw::progress::NoProgress;
 use iplw::reality::{trials_from_csv, trials_to_csv};
 use iplw::serve::ServeConfig;
 use reqwest::Method;
@@ -19,16 +19,16 @@ fn serving(directory: Option<&Path>) -> Running {
     Running::with(ServeConfig { data_dir, zmq, ..ServeConfig::default() }).unwrap()
 }
 
-/// What is asked for: throws in a world that holds them back.
-fn asked() -> Value {
+/// A request with throws in a world with drag.
+fn likelihood_request() -> Value {
     let trials = worlds::trials(&worlds::single(1, 3), worlds::Noise::White, 8, 24, 8.0, 5);
     let scene: Value = serde_json::from_str(&worlds::scene().to_json()).unwrap();
     json!({"scene": scene, "trials": trials_to_csv(&trials), "effects": ["quadratic_drag"], "seed": 2})
 }
 
-/// Prepares it; the job's document.
-fn prepared(server: &Running) -> Value {
-    let done = server.finish(&server.post("/v1/likelihoods", &asked(), 202));
+/// Prepares a likelihood and returns its document.
+fn prepare(server: &Running) -> Value {
+    let done = server.finish(&server.post("/v1/likelihoods", &likelihood_request(), 202));
     assert_eq!(done["state"], "succeeded", "{done}");
     done
 }
@@ -38,15 +38,15 @@ fn evaluate(server: &Running, job: &Value, columns: &Value) -> Value {
     server.post(&path, &json!({"columns": columns}), 200)
 }
 
-/// Of numbers by name, those of one point.
+/// One point of the columns.
 fn row(columns: &Value, i: usize) -> Value {
     columns.as_object().unwrap().iter().map(|(name, v)| (name.clone(), json!([v[i]]))).collect()
 }
 
 #[test]
-fn points_are_as_likely_as_in_process() {
+fn matches_the_in_process_likelihood() {
     let server = serving(None);
-    let job = prepared(&server);
+    let job = prepare(&server);
     let document = &job["result"];
     assert_eq!(document["format"], "iplw.likelihood/1");
     let names: Vec<&str> =
@@ -55,15 +55,19 @@ fn points_are_as_likely_as_in_process() {
     let path = format!("/v1/likelihoods/{}/starts", job["id"].as_str().unwrap());
     let mut columns = server.post(&path, &json!({"count": 5, "seed": 4}), 200)["columns"].clone();
 
-    let own = asked();
+    let own = likelihood_request();
     let scene = worlds::scene();
     let trials = trials_from_csv(own["trials"].as_str().unwrap(), &scene).unwrap();
-    let wanted = Wanted { sets: vec![vec!["quadratic_drag".into()]], seed: 2, ..Wanted::default() };
-    let likelihood = Likelihood::new(&scene, &trials, &wanted.config().unwrap(), &Silent).unwrap();
-    let points = likelihood.starts(5, 4).unwrap();
+    let wanted = PosteriorOptions {
+        sets: vec![vec!["quadratic_drag".into()]],
+        seed: 2,
+        ..PosteriorOptions::default()
+    };
+    let likelihood = TrialLikelihood::new(&scene, &trials, &wanted.config().unwrap(), &NoProgress).unwrap();
+    let points = likelihood.initial_points(5, 4).unwrap();
     assert_eq!(columns, json!({"quadratic_drag.k": points.concat()}));
 
-    // The last of them is not allowed.
+    // The prior excludes the last point.
     columns["quadratic_drag.k"].as_array_mut().unwrap().push(json!(-1.0));
     let found = evaluate(&server, &job, &columns);
     assert_eq!(found["log_likelihood"][5], Value::Null);
@@ -80,17 +84,17 @@ fn points_are_as_likely_as_in_process() {
     let prior = &peer.ask("evaluate_likelihood", &told)["result"];
     assert_eq!((&prior["log_prior"], prior.get("log_likelihood")), (&found["log_prior"], None));
     assert_eq!(evaluate(&server, &job, &json!({"quadratic_drag.k": []}))["log_prior"], json!([]));
-    // Asked for again it is there at once, and the same.
-    assert_eq!(prepared(&server)["result"], *document);
+    // A repeated request uses the cache and gives the same result.
+    assert_eq!(prepare(&server)["result"], *document);
 }
 
 #[test]
-fn a_likelihood_outlives_its_server() {
+fn likelihoods_survive_a_restart() {
     let place = tempfile::tempdir().unwrap();
     let columns = json!({"quadratic_drag.k": [0.02, 0.05, 0.4]});
     let (job, before) = {
         let server = serving(Some(place.path()));
-        let job = prepared(&server);
+        let job = prepare(&server);
         let found = evaluate(&server, &job, &columns);
         (job, found)
     };
@@ -107,9 +111,9 @@ fn a_likelihood_outlives_its_server() {
 }
 
 #[test]
-fn what_is_no_point_is_refused_by_name() {
+fn rejects_invalid_points_by_name() {
     let server = serving(None);
-    let job = prepared(&server);
+    let job = prepare(&server);
     let path = |what: &str| format!("/v1/likelihoods/{}/{what}", job["id"].as_str().unwrap());
     let many = vec![0.1; 4097];
     for (what, body, status, slug, field) in [

@@ -1,4 +1,4 @@
-//! What a request may cost, how long it may take, and what becomes of those who take their time.
+//! Limits of requests: cost, deadlines, and slow clients.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -16,7 +16,7 @@ fn limited(limits: Limits) -> Running {
     Running::with(ServeConfig { limits, zmq, ..ServeConfig::default() }).unwrap()
 }
 
-/// Sixty boxes on a floor for a million steps: legal, and a minute of a core.
+/// Sixty boxes on a floor for a million steps: valid, and about a minute of CPU time.
 fn long(bodies: usize, steps: u32) -> Value {
     let pile = (0..bodies).map(|i| {
         json!({
@@ -40,7 +40,7 @@ fn long(bodies: usize, steps: u32) -> Value {
     })
 }
 
-/// A world of such a scene, reset.
+/// A world with such a scene, reset.
 fn world(server: &Running, kind: &str) -> String {
     let made = server.post("/v1/worlds", &json!({"scene": long(60, 1_000_000), "kind": kind}), 201);
     let id = made["id"].as_str().unwrap().to_string();
@@ -54,8 +54,8 @@ fn interactions(server: &Running, world: &str) -> u64 {
     server.get(&format!("/v1/worlds/{world}"))["interactions"].as_u64().unwrap()
 }
 
-/// Waits until the world's attempt has ended, which counts it; how long that took.
-fn ended(server: &Running, world: &str) -> Duration {
+/// Waits until the world's attempt is counted and returns the time it took.
+fn wait_for_attempt(server: &Running, world: &str) -> Duration {
     let begun = Instant::now();
     while interactions(server, world) == 0 {
         assert!(begun.elapsed().as_secs() < 20, "it goes on though nobody waits for it");
@@ -64,11 +64,11 @@ fn ended(server: &Running, world: &str) -> Duration {
     begun.elapsed()
 }
 
-/// On a quiet machine within 0.1 s (benches/hold.py has the figure); here others compute at the same time.
+/// About 0.1 s on an idle machine (see benches/hold.py); longer here, since tests run in parallel.
 const SOON: Duration = Duration::from_millis(1500);
 
 #[test]
-fn a_step_ends_at_its_deadline_over_both_transports() {
+fn steps_stop_at_their_deadline_over_both_transports() {
     let server = limited(Limits { request_seconds: 5.0, ..Limits::default() });
     let id = world(&server, "sim");
     let step = |deadline: &str| {
@@ -100,9 +100,9 @@ fn a_step_ends_at_its_deadline_over_both_transports() {
     problem(request.header("X-Deadline", "0.2").body(batch).send().unwrap(), 503, "deadline");
 }
 
-/// The core is free soon after, and what was begun in a real world counts though nobody saw it.
+/// The CPU is free soon after, and a started real interaction counts.
 #[test]
-fn nothing_is_simulated_for_a_client_that_has_left() {
+fn cancels_simulations_of_disconnected_clients() {
     let server = limited(Limits::default());
     let id = world(&server, "real");
     let mut stream = TcpStream::connect(server.url.strip_prefix("http://").unwrap()).unwrap();
@@ -114,7 +114,7 @@ fn nothing_is_simulated_for_a_client_that_has_left() {
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(interactions(&server, &id), 0, "it is under way");
     drop(stream);
-    let took = ended(&server, &id);
+    let took = wait_for_attempt(&server, &id);
     assert!(took < SOON, "{took:?}");
 
     let id = world(&server, "real");
@@ -124,10 +124,10 @@ fn nothing_is_simulated_for_a_client_that_has_left() {
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(interactions(&server, &id), 0, "it is under way");
     drop(peer);
-    let took = ended(&server, &id);
+    let took = wait_for_attempt(&server, &id);
     assert!(took < SOON, "{took:?}");
 
-    // Of several, those that simulate nothing are carried out all the same.
+    // Pipelined requests without simulation are still handled.
     let id = world(&server, "sim");
     let mut peer = Peer::connect(server.zmq.as_ref().unwrap(), None);
     for (n, (op, args)) in
@@ -148,18 +148,18 @@ fn nothing_is_simulated_for_a_client_that_has_left() {
 }
 
 #[test]
-fn what_costs_too_much_is_refused_before_it_begins_with_what_is_allowed() {
+fn rejects_expensive_requests_stating_the_limit() {
     let server = limited(Limits { body_steps: 50_000, actions: 3, ..Limits::default() });
     let refused =
         server.send(Method::POST, "/v1/worlds", json!({"scene": long(60, 1_000), "kind": "sim"}).to_string());
     let refused = problem(refused, 413, "too-large");
     let detail = refused["detail"].as_str().unwrap();
-    assert!(detail.contains("61000 asked for, at most 50000"), "{detail}");
+    assert!(detail.contains("61000 requested, at most 50000"), "{detail}");
     let many = json!({"task": "bowling:000", "actions": [1, 2, 3, 4]}).to_string();
     let refused =
         problem(server.send(Method::POST, "/v1/worlds/bowling-sim/rollout", many), 413, "too-large");
     assert!(refused["detail"].as_str().unwrap().contains("at most 3"), "{refused}");
-    // What is too much for a request may be done as a job.
+    // Work too large for a request can run as a job.
     let limits = Limits { body_steps: 50_000, ..Limits::default() };
     let small = limited(limits);
     let made = small.post("/v1/worlds", &json!({"scene": long(8, 5_000), "kind": "sim"}), 201);
@@ -169,7 +169,7 @@ fn what_costs_too_much_is_refused_before_it_begins_with_what_is_allowed() {
     let path = format!("/v1/worlds/{world}/rollout");
     let refused = problem(small.send(Method::POST, &path, two.to_string()), 413, "too-large");
     let how = refused["detail"].as_str().unwrap();
-    assert!(how.contains("90000 asked for, at most 50000") && how.contains("ranked/evaluate"), "{how}");
+    assert!(how.contains("90000 requested, at most 50000") && how.contains("ranked/evaluate"), "{how}");
     let tried = json!({"world": world, "ranking": [{"task": task, "actions": two["actions"]}]});
     let job = small.finish(&small.post("/v1/policies/ranked/evaluate", &tried, 202));
     assert_eq!(job["state"], "succeeded", "{job}");
@@ -187,16 +187,16 @@ fn connect(server: &Running) -> TcpStream {
     stream
 }
 
-/// What is read until the other side hangs up.
-fn rest(stream: &mut TcpStream) -> String {
+/// Everything received until the server disconnects.
+fn read_to_end(stream: &mut TcpStream) -> String {
     let mut all = Vec::new();
-    // Hung up on in the middle of sending is hung up on, too.
+    // A reset while sending counts as a disconnect.
     let _ = stream.read_to_end(&mut all);
     String::from_utf8_lossy(&all).into_owned()
 }
 
 #[test]
-fn who_takes_too_long_is_hung_up_on_and_others_are_served_meanwhile() {
+fn disconnects_slow_clients_and_serves_others() {
     let limits = Limits { header_seconds: 1.0, body_seconds: 1.0, idle_seconds: 2.0, ..Limits::default() };
     let server = limited(limits);
     let mut half: Vec<TcpStream> = (0..100).map(|_| connect(&server)).collect();
@@ -217,44 +217,44 @@ fn who_takes_too_long_is_hung_up_on_and_others_are_served_meanwhile() {
         std::thread::sleep(Duration::from_millis(500));
     }
     for stream in &mut half {
-        let said = rest(stream);
+        let said = read_to_end(stream);
         assert!(said.is_empty() || said.starts_with("HTTP/1.1 4"), "{said}");
     }
-    assert_eq!(rest(&mut silent), "");
+    assert_eq!(read_to_end(&mut silent), "");
     assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
-    let said = rest(&mut body);
+    let said = read_to_end(&mut body);
     assert!(said.starts_with("HTTP/1.1 408") && said.contains("problems/slow"), "{said}");
-    // Kept alive after it has asked, and not for ever.
+    // Keep-alive after a request, with a time limit.
     let mut kept = connect(&server);
     let asked = Instant::now();
     kept.write_all(ask).unwrap();
-    rest(&mut kept);
+    read_to_end(&mut kept);
     assert!(asked.elapsed() > Duration::from_millis(1900) && asked.elapsed() < Duration::from_secs(8));
 }
 
 #[test]
-fn one_connection_too_many_takes_the_place_of_one_that_waits() {
+fn excess_connections_replace_idle_ones() {
     let server = limited(Limits { connections: 8, ..Limits::default() });
     let mut waiting: Vec<TcpStream> = (0..8).map(|_| connect(&server)).collect();
     std::thread::sleep(Duration::from_millis(200));
     for _ in 0..3 {
         let mut one = connect(&server);
         one.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").unwrap();
-        assert!(rest(&mut one).starts_with("HTTP/1.1 200"));
+        assert!(read_to_end(&mut one).starts_with("HTTP/1.1 200"));
     }
-    assert_eq!(rest(&mut waiting[0]), "", "the one that waited longest");
+    assert_eq!(read_to_end(&mut waiting[0]), "", "the one that waited longest");
     waiting[7].write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").unwrap();
-    assert!(rest(&mut waiting[7]).starts_with("HTTP/1.1 200"), "the youngest is still there");
+    assert!(read_to_end(&mut waiting[7]).starts_with("HTTP/1.1 200"), "the youngest is still there");
 }
 
 #[test]
-fn a_job_may_not_compute_for_ever() {
+fn stops_jobs_at_their_time_limit() {
     let server = limited(Limits { job_seconds: Some(1.0), ..Limits::default() });
     let much = json!({"task": "bowling", "rounds": 50, "actions": 50, "samples": 5000});
     let job = server.finish(&server.post("/v1/iplw", &much, 202));
     assert_eq!((&job["state"], &job["error"]["status"]), (&json!("failed"), &json!(503)), "{job}");
     assert!(job["error"]["type"].as_str().unwrap().ends_with("/deadline"));
-    // Waiting is free: a rig may take days.
+    // Waiting for trials has no limit.
     let asks = json!({"task": "bowling", "real": "ask_tell", "rounds": 1, "actions": 2, "samples": 8});
     let id = server.post("/v1/iplw", &asks, 202)["id"].as_str().unwrap().to_string();
     std::thread::sleep(Duration::from_millis(2500));

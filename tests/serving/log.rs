@@ -1,9 +1,9 @@
-//! What happened: ids, lines of the log, metrics; and that none of it tells what is secret.
+//! Request ids, log lines and metrics, without secrets.
 
 use std::sync::{Arc, Mutex};
 
-use iplw::access::{Kept, Scope, TokenFile, digest};
-use iplw::serve::{Log, LogForm, ServeConfig};
+use iplw::access::{HashedToken, Scope, TokenFile, digest};
+use iplw::serve::{AccessLog, LogFormat, ServeConfig};
 use reqwest::Method;
 use reqwest::blocking::Response;
 use serde_json::{Value, json};
@@ -13,10 +13,10 @@ use crate::peer::Peer;
 
 const TOKEN: &str = "iplw_secret-of-ann";
 
-/// A server that asks for ann's token, and its lines.
-fn told(form: LogForm) -> (Running, Arc<Mutex<Vec<String>>>, tempfile::TempDir) {
+/// A server with ann's token, and its log lines.
+fn start_logged(form: LogFormat) -> (Running, Arc<Mutex<Vec<String>>>, tempfile::TempDir) {
     let place = tempfile::tempdir().unwrap();
-    let ann = Kept {
+    let ann = HashedToken {
         name: "ann".into(),
         scope: Scope::Act,
         digest: digest(TOKEN.as_bytes()),
@@ -31,7 +31,7 @@ fn told(form: LogForm) -> (Running, Arc<Mutex<Vec<String>>>, tempfile::TempDir) 
         .unwrap();
     let lines = Arc::new(Mutex::new(Vec::new()));
     let to = lines.clone();
-    let log = Log::new(form, Arc::new(move |line| to.lock().unwrap().push(line.to_string())));
+    let log = AccessLog::new(form, Arc::new(move |line| to.lock().unwrap().push(line.to_string())));
     let zmq = Some("tcp://127.0.0.1:*".into());
     let config = ServeConfig { data_dir: Some(place.path().into()), zmq, log, ..ServeConfig::default() };
     (Running::with(config).unwrap(), lines, place)
@@ -43,8 +43,8 @@ fn send(server: &Running, method: Method, path: &str, headers: &[(&str, &str)], 
 }
 
 #[test]
-fn every_answer_has_an_id_and_every_request_a_line() {
-    let (server, lines, _place) = told(LogForm::Json);
+fn every_request_has_an_id_and_a_log_line() {
+    let (server, lines, _place) = start_logged(LogFormat::Json);
     let id = |answer: &Response| answer.headers()["x-request-id"].to_str().unwrap().to_string();
     let parent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
     let given = [("X-Request-Id", "mine-7"), ("traceparent", parent)];
@@ -86,10 +86,10 @@ fn every_answer_has_an_id_and_every_request_a_line() {
     }
 }
 
-/// What a client of ZeroMQ calls its request is what the log calls it, and what it is answered with.
+/// A ZeroMQ client's request id appears in the log and the response.
 #[test]
-fn a_request_over_zeromq_has_the_id_it_is_given() {
-    let (server, lines, _place) = told(LogForm::Json);
+fn zeromq_requests_have_the_assigned_id() {
+    let (server, lines, _place) = start_logged(LogFormat::Json);
     let mut peer = Peer::connect(server.zmq.as_ref().unwrap(), Some(TOKEN));
     let parent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
     let mut ask = |request_id: Value, traceparent: Value| {
@@ -118,11 +118,11 @@ fn a_request_over_zeromq_has_the_id_it_is_given() {
     }
 }
 
-/// Whatever is done with a world whose physics is hidden: neither the token nor a latent is in any line.
+/// No log line contains the token or a hidden latent of the world in use.
 #[test]
-fn no_line_holds_a_token_or_a_hidden_latent() {
-    for form in [LogForm::Json, LogForm::Text] {
-        let (server, lines, _place) = told(form);
+fn logs_contain_no_tokens_or_hidden_latents() {
+    for form in [LogFormat::Json, LogFormat::Text] {
+        let (server, lines, _place) = start_logged(form);
         let hidden = json!({"task": "bowling", "kind": "real", "latents": {"friction": 0.31415926, "restitution": 0.27182818}});
         let made = ok(send(&server, Method::POST, "/v1/worlds", &[("Idempotency-Key", "k1")], &hidden), 201);
         let id = made["id"].as_str().unwrap();

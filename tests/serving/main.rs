@@ -1,4 +1,4 @@
-//! The server over real sockets: HTTP, ZeroMQ, the document, what survives.
+//! The server over real sockets: HTTP, ZeroMQ, the OpenAPI document, persistence.
 
 #[path = "../discover_worlds/mod.rs"]
 #[allow(dead_code, reason = "shared with others, which use the rest")]
@@ -6,10 +6,10 @@ mod worlds;
 
 mod access;
 mod branch;
+mod data_directory;
 mod design;
 mod fair;
 mod http;
-mod kept;
 mod kill;
 mod likelihood;
 mod limits;

@@ -1,4 +1,4 @@
-//! The committed OpenAPI document is the one the routes make.
+//! The committed OpenAPI document matches the routes.
 
 use serde_json::Value;
 
@@ -12,7 +12,7 @@ fn committed_document_is_current() {
 }
 
 #[test]
-fn every_operation_is_named_and_every_reference_leads_somewhere() {
+fn operations_are_named_and_references_resolve() {
     let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
     assert_eq!(document["openapi"], "3.1.0");
     let mut ids = Vec::new();
@@ -48,9 +48,9 @@ fn check_references(document: &Value, node: &Value) {
     }
 }
 
-/// Links follow from the paths: what is made is found, used and forgotten by its id.
+/// Links follow from the paths: created resources are fetched, used and deleted by id.
 #[test]
-fn answers_that_tell_an_id_are_linked_to_what_takes_it() {
+fn responses_with_ids_have_links() {
     let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
     let at = |path: &str| format!("/paths/{}", path.replace('/', "~1"));
     let links = |method: &str, path: &str, status: u16| -> Vec<String> {
@@ -72,7 +72,7 @@ fn answers_that_tell_an_id_are_linked_to_what_takes_it() {
     assert_eq!(links("post", "/v1/worlds", 201), of_a_world);
     assert!(links("post", "/v1/surfaces", 202).contains(&"delete_job".to_string()));
     assert!(links("post", "/v1/iplw", 202).contains(&"list_proposals".to_string()));
-    // Every operation with an id in its path is led to by some answer, and every link to one that there is.
+    // Some response links to every operation with an id in its path, and every link has a target.
     let (mut wanted, mut led) = (Vec::new(), Vec::new());
     for (path, operations) in document["paths"].as_object().unwrap() {
         for operation in operations.as_object().unwrap().values() {

@@ -1,4 +1,4 @@
-//! The page at `/`, and the operations that it needed and everybody has: simulations of nobody's world.
+//! The page at `/`, and ad-hoc simulations.
 
 use iplw::serve::ServeConfig;
 use reqwest::Method;
@@ -11,7 +11,7 @@ fn running() -> Running {
 }
 
 #[test]
-fn browsers_get_the_page_and_others_are_told_where_things_are() {
+fn browsers_get_the_page_and_other_clients_links() {
     let server = running();
     let get = |path: &str, headers: &[(&str, &str)]| {
         let request = server.client.get(format!("{}{path}", server.url));
@@ -48,7 +48,7 @@ fn browsers_get_the_page_and_others_are_told_where_things_are() {
 }
 
 #[test]
-fn a_simulation_of_nobodys_world_leaves_nothing_behind() {
+fn adhoc_simulations_have_no_side_effects() {
     let server = running();
     let task = server.get("/v1/tasks/bowling/0");
     let action = &task["certificate"]["action"];
@@ -61,7 +61,7 @@ fn a_simulation_of_nobodys_world_leaves_nothing_behind() {
     );
     assert!(fine["contacts"].as_array().is_some_and(|c| !c.is_empty()), "{}", fine["contacts"]);
 
-    // The same as in a world made for it.
+    // The same result as in a world.
     let made = server.post("/v1/worlds", &json!({"task": "bowling:000", "latents": latents}), 201);
     let path = format!("/v1/worlds/{}/rollout", made["id"].as_str().unwrap());
     let rolled = server.post(&path, &json!({"actions": [action], "trajectories": true}), 200);
@@ -77,7 +77,7 @@ fn a_simulation_of_nobodys_world_leaves_nothing_behind() {
     let spent = worlds["worlds"].as_array().unwrap().iter().map(|w| w["interactions"].as_u64().unwrap());
     assert_eq!(spent.sum::<u64>(), 1, "only the world's own rollout counts");
 
-    // A scene with nothing to place and nothing to reach.
+    // A scene without action and goal.
     let scene = json!({"format": "iplw.scene/1", "steps": 240, "bodies": [
         {"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": [0, 2]}]});
     let fall = server.post("/v1/simulate", &json!({"scene": scene}), 200);
@@ -85,7 +85,7 @@ fn a_simulation_of_nobodys_world_leaves_nothing_behind() {
 }
 
 #[test]
-fn places_are_told_without_simulating() {
+fn checks_placement_without_simulation() {
     let server = running();
     let free = server.get("/v1/tasks/bowling/0")["certificate"]["action"].clone();
     let asked = json!({"task": "bowling:000", "actions": [free, [0.25, 0.56, 0.5], [0.0, 0.0, 1.0]]});
@@ -103,7 +103,7 @@ fn places_are_told_without_simulating() {
         json!({"task": "bowling:000", "action": [0.5, 0.5, 0.5], "observe_every": 0}),
         "observe_every",
     );
-    // An effect of the scene's own is named within the scene, wherever one is sent.
+    // Errors about a scene's effect name it within the scene.
     let mut scene = server.get("/v1/tasks/bowling/0")["scene"].clone();
     scene["effects"] = json!([{"name": "wind"}, {"name": "wind", "parameters": {"speed": 1.0}}]);
     let field = "scene.effects[1].parameters.speed";
@@ -116,7 +116,7 @@ fn places_are_told_without_simulating() {
 }
 
 #[test]
-fn jobs_are_listed_in_either_order_by_state_and_by_kind() {
+fn lists_jobs_by_order_state_and_kind() {
     let server = running();
     for seed in 1..=3 {
         let asked = json!({"task": "bowling", "rounds": 1, "actions": 1, "samples": 10, "seed": seed});
@@ -134,7 +134,7 @@ fn jobs_are_listed_in_either_order_by_state_and_by_kind() {
     let first = server.get("/v1/jobs?order=newest&limit=2");
     let next = first["next"].as_str().unwrap();
     assert_eq!(ids(&format!("order=newest&cursor={next}")), ["job-1"]);
-    // A cursor goes on with the list it came from.
+    // A cursor is only valid for its own list.
     problem(server.send(Method::GET, &format!("/v1/jobs?cursor={next}"), ""), 422, "invalid-value");
     let results = |query: &str| -> Vec<bool> {
         let found = server.get(&format!("/v1/jobs?{query}"));

@@ -1,4 +1,4 @@
-//! A ZeroMQ client of a few lines, written from docs/zeromq.md and the specification of ZMTP: greeting, NULL or PLAIN,
+//! A minimal ZeroMQ client, written from docs/reference/zeromq.md and the ZMTP specification: greeting, NULL or PLAIN,
 //! one request at a time.
 
 use std::io::{self, Read, Write};
@@ -11,7 +11,7 @@ use serde_json::Value;
 pub struct Peer(pub TcpStream);
 
 impl Peer {
-    /// Connects to `tcp://HOST:PORT`; with a token, by PLAIN.
+    /// Connects to `tcp://HOST:PORT`, with PLAIN if there is a token.
     pub fn connect(address: &str, token: Option<&str>) -> Peer {
         let stream = TcpStream::connect(address.strip_prefix("tcp://").unwrap()).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
@@ -45,7 +45,7 @@ impl Peer {
         self.try_frame().unwrap()
     }
 
-    /// The same; errors once the server is gone.
+    /// The same; fails if the server is gone.
     pub fn try_frame(&mut self) -> io::Result<(u8, Vec<u8>)> {
         let mut head = [0; 2];
         self.0.read_exact(&mut head)?;
@@ -61,23 +61,23 @@ impl Peer {
         Ok((head[0], body))
     }
 
-    /// Sends one frame that is a whole message.
+    /// Sends a message of one frame.
     pub fn send(&mut self, body: &[u8]) {
         self.try_send(body).unwrap();
     }
 
-    /// The same; errors once the server is gone.
+    /// The same; fails if the server is gone.
     pub fn try_send(&mut self, body: &[u8]) -> io::Result<()> {
         let head = [&[2][..], &(body.len() as u64).to_be_bytes()].concat();
         self.0.write_all(&[&head, body].concat())
     }
 
-    /// What is answered to one request, as JSON; arrays that follow are dropped.
+    /// The response to one request as JSON; binary arrays are dropped.
     pub fn ask(&mut self, op: &str, args: &Value) -> Value {
         self.ask_within(op, args, None)
     }
 
-    /// The same, which may take so many seconds.
+    /// The same with a deadline, s.
     pub fn ask_within(&mut self, op: &str, args: &Value, deadline: Option<f64>) -> Value {
         let head = serde_json::json!({"v": 1, "id": 1, "op": op, "args": args, "deadline": deadline});
         self.send(&rmp_serde::to_vec_named(&head).unwrap());
@@ -88,7 +88,7 @@ impl Peer {
         self.try_answer().unwrap()
     }
 
-    /// The same; errors once the server is gone.
+    /// The same; fails if the server is gone.
     pub fn try_answer(&mut self) -> io::Result<Value> {
         let (mut flags, head) = self.try_frame()?;
         while flags & 1 != 0 {

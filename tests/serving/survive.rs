@@ -1,5 +1,5 @@
-//! What survives: jobs killed at any moment, worlds and their counters, answers, pages and repeated requests. With
-//! the binary as a user runs it, killed as a user would not.
+//! Persistence across kills: jobs, worlds and their counters, submitted trials, pagination and idempotency keys. Uses
+//! the binary and SIGKILL.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -11,7 +11,7 @@ use rand::RngExt;
 use reqwest::blocking::{Client, RequestBuilder, Response};
 use serde_json::{Value, json};
 
-/// A server process on a data directory; killed when dropped.
+/// A server process on a data directory, killed on drop.
 struct Process {
     child: Child,
     url: String,
@@ -44,7 +44,7 @@ impl Process {
         self.client.post(format!("{}{path}", self.url)).body(body)
     }
 
-    /// The job once it is in this state; panics if it ends in another.
+    /// Waits for a state of the job; panics if it ends in another.
     fn reach(&self, job: &str, state: &str) -> Value {
         loop {
             let job = self.get(&format!("/v1/jobs/{job}"));
@@ -57,7 +57,7 @@ impl Process {
         }
     }
 
-    /// SIGKILL: no handler, no goodbye.
+    /// SIGKILL.
     fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
@@ -95,8 +95,8 @@ fn id(made: &Value) -> String {
     made["id"].as_str().unwrap().to_string()
 }
 
-/// A result without what a clock says.
-fn timeless(job: &Value) -> Value {
+/// A result without durations.
+fn without_durations(job: &Value) -> Value {
     let mut result = job["result"].clone();
     if let Some(fields) = result.as_object_mut() {
         fields.remove("seconds");
@@ -104,8 +104,8 @@ fn timeless(job: &Value) -> Value {
     result
 }
 
-/// Estimations in two worlds of their own, one in a shared one with noise and a budget, an evaluation's worth of
-/// jobs in all: small, so that a kill falls into every part of them.
+/// Two estimations in dedicated worlds and one in a shared world with noise and a budget:
+/// small, so that kills hit every stage.
 fn start_jobs(server: &Process) -> (String, Vec<String>) {
     let world = json!({"task": "basketball", "kind": "real", "noise": 0.01, "budget": 100, "seed": 5});
     let world = id(&server.post("/v1/worlds", &world, 201));
@@ -124,12 +124,12 @@ fn start_jobs(server: &Process) -> (String, Vec<String>) {
 }
 
 #[test]
-fn killed_at_any_moment_jobs_end_as_if_they_had_not_been() {
+fn jobs_give_the_same_result_after_kills() {
     let quiet = tempfile::tempdir().unwrap();
     let server = Process::start(quiet.path());
     let (world, jobs) = start_jobs(&server);
     let begun = Instant::now();
-    let wanted: Vec<Value> = jobs.iter().map(|j| timeless(&server.reach(j, "succeeded"))).collect();
+    let wanted: Vec<Value> = jobs.iter().map(|j| without_durations(&server.reach(j, "succeeded"))).collect();
     let whole = begun.elapsed().as_secs_f64();
     let interactions = server.get(&format!("/v1/worlds/{world}"))["interactions"].clone();
     let trials = |server: &Process, job: &str| {
@@ -151,7 +151,7 @@ fn killed_at_any_moment_jobs_end_as_if_they_had_not_been() {
         let mut server = Process::start(directory.path());
         let (world, jobs) = start_jobs(&server);
         runs += 1;
-        // Kills until the jobs are done, with ever more time between: a job that is given none gets nowhere.
+        // Kill until the jobs are done, at increasing intervals, so that jobs make progress.
         for patience in 2.. {
             let pause = 0.5 * whole * f64::from(patience) * stream.random_range(0.02..0.35);
             std::thread::sleep(Duration::from_secs_f64(pause));
@@ -166,7 +166,11 @@ fn killed_at_any_moment_jobs_end_as_if_they_had_not_been() {
             server = Process::start(directory.path());
         }
         for ((job, wanted), file) in jobs.iter().zip(&wanted).zip(&files) {
-            assert_eq!(timeless(&server.reach(job, "succeeded")), *wanted, "{job} after {kills} kills");
+            assert_eq!(
+                without_durations(&server.reach(job, "succeeded")),
+                *wanted,
+                "{job} after {kills} kills"
+            );
             assert_eq!(trials(&server, job), *file, "{job}: the same was measured");
         }
         let spent = server.get(&format!("/v1/worlds/{world}"))["interactions"].clone();
@@ -176,22 +180,22 @@ fn killed_at_any_moment_jobs_end_as_if_they_had_not_been() {
 }
 
 #[test]
-fn a_training_and_an_evaluation_go_on_after_a_kill() {
+fn training_and_evaluation_resume_after_a_kill() {
     let directory = tempfile::tempdir().unwrap();
     let train = json!({"task": "basketball:000", "batches": 30, "seed": 3});
     let evaluate = json!({"world": "basketball-real", "attempts": 3});
     let run = |server: Process, kill: bool| {
         let job = id(&server.post("/v1/policies", &train, 202));
-        let server = if kill { again(server, directory.path()) } else { server };
+        let server = if kill { restart(server, directory.path()) } else { server };
         let trained = server.reach(&job, "succeeded");
         let policy = trained["result"]["policy"].as_str().unwrap().to_string();
         let before = server.get("/v1/worlds/basketball-real")["interactions"].as_u64().unwrap();
         let job = id(&server.post(&format!("/v1/policies/{policy}/evaluate"), &evaluate, 202));
-        let server = if kill { again(server, directory.path()) } else { server };
-        let evaluated = timeless(&server.reach(&job, "succeeded"));
+        let server = if kill { restart(server, directory.path()) } else { server };
+        let evaluated = without_durations(&server.reach(&job, "succeeded"));
         let spent = server.get("/v1/worlds/basketball-real")["interactions"].as_u64().unwrap() - before;
         assert_eq!(evaluated["interactions"], spent, "attempts are made once");
-        let mut trained = timeless(&trained);
+        let mut trained = without_durations(&trained);
         trained.as_object_mut().unwrap().remove("policy");
         (server, trained, evaluated)
     };
@@ -201,7 +205,7 @@ fn a_training_and_an_evaluation_go_on_after_a_kill() {
     assert_eq!(evaluated, evaluated_again);
 }
 
-fn again(server: Process, directory: &Path) -> Process {
+fn restart(server: Process, directory: &Path) -> Process {
     server.kill();
     Process::start(directory)
 }
@@ -230,12 +234,12 @@ fn worlds_and_their_counters_survive_a_kill() {
     let first = roll(&server, &real, 5);
     server.post("/v1/worlds/bowling-real/rollout", &json!({"task": "bowling:003", "actions": [action]}), 200);
     let told = server.get(&format!("/v1/worlds/{real}"));
-    let server = again(server, directory.path());
+    let server = restart(server, directory.path());
     assert_eq!(server.get(&format!("/v1/worlds/{real}")), told, "at once, though killed at once");
     assert_eq!(told["remaining"], 4);
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 1);
     assert_eq!(server.client.get(format!("{}/v1/worlds/{gone}", server.url)).send().unwrap().status(), 404);
-    // Noise goes on where it was: the same action, other noise, the same physics.
+    // Noise continues: same action and physics, different noise.
     let second = roll(&server, &real, 4);
     assert_ne!(second["results"][0]["bodies"], first["results"][0]["bodies"]);
     let over =
@@ -246,7 +250,7 @@ fn worlds_and_their_counters_survive_a_kill() {
         (&before["latents"]["friction"], &before["effects"][0]["name"]),
         (&json!(0.25), &json!("linear_drag"))
     );
-    // A simulated world's counter and latents are written when there is time; a server that is told to stop has it.
+    // A simulated world's counter and latents are written with a delay, but always before a regular shutdown.
     roll(&server, &sim, 3);
     server.post(&format!("/v1/worlds/{sim}/set_latents"), &json!({"restitution": 0.125}), 200);
     let before = server.get(&format!("/v1/worlds/{sim}"));
@@ -257,7 +261,7 @@ fn worlds_and_their_counters_survive_a_kill() {
 }
 
 impl Process {
-    /// What a second server on the same directory says.
+    /// The error of a second server on the same directory.
     fn start_refused(directory: &Path) -> String {
         let run = Command::new(env!("CARGO_BIN_EXE_iplw"))
             .args(["serve", "--http", "127.0.0.1:0", "--data-dir"])
@@ -268,7 +272,7 @@ impl Process {
         String::from_utf8(run.stderr).unwrap()
     }
 
-    /// The next server after this one was told to stop and did.
+    /// Stops this server regularly and starts the next.
     fn stopped(mut self, directory: &Path) -> Process {
         let told = Command::new("kill").arg("-TERM").arg(self.child.id().to_string()).status().unwrap();
         assert!(told.success() && self.child.wait().unwrap().success());
@@ -276,7 +280,7 @@ impl Process {
     }
 }
 
-/// Carries proposals out in a world of the server that plays the robot; its clock has other ticks than ours.
+/// Measures proposals in another world, as a robot with a different sampling clock.
 fn robot(server: &Process, world: &str, proposals: &Value) -> Vec<Value> {
     proposals["proposals"]
         .as_array()
@@ -296,7 +300,7 @@ fn robot(server: &Process, world: &str, proposals: &Value) -> Vec<Value> {
 }
 
 #[test]
-fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
+fn ask_tell_equals_direct_measurement_and_survives_kills() {
     let directory = tempfile::tempdir().unwrap();
     let server = Process::start(directory.path());
     let body = json!({"task": "basketball", "rounds": 3, "actions": 4, "samples": 24, "seed": 4});
@@ -319,7 +323,7 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
         p["scene"]["bodies"].as_array().unwrap().iter().all(|b| b["position"].is_array()),
         "all is placed"
     );
-    // Half of the answers, then a kill: they are there, and so are the same proposals.
+    // Submit half of the trials, then kill: trials and proposals survive.
     let answers = robot(&server, "basketball-real", &first);
     let told = server.post(&format!("{path}/trials"), &json!({"trials": answers[..2]}), 200);
     assert_eq!(told, json!({"round": 0, "answered": 2, "failed": 0, "open": 2, "state": "waiting"}));
@@ -334,24 +338,24 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
         (&round["proposals"][1]["measured"], &round["proposals"][2]["measured"]),
         (&json!(true), &Value::Null)
     );
-    let server = again(server, directory.path());
+    let server = restart(server, directory.path());
     let after = server.get(&format!("{path}/proposals"));
     for (i, p) in after["proposals"].as_array().unwrap().iter().enumerate() {
         assert_eq!(p["answered"], i < 2);
         assert_eq!((&p["action"], &p["scene"]), (&proposals[i]["action"], &proposals[i]["scene"]));
     }
-    // The rest out of order and with one repeated; the round is fitted.
+    // Submit the rest out of order with one repeated; the round is fitted.
     let rest = json!({"trials": [answers[3], answers[0], answers[2]], "round": 0});
     let told = server.post(&format!("{path}/trials"), &rest, 200);
     assert_eq!(told, json!({"round": 0, "answered": 4, "failed": 0, "open": 0, "state": "queued"}));
-    let server = again(server, directory.path());
+    let server = restart(server, directory.path());
     loop {
         let next = server.get(&format!("{path}/proposals"));
         if next["state"] == "succeeded" {
             break;
         }
         if next["state"] == "waiting" {
-            // As a file this time.
+            // As CSV.
             let answers = robot(&server, "basketball-real", &next);
             let mut csv = String::from("trial,t,body,x,y\n");
             for a in &answers {
@@ -368,20 +372,20 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
         std::thread::sleep(Duration::from_millis(10));
     }
     let there = server.reach(&job, "succeeded");
-    rounds_tell_the_course(&server, &job, &there["result"]);
-    let (mut here, mut there) = (timeless(&here), timeless(&there));
-    // The same measurements make the same report.
+    check_rounds(&server, &job, &there["result"]);
+    let (mut here, mut there) = (without_durations(&here), without_durations(&there));
+    // The same measurements give the same report.
     for report in [&mut here, &mut there] {
         report["config"] = Value::Null;
     }
     assert_eq!(there, here);
-    // Old answers told again change nothing; other ones are refused.
+    // Repeating old trials changes nothing; different ones are rejected.
     server.post(&format!("{path}/trials"), &json!({"trials": [answers[0]], "round": 0, "close": true}), 200);
     let mut other = answers[0].clone();
     other["bodies"]["ball"]["x"][0] = json!(7.5);
     let refused = server.request(&format!("{path}/trials"), json!({"trials": [other]}).to_string());
     assert_eq!(problem(refused).0, 409);
-    // What was measured can be had: as JSON in pages, and as the files that go together.
+    // Trials can be downloaded as JSON pages and as files.
     let mut seen = Vec::new();
     let mut next = String::new();
     loop {
@@ -413,8 +417,8 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
     assert_eq!(problem(server.client.get(format!("{}/v1/jobs/{job}/trials?format=xml", server.url))).0, 422);
 }
 
-/// Every round says what it proposed and why, and what was known then; the last one what the report says.
-fn rounds_tell_the_course(server: &Process, job: &str, report: &Value) {
+/// Checks that each round has proposals, reasons and estimates, and that the last equals the report.
+fn check_rounds(server: &Process, job: &str, report: &Value) {
     let path = format!("/v1/iplw/{job}/rounds");
     let whole = server.get(&path);
     assert_eq!(
@@ -443,7 +447,7 @@ fn rounds_tell_the_course(server: &Process, job: &str, report: &Value) {
 }
 
 #[test]
-fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
+fn rejects_malformed_trials_without_storing_anything() {
     let directory = tempfile::tempdir().unwrap();
     let server = Process::start(directory.path());
     let body = json!({"task": "basketball", "real": "ask_tell", "rounds": 2, "actions": 3, "samples": 24});
@@ -514,8 +518,8 @@ fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
         (format!("{head}0,0,bal,1,1\n"), "\"ball\"", "body"),
         (format!("{head}0,0,ball,1,1\nx,0,ball,1,1\n"), "number of a proposal", "trial"),
         (format!("{head}9,0,ball,1,1\n"), "0 to 2", "trial"),
-        (format!("{head}0,1,ball,1,1\n"), "let go", "trial 0: t"),
-        (format!("{head}0,-1,ball,1,1\n"), "let go", "trial 0: t"),
+        (format!("{head}0,1,ball,1,1\n"), "since the start", "trial 0: t"),
+        (format!("{head}0,-1,ball,1,1\n"), "since the start", "trial 0: t"),
         (format!("{head}0,0,ball,,\n"), "without any position", "trial 0"),
     ];
     for (csv, words, field) in files {
@@ -537,7 +541,7 @@ fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
         proposals()["proposals"].as_array().unwrap().iter().all(|p| p["answered"] == false),
         "nothing was kept"
     );
-    // Told, told again, told otherwise, told to take the other.
+    // Submit, repeat, submit differently, replace.
     server.post(&path, &json!({"trials": [good]}), 200);
     server.post(&path, &json!({"trials": [good]}), 200);
     let mut other = good.clone();
@@ -546,12 +550,12 @@ fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
     assert_eq!(proposals()["proposals"][1]["answered"], false, "all of a request or nothing");
     assert_eq!(problem(server.request(&path, json!({"failed": [0]}).to_string())).0, 409);
     server.post(&path, &json!({"trials": [other], "replace": true}), 200);
-    // Closed with one answer: fitted on that.
+    // Closed with one trial: fitted on it.
     let told = server.post(&path, &json!({"round": 0, "close": true}), 200);
     assert_eq!(told, json!({"round": 0, "answered": 1, "failed": 2, "open": 0, "state": "queued"}));
     server.reach(&job, "waiting");
     assert_eq!(proposals()["round"], 1);
-    // A repeated close of the round before closes nothing, and a late answer to it is refused.
+    // A repeated close of the previous round has no effect, and a late trial is rejected.
     let told = server.post(&path, &json!({"trials": [other], "round": 0, "close": true}), 200);
     assert_eq!((&told["round"], &told["open"]), (&json!(1), &json!(3)));
     let late = json!({"trials": [{"proposal": 1, "t": [0.0], "bodies": {"ball": {"x": [1], "y": [1]}}}]});
@@ -563,7 +567,7 @@ fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
         (&json!(1), &json!("rounds"))
     );
     assert_eq!(problem(server.request(&path, json!({"close": true}).to_string())).0, 409);
-    // Jobs that ask nobody, and one that nobody answers.
+    // Jobs without ask-tell, and one without trials.
     let plain = id(&server.post(
         "/v1/iplw",
         &json!({"task": "basketball", "rounds": 1, "actions": 2, "samples": 8}),
@@ -582,7 +586,7 @@ fn malformed_answers_are_refused_by_name_and_nothing_of_them_is_kept() {
 }
 
 #[test]
-fn pages_stay_in_step_while_items_come_and_go() {
+fn pagination_is_stable_under_changes() {
     let directory = tempfile::tempdir().unwrap();
     let server = Process::start(directory.path());
     let make = || id(&server.post("/v1/worlds", &json!({"task": "bowling:000"}), 201));
@@ -597,7 +601,7 @@ fn pages_stay_in_step_while_items_come_and_go() {
         let Some(next) = list["next"].as_str() else { break };
         cursor = format!("&cursor={next}");
         if page == 0 {
-            // Gone before its turn, the last one seen gone, and a new one after all.
+            // Delete one ahead, delete the last one listed, and create a new one.
             for id in [&gone, seen.last().unwrap()] {
                 server.client.delete(format!("{}/v1/worlds/{id}", server.url)).send().unwrap();
             }
@@ -609,7 +613,7 @@ fn pages_stay_in_step_while_items_come_and_go() {
     wanted.extend(all);
     wanted.sort();
     assert_eq!(seen, wanted, "each once, in order");
-    // The other lists go by the same rule.
+    // The same holds for the other lists.
     let ids: Vec<Value> = (0..3).map(|_| json!({"task": "basketball", "real": "ask_tell"})).collect();
     ids.iter().for_each(|body| drop(server.post("/v1/iplw", body, 202)));
     let first = server.get("/v1/jobs?limit=2");
@@ -627,7 +631,7 @@ fn pages_stay_in_step_while_items_come_and_go() {
 }
 
 #[test]
-fn a_request_repeated_under_its_key_acts_once() {
+fn repeated_idempotency_keys_act_once() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Process::start(directory.path());
     let world = json!({"task": "basketball", "kind": "real", "seed": 1});
@@ -646,7 +650,7 @@ fn a_request_repeated_under_its_key_acts_once() {
         .collect();
     for restarted in [false, true] {
         if restarted {
-            server = again(server, directory.path());
+            server = restart(server, directory.path());
         }
         for (path, key, body, (status, place, replayed, text)) in &made {
             assert!(!replayed);
@@ -663,7 +667,7 @@ fn a_request_repeated_under_its_key_acts_once() {
     }
     assert_eq!(server.get("/v1/worlds")["worlds"].as_array().unwrap().len(), 5);
     assert_eq!(server.get("/v1/jobs")["jobs"].as_array().unwrap().len(), 2);
-    // What was refused may be asked again under the same key once it is right.
+    // A rejected request can be corrected under the same key.
     assert_eq!(send(&server, "/v1/worlds", "d", &json!({"task": "curling"})).status(), 404);
     assert_eq!(send(&server, "/v1/worlds", "d", &json!({"task": "bowling"})).status(), 201);
     for key in ["", "two words", &"x".repeat(256)] {
@@ -671,7 +675,7 @@ fn a_request_repeated_under_its_key_acts_once() {
             problem(server.request("/v1/worlds", world.to_string()).header("Idempotency-Key", key));
         assert_eq!((status, field.as_str()), (422, "Idempotency-Key"));
     }
-    // The last answer of a round again, after the round is over.
+    // Repeat the last submission of a round after it is fitted.
     let id = serde_json::from_str::<Value>(&made[1].3.3).unwrap()["id"].as_str().unwrap().to_string();
     server.reach(&id, "waiting");
     let path = format!("/v1/iplw/{id}/trials");

@@ -1,4 +1,4 @@
-//! HTTP encrypted: a client that trusts the authority, one that does not, and a certificate renewed under way.
+//! HTTPS: trusting and non-trusting clients, and certificate renewal at run time.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -15,7 +15,7 @@ fn of(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/serving/tls").join(name)
 }
 
-/// The certificate that is shown, and the answer to a plain request.
+/// The presented certificate, and the response to a request.
 fn ask(address: &str, trusted: &Path) -> Result<(Vec<u8>, String), std::io::Error> {
     let mut roots = RootCertStore::empty();
     roots.add(CertificateDer::from_pem_file(trusted).unwrap()).unwrap();
@@ -33,7 +33,7 @@ fn ask(address: &str, trusted: &Path) -> Result<(Vec<u8>, String), std::io::Erro
     Ok((connection.peer_certificates().unwrap()[0].to_vec(), answer))
 }
 
-/// A server of its own, killed when dropped.
+/// A server process, killed on drop.
 struct Program(Child);
 
 impl Drop for Program {
@@ -57,11 +57,11 @@ fn start(certificate: &Path, key: &Path) -> (Program, String) {
 }
 
 #[test]
-fn an_encrypted_server_is_spoken_to_by_who_trusts_it() {
+fn serves_clients_that_trust_its_certificate() {
     let (_server, address) = start(&of("cert.pem"), &of("key.pem"));
     let (_, answer) = ask(&address, &of("ca.pem")).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200 OK") && answer.contains("\"ready\""), "{answer}");
-    // Not by who trusts somebody else, nor in clear.
+    // Neither with another authority nor without TLS.
     assert!(ask(&address, &of("cert.pem")).is_err());
     let mut clear = TcpStream::connect(&address).unwrap();
     clear.write_all(b"GET /readyz HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
@@ -71,7 +71,7 @@ fn an_encrypted_server_is_spoken_to_by_who_trusts_it() {
 }
 
 #[test]
-fn a_renewed_certificate_is_shown_after_sighup_and_a_bad_one_is_not() {
+fn reloads_valid_certificates_on_sighup() {
     let place = tempfile::tempdir().unwrap();
     let (certificate, key) = (place.path().join("cert.pem"), place.path().join("key.pem"));
     let put = |from: &str, key_from: &str| {
@@ -100,7 +100,7 @@ fn a_renewed_certificate_is_shown_after_sighup_and_a_bad_one_is_not() {
 }
 
 #[test]
-fn certificates_that_cannot_be_are_refused_by_name() {
+fn rejects_invalid_certificates_by_name() {
     let place = tempfile::tempdir().unwrap();
     let refused = |certificate: &Path, key: &Path, wanted: &str| {
         let tried = Command::new(env!("CARGO_BIN_EXE_iplw"))

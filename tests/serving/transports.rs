@@ -1,4 +1,4 @@
-//! One script, every way to ask: equal answers to the bit; batches are single steps; nothing a client sends ends the
+//! One script over every transport gives bit-identical responses; batches equal single steps; no input crashes the
 //! server.
 
 use std::collections::BTreeSet;
@@ -8,21 +8,22 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use iplw::budget::Endless;
+use iplw::budget::Unlimited;
 use iplw::serve::{ServeConfig, Server};
 use iplw::session::{
-    Action, Autoreset, Batch, Catalogue, Kind, Reset, TaskSet, World, WorldConfig, reset_many, step_many,
+    Action, Autoreset, Catalogue, Reset, RolloutRequest, TaskSet, World, WorldConfig, WorldKind, reset_many,
+    step_many,
 };
 use iplw::world::{Engine, Latents};
 use rmpv::Value as Packed;
 use serde_json::{Value, json};
 use zeromq::{DealerSocket, Socket, SocketRecv, SocketSend, ZmqMessage};
 
-/// Batches against single steps; needs no server.
+/// Batches compared with single steps, without a server.
 mod batches {
     use super::*;
 
-    fn worlds(kind: Kind, n: u64, noise: f64) -> Vec<Arc<World>> {
+    fn worlds(kind: WorldKind, n: u64, noise: f64) -> Vec<Arc<World>> {
         let catalogue = Catalogue::new();
         (0..n)
             .map(|seed| {
@@ -33,8 +34,8 @@ mod batches {
     }
 
     #[test]
-    fn a_large_batch_is_its_single_steps_to_the_bit() {
-        for (kind, n, noise) in [(Kind::Sim, 70, 0.0), (Kind::Real, 20, 0.01)] {
+    fn large_batches_equal_single_steps_to_the_bit() {
+        for (kind, n, noise) in [(WorldKind::Sim, 70, 0.0), (WorldKind::Real, 20, 0.01)] {
             let (batch, single) = (worlds(kind, n, noise), worlds(kind, n, noise));
             let actions: Vec<Action> = (0..n).map(|i| Action::Index(i * 37)).collect();
             for round in 0..2 {
@@ -42,11 +43,11 @@ mod batches {
                 for (world, start) in single.iter().zip(&starts) {
                     assert_eq!(world.reset(&Reset::default()).unwrap(), *start.as_ref().unwrap());
                 }
-                let turned = step_many(&batch, &actions, Autoreset::Disabled, None, &Endless).unwrap();
+                let turned = step_many(&batch, &actions, Autoreset::Disabled, None, &Unlimited).unwrap();
                 let valid = turned.iter().filter(|t| t.step.as_ref().unwrap().invalid.is_none()).count();
                 assert!(valid > n as usize / 3, "{valid} of {n} show too little");
                 for ((world, action), one) in single.iter().zip(&actions).zip(turned) {
-                    assert_eq!(world.step(action, &Endless).unwrap(), one.step.unwrap(), "round {round}");
+                    assert_eq!(world.step(action, &Unlimited).unwrap(), one.step.unwrap(), "round {round}");
                     assert_eq!(one.start, None);
                 }
             }
@@ -54,63 +55,64 @@ mod batches {
     }
 
     #[test]
-    fn worlds_reset_themselves_when_they_are_to() {
+    fn autoreset_follows_its_mode() {
         let (next, same, single) =
-            (worlds(Kind::Sim, 8, 0.0), worlds(Kind::Sim, 8, 0.0), worlds(Kind::Sim, 8, 0.0));
+            (worlds(WorldKind::Sim, 8, 0.0), worlds(WorldKind::Sim, 8, 0.0), worlds(WorldKind::Sim, 8, 0.0));
         let first = vec![Some(Reset::default()); 8];
         for worlds in [&next, &same, &single] {
             reset_many(worlds, &first).unwrap();
         }
         let actions: Vec<Action> = (0..8).map(|i| Action::Index(100 + i)).collect();
-        let steps: Vec<_> = single.iter().zip(&actions).map(|(w, a)| w.step(a, &Endless).unwrap()).collect();
+        let steps: Vec<_> =
+            single.iter().zip(&actions).map(|(w, a)| w.step(a, &Unlimited).unwrap()).collect();
         let again: Vec<_> = single
             .iter()
             .zip(&steps)
             .map(|(w, s)| s.terminated.then(|| w.reset(&Reset::default()).unwrap()))
             .collect();
         assert!(again.iter().flatten().count() > 1);
-        let turned = step_many(&same, &actions, Autoreset::SameStep, None, &Endless).unwrap();
+        let turned = step_many(&same, &actions, Autoreset::SameStep, None, &Unlimited).unwrap();
         for ((one, step), start) in turned.iter().zip(&steps).zip(&again) {
             assert_eq!((one.step.as_ref(), &one.start), (Some(step), start));
         }
-        let turned = step_many(&next, &actions, Autoreset::NextStep, None, &Endless).unwrap();
+        let turned = step_many(&next, &actions, Autoreset::NextStep, None, &Unlimited).unwrap();
         assert!(
             turned
                 .iter()
                 .zip(&steps)
                 .all(|(one, step)| one.step.as_ref() == Some(step) && one.start.is_none())
         );
-        // An action that would be refused is ignored where the world is to be reset.
+        // An invalid action is ignored if the world is reset in this step.
         let any: Vec<Action> = again
             .iter()
             .map(|a| if a.is_some() { Action::Index(u64::MAX) } else { Action::Index(5) })
             .collect();
-        let turned = step_many(&next, &any, Autoreset::NextStep, None, &Endless).unwrap();
+        let turned = step_many(&next, &any, Autoreset::NextStep, None, &Unlimited).unwrap();
         for (one, start) in turned.iter().zip(&again) {
             assert_eq!((&one.start, one.step.is_none()), (start, start.is_some()));
         }
         let ended = turned.iter().position(|t| t.step.as_ref().is_some_and(|s| s.terminated));
         if let Some(i) = ended {
             let refused =
-                step_many(&next, &actions, Autoreset::Disabled, None, &Endless).unwrap_err().to_string();
+                step_many(&next, &actions, Autoreset::Disabled, None, &Unlimited).unwrap_err().to_string();
             assert!(refused.contains(&format!("worlds[{i}]")), "{refused}");
         }
     }
 
     #[test]
-    fn a_batch_is_done_whole_or_not_at_all() {
+    fn batches_are_all_or_nothing() {
         let catalogue = Catalogue::new();
-        let mut all = worlds(Kind::Sim, 3, 0.0);
-        let poor = WorldConfig { budget: Some(1), ..config(&catalogue, "bowling", Kind::Real) };
+        let mut all = worlds(WorldKind::Sim, 3, 0.0);
+        let poor = WorldConfig { budget: Some(1), ..config(&catalogue, "bowling", WorldKind::Real) };
         all.push(Arc::new(World::new(poor).unwrap()));
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let good = placeable(&all[3]);
-        all[3].step(&good, &Endless).unwrap();
+        all[3].step(&good, &Unlimited).unwrap();
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let actions: Vec<Action> = all.iter().map(placeable).collect();
         let before: Vec<u64> = all.iter().map(|w| w.interactions()).collect();
         let refused = |actions: &[Action], worlds: &[Arc<World>]| {
-            step_many(worlds, actions, Autoreset::Disabled, None, &Endless).unwrap_err().to_string()
+            step_many(worlds, actions, Autoreset::Disabled, None, &Unlimited).unwrap_err().to_string()
         };
         let spent = refused(&actions, &all);
         assert!(spent.contains("worlds[3]") && spent.contains("budget"), "{spent}");
@@ -121,14 +123,14 @@ mod batches {
         assert!(said.contains("worlds[2]") && said.contains("worlds[0]"), "{said}");
         assert!(refused(&actions[..2], &all[..3]).contains("one for each world"));
         let mixed =
-            [all[0].clone(), Arc::new(World::new(config(&catalogue, "basketball", Kind::Sim)).unwrap())];
+            [all[0].clone(), Arc::new(World::new(config(&catalogue, "basketball", WorldKind::Sim)).unwrap())];
         assert!(refused(&actions[..2], &mixed).contains("worlds[1]"));
         let unknown =
             vec![None, Some(Reset { task: Some("bowling:999".into()), ..Reset::default() }), None, None];
         assert!(reset_many(&all, &unknown).unwrap_err().to_string().contains("tasks[1]"));
         assert_eq!(all.iter().map(|w| w.interactions()).collect::<Vec<_>>(), before);
-        // And every world still waits for its action.
-        assert!(step_many(&all[..3], &actions[..3], Autoreset::Disabled, None, &Endless).is_ok());
+        // Every world still waits for its action.
+        assert!(step_many(&all[..3], &actions[..3], Autoreset::Disabled, None, &Unlimited).is_ok());
     }
 
     /// An action that can be placed in the world's current task.
@@ -138,8 +140,8 @@ mod batches {
     }
 }
 
-/// A world's configuration with everything left to its family.
-fn config(catalogue: &Catalogue, family: &str, kind: Kind) -> WorldConfig {
+/// A world's configuration with the family's defaults.
+fn config(catalogue: &Catalogue, family: &str, kind: WorldKind) -> WorldConfig {
     WorldConfig {
         tasks: catalogue.family(family).unwrap(),
         kind,
@@ -153,7 +155,7 @@ fn config(catalogue: &Catalogue, family: &str, kind: Kind) -> WorldConfig {
     }
 }
 
-/// A server in this process, stopped when dropped.
+/// An in-process server, stopped on drop.
 struct Running {
     http: String,
     zmq: String,
@@ -205,7 +207,7 @@ impl Drop for Running {
     }
 }
 
-/// A way to ask: operation and arguments in, HTTP's status and body (or problem) out.
+/// A client: operation and arguments in, HTTP status and body (or problem) out.
 trait Ask {
     fn ask(&mut self, op: &str, args: Value) -> (u16, Value);
 
@@ -216,10 +218,10 @@ trait Ask {
     }
 }
 
-/// HTTP with JSON, or with msgpack, whose arrays may be raw.
+/// HTTP with JSON or msgpack, with or without binary arrays.
 struct Http<'a> {
     server: &'a Running,
-    /// The Accept header, if it is not JSON.
+    /// The Accept header, unless JSON.
     msgpack: Option<&'static str>,
 }
 
@@ -270,7 +272,7 @@ impl Ask for Http<'_> {
     }
 }
 
-/// A DEALER, by the crate's own client.
+/// A ZeroMQ DEALER of the `zeromq` crate.
 struct Zmq {
     runtime: tokio::runtime::Runtime,
     socket: DealerSocket,
@@ -306,9 +308,9 @@ impl Zmq {
         self.next
     }
 
-    /// The next answer: its id, and what it says.
+    /// The next response with its id.
     fn answer(&mut self) -> (Value, u16, Value) {
-        // An empty frame in front comes back where one was sent.
+        // An empty delimiter frame is echoed.
         let mut frames = self.receive().into_iter().skip_while(Vec::is_empty);
         let head = unpacked(rmpv::decode::read_value(&mut &frames.next().unwrap()[..]).unwrap());
         assert_eq!(head["v"], 1);
@@ -340,13 +342,13 @@ impl Ask for Zmq {
     }
 }
 
-/// The library itself.
+/// Direct calls of the library.
 struct Rust {
     catalogue: Catalogue,
     world: Option<World>,
 }
 
-/// The script: what a client does with one simulated and one real world.
+/// The script: a client's session with one simulated and one real world.
 fn episode(client: &mut dyn Ask) -> Vec<Value> {
     let mut said = Vec::new();
     for kind in ["sim", "real"] {
@@ -373,7 +375,7 @@ fn episode(client: &mut dyn Ask) -> Vec<Value> {
     said
 }
 
-/// What [`episode`] says of answers, in the words of the wire.
+/// Responses of [`episode`] in wire format.
 impl Ask for Rust {
     fn ask(&mut self, op: &str, args: Value) -> (u16, Value) {
         let action = |v: &Value| match v.as_u64() {
@@ -382,7 +384,7 @@ impl Ask for Rust {
         };
         let answer = match op {
             "create_world" => {
-                let kind = if args["kind"] == "sim" { Kind::Sim } else { Kind::Real };
+                let kind = if args["kind"] == "sim" { WorldKind::Sim } else { WorldKind::Real };
                 let config = WorldConfig { seed: 7, ..config(&self.catalogue, "bowling", kind) };
                 self.world = Some(World::new(config).unwrap());
                 json!({"id": "here"})
@@ -393,7 +395,7 @@ impl Ask for Rust {
                 json!({"observation": start.observation, "info": {"task": start.task, "split": start.split.name()}})
             }
             "step_world" => {
-                let step = self.world.as_ref().unwrap().step(&action(&args["action"]), &Endless).unwrap();
+                let step = self.world.as_ref().unwrap().step(&action(&args["action"]), &Unlimited).unwrap();
                 let mut info = json!({
                     "valid": step.invalid.is_none(), "solved": step.solved, "steps": step.steps, "task": step.task,
                     "interactions": step.interactions, "collisions": step.collisions,
@@ -421,14 +423,14 @@ impl Ask for Rust {
                 Value::Null
             }
             "rollout_world" => {
-                let batch = Batch {
+                let batch = RolloutRequest {
                     actions: args["actions"].as_array().unwrap().iter().map(action).collect(),
                     task: args["task"].as_str().map(String::from),
                     trajectories: false,
                     stop: true,
                     interventions: Vec::new(),
                 };
-                let rolled = self.world.as_ref().unwrap().rollout(&batch, &Endless).unwrap();
+                let rolled = self.world.as_ref().unwrap().rollout(&batch, &Unlimited).unwrap();
                 let result = |r: &Result<iplw::trajectory::Trajectory, String>| match r {
                     Ok(t) => json!({
                         "valid": true, "reason": null, "solved": t.outcome.solved, "steps": t.outcome.steps,
@@ -449,7 +451,7 @@ impl Ask for Rust {
 }
 
 #[test]
-fn one_episode_is_the_same_to_the_bit_whichever_way_it_is_asked_for() {
+fn episodes_are_bit_identical_over_all_transports() {
     let server = Running::start();
     let expected = episode(&mut Rust { catalogue: Catalogue::new(), world: None });
     assert!(expected.len() > 8);
@@ -463,7 +465,7 @@ fn one_episode_is_the_same_to_the_bit_whichever_way_it_is_asked_for() {
     for (name, mut way) in ways {
         let said = episode(&mut *way);
         for (i, (said, expected)) in said.iter().zip(&expected).enumerate() {
-            // Numbers are compared as they are printed: with all their digits.
+            // Numbers are compared as printed, with all digits.
             assert_eq!(said.to_string(), expected.to_string(), "{name}, answer {i}");
         }
         assert_eq!(said.len(), expected.len(), "{name}");
@@ -471,7 +473,7 @@ fn one_episode_is_the_same_to_the_bit_whichever_way_it_is_asked_for() {
 }
 
 #[test]
-fn batches_and_trajectories_are_the_same_whichever_way_they_are_asked_for() {
+fn batches_and_trajectories_agree_over_all_transports() {
     let server = Running::start();
     let script = |client: &mut dyn Ask| {
         let made = client.get("create_worlds", json!({"task": "basketball", "count": 5, "seed": 11}));
@@ -531,7 +533,7 @@ fn batches_and_trajectories_are_the_same_whichever_way_they_are_asked_for() {
 }
 
 #[test]
-fn every_operation_of_the_document_is_dispatched() {
+fn dispatches_every_documented_operation() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
@@ -540,7 +542,7 @@ fn every_operation_of_the_document_is_dispatched() {
     let named: BTreeSet<String> = methods.map(|o| o["operationId"].as_str().unwrap().to_string()).collect();
     let mut only_http = Vec::new();
     for name in &named {
-        // Whether there is such an operation, not whether these arguments suit it.
+        // Checks only that the operation exists, not its arguments.
         let (status, answer) = client.ask(name, json!({"no_such_argument": 1}));
         assert!((400..500).contains(&status), "{name}: {answer}");
         if answer["detail"].as_str().unwrap().contains("no operation named") {
@@ -554,7 +556,7 @@ fn every_operation_of_the_document_is_dispatched() {
 }
 
 #[test]
-fn an_array_stands_for_a_field_of_the_arguments() {
+fn binary_arrays_replace_argument_fields() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let ids = client.get("create_worlds", json!({"task": "bowling", "count": 2}))["worlds"].clone();
@@ -564,7 +566,7 @@ fn an_array_stands_for_a_field_of_the_arguments() {
     let numbers: Vec<u8> = [0.5f32, 0.25, 0.75, 0.0, 1.0, 0.5].iter().flat_map(|x| x.to_le_bytes()).collect();
     let header = json!({"v": 1, "id": "me", "op": "rollout_world", "args": {"id": ids[0]},
                         "arrays": [{"name": "actions", "dtype": "<f4", "shape": [2, 3]}]});
-    // A REQ puts an empty frame in front, and gets one back.
+    // A REQ socket adds an empty delimiter frame and expects one back.
     client.send(vec![vec![], packed(&header), numbers.clone()]);
     let mut frames = client.receive();
     assert!(frames.remove(0).is_empty());
@@ -584,7 +586,7 @@ fn an_array_stands_for_a_field_of_the_arguments() {
         server.client.post(url).header("content-type", "application/msgpack").body(bytes).send().unwrap();
     let answer: Value = serde_json::from_str(&sent.text().unwrap()).unwrap();
     assert_eq!(answer["results"], lists["results"]);
-    // Bytes go and come as arrays.
+    // Binary data are sent and received as arrays.
     let drawn =
         json!({"id": "bowling-sim", "action": [0.1, 0.9, 0.2], "task": "bowling:000", "format": "svg"});
     let drawn = client.get("render_world", drawn);
@@ -592,7 +594,7 @@ fn an_array_stands_for_a_field_of_the_arguments() {
 }
 
 #[test]
-fn repeated_requests_are_answered_once() {
+fn repeated_requests_act_once() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let request = |id: u64, count: u64| {
@@ -611,17 +613,17 @@ fn repeated_requests_are_answered_once() {
     assert_eq!(worlds["worlds"].as_array().unwrap().len(), 4 + 3);
 }
 
-/// Work of a fraction of a second at least: many rollouts.
+/// Work of at least a fraction of a second: many rollouts.
 fn long(world: &str) -> Value {
     json!({"id": world, "actions": (0..600).map(|i| i * 7).collect::<Vec<u64>>(), "task": "bowling:001"})
 }
 
 #[test]
-fn busy_workers_still_answer_pings_and_what_is_cancelled_is_let_go() {
+fn busy_workers_answer_pings_and_drop_cancelled_requests() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let first = client.request("rollout_world", long("bowling-sim"));
-    // In line behind it: not begun.
+    // Queued behind it and not started.
     let second = client.request("rollout_world", long("bowling-sim"));
     let ping = client.request("ping", json!({}));
     assert_eq!(client.answer(), (ping.into(), 200, json!({"pong": true})));
@@ -641,7 +643,7 @@ fn busy_workers_still_answer_pings_and_what_is_cancelled_is_let_go() {
 }
 
 #[test]
-fn more_than_is_taken_at_a_time_is_told_to_come_back() {
+fn rejects_excess_requests_as_busy() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     for _ in 0..200 {
@@ -657,7 +659,7 @@ fn more_than_is_taken_at_a_time_is_told_to_come_back() {
         answers.iter().filter(|a| a.1 == 429 && a.2["type"].as_str().unwrap().ends_with("/busy")).count();
     let done = answers.iter().filter(|a| a.1 == 200).count();
     assert!(done >= 128 && busy >= 1 && done + busy == 200, "{done} done, {busy} busy");
-    // Carried out in order of arrival, as they name one world: the counter only rises, in whatever order answers come.
+    // Requests to one world run in order of arrival, in whatever order the responses come: the counter only rises.
     let mut done: Vec<_> =
         answers.iter().filter_map(|a| Some((a.0.as_u64()?, a.2["interactions"].as_u64()?))).collect();
     done.sort_unstable();
@@ -665,7 +667,7 @@ fn more_than_is_taken_at_a_time_is_told_to_come_back() {
 }
 
 #[test]
-fn nothing_that_is_sent_ends_the_server() {
+fn no_input_crashes_the_server() {
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let bad: Vec<(Vec<Vec<u8>>, bool)> = vec![
@@ -760,7 +762,7 @@ fn nothing_that_is_sent_ends_the_server() {
         drop(stream);
     }
     assert_eq!(client.get("healthz", json!({}))["status"], "ok");
-    // A heartbeat of the protocol's own is answered.
+    // ZMTP heartbeats are answered.
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     stream.write_all(&[&greeting[..], ready, b"\x04\x09\x04PING\x00\x00hi"].concat()).unwrap();
@@ -774,7 +776,7 @@ fn nothing_that_is_sent_ends_the_server() {
 }
 
 #[test]
-fn a_stopping_server_ends_what_is_under_way_and_a_new_one_is_found_again() {
+fn graceful_shutdown_finishes_requests_and_clients_reconnect() {
     let directory = tempfile::tempdir().unwrap();
     let address = format!("ipc://{}", directory.path().join("iplw.sock").display());
     let mut server = Running::at(&address);
@@ -799,7 +801,7 @@ fn a_stopping_server_ends_what_is_under_way_and_a_new_one_is_found_again() {
 }
 
 impl Zmq {
-    /// A round trip, so that what was sent before has arrived.
+    /// A round trip, which ensures that earlier messages have arrived.
     fn ask_nothing(&mut self) {
         let ping = self.request("ping", json!({}));
         assert_eq!(self.answer().0, ping);
@@ -807,7 +809,7 @@ impl Zmq {
 }
 
 #[test]
-fn addresses_that_are_none_or_taken_are_refused() {
+fn rejects_invalid_and_occupied_addresses() {
     let taken = Running::start();
     let runtime = tokio::runtime::Runtime::new().unwrap();
     for (address, says) in [
@@ -815,7 +817,7 @@ fn addresses_that_are_none_or_taken_are_refused() {
         ("udp://127.0.0.1:1", "--zmq"),
         ("tcp://127.0.0.1:99999", "--zmq"),
         ("ipc://", "--zmq"),
-        (taken.zmq.as_str(), "cannot listen there"),
+        (taken.zmq.as_str(), "cannot listen on this address"),
     ] {
         let http = "127.0.0.1:0".parse().unwrap();
         let config = ServeConfig { http, zmq: Some(address.into()), ..ServeConfig::default() };
@@ -825,8 +827,8 @@ fn addresses_that_are_none_or_taken_are_refused() {
 }
 
 #[test]
-fn a_light_world_is_stepped_on_the_spot() {
-    // Not a matter of time, which a test cannot rely on, but of being right: two steps of a falling ball.
+fn light_worlds_step_inline() {
+    // Checks the result, since timing is unreliable in tests: two steps of a falling ball.
     let scene = json!({
         "format": "iplw.scene/1", "name": "drop", "gravity": [0, -10], "time_step": 0.1, "steps": 2,
         "observe_every": 1,
@@ -838,9 +840,9 @@ fn a_light_world_is_stepped_on_the_spot() {
     let parsed = serde_json::from_value(scene.clone()).unwrap();
     let tasks = TaskSet::custom(parsed).unwrap();
     let catalogue = Catalogue::new();
-    let world = World::new(WorldConfig { tasks, ..config(&catalogue, "bowling", Kind::Sim) }).unwrap();
-    assert!(world.is_light());
-    assert!(!World::new(config(&catalogue, "bowling", Kind::Sim)).unwrap().is_light());
+    let world = World::new(WorldConfig { tasks, ..config(&catalogue, "bowling", WorldKind::Sim) }).unwrap();
+    assert!(world.runs_inline());
+    assert!(!World::new(config(&catalogue, "bowling", WorldKind::Sim)).unwrap().runs_inline());
     let server = Running::start();
     let mut client = Zmq::connect(&server.zmq, false);
     let id = client.get("create_world", json!({"scene": scene}))["id"].clone();
@@ -851,7 +853,7 @@ fn a_light_world_is_stepped_on_the_spot() {
     assert_eq!(client.ask("step_world", json!({"id": id, "action": [0.5, 0.5]})).0, 409);
 }
 
-/// JSON as msgpack.
+/// Converts JSON to msgpack.
 fn packed(value: &Value) -> Vec<u8> {
     fn convert(value: &Value) -> Packed {
         match value {
@@ -874,7 +876,7 @@ fn packed(value: &Value) -> Vec<u8> {
     bytes
 }
 
-/// msgpack as JSON, arrays as nested lists.
+/// Converts msgpack to JSON, with arrays as nested lists.
 fn unpacked(value: Packed) -> Value {
     match value {
         Packed::Nil => Value::Null,

@@ -1,4 +1,4 @@
-//! Worlds that are watched, and logs of jobs, over real sockets.
+//! Event streams of worlds, and logs of jobs, over real sockets.
 
 use std::io::{BufRead, BufReader, Lines};
 
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::http::{Running, problem};
 
-/// Server-sent events as they come: number, name, data.
+/// Server-sent events: number, name, data.
 struct Events(Lines<BufReader<Response>>);
 
 impl Events {
@@ -49,14 +49,14 @@ fn start() -> Running {
     Running::with(ServeConfig::default()).unwrap()
 }
 
-fn made(server: &Running, of: Value) -> String {
+fn create(server: &Running, of: Value) -> String {
     server.post("/v1/worlds", &of, 201)["id"].as_str().unwrap().to_string()
 }
 
 #[test]
-fn what_a_client_does_is_told_to_who_watches() {
+fn watchers_receive_clients_actions() {
     let server = start();
-    let world = made(&server, json!({"task": "bowling", "kind": "real", "budget": 9}));
+    let world = create(&server, json!({"task": "bowling", "kind": "real", "budget": 9}));
     let (action, path) =
         (server.get("/v1/tasks/bowling/0")["certificate"]["action"].clone(), format!("/v1/worlds/{world}"));
     let mut events = Events::of(&server, &world, None);
@@ -82,7 +82,7 @@ fn what_a_client_does_is_told_to_who_watches() {
         assert_eq!(done[field], step["info"][field], "{field}");
     }
     assert_eq!(done["action"], action);
-    // The film is what was observed, in single precision.
+    // The recording is the observed trajectory in single precision.
     let (film, whole) = (&told[3].2["film"], &rolled["results"][0]);
     assert_eq!(told[3].2["attempts"], json!({"tried": 1, "valid": 1, "solved": 1}));
     let numbers = |v: &Value| v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>();
@@ -92,7 +92,7 @@ fn what_a_client_does_is_told_to_who_watches() {
         assert!((drawn - seen).abs() < 1e-5 * seen.abs().max(1.0));
     }
     assert_eq!(numbers(&film["t"]).len(), numbers(&whole["t"]).len());
-    // Who lost the connection goes on; who begins is told all that is kept.
+    // A reconnecting watcher resumes; a new one gets all buffered events.
     let numbers =
         |after| -> Vec<u64> { Events::of(&server, &world, after).take(3).filter_map(|e| e.0).collect() };
     assert_eq!(numbers(Some(2)), [3, 4]);
@@ -104,7 +104,7 @@ fn what_a_client_does_is_told_to_who_watches() {
 }
 
 #[test]
-fn a_watch_is_no_use_and_a_job_in_a_shared_world_is_told_in_numbers() {
+fn watching_does_not_count_as_use_and_jobs_appear_as_counts() {
     let server = start();
     let mut events = Events::of(&server, "bowling-real", None);
     events.next().unwrap();
@@ -117,7 +117,7 @@ fn a_watch_is_no_use_and_a_job_in_a_shared_world_is_told_in_numbers() {
             && told.get("film").is_none()
             && told.get("action").is_none()
     );
-    let sim = made(&server, json!({"task": "bowling"}));
+    let sim = create(&server, json!({"task": "bowling"}));
     let mut events = Events::of(&server, &sim, None);
     events.next().unwrap();
     server.post(&format!("/v1/worlds/{sim}/set_latents"), &json!({"friction": 0.25}), 200);
@@ -135,14 +135,14 @@ fn a_watch_is_no_use_and_a_job_in_a_shared_world_is_told_in_numbers() {
 }
 
 #[test]
-fn worlds_are_listed_by_their_last_use() {
+fn lists_worlds_by_last_use() {
     let server = start();
     let body = json!({"task": "bowling", "count": 30});
-    let made: Vec<String> =
+    let create: Vec<String> =
         serde_json::from_value(server.post("/v1/batch/worlds", &body, 201)["worlds"].clone()).unwrap();
-    server.get(&format!("/v1/worlds/{}", made[7]));
+    server.get(&format!("/v1/worlds/{}", create[7]));
     let page = server.get("/v1/worlds?order=used&limit=10");
-    assert_eq!(page["worlds"][0]["id"], made[7].as_str());
+    assert_eq!(page["worlds"][0]["id"], create[7].as_str());
     assert_eq!((&page["worlds"][0]["owner"], &page["worlds"][0]["idle_s"]), (&Value::Null, &json!(0)));
     let mut all: Vec<String> = Vec::new();
     let mut cursor = String::new();
@@ -160,7 +160,7 @@ fn worlds_are_listed_by_their_last_use() {
 }
 
 #[test]
-fn a_jobs_log_is_read_in_pages_and_survives() {
+fn job_logs_are_paged_and_survive_a_restart() {
     let place = tempfile::tempdir().unwrap();
     let config = || ServeConfig { data_dir: Some(place.path().into()), ..ServeConfig::default() };
     let server = Running::with(config()).unwrap();
@@ -170,7 +170,7 @@ fn a_jobs_log_is_read_in_pages_and_survives() {
     let whole = server.get(&path);
     let lines = whole["lines"].as_array().unwrap().clone();
     let text = |line: &Value| line["text"].as_str().unwrap().to_string();
-    assert_eq!((text(&lines[0]), text(&lines[1])), ("queued".into(), "begun".into()));
+    assert_eq!((text(&lines[0]), text(&lines[1])), ("queued".into(), "started".into()));
     assert_eq!(text(lines.last().unwrap()), "succeeded");
     assert!(lines.iter().any(|l| text(l).contains("measuring the real world")), "{whole}");
     assert!(lines.iter().all(|l| l["at"].as_f64() > Some(1.6e9) && l["level"] == "info"));

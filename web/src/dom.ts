@@ -10,7 +10,7 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   attributes: Attributes = {},
   ...children: Child[]
 ): HTMLElementTagNameMap[K] {
-  return filled(document.createElement(tag), attributes, children);
+  return build(document.createElement(tag), attributes, children);
 }
 
 /** An SVG element with its attributes and children. */
@@ -19,7 +19,7 @@ export function s<K extends keyof SVGElementTagNameMap>(
   attributes: Attributes = {},
   ...children: Child[]
 ): SVGElementTagNameMap[K] {
-  return filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
+  return build(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
 /** Sets attributes of an element; `null` and `false` take them away. */
@@ -39,18 +39,18 @@ export function put<E extends Element>(element: E, ...children: Child[]): E {
   return element;
 }
 
-let named = 0;
+let idCount = 0;
 
 /** An id that no other element of the page has. */
-export function fresh(stem: string): string {
-  named += 1;
-  return `${stem}-${named}`;
+export function uniqueId(stem: string): string {
+  idCount += 1;
+  return `${stem}-${idCount}`;
 }
 
 /** What must be set as a property, since the attribute is only its start. */
 const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "selected", "open"]);
 
-function filled<E extends Element>(element: E, attributes: Attributes, children: Child[]): E {
+function build<E extends Element>(element: E, attributes: Attributes, children: Child[]): E {
   return put(set(element, attributes), ...children);
 }
 

@@ -1,12 +1,12 @@
 // What stands around every view: navigation, banner, sign-in, errors; and which view is open.
 
 import { unauthorized } from "./api/client";
-import { back, isLost, watch } from "./api/connection";
-import { told, ProblemError } from "./api/problem";
+import { reconnected, isLost, onConnectionChange } from "./api/connection";
+import { describeError, ProblemError } from "./api/problem";
 import { h, put, set } from "./dom";
 import { signedIn, signIn, signOut } from "./signin";
-import { seen, toggle } from "./theme";
-import { link, parsed, type View } from "./view";
+import { currentTheme, toggleTheme } from "./theme";
+import { link, parseAddress, type View } from "./view";
 
 /** Builds the page and opens the view of the address. */
 export function start(views: readonly View[]): void {
@@ -19,7 +19,7 @@ export function start(views: readonly View[]): void {
     open(views, parts, leave.signal);
   };
   addEventListener("hashchange", show);
-  watch((lost) => (parts.banner.hidden = !lost));
+  onConnectionChange((lost) => (parts.banner.hidden = !lost));
   parts.banner.hidden = !isLost();
   unauthorized.addEventListener("needed", () => signIn(parts.main, show));
   signedIn((now) => (parts.out.hidden = !now));
@@ -48,13 +48,13 @@ function build(views: readonly View[]): Parts {
   const nav = h("nav", { "aria-label": "Views" }, h("ul", {}, ...items));
   const out = h("button", { type: "button", class: "quiet", hidden: true }, "Sign out");
   const theme = h("button", { type: "button", class: "quiet" });
-  const named = (): void => {
-    const other = seen() === "dark" ? "Light" : "Dark";
+  const updateLabel = (): void => {
+    const other = currentTheme() === "dark" ? "Light" : "Dark";
     put(set(theme, { "aria-label": `${other} theme` }), other);
   };
-  theme.addEventListener("click", () => (toggle(), named()));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", named);
-  named();
+  theme.addEventListener("click", () => (toggleTheme(), updateLabel()));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", updateLabel);
+  updateLabel();
   const docs = h("a", { href: "/docs/", class: "quiet" }, "API");
   const brand = h("a", { href: "#/", class: "brand" }, "iplw");
   const header = h("header", {}, brand, nav, h("div", { class: "tools" }, docs, theme, out));
@@ -76,27 +76,27 @@ function build(views: readonly View[]): Parts {
 }
 
 function open(views: readonly View[], parts: Parts, signal: AbortSignal): void {
-  const asked = parsed(location.hash);
-  const view = views.find((v) => v.id === asked.view) ?? views[0];
+  const address = parseAddress(location.hash);
+  const view = views.find((v) => v.id === address.view) ?? views[0];
   if (!view) return;
   for (const a of parts.nav.querySelectorAll("a")) {
     set(a, { "aria-current": a.dataset.view === view.id ? "page" : null });
   }
-  const moved = document.title !== "iplw" && !document.title.startsWith(view.title);
+  const navigated = document.title !== "iplw" && !document.title.startsWith(view.title);
   document.title = `${view.title} · iplw`;
   put(parts.heading, view.title);
   put(parts.about, view.about);
   put(parts.errors);
-  if (moved) parts.heading.focus();
+  if (navigated) parts.heading.focus();
   const fail = (error: unknown): void => {
     if (!signal.aborted) show(parts.errors, error);
   };
   const say = (text: string): void => void put(parts.status, text);
-  const run = async (): Promise<void> => view.open(put(parts.place), { ...asked, signal, fail, say });
+  const run = async (): Promise<void> => view.open(put(parts.place), { ...address, signal, fail, say });
   run().catch((error: unknown) => {
     fail(error);
     // Nothing was shown: opened anew when the server is back.
-    if (isLost()) void back().then(() => signal.aborted || open(views, parts, signal));
+    if (isLost()) void reconnected().then(() => signal.aborted || open(views, parts, signal));
   });
 }
 
@@ -106,7 +106,7 @@ function show(place: HTMLElement, error: unknown): void {
   if (error instanceof DOMException && error.name === "AbortError") return;
   // The sign-in says it.
   if (error instanceof ProblemError && error.problem.status === 401) return;
-  const { title, detail, field } = told(error);
+  const { title, detail, field } = describeError(error);
   const close = h("button", { type: "button", class: "quiet", "aria-label": "Close the message" }, "×");
   close.addEventListener("click", () => put(place));
   const text = h("p", {}, h("strong", {}, title), ": ", detail, field ? h("code", {}, ` ${field}`) : null);

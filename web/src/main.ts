@@ -1,7 +1,7 @@
 import { start } from "./frame";
 import "./style.css";
-import { restore } from "./theme";
+import { restoreTheme } from "./theme";
 import { VIEWS } from "./views";
 
-restore();
+restoreTheme();
 start(VIEWS);

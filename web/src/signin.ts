@@ -1,9 +1,9 @@
 // Signing in where the server has tokens: asked for when it answers 401.
 
 import { api, ok } from "./api/client";
-import { told } from "./api/problem";
-import { keep, token } from "./api/token";
-import { fresh, h, put } from "./dom";
+import { describeError } from "./api/problem";
+import { storeToken, token } from "./api/token";
+import { uniqueId, h, put } from "./dom";
 
 type Listener = (signedIn: boolean) => void;
 let listener: Listener = () => undefined;
@@ -16,14 +16,14 @@ export function signedIn(now: Listener): void {
 
 /** Forgets the token. */
 export function signOut(): void {
-  keep("");
+  storeToken("");
   listener(false);
 }
 
 /** Asks for a token in a dialogue, once; `then` goes on with it. */
 export function signIn(place: HTMLElement, then: () => void): void {
   if (place.querySelector("dialog.signin")) return;
-  const [id, hint] = [fresh("token"), fresh("hint")];
+  const [id, hint] = [uniqueId("token"), uniqueId("hint")];
   const input = h("input", {
     id,
     type: "password",
@@ -32,29 +32,29 @@ export function signIn(place: HTMLElement, then: () => void): void {
     required: true,
     "aria-describedby": hint,
   });
-  const said = h("p", { class: "error", role: "alert", hidden: true });
+  const message = h("p", { class: "error", role: "alert", hidden: true });
   const form = h(
     "form",
     {},
     h("h2", {}, "Sign in"),
     h("p", { id: hint }, "This server asks for a token. It is made by ", h("code", {}, "iplw token new NAME"), " and kept here until this tab is closed."),
-    said,
+    message,
     h("label", { for: id }, "Token"),
     input,
     h("button", { type: "submit", class: "main" }, "Sign in"),
   );
   const dialog = h("dialog", { class: "signin", "aria-label": "Sign in" }, form);
-  const refuse = (error: unknown): void => {
-    const { detail } = told(error);
-    said.hidden = false;
-    put(said, detail);
+  const reject = (error: unknown): void => {
+    const { detail } = describeError(error);
+    message.hidden = false;
+    put(message, detail);
     input.focus();
   };
-  if (token() !== null) said.hidden = false;
-  if (token() !== null) put(said, "The server does not know the token that was used: it is mistyped, revoked or has run out.");
+  if (token() !== null) message.hidden = false;
+  if (token() !== null) put(message, "The server does not know the token that was used: it is mistyped, revoked or has run out.");
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    keep(input.value.trim());
+    storeToken(input.value.trim());
     ok(api.GET("/v1/tasks"))
       .then(() => {
         listener(true);
@@ -63,9 +63,9 @@ export function signIn(place: HTMLElement, then: () => void): void {
         then();
       })
       .catch((error: unknown) => {
-        keep("");
+        storeToken("");
         listener(false);
-        refuse(error);
+        reject(error);
       });
   });
   // Without a token there is nothing to see.

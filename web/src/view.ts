@@ -29,18 +29,18 @@ export interface View {
 /** The address of a view: `link("jobs", "job-3")` is `#/jobs/job-3`. */
 export function link(view: string, rest: string[] = [], query: Record<string, string> = {}): string {
   const parts = [view, ...rest].map(encodeURIComponent).join("/");
-  const asked = new URLSearchParams(query).toString();
-  return `#/${parts}${asked ? `?${asked}` : ""}`;
+  const search = new URLSearchParams(query).toString();
+  return `#/${parts}${search ? `?${search}` : ""}`;
 }
 
 /** What an address asks for. */
-export function parsed(hash: string): { view: string; rest: string[]; query: URLSearchParams } {
-  const [path = "", asked = ""] = hash.replace(/^#\/?/, "").split("?", 2);
-  const [view = "", ...rest] = path.split("/").filter(Boolean).map(unescaped);
-  return { view, rest, query: new URLSearchParams(asked) };
+export function parseAddress(hash: string): { view: string; rest: string[]; query: URLSearchParams } {
+  const [path = "", search = ""] = hash.replace(/^#\/?/, "").split("?", 2);
+  const [view = "", ...rest] = path.split("/").filter(Boolean).map(decode);
+  return { view, rest, query: new URLSearchParams(search) };
 }
 
-function unescaped(text: string): string {
+function decode(text: string): string {
   try {
     return decodeURIComponent(text);
   } catch {

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { span } from "../src/parts/bands";
+import { span } from "../src/parts/bandPlot";
 import type { Film } from "../src/scene/film";
 import { physics } from "../src/views/calibrate/course";
 import { seen } from "../src/views/calibrate/findings";

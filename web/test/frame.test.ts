@@ -1,20 +1,20 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { parsed as event, events } from "../src/api/events";
-import { told, ProblemError } from "../src/api/problem";
-import { link, parsed } from "../src/view";
+import { parseEvent as event, events } from "../src/api/events";
+import { describeError, ProblemError } from "../src/api/problem";
+import { link, parseAddress } from "../src/view";
 
 test("addresses go there and back", () => {
   assert.equal(link("jobs", ["job 3"], { state: "failed" }), "#/jobs/job%203?state=failed");
-  const read = parsed("#/jobs/job%203?state=failed");
+  const read = parseAddress("#/jobs/job%203?state=failed");
   assert.deepEqual([read.view, read.rest, read.query.get("state")], ["jobs", ["job 3"], "failed"]);
-  for (const hash of ["", "#", "#/", "#//"]) assert.equal(parsed(hash).view, "");
-  assert.deepEqual(parsed("#/a/%").rest, ["%"]);
+  for (const hash of ["", "#", "#/", "#//"]) assert.equal(parseAddress(hash).view, "");
+  assert.deepEqual(parseAddress("#/a/%").rest, ["%"]);
 });
 
 test("problems are told with their field", () => {
   const problem = { type: "https://iplw.dev/problems/capacity", title: "No room", status: 429, detail: "8 jobs wait" };
-  const { title, detail, field } = told(new ProblemError({ ...problem, field: "task" }, 3));
+  const { title, detail, field } = describeError(new ProblemError({ ...problem, field: "task" }, 3));
   assert.equal(detail, "8 jobs wait. Try again in 3 s.");
   assert.equal(field, "task");
   assert.match(title, /too much/);

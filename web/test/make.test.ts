@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Body, Point, Scene } from "../src/scene/types";
-import { corners } from "../src/scene/view";
+import { corners } from "../src/scene/extent";
 import { changed, filled, grounded, placeOf, put, started, undone } from "../src/views/make/desk";
 import { spread } from "../src/views/make/film";
 import { written } from "../src/views/make/form";

@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { ticks } from "../src/parts/curve";
+import { ticks } from "../src/parts/timePlot";
 import { latest } from "../src/parts/latest";
-import { at, distance, type Film, way } from "../src/scene/film";
-import { placed, share, value } from "../src/scene/place";
+import { posesAt, distanceOverTime, type Film, pathUntil } from "../src/scene/film";
+import { applyAction, share, valueAt } from "../src/scene/action";
 import type { Scene } from "../src/scene/types";
-import { halfPlane, seen } from "../src/scene/view";
+import { halfPlane, sceneExtent } from "../src/scene/extent";
 
 const scene: Scene = {
   format: "iplw.scene/1",
@@ -25,18 +25,18 @@ function film(t: number[], y: (t: number) => number): Film {
 }
 
 test("an action sets what its components name, and leaves the scene as it was", () => {
-  const done = placed(scene, [0.25, 0.9, 1]);
+  const done = applyAction(scene, [0.25, 0.9, 1]);
   assert.deepEqual(done.bodies[0]!.position, [2.5, 5]);
   assert.deepEqual(done.bodies[0]!.shape, { type: "disc", radius: 1.5 });
   assert.equal(scene.bodies[0]!.position, undefined);
   const x = scene.action!.components[0]!;
-  assert.equal(share(x, value(x, 0.3)), 0.3);
+  assert.equal(share(x, valueAt(x, 0.3)), 0.3);
   assert.equal(share(x, 99), 1);
   assert.equal(share(scene.action!.components[1]!, 5), 0);
 });
 
 test("a picture shows bodies, and long floors no further than near them", () => {
-  const [left, bottom, right, top] = seen(scene);
+  const [left, bottom, right, top] = sceneExtent(scene);
   assert.ok(left > -5 && right < 10, `${left} to ${right}`);
   assert.ok(bottom <= 0 && top >= 4, `${bottom} to ${top}`);
   assert.deepEqual(halfPlane([0, 1], 0, [-1, -1, 1, 1]), [[-1, -1], [1, -1], [1, 0], [-1, 0]]);
@@ -45,16 +45,16 @@ test("a picture shows bodies, and long floors no further than near them", () => 
 
 test("films wait before their start and after their end, and pass through their samples", () => {
   const fall = film([0, 0.25, 0.5], (t) => 1 - 4 * t * t);
-  for (const t of [0, 0.25, 0.5]) assert.ok(Math.abs(at(fall, t).get("red")!.y - (1 - 4 * t * t)) < 1e-12);
-  assert.equal(at(fall, -1).get("red")!.y, 1);
-  assert.equal(at(fall, 9).get("red")!.x, 1);
-  assert.equal(way(fall, "red", 0.3).length, 3);
+  for (const t of [0, 0.25, 0.5]) assert.ok(Math.abs(posesAt(fall, t).get("red")!.y - (1 - 4 * t * t)) < 1e-12);
+  assert.equal(posesAt(fall, -1).get("red")!.y, 1);
+  assert.equal(posesAt(fall, 9).get("red")!.x, 1);
+  assert.equal(pathUntil(fall, "red", 0.3).length, 3);
 });
 
 test("between coarse samples nothing is drawn beyond them", () => {
   const bounce = film([0, 0.25, 0.5, 0.75], (t) => Math.abs(t - 0.4));
   for (let t = 0; t <= 0.75; t += 0.01) {
-    const { y } = at(bounce, t).get("red")!;
+    const { y } = posesAt(bounce, t).get("red")!;
     assert.ok(y >= 0.1 - 1e-9 && y <= 0.4 + 1e-9, `${y} at ${t}`);
   }
 });
@@ -62,7 +62,7 @@ test("between coarse samples nothing is drawn beyond them", () => {
 test("the distance is measured when reality was seen, as far as both go", () => {
   const fine = film(Array.from({ length: 61 }, (_, k) => k / 60), (t) => t);
   const seen = film([0, 0.5, 1, 1.5], (t) => t + 0.3);
-  const { t, bodies } = distance(fine, seen);
+  const { t, bodies } = distanceOverTime(fine, seen);
   assert.deepEqual(t, [0, 0.5, 1]);
   for (const apart of bodies.get("red")!) assert.ok(Math.abs(apart - 0.3) < 1e-9);
 });

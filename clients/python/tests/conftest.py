@@ -1,4 +1,4 @@
-"""One private server for the whole run, from IPLW_BIN or the newest build in the checkout."""
+"""One private server for the test session, from IPLW_BIN or the latest build in the checkout."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 
 
 def pytest_configure() -> None:
-    # An installed `iplw` on PATH would be found first; test what this checkout built.
+    # An installed `iplw` on PATH would have precedence; test the build of this checkout.
     if "IPLW_BIN" not in os.environ:
         built = [CHECKOUT / "target" / profile / "iplw" for profile in ("debug", "release")]
         built = [binary for binary in built if os.access(binary, os.X_OK)]

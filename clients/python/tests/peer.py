@@ -1,4 +1,4 @@
-"""One end of a connection, played by a thread."""
+"""A TCP server in a thread that handles one connection."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def peer(serve: Callable[[socket.socket, threading.Event], None]) -> Iterator[int]:
-    """The port on which the first to connect is served; what serves is told when to let go."""
+    """The port of the server. `serve` gets the connection and an event that is set at the end."""
     done = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as listener:
 

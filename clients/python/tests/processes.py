@@ -1,4 +1,4 @@
-"""Processes as Linux tells them, for tests of what becomes of those that we start."""
+"""Reads /proc, for tests of subprocesses."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ T = TypeVar("T")
 
 
 def until(condition: Callable[[], T], seconds: float = 60.0) -> T:
-    """Waits for something that others bring about, and gives what it was."""
+    """Waits until the condition is true and returns its value."""
     end = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < end, "it did not come about"
+    while not (result := condition()):
+        assert time.monotonic() < end, "condition not met in time"
         time.sleep(0.02)
-    return found
+    return result
 
 
 def children(pid: int) -> list[int]:
-    """Processes that this one started."""
+    """Child processes."""
     try:
-        told = Path(f"/proc/{pid}/task").glob("*/children")
-        return [int(word) for path in told for word in path.read_text().split()]
+        response = Path(f"/proc/{pid}/task").glob("*/children")
+        return [int(word) for path in response for word in path.read_text().split()]
     except OSError:
         return []
 
 
 def programs(pid: int) -> list[int]:
-    """Those of them that compute a unit."""
+    """Descendants that run a command of iplw."""
     return [child for child in children(pid) if "--exit-with-stdin" in words(child) and "serve" not in words(child)]
 
 
 def words(pid: int) -> list[str]:
-    """A process's command line; none once it has ended."""
+    """Command line of a process; empty once it has ended."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
     except OSError:

@@ -1,4 +1,4 @@
-"""A scripted ROUTER, for what a healthy server will not do: fall silent, answer nonsense, be busy."""
+"""A scripted ROUTER socket, for faults: silence, malformed replies, a busy server."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import zmq
 
 @contextmanager
 def router(answer: Any) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """A scripted server: `answer(header)` gives the frames of the reply, or None to be silent."""
+    """A scripted server: `answer(header)` returns the frames of the reply, or None for no reply."""
     context = zmq.Context()
     bound: zmq.Socket[bytes] = context.socket(zmq.ROUTER)
     bound.setsockopt(zmq.LINGER, 0)
     port = bound.bind_to_random_port("tcp://127.0.0.1")
-    seen: list[dict[str, Any]] = []
+    observed: list[dict[str, Any]] = []
     done = threading.Event()
 
     def serve() -> None:
@@ -26,8 +26,8 @@ def router(answer: Any) -> Iterator[tuple[str, list[dict[str, Any]]]]:
             if not bound.poll(20):
                 continue
             peer, header, *_ = bound.recv_multipart()
-            seen.append(msgpack.unpackb(header))
-            reply = answer(seen[-1])
+            observed.append(msgpack.unpackb(header))
+            reply = answer(observed[-1])
             if reply is not None:
                 bound.send_multipart([peer, *reply])
         bound.close()
@@ -35,7 +35,7 @@ def router(answer: Any) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     thread = threading.Thread(target=serve)
     thread.start()
     try:
-        yield f"tcp://127.0.0.1:{port}", seen
+        yield f"tcp://127.0.0.1:{port}", observed
     finally:
         done.set()
         thread.join()

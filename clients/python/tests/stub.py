@@ -1,4 +1,4 @@
-"""A scripted HTTP server, for what a healthy server will not do: break off, fall silent, answer nonsense."""
+"""A scripted HTTP server, for faults: dropped connections, silence, malformed responses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 class Stub:
     url: str = ""
     #: (method, path, Last-Event-ID) of each request, in order.
-    seen: list[tuple[str, str, str | None]] = field(default_factory=list)
+    requests: list[tuple[str, str, str | None]] = field(default_factory=list)
 
 
 Answer = Callable[[int, str, str], bytes | None]
@@ -28,7 +28,7 @@ def reply(status: str, body: str, kind: str = "application/json") -> bytes:
 
 @contextmanager
 def serving(answer: Answer, hold: bool = False) -> Iterator[Stub]:
-    """`answer(number of the request, method, path)` gives the raw response; None hangs up.
+    """`answer(number of the request, method, path)` returns the raw response; None closes the connection.
 
     `hold` keeps event streams open to the end, as a silent server would.
     """
@@ -38,8 +38,8 @@ def serving(answer: Answer, hold: bool = False) -> Iterator[Stub]:
     class Handler(BaseHTTPRequestHandler):
         def _any(self) -> None:
             self.rfile.read(int(self.headers.get("Content-Length") or 0))
-            stub.seen.append((self.command, self.path, self.headers.get("Last-Event-ID")))
-            raw = answer(len(stub.seen) - 1, self.command, self.path)
+            stub.requests.append((self.command, self.path, self.headers.get("Last-Event-ID")))
+            raw = answer(len(stub.requests) - 1, self.command, self.path)
             if raw is not None:
                 self.wfile.write(raw)
                 self.wfile.flush()

@@ -1,4 +1,4 @@
-"""Who asks: tokens over both transports, from an argument or the environment."""
+"""Authentication: tokens over both transports, from an argument or the environment."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import iplw
 from iplw.binary import find_binary
 
 
-class Guarded:
-    """A server that asks for tokens."""
+class AuthenticatedServer:
+    """A server that requires tokens."""
 
     def __init__(self, directory: Path) -> None:
         binary = str(find_binary())
         self.tokens = {
             scope: subprocess.run(
-                [binary, "token", "new", scope, "--may", scope, "--data-dir", str(directory)],
+                [binary, "token", "new", scope, "--scope", scope, "--data-dir", str(directory)],
                 check=True,
                 capture_output=True,
                 text=True,
@@ -44,29 +44,29 @@ class Guarded:
 
 
 @pytest.fixture(scope="module")
-def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    server = Guarded(tmp_path_factory.mktemp("guarded"))
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedServer]:
+    server = AuthenticatedServer(tmp_path_factory.mktemp("guarded"))
     yield server
     server.close()
 
 
 @pytest.mark.parametrize("transport", ["http", "tcp"])
-def test_a_token_says_who_asks(guarded: Guarded, transport: str) -> None:
+def test_token_authenticates(guarded: AuthenticatedServer, transport: str) -> None:
     url = getattr(guarded, transport)
     for token in (None, "wrong"):
-        with iplw.Client(url, token=token) as client, pytest.raises(iplw.Problem) as refused:
+        with iplw.Client(url, token=token) as client, pytest.raises(iplw.Problem) as error:
             client.worlds()
-        assert (refused.value.status, refused.value.slug) == (401, "unauthorized")
+        assert (error.value.status, error.value.slug) == (401, "unauthorized")
     with iplw.Client(url, token=guarded.tokens["read"]) as client:
         world = client.world("bowling-sim")
-        with pytest.raises(iplw.Problem) as weak:
+        with pytest.raises(iplw.Problem) as scope_error:
             world.reset()
-        assert (weak.value.status, weak.value.slug) == (403, "forbidden")
+        assert (scope_error.value.status, scope_error.value.slug) == (403, "forbidden")
     with iplw.Client(url, token=guarded.tokens["act"]) as client, client.create_world("bowling") as world:
         world.reset()
 
 
-def test_the_environment_says_where_and_who(guarded: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_url_and_token_from_environment(guarded: AuthenticatedServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IPLW_URL", guarded.http)
     monkeypatch.setenv("IPLW_TOKEN", guarded.tokens["act"])
     with iplw.Client() as client:
@@ -77,8 +77,8 @@ def test_the_environment_says_where_and_who(guarded: Guarded, monkeypatch: pytes
         assert client.worlds()
 
 
-def test_a_private_server_asks_for_no_token(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    # Another binary is another server.
+def test_private_server_needs_no_token(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    # Another binary starts a separate server.
     binary = Path(shutil.copy(find_binary(), tmp_path / "iplw"))
     monkeypatch.setenv("IPLW_TOKENS", "[]")
     with iplw.Client(binary=binary) as client:

@@ -1,4 +1,4 @@
-"""The asynchronous client: the same handles, awaited, many at once."""
+"""The asynchronous client: the same methods, awaited, and concurrent requests."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def url(request: pytest.FixtureRequest) -> str | None:
 
 
 def run(url: str | None, body: Body, **settings: Any) -> None:
-    async def whole() -> None:
+    async def complete() -> None:
         async with iplw.AsyncClient(url, **settings) as client:
             await body(client)
 
-    asyncio.run(whole())
+    asyncio.run(complete())
 
 
-def test_the_same_as_the_client_that_waits(url: str | None, client: iplw.Client) -> None:
-    async def body(own: iplw.AsyncClient) -> None:
-        async with await own.create_world("bowling") as world:
+def test_matches_synchronous_client(url: str | None, client: iplw.Client) -> None:
+    async def body(separate: iplw.AsyncClient) -> None:
+        async with await separate.create_world("bowling") as world:
             with client.create_world("bowling") as other:
                 np.testing.assert_equal(await world.reset(seed=3), other.reset(seed=3))
                 actions = np.random.default_rng(0).random((16, 3))
@@ -48,11 +48,11 @@ def test_the_same_as_the_client_that_waits(url: str | None, client: iplw.Client)
                 assert world.latents is not None and world.latents["friction"] == 0.1
                 assert (await world.render(width=64)).startswith(b"\x89PNG")
             id = world.id
-            assert id in {w.id for w in await own.worlds()}
+            assert id in {w.id for w in await separate.worlds()}
         with pytest.raises(iplw.Problem):
-            await own.world(id)
-        assert len(await own.task_ids("bowling", "test")) == 20
-        assert (await own.task("bowling:017"))["id"] == "bowling:017"
+            await separate.world(id)
+        assert len(await separate.task_ids("bowling", "test")) == 20
+        assert (await separate.task("bowling:017"))["id"] == "bowling:017"
 
     run(url, body)
 
@@ -64,7 +64,7 @@ def test_jobs(url: str | None, capsys: pytest.CaptureFixture[str]) -> None:
         assert {row["name"] for row in result["latents"]} == {"density", "friction", "restitution"}
         assert len(await job.trials()) == result["real_interactions"]
         slow = await client.iplw("bowling", real={"damping": 0.8}, rounds=10, actions=50, samples=1000)
-        with pytest.raises(TimeoutError, match="goes on"):
+        with pytest.raises(TimeoutError, match="it continues"):
             await slow.wait(timeout=0.0)
         await slow.cancel()
         with pytest.raises(iplw.JobCancelled):
@@ -74,7 +74,7 @@ def test_jobs(url: str | None, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.startswith("iplw: ")
 
 
-def test_many_at_once(url: str | None) -> None:
+def test_concurrent_episodes(url: str | None) -> None:
     async def body(client: iplw.AsyncClient) -> None:
         async def episode(seed: int) -> str:
             async with await client.create_world("bowling") as world:
@@ -83,12 +83,12 @@ def test_many_at_once(url: str | None) -> None:
                 return str(info["task"])
 
         once = await asyncio.gather(*(episode(seed) for seed in range(40)))
-        assert once == [await episode(seed) for seed in range(40)], "no answer goes to another's request"
+        assert once == [await episode(seed) for seed in range(40)], "responses match their requests"
 
     run(url, body)
 
 
-def test_cancelling_a_task_leaves_the_client_well(url: str | None) -> None:
+def test_client_usable_after_cancelled_task(url: str | None) -> None:
     async def body(client: iplw.AsyncClient) -> None:
         async with await client.create_world("bowling", engine="rapier") as world:
             await world.reset(seed=1)
@@ -104,7 +104,7 @@ def test_cancelling_a_task_leaves_the_client_well(url: str | None) -> None:
     run(url, body)
 
 
-def test_nobody_there_and_closed() -> None:
+def test_unreachable_server_and_closed_client() -> None:
     for url in ("http://127.0.0.1:1", "tcp://127.0.0.1:1"):
 
         async def body(client: iplw.AsyncClient) -> None:
@@ -121,27 +121,27 @@ def test_nobody_there_and_closed() -> None:
         iplw.AsyncClient("tcp://127.0.0.1:1", timeout=0)
 
 
-def test_a_cancelled_task_tells_the_server() -> None:
-    with router(lambda header: None) as (url, seen):
+def test_cancelled_task_notifies_server() -> None:
+    with router(lambda header: None) as (url, observed):
 
         async def body(client: iplw.AsyncClient) -> None:
             task = asyncio.create_task(client.worlds())
-            while not seen:
+            while not observed:
                 await asyncio.sleep(0.01)
             start = time.monotonic()
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
             assert time.monotonic() - start < 1
-            while len(seen) < 2 and time.monotonic() < start + 5:
+            while len(observed) < 2 and time.monotonic() < start + 5:
                 await asyncio.sleep(0.01)
 
         run(url, body)
-    assert [header["op"] for header in seen] == ["list_worlds", "cancel"]
-    assert seen[1]["args"] == {"request": seen[0]["id"]}
+    assert [header["op"] for header in observed] == ["list_worlds", "cancel"]
+    assert observed[1]["args"] == {"request": observed[0]["id"]}
 
 
-def test_a_job_is_followed_and_left(url: str | None) -> None:
+def test_follow_job_and_stop(url: str | None) -> None:
     async def body(client: iplw.AsyncClient) -> None:
         job = await client.iplw("basketball", rounds=2, actions=3, samples=32, seed=3)
         states = [data["state"] async for data in job.follow()]
@@ -149,7 +149,7 @@ def test_a_job_is_followed_and_left(url: str | None) -> None:
         slow = await client.iplw("bowling", real={"damping": 0.8}, rounds=10, actions=50, samples=1000)
         with pytest.raises(asyncio.TimeoutError):
             await asyncio.wait_for(slow.wait(), 0.3)
-        # More of them than there are threads: waiting takes none from the others.
+        # More jobs than threads: waiting occupies no request thread.
         waits = [asyncio.create_task(slow.wait()) for _ in range(6)]
         await asyncio.sleep(0.1)
         assert (await client.world("bowling-sim")).id == "bowling-sim"
@@ -161,7 +161,7 @@ def test_a_job_is_followed_and_left(url: str | None) -> None:
     run(url, body, concurrency=4)
 
 
-def test_a_silent_stream_of_events_is_left_at_once() -> None:
+def test_stops_silent_event_stream_at_once() -> None:
     job = json.dumps({"id": "j", "kind": "iplw", "state": "running"})
 
     def answer(n: int, method: str, path: str) -> bytes:
@@ -175,16 +175,16 @@ def test_a_silent_stream_of_events_is_left_at_once() -> None:
             await asyncio.wait_for(held.wait(), 0.3)
         while any(thread.name.startswith("iplw-events") for thread in threading.enumerate()):
             await asyncio.sleep(0.01)
-            assert time.monotonic() - start < 5, "its thread ends, too"
+            assert time.monotonic() - start < 5, "its thread ends"
 
     with serving(answer, hold=True) as stub:
         run(stub.url, body, timeout=60)
 
 
-def test_ask_and_tell_and_files(url: str | None, tmp_path: Path) -> None:
+def test_ask_tell_and_files(url: str | None, tmp_path: Path) -> None:
     async def body(client: iplw.AsyncClient) -> None:
         job = await client.iplw("basketball", real="ask_tell", rounds=1, actions=2, samples=16, seed=2)
-        assert isinstance(job, iplw.AsyncAsking) and isinstance(await client.job(job.id), iplw.AsyncAsking)
+        assert isinstance(job, iplw.AsyncAskTellJob) and isinstance(await client.job(job.id), iplw.AsyncAskTellJob)
         async with await client.create_world("basketball", kind="real") as world:
             while proposals := await job.proposals():
                 for proposal in proposals:
@@ -199,7 +199,7 @@ def test_ask_and_tell_and_files(url: str | None, tmp_path: Path) -> None:
     run(url, body)
 
 
-def test_surfaces_and_any_operation(url: str | None) -> None:
+def test_surfaces_and_raw_operations(url: str | None) -> None:
     async def body(client: iplw.AsyncClient) -> None:
         job = await client.start("find_surface", task="basketball", points=3, actions=100, seed=6)
         id = (await job.wait())["surface"]
@@ -212,7 +212,7 @@ def test_surfaces_and_any_operation(url: str | None) -> None:
     run(url, body)
 
 
-def test_both_clients_have_the_same_methods() -> None:
-    for name in ("Asking", "Client", "Job", "Policy", "Surface", "World"):
+def test_clients_have_equal_methods() -> None:
+    for name in ("AskTellJob", "Client", "Job", "Policy", "Surface", "World"):
         waits, awaited = getattr(iplw, name), getattr(iplw, f"Async{name}")
         assert {n for n in dir(waits) if n[0] != "_"} == {n for n in dir(awaited) if n[0] != "_"}

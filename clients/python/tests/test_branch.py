@@ -1,4 +1,4 @@
-"""Branches: a moment in a rollout, something else done there, and on."""
+"""Branches of rollouts with interventions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import iplw
 from iplw.branching import Changes
 
-#: A ball above a plank, high over the ground; with another one that an action places.
+#: A ball above a plank, high above the ground; an action places a second ball.
 SCENE = {
     "format": "iplw.scene/1",
     "name": "plank",
@@ -38,7 +38,7 @@ def world(request: pytest.FixtureRequest, client: iplw.Client) -> Iterator[iplw.
         yield world
 
 
-def test_a_branch_without_a_change_is_the_rollout(world: iplw.World) -> None:
+def test_branch_without_interventions_equals_rollout(world: iplw.World) -> None:
     first = world.rollout([[0.5, 0.5]], trajectories=True)[0]
     with world.branch(first, at=1.0) as branch:
         assert branch.at == 1.0 and set(branch.bodies) == {"green", "red"}
@@ -52,23 +52,23 @@ def test_a_branch_without_a_change_is_the_rollout(world: iplw.World) -> None:
     assert json.loads(json.dumps(branch.snapshot)) == branch.snapshot
 
 
-def test_what_is_taken_away_and_what_is_pushed(world: iplw.World) -> None:
+def test_remove_and_impulse(world: iplw.World) -> None:
     first = world.rollout([[0.5, 0.5]], trajectories=True)[0]
     with world.branch(first, at=1.2) as branch:
         branch.impulse("green", (3, 0))
         branch.remove("plank")
         free = branch.rollout()
     assert not first.solved and first.t is not None and free.t is not None
-    # Free fall from the plank, at impulse / mass sideways.
+    # Free fall from the plank, with horizontal velocity impulse / mass.
     at = int(np.searchsorted(first.t, 1.2))
     fallen = free.t[at:] - free.t[at]
     x, y = free.bodies["green"][at:, 0], free.bodies["green"][at:, 1]
     assert np.allclose(x - x[0], 1.5 * fallen, atol=1e-4)
     assert np.allclose(y[0] - y, 4.9 * fallen**2, atol=0.06)
     assert free.velocities["green"][at + 1, 0] == pytest.approx(1.5, abs=1e-6)
-    # The other ball does not notice.
+    # The other ball is unaffected.
     assert np.array_equal(free.bodies["red"], first.bodies["red"])
-    # A branch of the branch, with what was done before in it.
+    # A branch of the branch includes the earlier interventions.
     with world.branch(free, at=1.5) as on:
         on.set("green", velocity=(0, 0))
         on.add({"name": "extra", "shape": {"type": "disc", "radius": 0.3}, "position": [-6, 5]}, at=1.6)
@@ -76,10 +76,10 @@ def test_what_is_taken_away_and_what_is_pushed(world: iplw.World) -> None:
     assert np.array_equal(stopped.bodies["green"][: at + 2], free.bodies["green"][: at + 2])
     assert stopped.bodies["green"][-1, 0] < free.bodies["green"][-1, 0] - 0.2
     assert np.isnan(stopped.bodies["extra"][0]).all() and stopped.bodies["extra"][-1, 1] < 5
-    assert len(on.changes) == 0, "the end of the with forgets"
+    assert len(on.changes) == 0, "the end of the with block clears them"
 
 
-def test_many_counterfactuals_are_one_request(world: iplw.World) -> None:
+def test_batch_of_counterfactuals_is_one_request(world: iplw.World) -> None:
     action = [0.5, 0.5]
     pushes = [(0.5 * k, 0.0) for k in range(7)]
     lists = []
@@ -97,7 +97,7 @@ def test_many_counterfactuals_are_one_request(world: iplw.World) -> None:
     assert np.array_equal(all_alike[2].bodies["green"], rollouts[0].bodies["green"])
 
 
-def test_the_last_step_is_branched_and_what_cannot_be_is_said(client: iplw.Client, world: iplw.World) -> None:
+def test_branches_last_step_and_rejects_invalid_branches(client: iplw.Client, world: iplw.World) -> None:
     with pytest.raises(iplw.Problem) as caught:
         world.branch(at=0.5)
     assert caught.value.status == 409
@@ -124,14 +124,14 @@ def test_the_last_step_is_branched_and_what_cannot_be_is_said(client: iplw.Clien
         assert caught.value.status == 403
 
 
-def test_branches_are_drawn(world: iplw.World) -> None:
+def test_branch_display(world: iplw.World) -> None:
     with world.branch([0.5, 0.5], at=1.2) as branch:
         branch.remove("red")
-        drawn = branch.rollout()._repr_html_()
-    assert "<svg" in drawn and "nan" not in drawn.lower()
+        sampled = branch.rollout()._repr_html_()
+    assert "<svg" in sampled and "nan" not in sampled.lower()
 
 
-def test_awaited(client: iplw.Client) -> None:
+def test_async_branch(client: iplw.Client) -> None:
     import asyncio
 
     async def main() -> None:

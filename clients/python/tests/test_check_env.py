@@ -1,4 +1,4 @@
-"""Gymnasium's own checker, over every form of every environment, with warnings as errors."""
+"""Gymnasium's `check_env` over all variants of all environments, with warnings as errors."""
 
 from __future__ import annotations
 
@@ -56,22 +56,22 @@ def check(env: gymnasium.Env[Any, Any]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)
-        # As users have it, wrapped; the checker then recommends the unwrapped one, which was checked above.
+        # Wrapped, as created by gymnasium.make; the checker then recommends the unwrapped one, checked above.
         warnings.filterwarnings("ignore", message=".*different from the unwrapped version")
         check_env(env, skip_render_check=True)
         env.close()
         env.close()
 
 
-def test_make_imports_the_package_by_its_prefix() -> None:
+def test_make_imports_package_by_prefix() -> None:
     env = gymnasium.make("iplw:iplw/Bowling-v0")
     assert env.reset(seed=0)[0] in env.observation_space
     env.close()
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
-def test_gymnasium_vectorises(mode: str) -> None:
-    # In separate processes too: a forked child gets a server of its own and leaves ours alone.
+def test_gymnasium_vector_environments(mode: str) -> None:
+    # In subprocesses, too: a forked child starts its own server.
     envs = gymnasium.make_vec("iplw/Bowling-v0", num_envs=2, vectorization_mode=mode, action="discrete")
     first, _ = envs.reset(seed=1)
     single = gymnasium.make("iplw/Bowling-v0", action="discrete")

@@ -1,4 +1,4 @@
-"""The client: answers as arrays, refusals as problems, silence as advice, jobs."""
+"""The client: arrays, problems, timeouts, jobs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from stub import reply, serving
 
 import iplw
-from iplw.http import parse
+from iplw.http import parse_events
 
 
 def test_rollouts_are_arrays(client: iplw.Client) -> None:
@@ -53,7 +53,7 @@ def test_tasks(client: iplw.Client) -> None:
     assert task["id"] == "bowling:017" and task["scene"]["format"] == "iplw.scene/1"
 
 
-def test_budgets_are_kept(client: iplw.Client) -> None:
+def test_budget_is_enforced(client: iplw.Client) -> None:
     with client.create_world("bowling:002", kind="real", budget=3) as world:
         world.reset()
         with pytest.raises(iplw.Problem) as caught:
@@ -73,8 +73,8 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.posterior(ball={"radius": 0.02}, trials="t,x,y\n0,0,0\n", draws=1), 422, ["draws"]),
         (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
         (lambda c: c.design("bowling", sets=[["sticky_patch"]]), 422, ["sticky_patch"]),
-        (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
-        (lambda c: c.train("bowling", training="fixed", belief={}), 422, ["training", "belief"]),
+        (lambda c: c.plan("bowling:000", latents={}, posterior={}), 422, ["latents", "posterior"]),
+        (lambda c: c.train("bowling", training="fixed", posterior={}), 422, ["training", "posterior"]),
         (lambda c: c.train("bowling:000", preset="saturating"), 422, ["task", "bowling:000"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
         (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
@@ -89,7 +89,7 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.world("bowling-sim").rollout([50_000], task="bowling:000"), 422, ["50000", "49999"]),
     ],
 )
-def test_refusals_say_what_is_wrong(client: iplw.Client, call: Any, status: int, words: list[str]) -> None:
+def test_problems_name_the_invalid_value(client: iplw.Client, call: Any, status: int, words: list[str]) -> None:
     with pytest.raises(iplw.Problem) as caught:
         call(client)
     problem = caught.value
@@ -100,12 +100,12 @@ def test_refusals_say_what_is_wrong(client: iplw.Client, call: Any, status: int,
 
 
 @pytest.mark.parametrize("action", [[0.5, float("nan"), 0.5], [[0.5] * 3], "left", True, 1.5])
-def test_senseless_actions_stay_here(client: iplw.Client, action: Any) -> None:
+def test_rejects_invalid_actions_locally(client: iplw.Client, action: Any) -> None:
     with pytest.raises(ValueError, match="allowed: "):
         client.world("bowling-sim").step(action)
 
 
-def test_nobody_there() -> None:
+def test_unreachable_server() -> None:
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         client = iplw.Client(f"http://127.0.0.1:{held.getsockname()[1]}")
@@ -113,20 +113,20 @@ def test_nobody_there() -> None:
             client.worlds()
 
 
-def test_silence_ends_with_the_timeout() -> None:
+def test_silent_server_times_out() -> None:
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         client = iplw.Client(f"127.0.0.1:{deaf.getsockname()[1]}", timeout=0.2)
-        with pytest.raises(iplw.ServerUnavailable, match=r"within 0.2 s; give it longer"):
+        with pytest.raises(iplw.ServerUnavailable, match=r"within 0.2 s; increase"):
             client.create_world("bowling")
 
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1", "http://", "ftp://x"])
-def test_addresses_are_checked(url: str) -> None:
+def test_rejects_malformed_addresses(url: str) -> None:
     with pytest.raises(ValueError, match="allowed: an address like"):
         iplw.Client(url)
 
 
-def test_a_closed_client_says_so() -> None:
+def test_closed_client_raises() -> None:
     client = iplw.Client("http://127.0.0.1:1")
     client.close()
     client.close()
@@ -134,18 +134,18 @@ def test_a_closed_client_says_so() -> None:
         client.worlds()
 
 
-def test_only_what_is_harmless_is_repeated() -> None:
+def test_retries_only_idempotent_requests() -> None:
     with serving(lambda n, method, path: None) as stub:
         client = iplw.Client(stub.url)
-        with pytest.raises(iplw.ServerUnavailable, match="may or may not have happened"):
+        with pytest.raises(iplw.ServerUnavailable, match="may or may not have been executed"):
             client.create_world("bowling")
-        assert [method for method, *_ in stub.seen] == ["POST"]
+        assert [method for method, *_ in stub.requests] == ["POST"]
     with serving(lambda n, method, path: None if n == 0 else reply("200 OK", '{"worlds": []}')) as stub:
         assert iplw.Client(stub.url).worlds() == []
-        assert [method for method, *_ in stub.seen] == ["GET", "GET"]
+        assert [method for method, *_ in stub.requests] == ["GET", "GET"]
 
 
-def test_strange_answers() -> None:
+def test_invalid_responses() -> None:
     with serving(lambda n, method, path: reply("200 OK", "<html>", "text/html")) as stub:
         with pytest.raises(iplw.ServerUnavailable, match="is it an iplw server"):
             iplw.Client(stub.url).worlds()
@@ -167,7 +167,7 @@ def test_iplw_job(client: iplw.Client, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_cancel(client: iplw.Client) -> None:
     job = client.iplw("bowling", real={"damping": 0.8}, rounds=10, actions=50, samples=1000)
-    with pytest.raises(TimeoutError, match="goes on"):
+    with pytest.raises(TimeoutError, match="it continues"):
         job.wait(timeout=0.0)
     with pytest.raises(RuntimeError, match="wait"):
         job.result()
@@ -175,11 +175,11 @@ def test_cancel(client: iplw.Client) -> None:
     with pytest.raises(iplw.JobCancelled):
         job.wait(timeout=60)
     job.cancel()
-    assert client.job(job.id).state == "cancelled", "cancelling what has ended does not forget it"
+    assert client.job(job.id).state == "cancelled", "cancelling an ended job does not delete it"
 
 
 def test_policy(client: iplw.Client, tmp_path: Any) -> None:
-    # One task, the easiest, since every task's rollouts cost time.
+    # Only the easiest task, to save time.
     tasks = client.family("bowling")["tasks"]
     easiest = max(tasks, key=lambda task: float(task["certificate"]["solving_share_undamped"]))
     result = client.train(easiest["id"], batches=5, batch_size=8, seed=1).wait()
@@ -206,7 +206,7 @@ def job(state: str, done: int = 0) -> str:
     return json.dumps({"id": "j", "kind": "iplw", "state": state, "progress": progress, "result": {"x": 1}})
 
 
-def test_waiting_goes_on_where_the_events_broke_off() -> None:
+def test_wait_resumes_event_stream() -> None:
     def answer(n: int, method: str, path: str) -> bytes:
         if not path.endswith("/events"):
             return reply("200 OK", job("running"))
@@ -215,10 +215,10 @@ def test_waiting_goes_on_where_the_events_broke_off() -> None:
 
     with serving(answer) as stub:
         assert iplw.Client(stub.url).job("j").wait() == {"x": 1}
-        assert [last for _, path, last in stub.seen if path.endswith("/events")] == [None, "1"]
+        assert [last for _, path, last in stub.requests if path.endswith("/events")] == [None, "1"]
 
 
-def test_waiting_without_events_looks() -> None:
+def test_wait_polls_without_events() -> None:
     def answer(n: int, method: str, path: str) -> bytes:
         if path.endswith("/events"):
             return reply("404 Not Found", "{}")
@@ -228,35 +228,35 @@ def test_waiting_without_events_looks() -> None:
         assert iplw.Client(stub.url).job("j").wait(progress=True) == {"x": 1}
 
 
-def test_waiting_ends_in_time_though_nothing_comes() -> None:
+def test_wait_times_out_on_silent_stream() -> None:
     def answer(n: int, method: str, path: str) -> bytes:
         if path.endswith("/events"):
-            # Headers that promise events, then silence while the client holds on.
+            # Headers of an event stream, then silence.
             return b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nContent-Length: 99\r\n\r\n"
         return reply("200 OK", job("running"))
 
     with serving(answer, hold=True) as stub:
-        with pytest.raises(TimeoutError, match="job j has not ended in time"):
+        with pytest.raises(TimeoutError, match="job j has not ended within the timeout"):
             iplw.Client(stub.url, timeout=60).job("j").wait(timeout=0.1)
 
 
-def test_failed_jobs_say_why() -> None:
+def test_failed_job_reports_problem() -> None:
     failed = {"id": "j", "kind": "train", "state": "failed", "error": {"detail": "loss is not finite"}}
     with serving(lambda n, method, path: reply("200 OK", json.dumps(failed))) as stub:
         with pytest.raises(iplw.JobFailed, match="job j failed: .*loss is not finite"):
             iplw.Client(stub.url).job("j").wait()
 
 
-def test_event_streams_may_be_cut_anywhere() -> None:
+def test_parses_event_stream_split_anywhere() -> None:
     stream = (
         ": hello\r\n\r\nevent: done\r\nid: 7\r\ndata: {\r\ndata: }\r\n\r\n\r\nretry: 5\n\ndata:ü\n\n".encode()
     )
-    whole = list(parse(iter([stream])))
-    assert [(e.name, e.id, e.data) for e in whole] == [("done", "7", "{\n}"), ("message", "7", "ü")]
-    assert list(parse(stream[i : i + 1] for i in range(len(stream)))) == whole
+    full = list(parse_events(iter([stream])))
+    assert [(e.name, e.id, e.data) for e in full] == [("done", "7", "{\n}"), ("message", "7", "ü")]
+    assert list(parse_events(stream[i : i + 1] for i in range(len(stream)))) == full
 
 
-def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: Path) -> None:
+def test_surface_and_diagnosis(client: iplw.Client, tmp_path: Path) -> None:
     with client.create_world("basketball", kind="real") as world:
         chance = client.policy("random").evaluate(world, attempts=2).wait()
         assert 0.0 <= chance["auccess"] <= 1.0
@@ -264,8 +264,8 @@ def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: 
         assert learned["interactions"] == 200
         assert world.refresh().interactions == 200 + chance["interactions"]
         assert client.policy(learned["policy"]).data["training"] == "direct"
-    found = client.find_surface("basketball", points=3, actions=100).wait()
-    assert found["surface"] and {row["factor"] for row in found["sensitivities"]} == {"friction", "restitution"}
+    outcome = client.find_surface("basketball", points=3, actions=100).wait()
+    assert outcome["surface"] and {row["factor"] for row in outcome["sensitivities"]} == {"friction", "restitution"}
     run = client.iplw("basketball", rounds=1, actions=4, samples=12)
     run.wait()
     diagnosis = client.diagnose(job=run).wait()
@@ -276,73 +276,73 @@ def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: 
     assert again["verdict"] == diagnosis["verdict"]
 
 
-def test_what_is_known_is_drawn(client: iplw.Client) -> None:
+def test_samples_posterior(client: iplw.Client) -> None:
     noise = np.random.default_rng(5)
     c, t = 0.3, np.linspace(0.0, 0.9, 24)
-    gone = (1 - np.exp(-c * t)) / c
+    has_ended = (1 - np.exp(-c * t)) / c
 
     def throw(vx: float, vy: float) -> Any:
-        x, y = vx * gone, (vy + 9.81 / c) * gone - 9.81 * t / c
+        x, y = vx * has_ended, (vy + 9.81 / c) * has_ended - 9.81 * t / c
         return np.stack([t, x, y], axis=1) + noise.normal(0, 1e-3, (24, 3)) * [0, 1, 1]
 
     throws = [throw(3 + 0.5 * k, 4 - 0.3 * k) for k in range(8)]
     sets = [["linear_drag"], ["wind"]]
-    known = client.posterior(ball={"radius": 0.02}, trials=throws, sets=sets, draws=64, seed=1).wait()
-    assert known["format"] == "iplw.posterior/1" and known["sets"][0]["weight"] > 0.9
-    drawn = np.array([v for v in known["columns"]["linear_drag.c"] if v is not None])
-    assert abs(drawn.mean() - c) < 5 * drawn.std() and 0 < drawn.std() < 0.05
-    plan = client.plan("basketball:003", belief=known, actions=50, draws=4, exact=2, seed=1).wait()
-    assert plan["belief"]["source"] == "posterior"
+    identified = client.posterior(ball={"radius": 0.02}, trials=throws, sets=sets, draws=64, seed=1).wait()
+    assert identified["format"] == "iplw.posterior/2" and identified["sets"][0]["weight"] > 0.9
+    sampled = np.array([v for v in identified["columns"]["linear_drag.c"] if v is not None])
+    assert abs(sampled.mean() - c) < 5 * sampled.std() and 0 < sampled.std() < 0.05
+    plan = client.plan("basketball:003", posterior=identified, actions=50, draws=4, exact=2, seed=1).wait()
+    assert plan["posterior"]["source"] == "posterior"
 
 
-def test_a_policy_is_trained_under_what_is_known(client: iplw.Client) -> None:
-    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
-    result = client.train("basketball", belief=belief, batches=4, batch_size=8, seed=1).wait()
+def test_trains_policy_on_posterior(client: iplw.Client) -> None:
+    posterior = {"format": "iplw.posterior/2", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
+    result = client.train("basketball", posterior=posterior, batches=4, batch_size=8, seed=1).wait()
     assert result["training"] == {"type": "believed", "draws": 2}
     assert client.policy(result["policy"]).data["training"] == "believed"
 
 
-def test_tasks_are_planned(client: iplw.Client) -> None:
-    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
-    plan = client.plan("basketball:003", belief=belief, actions=100, draws=4, exact=2, seed=1).wait()
-    assert plan["format"] == "iplw.plan/1" and plan["belief"] == {"source": "posterior", "draws": 2}
+def test_plans_task(client: iplw.Client) -> None:
+    posterior = {"format": "iplw.posterior/2", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
+    plan = client.plan("basketball:003", posterior=posterior, actions=100, draws=4, exact=2, seed=1).wait()
+    assert plan["format"] == "iplw.plan/1" and plan["posterior"] == {"source": "posterior", "draws": 2}
     assert plan["complete"] and all(0 <= row["probability"] <= 1 for row in plan["actions"][:2])
-    known = client.plan("basketball:003", latents={"friction": 0.2}, actions=100, draws=4, rollouts=10).wait()
-    assert known["belief"]["source"] == "point" and not known["complete"]
+    identified = client.plan("basketball:003", latents={"friction": 0.2}, actions=100, draws=4, rollouts=10).wait()
+    assert identified["posterior"]["source"] == "point" and not identified["complete"]
 
 
-def test_experiments_are_designed(client: iplw.Client) -> None:
+def test_designs_experiments(client: iplw.Client) -> None:
     small: dict[str, Any] = {"candidates": 16, "shortlist": 4, "worlds": 16, "copies": 2, "seed": 2}
-    found = client.design("basketball", question="effects", sets=[[], ["linear_drag"]], batch=2, **small).wait()
-    assert found["format"] == "iplw.design/1" and len(found["experiments"]) == 2
-    first = found["experiments"][0]
+    outcome = client.design("basketball", question="effects", sets=[[], ["linear_drag"]], batch=2, **small).wait()
+    assert outcome["format"] == "iplw.design/1" and len(outcome["experiments"]) == 2
+    first = outcome["experiments"][0]
     assert len(first["action"]) == 4 and "linear_drag" in first["reason"]
-    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2 + 0.01 * i for i in range(20)]}}
-    told = client.design("basketball", belief=belief, **small).wait()["experiments"][0]["expected"]
-    assert [number["name"] for number in told] == ["friction"]
+    posterior = {"format": "iplw.posterior/2", "columns": {"friction": [0.2 + 0.01 * i for i in range(20)]}}
+    response = client.design("basketball", posterior=posterior, **small).wait()["experiments"][0]["expected"]
+    assert [number["name"] for number in response] == ["friction"]
     paid = client.design("basketball:003", costs={"setup": 2, "budget": 4}, **small).wait()
     assert [experiment["cost"] for experiment in paid["experiments"]] == [3, 1] and paid["cost"] == 4
 
 
-def test_surfaces_are_listed_got_drawn_and_deleted(client: iplw.Client, tmp_path: Path) -> None:
+def test_surface_lifecycle(client: iplw.Client, tmp_path: Path) -> None:
     id = client.find_surface("basketball", points=3, actions=100, seed=5).wait()["surface"]
     assert id in {surface.id for surface in client.surfaces()}
     surface = client.surface(id)
     assert surface.task == "basketball" and {row["factor"] for row in surface.sensitivities} == {"friction", "restitution"}
     assert surface.points()["format"] == "iplw.surface/1"
-    drawn = surface.draw(tmp_path / "surface.svg")
-    assert b"<svg" in drawn and (tmp_path / "surface.svg").read_bytes() == drawn
+    sampled = surface.draw(tmp_path / "surface.svg")
+    assert b"<svg" in sampled and (tmp_path / "surface.svg").read_bytes() == sampled
     surface.delete()
     assert id not in {surface.id for surface in client.surfaces()}
 
 
-def test_every_operation_can_be_called(client: iplw.Client) -> None:
+def test_calls_any_operation(client: iplw.Client) -> None:
     assert client.call("get_world", id="bowling-sim")["id"] == "bowling-sim"
     assert client.call("list_tasks", family="bowling", limit=2)["next"]
     assert client.call("render_world", id="bowling-sim", task="bowling:000", width=64).startswith(b"\x89PNG")
     assert b"iplw" in client.call("metrics")
-    made = [client.call("create_world", task="bowling", key="test-any")["id"] for _ in range(2)]
-    assert made[0] == made[1] and client.call("delete_world", id=made[0]) is None
+    created = [client.call("create_world", task="bowling", key="test-any")["id"] for _ in range(2)]
+    assert created[0] == created[1] and client.call("delete_world", id=created[0]) is None
     job = client.start("start_iplw", task="basketball", rounds=1, actions=2, samples=8)
     assert job.wait()["real_interactions"] > 0
     for ask, words in [
@@ -356,19 +356,19 @@ def test_every_operation_can_be_called(client: iplw.Client) -> None:
             ask()  # type: ignore[no-untyped-call]
 
 
-def test_a_job_is_followed(client: iplw.Client) -> None:
+def test_follows_job(client: iplw.Client) -> None:
     job = client.iplw("basketball", rounds=2, actions=3, samples=32, seed=3)
     states = [data["state"] for data in job.follow()]
     assert states and states[-1] == job.state == "succeeded" and "succeeded" not in states[:-1]
     assert not list(job.follow())
 
 
-def test_nothing_is_smuggled_into_headers() -> None:
+def test_rejects_header_injection() -> None:
     with serving(lambda n, method, path: reply("200 OK", "{}")) as stub:
         client = iplw.Client(stub.url)
         with pytest.raises(ValueError):
             client.create_world("bowling", key="a\r\nX: 1")
-        assert not stub.seen
+        assert not stub.requests
 
 
 @pytest.mark.parametrize(
@@ -381,18 +381,18 @@ def test_nothing_is_smuggled_into_headers() -> None:
         b"x" * 200_000,
     ],
 )
-def test_an_answer_that_is_not_whole_is_none(raw: bytes) -> None:
+def test_truncated_response_is_an_error(raw: bytes) -> None:
     with serving(lambda n, method, path: raw) as stub:
         with pytest.raises(iplw.ServerUnavailable):
             iplw.Client(stub.url, timeout=5).create_world("bowling")
 
 
-def test_a_proxy_is_the_environments(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uses_proxy_from_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     with serving(lambda n, method, path: reply("200 OK", '{"worlds": []}')) as stub:
         monkeypatch.setenv("HTTP_PROXY", stub.url)
         monkeypatch.setenv("http_proxy", stub.url)
         assert iplw.Client("http://iplw.invalid/behind").worlds() == []
-        assert [path for _, path, _ in stub.seen] == ["http://iplw.invalid/behind/v1/worlds?limit=1000"]
+        assert [path for _, path, _ in stub.requests] == ["http://iplw.invalid/behind/v1/worlds?limit=1000"]
     with serving(lambda n, method, path: reply("200 OK", '{"worlds": []}')) as stub:
-        # Not for this machine's own servers, and the proxy above has gone.
+        # No proxy for servers on this machine; the proxy above has stopped.
         assert iplw.Client(stub.url).worlds() == []

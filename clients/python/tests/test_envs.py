@@ -1,4 +1,4 @@
-"""What an episode means: one attempt, seeded draws, sealed real worlds."""
+"""Semantics of episodes: one valid action, seeded tasks, sealed real worlds."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ def actions(env: PlacementEnv, count: int = 64) -> np.ndarray[Any, Any]:
 
 
 def valid_and_not(env: PlacementEnv) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """One action that can be placed on the current task and one that cannot."""
-    tried = actions(env)
-    valid = env.rollout(tried).valid
+    """A valid and an invalid action of the current task."""
+    attempted = actions(env)
+    valid = env.rollout(attempted).valid
     assert valid.any() and not valid.all()
-    return tried[valid.argmax()], tried[valid.argmin()]
+    return attempted[valid.argmax()], attempted[valid.argmin()]
 
 
-def test_seeds_decide_the_tasks(env: PlacementEnv) -> None:
+def test_seed_determines_tasks(env: PlacementEnv) -> None:
     first, other = draws(env, 7), draws(env, 8)
-    assert draws(env, 7) == first, "also the resets that come without a seed"
+    assert draws(env, 7) == first, "including resets without a seed"
     assert other != first
     assert len(set(first)) > 1
     elsewhere = unwrapped("iplw/Bowling-v0", world="real")
-    assert draws(elsewhere, 7) == first, "a seed means the same task in either world"
+    assert draws(elsewhere, 7) == first, "a seed gives the same task in both worlds"
     elsewhere.close()
 
 
-def test_tasks_come_from_the_split(env: PlacementEnv, client: iplw.Client) -> None:
+def test_samples_tasks_from_split(env: PlacementEnv, client: iplw.Client) -> None:
     assert set(draws(env, 1)) <= set(client.task_ids("bowling", "train"))
     _, info = env.reset(seed=1, options={"split": "test"})
     assert info["task"] in client.task_ids("bowling", "test")
@@ -65,7 +65,7 @@ def test_tasks_come_from_the_split(env: PlacementEnv, client: iplw.Client) -> No
     tested.close()
 
 
-def test_a_valid_action_ends_the_episode(env: PlacementEnv) -> None:
+def test_valid_action_terminates_episode(env: PlacementEnv) -> None:
     env.reset(seed=2)
     good, bad = valid_and_not(env)
     _, reward, terminated, truncated, info = env.step(bad)
@@ -82,31 +82,31 @@ def test_a_valid_action_ends_the_episode(env: PlacementEnv) -> None:
     assert caught.value.status == 409
 
 
-def test_step_and_rollout_agree(env: PlacementEnv) -> None:
+def test_step_matches_rollout(env: PlacementEnv) -> None:
     for seed in range(3):
         _, info = env.reset(seed=seed)
-        tried = actions(env)
-        batch = env.rollout(tried)
+        attempted = actions(env)
+        batch = env.rollout(attempted)
         index = int(batch.valid.argmax())
-        _, reward, *_, info = env.step(tried[index])
+        _, reward, *_, info = env.step(attempted[index])
         assert reward == float(bool(batch[index].solved))
         assert info["steps"] == batch[index].steps
 
 
-def test_latents_change_what_happens(env: PlacementEnv) -> None:
+def test_latents_change_outcome(env: PlacementEnv) -> None:
     env.reset(seed=3)
-    tried = actions(env, 8)
-    before = env.rollout(tried, trajectories=True)
+    attempted = actions(env, 8)
+    before = env.rollout(attempted, trajectories=True)
     latents = env.set_latents(restitution=0.9)
     assert latents is not None and latents["restitution"] == 0.9
-    after = env.rollout(tried, trajectories=True)
+    after = env.rollout(attempted, trajectories=True)
     index = int(before.valid.argmax())
     a, b = before[index].bodies["red"], after[index].bodies["red"]
-    # Until the first contact the ball falls the same way.
+    # Trajectories are equal until the first contact.
     assert np.array_equal(a[0], b[0]) and (a.shape != b.shape or not np.allclose(a, b, atol=1e-3))
 
 
-def test_a_real_world_is_sealed() -> None:
+def test_real_world_is_sealed() -> None:
     env = unwrapped("iplw/Basketball-v0", world="real")
     assert env.world.latents is None
     with pytest.raises(iplw.Problem) as caught:
@@ -115,7 +115,7 @@ def test_a_real_world_is_sealed() -> None:
     env.close()
 
 
-def test_world_settings_reach_the_server() -> None:
+def test_world_settings() -> None:
     env = unwrapped("iplw/Bowling-v0", world={"kind": "sim", "latents": {"friction": 0.25}, "damping": 0.8})
     assert env.world.latents is not None and env.world.latents["friction"] == 0.25
     env.close()
@@ -133,25 +133,25 @@ def test_world_settings_reach_the_server() -> None:
         ({"split": "all"}, "split"),
     ],
 )
-def test_bad_settings_name_what_is_allowed(settings: dict[str, Any], word: str) -> None:
+def test_rejects_invalid_settings(settings: dict[str, Any], word: str) -> None:
     with pytest.raises(ValueError, match=rf"{word} is .*; allowed: "):
         PlacementEnv("bowling", **settings)
 
 
-def test_pictures() -> None:
+def test_image_observations() -> None:
     env = unwrapped("iplw/Bowling-v0", observation="image", image_size=96, render_mode="rgb_array")
     first, _ = env.reset(options={"task": "bowling:000"})
     again, _ = env.reset(options={"task": "bowling:000"})
     other, _ = env.reset(options={"task": "bowling:050"})
     assert first.shape == (96, 96, 3) and first.dtype == np.uint8
     assert np.array_equal(first, again) and not np.array_equal(first, other)
-    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 3, "more than a blank page"
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 3, "the image is not blank"
     frame = env.render()
     assert isinstance(frame, np.ndarray) and frame.shape == (256, 256, 3)
     env.close()
 
 
-def test_each_environment_has_its_own_world(client: iplw.Client) -> None:
+def test_environments_have_separate_worlds(client: iplw.Client) -> None:
     before = {world.id for world in client.worlds()}
     a, b = unwrapped("iplw/Bowling-v0"), unwrapped("iplw/Bowling-v0")
     a.set_latents(friction=0.1)

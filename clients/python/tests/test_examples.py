@@ -32,17 +32,17 @@ def test_train_network() -> None:
         capture_output=True,
         text=True,
         check=False,
-        # Small matrices gain nothing from threads, and waiting for one another costs much on a busy machine.
+        # Small matrices do not benefit from threads.
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
     assert run.returncode == 0, run.stderr
     rows = {line[:14].strip(): line[14:].split() for line in run.stdout.splitlines() if line}
     trained, chance = (float(rows[policy][0]) for policy in ("this network", "random"))
-    # 0.85 against 0.43 in the real world; a network that learned nothing ranks at random.
+    # 0.85 versus 0.43 in the real world; an untrained network ranks at random.
     assert trained > chance + 0.2, run.stdout
     assert int(rows["this network"][-1]) > 0, "real attempts are counted"
     shares = [float(line.split("solved")[1].split("%")[0]) for line in run.stdout.splitlines() if "solved" in line]
-    assert shares[-1] > 2 * shares[0], "it solves more as it learns"
+    assert shares[-1] > 2 * shares[0], "performance increases during training"
 
 
 def test_robot() -> None:
@@ -56,7 +56,7 @@ def test_robot() -> None:
     assert "10 interactions" in run.stdout
     for latent in ("friction", "restitution"):
         truth, estimate = map(float, rows[latent][:2])
-        # The prior's deviation is 0.25 and more; another engine and air, which the model lacks, take their share.
+        # The prior sd is 0.25 or more. The other engine and air drag, which the model lacks, add errors.
         assert abs(estimate - truth) < 0.06, run.stdout
 
 

@@ -1,4 +1,4 @@
-"""Films: the whole of a step, at no further interaction, in files that others play."""
+"""Films of steps: no extra interaction, standard video files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def solution(client: iplw.Client) -> Action:
 
 @pytest.fixture
 def played(solution: Action) -> Iterator[PlacementEnv]:
-    """An environment whose episode in a real world with noise has ended."""
+    """An environment after an episode in a real world with noise."""
     env = PlacementEnv(world={"kind": "real", "noise": 0.01, "budget": 1}, render_mode="rgb_array")
     env.reset(seed=1, options={"task": TASK})
     env.step(solution)
@@ -41,25 +41,25 @@ def played(solution: Action) -> Iterator[PlacementEnv]:
     env.close()
 
 
-def test_a_bowling_episode_is_filmed_whole_at_one_interaction(played: PlacementEnv, solution: Action) -> None:
+def test_film_costs_no_interaction(played: PlacementEnv, solution: Action) -> None:
     film = played.film()
     assert film.frames.dtype == np.uint8 and film.frames.shape[1:] == (256, 256, 3)
     assert len({frame.tobytes() for frame in film}) >= 50
     assert film.fps == played.metadata["render_fps"] and len(film) == len(film.frames)
     assert np.array_equal(film[-1], png.decode(played.world.render(view="end", width=256)))
     assert f"{len(film)} frames" in repr(film) and "data:image/apng;base64," in film._repr_html_()
-    # Seen again it is the same, noise and all; with twice the frames it takes as long.
+    # The film is reproducible, including noise; twice the frame rate keeps the duration.
     again, finer = played.film(), played.film(fps=60, width=128)
     assert again.png == film.png
     assert abs(finer.duration - film.duration) < 1 / 30 and finer.frames.shape[1] == 128
     assert played.world.interactions == 1
     with pytest.raises(iplw.Problem) as caught:
         played.world.rollout([solution])
-    assert caught.value.slug == "budget-spent", "there was no interaction left to be made for it"
+    assert caught.value.slug == "budget-spent", "no interaction was left for the film"
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_simulations_film_is_of_the_physics_it_was_made_with(name: str) -> None:
+def test_film_keeps_latents_of_the_step(name: str) -> None:
     env = gymnasium.make(name, render_mode="rgb_array").unwrapped
     assert isinstance(env, PlacementEnv)
     with pytest.raises(iplw.Problem, match="no step has been made") as caught:
@@ -75,7 +75,7 @@ def test_a_simulations_film_is_of_the_physics_it_was_made_with(name: str) -> Non
     env.close()
 
 
-def test_pictures_show_the_start_and_then_the_end(played: PlacementEnv) -> None:
+def test_render_shows_start_then_end(played: PlacementEnv) -> None:
     end = played.render()
     assert isinstance(end, np.ndarray) and np.array_equal(end, played.film()[-1])
     played.reset(options={"task": TASK})
@@ -85,7 +85,7 @@ def test_pictures_show_the_start_and_then_the_end(played: PlacementEnv) -> None:
     assert np.array_equal(start, png.decode(played.world.render(width=256)))
 
 
-def test_what_does_not_go_together_is_refused(played: PlacementEnv) -> None:
+def test_rejects_incompatible_render_options(played: PlacementEnv) -> None:
     for settings, field in [({"width": 8}, "width"), ({"fps": 0}, "fps"), ({"fps": 61}, "fps")]:
         with pytest.raises(iplw.Problem) as caught:
             played.film(**settings)
@@ -97,24 +97,24 @@ def test_what_does_not_go_together_is_refused(played: PlacementEnv) -> None:
         played.film(width=64).save("film.avi")
 
 
-def test_files_hold_every_frame(played: PlacementEnv, tmp_path: Path) -> None:
+def test_files_contain_all_frames(played: PlacementEnv, tmp_path: Path) -> None:
     film = played.film(width=96, fps=10)
     for suffix in (".png", ".apng", ".gif", ".webp"):
         path = film.save(tmp_path / f"film{suffix}")
         with Image.open(path) as picture:
-            shown = []
+            displayed = []
             frames = []
             for number in range(getattr(picture, "n_frames", 1)):
                 picture.seek(number)
                 frames.append(np.array(picture.convert("RGB")))
-                shown.append(picture.info["duration"])
-            # Frames that are alike may be one that is shown longer.
-            assert sum(shown) == pytest.approx(100 * (len(film) - 1) + 1000, abs=1), suffix
+                displayed.append(picture.info["duration"])
+            # Equal frames may be merged into a longer one.
+            assert sum(displayed) == pytest.approx(100 * (len(film) - 1) + 1000, abs=1), suffix
             off = np.abs(frames[-1].astype(int) - film[-1]).mean()
             assert off == 0 if suffix != ".gif" else off < 0.5, suffix
 
 
-def test_mp4_by_ffmpeg_or_a_word_on_how_to_get_it(
+def test_mp4_requires_ffmpeg(
     played: PlacementEnv, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     film = played.film(width=65, fps=10)
@@ -125,7 +125,7 @@ def test_mp4_by_ffmpeg_or_a_word_on_how_to_get_it(
             film.save(tmp_path / "nowhere" / "film.mp4")
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ValueError, match="needs ffmpeg.*pip install imageio-ffmpeg.*allowed without it: .png"):
+    with pytest.raises(ValueError, match="requires ffmpeg.*pip install imageio-ffmpeg.*allowed without it: .png"):
         film.save(tmp_path / "film.mp4")
 
 
@@ -137,7 +137,7 @@ def _has(module: str) -> bool:
     return True
 
 
-def test_awaited_and_of_an_attempt(solution: Action) -> None:
+def test_async_film_of_an_action(solution: Action) -> None:
     async def films() -> tuple[bytes, bytes, int]:
         async with iplw.AsyncClient("tcp://private") as client, await client.create_world(TASK) as world:
             await world.reset()
@@ -147,10 +147,10 @@ def test_awaited_and_of_an_attempt(solution: Action) -> None:
             return film.png, attempted, await world.interactions()
 
     film, attempted, interactions = asyncio.run(films())
-    assert film == attempted and interactions == 2, "whoever names an action attempts it"
+    assert film == attempted and interactions == 2, "rendering an action executes it"
 
 
-def test_episodes_in_a_folder(tmp_path: Path) -> None:
+def test_records_selected_episodes(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0", world="real")
     assert isinstance(env.unwrapped, PlacementEnv)
     recorded = iplw.RecordVideo(TimeLimit(env, 4), tmp_path / "a" / "films", lambda k: k != 1, width=64, fps=10)
@@ -163,14 +163,14 @@ def test_episodes_in_a_folder(tmp_path: Path) -> None:
             if ended or truncated:
                 valid.append(info["valid"])
                 break
-    wanted = [k for k in (0, 2, 3) if valid[k]]
-    assert [path.name for path in recorded.films] == [f"rl-video-episode-{k}.png" for k in wanted] and wanted
+    expected = [k for k in (0, 2, 3) if valid[k]]
+    assert [path.name for path in recorded.films] == [f"rl-video-episode-{k}.png" for k in expected] and expected
     assert {path.name for path in (tmp_path / "a" / "films").iterdir()} == {path.name for path in recorded.films}
     assert env.unwrapped.world.interactions == sum(valid), "films are no interactions"
     recorded.close()
 
 
-def test_a_folder_of_gifs_around_any_wrapper(tmp_path: Path) -> None:
+def test_records_gifs_of_wrapped_environment(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0")
     recorded = iplw.RecordVideo(
         Autoreset(env), tmp_path, lambda _: True, name_prefix="try", format="gif", width=64, fps=5
@@ -183,12 +183,12 @@ def test_a_folder_of_gifs_around_any_wrapper(tmp_path: Path) -> None:
     recorded.close()
 
 
-def test_the_recorder_says_what_it_takes(tmp_path: Path) -> None:
+def test_recorder_rejects_invalid_settings(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0")
     with pytest.raises(ValueError, match="format is 'avi'; allowed: png, gif, webp, mp4"):
         iplw.RecordVideo(env, tmp_path, format="avi")
     env.close()
-    with pytest.raises(TypeError, match="allowed: an environment of iplw"):
+    with pytest.raises(TypeError, match="allowed: an iplw environment"):
         iplw.RecordVideo(gymnasium.make("CartPole-v1"), tmp_path)
-    episodes = [k for k in range(4001) if iplw.video.ever_fewer(k)]
+    episodes = [k for k in range(4001) if iplw.video.capped_cubic_schedule(k)]
     assert episodes == [k**3 for k in range(11)] + [2000, 3000, 4000]

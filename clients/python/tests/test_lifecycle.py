@@ -1,4 +1,4 @@
-"""No server is ever left behind, however its client ends."""
+"""A private server ends with its client, however that ends."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import iplw
 from iplw import server
 
 
-def gone(pid: int, within: float = 10.0) -> bool:
-    """Whether the process ends; the time is only an upper bound."""
+def has_ended(pid: int, within: float = 10.0) -> bool:
+    """Whether the process ends within the time."""
     deadline = time.monotonic() + within
     while time.monotonic() < deadline:
         try:
             os.kill(pid, 0)
-            # A zombie waits for whoever adopted it and runs no more.
+            # A zombie has ended and waits to be reaped.
             if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
                 return True
         except (ProcessLookupError, FileNotFoundError):
@@ -31,7 +31,7 @@ def gone(pid: int, within: float = 10.0) -> bool:
 
 
 def run(script: str, client: str = "iplw.Client()") -> subprocess.Popen[str]:
-    """Another Python with a client; it prints its server's process id first, and goes on when it is told to."""
+    """A Python subprocess with a client; prints the server's process id, then waits for a line of input."""
     head = f"import iplw, os, sys\nclient = {client}\nprint(client.server.pid, flush=True)\nsys.stdin.readline()\n"
     return subprocess.Popen(
         [sys.executable, "-c", head + script], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
@@ -53,7 +53,7 @@ def test_server_ends_with_an_asynchronous_client_never_closed(how: str) -> None:
     child = run("import asyncio\nasync def use():\n    await client.worlds()\nasyncio.run(use())", how)
     pid = server_of(child)
     child.communicate()
-    assert child.returncode == 0 and gone(pid)
+    assert child.returncode == 0 and has_ended(pid)
 
 
 @pytest.mark.parametrize(
@@ -72,23 +72,23 @@ def test_server_ends_with_its_client(end: str) -> None:
     child = run(end)
     pid = server_of(child)
     child.communicate()
-    assert gone(pid)
+    assert has_ended(pid)
 
 
 @pytest.mark.parametrize("client", ["iplw.Client()", "iplw.Client('tcp://private')"])
 @pytest.mark.parametrize("fork", [False, True])
 def test_server_ends_when_its_client_is_killed(fork: bool, client: str) -> None:
-    # With a forked child alive, too: it must not keep the server's pipe open.
+    # Even with a living forked child, which must not keep the server's pipe open.
     use = "world = client.create_world('bowling')\nworld.reset()\n"
     child = run(use + ("pid = os.fork()\n" if fork else "") + "sys.stdin.read()", client)
     pid = server_of(child)
     child.send_signal(signal.SIGKILL)
     child.wait()
-    assert gone(pid)
+    assert has_ended(pid)
     child.communicate()
 
 
-def test_a_forked_child_stops_nothing_of_its_parents() -> None:
+def test_forked_child_leaves_server_of_parent() -> None:
     child = run(
         "pid = os.fork()\n"
         "if pid == 0:\n"
@@ -103,14 +103,14 @@ def test_a_forked_child_stops_nothing_of_its_parents() -> None:
     pid = server_of(child)
     out, _ = child.communicate()
     assert child.returncode == 0 and int(out) >= 4
-    assert gone(pid)
+    assert has_ended(pid)
 
 
 def test_clients_share_one_server(client: iplw.Client) -> None:
     assert client.server is not None
     with iplw.Client() as other:
         assert other.url == client.url and other.server is client.server
-    assert client.server.running, "the last client stops it, not the first"
+    assert client.server.running, "only the last client stops it"
 
 
 def test_server_ends_after_an_exception() -> None:
@@ -120,11 +120,11 @@ def test_server_ends_after_an_exception() -> None:
     )
     pid = server_of(child)
     assert child.stdout is not None and child.stdout.readline() == "closed\n"
-    assert gone(pid), "while the client's process still runs"
+    assert has_ended(pid), "the client's process is still running"
     child.communicate()
 
 
-def test_a_dead_server_is_reported_and_replaced() -> None:
+def test_dead_server_is_reported_and_replaced() -> None:
     child = run(
         "os.kill(client.server.pid, 9)\n"
         "try:\n    client.create_world('bowling')\nexcept iplw.ServerUnavailable as error:\n print(error)\n"
@@ -140,10 +140,10 @@ def test_a_dead_server_is_reported_and_replaced() -> None:
     ("body", "words"),
     [
         ("echo cannot bind; exit 3", ["ended with code 3", "cannot bind", "cargo build", "IPLW_BIN"]),
-        ("sleep 60", ["was silent for 0.3 s", "IPLW_BIN"]),
+        ("sleep 60", ["printed no address for 0.3 s", "IPLW_BIN"]),
     ],
 )
-def test_a_server_that_does_not_start(
+def test_server_start_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, words: list[str]
 ) -> None:
     monkeypatch.setattr(server, "START_TIMEOUT", 0.3 if "sleep" in body else 20.0)
@@ -156,6 +156,6 @@ def test_a_server_that_does_not_start(
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
-def test_a_binary_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_binary(tmp_path: Path) -> None:
     with pytest.raises(iplw.ServerUnavailable, match=r"binary is .*missing.*not an executable file"):
         iplw.Client(binary=tmp_path / "missing")

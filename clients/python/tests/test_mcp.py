@@ -1,4 +1,4 @@
-"""`iplw mcp`, driven by the protocol's own client: an episode, refusals, cancellation, and how it ends."""
+"""`iplw mcp` with the reference client: an episode, errors, cancellation, shutdown."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TOOLS = ["list_tasks", "look", "propose_actions", "roll_out", "measure", "estima
 async def agent(
     *arguments: str, mode: str = "auto", log: Path | None = None, token: str | None = None
 ) -> AsyncIterator[Client]:
-    """A client and its own `iplw mcp`."""
+    """A client with an `iplw mcp` subprocess."""
     environment = {"RUST_LOG": "warn"} | ({} if token is None else {"IPLW_TOKEN": token})
     command = ["mcp", "--log", "json", *arguments]
     server = StdioServerParameters(command=str(find_binary()), args=command, env=environment)
@@ -41,7 +41,7 @@ async def agent(
 
 
 def run(conversation: Callable[[], Awaitable[None]], seconds: float = 120.0) -> None:
-    """A conversation, which ends."""
+    """Runs a conversation with a time limit."""
 
     async def within() -> None:
         await asyncio.wait_for(conversation(), seconds)
@@ -50,40 +50,40 @@ def run(conversation: Callable[[], Awaitable[None]], seconds: float = 120.0) -> 
 
 
 async def call(client: Client, tool: str, **arguments: Any) -> dict[str, Any]:
-    """What a tool tells. The client has held it against the tool's output schema."""
+    """The structured result of a tool, which the client validates with the output schema."""
     result = await client.call_tool(tool, arguments)
     assert not result.is_error, words(result)
-    told = result.structured_content
-    assert isinstance(told, dict)
+    response = result.structured_content
+    assert isinstance(response, dict)
     texts = [block.text for block in result.content if isinstance(block, types.TextContent)]
-    # The whole is there for programs that read text alone.
-    assert len(texts) == 2 and texts[0] and json.loads(texts[1]) == told
-    return told
+    # The text contains the complete result.
+    assert len(texts) == 2 and texts[0] and json.loads(texts[1]) == response
+    return response
 
 
 async def refusal(client: Client, tool: str, **arguments: Any) -> str:
-    """Why a tool refuses."""
+    """The error message of a tool."""
     result = await client.call_tool(tool, arguments)
     assert result.is_error, result
     return words(result)
 
 
 def words(result: types.CallToolResult) -> str:
-    """Its first text."""
+    """The first text content."""
     first = result.content[0]
     assert isinstance(first, types.TextContent)
     return first.text
 
 
 def pictures(result: types.CallToolResult) -> list[bytes]:
-    """Its pictures, PNG."""
+    """The PNG images."""
     images = [block for block in result.content if isinstance(block, types.ImageContent)]
     assert all(image.mime_type == "image/png" for image in images)
     return [base64.b64decode(image.data) for image in images]
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_tools_and_pages_are_listed(mode: str) -> None:
+def test_lists_tools_and_resources(mode: str) -> None:
     async def conversation() -> None:
         async with agent(mode=mode) as client:
             tools = (await client.list_tools()).tools
@@ -103,7 +103,7 @@ def test_tools_and_pages_are_listed(mode: str) -> None:
                 texts[str(page.uri)] = content.text
             assert "iplw.scene/1" in texts["iplw://docs/formats"]
             assert "linear_drag" in [effect["name"] for effect in json.loads(texts["iplw://effects"])]
-            with pytest.raises(MCPError, match="there are iplw://docs/agents"):
+            with pytest.raises(MCPError, match="available: iplw://docs/agents"):
                 await client.read_resource("iplw://nowhere")
             assert [prompt.name for prompt in (await client.list_prompts()).prompts] == ["calibrate", "what_is_wrong"]
             (message,) = (await client.get_prompt("calibrate", {"task": TASK})).messages
@@ -113,8 +113,8 @@ def test_tools_and_pages_are_listed(mode: str) -> None:
     run(conversation)
 
 
-def test_an_episode() -> None:
-    """Look, roll out, propose, measure, learn, and measure until the budget refuses."""
+def test_episode() -> None:
+    """Look, roll out, propose, measure, estimate, and measure until the budget is spent."""
 
     async def conversation() -> None:
         async with agent("--real-interactions", "4") as client:
@@ -122,28 +122,28 @@ def test_an_episode() -> None:
             assert {"bowling", "basketball"} <= {row["name"] for row in families["families"]}
             listed = await call(client, "list_tasks", family="bowling", limit=3)
             assert len(listed["tasks"]) == 3 and listed["next"]
-            assert "action" not in listed["tasks"][0], "what solves a task is not told"
+            assert "action" not in listed["tasks"][0], "solutions are not disclosed"
 
-            seen = await client.call_tool("look", {"task": TASK})
-            (picture,) = pictures(seen)
-            assert picture.startswith(b"\x89PNG") and "green" in words(seen)
-            told = await call(client, "look", task=TASK)
-            assert told["budget"] == {"limit": 4, "spent": 0, "remaining": 4}
+            observed = await client.call_tool("look", {"task": TASK})
+            (picture,) = pictures(observed)
+            assert picture.startswith(b"\x89PNG") and "green" in words(observed)
+            response = await call(client, "look", task=TASK)
+            assert response["budget"] == {"limit": 4, "spent": 0, "remaining": 4}
 
             rng = np.random.default_rng(1)
             actions = rng.random((32, 3)).round(3).tolist()
-            rolled = await call(client, "roll_out", task=TASK, actions=actions, latents={"restitution": 0.4})
-            assert [row["action"] for row in rolled["results"]] == actions
-            placed = [row["action"] for row in rolled["results"] if row["reason"] is None]
-            assert placed and len(rolled["paths"]["red"]) == 13
-            assert rolled == await call(client, "roll_out", task=TASK, actions=actions, latents={"restitution": 0.4})
+            rollouts = await call(client, "roll_out", task=TASK, actions=actions, latents={"restitution": 0.4})
+            assert [row["action"] for row in rollouts["results"]] == actions
+            placed = [row["action"] for row in rollouts["results"] if row["reason"] is None]
+            assert placed and len(rollouts["paths"]["red"]) == 13
+            assert rollouts == await call(client, "roll_out", task=TASK, actions=actions, latents={"restitution": 0.4})
 
             first = await call(client, "propose_actions", task=TASK, actions=2)
             assert len(first["proposals"]) == 2 and first["known"] == [] and first["expected"]
-            assert first == await call(client, "propose_actions", task=TASK), "asking again changes nothing"
-            for left, proposal in zip([1, 0], first["proposals"], strict=True):
+            assert first == await call(client, "propose_actions", task=TASK), "the request is idempotent"
+            for rest_left, proposal in zip([1, 0], first["proposals"], strict=True):
                 measured = await call(client, "measure", task=TASK, proposal=proposal["number"])
-                assert measured["action"] == proposal["action"] and measured["open"] == left
+                assert measured["action"] == proposal["action"] and measured["open"] == rest_left
             assert measured["budget"] == {"limit": 4, "spent": 2, "remaining": 2}
             assert "number of an open proposal" in await refusal(client, "measure", task=TASK, proposal=0)
             second = await call(client, "propose_actions", task=TASK)
@@ -154,40 +154,40 @@ def test_an_episode() -> None:
             assert not film.is_error and pictures(film)[0].startswith(b"\x89PNG")
             last = await call(client, "measure", task=TASK, proposal=second["proposals"][0]["number"])
             assert last["budget"]["remaining"] == 0
-            refused = await refusal(client, "measure", task=TASK, action=placed[0])
-            assert "budget" in refused.lower() and "roll_out" in refused
+            rejected = await refusal(client, "measure", task=TASK, action=placed[0])
+            assert "budget" in rejected.lower() and "roll_out" in rejected
             assert "budget" in (await refusal(client, "estimate", task=TASK)).lower()
-            # One proposal of two was measured: it is fitted, and nothing more is proposed.
+            # One of two proposals was measured: it is fitted, and no more are proposed.
             ended = await call(client, "propose_actions", task=TASK)
             assert ended["proposals"] == [] and "budget" in ended["ended"] and ended["known"] != second["known"]
-            # Another family has a real world of its own.
+            # Another family has its own real world.
             other = await call(client, "look", task="basketball:003")
             assert other["budget"]["remaining"] == 4
 
     run(conversation)
 
 
-def test_an_estimate_tells_how_far_it_is() -> None:
+def test_estimate_reports_progress() -> None:
     async def conversation() -> None:
-        said: list[tuple[float, str | None]] = []
+        text_out: list[tuple[float, str | None]] = []
 
         async def hear(progress: float, total: float | None, message: str | None) -> None:
-            said.append((progress, message))
+            text_out.append((progress, message))
 
         async with agent() as client:
-            asked = {"task": "bowling", "rounds": 1, "actions": 3, "strategy": "mixed"}
-            found = await client.call_tool("estimate", asked, progress_callback=hear)
+            requested = {"task": "bowling", "rounds": 1, "actions": 3, "strategy": "mixed"}
+            found = await client.call_tool("estimate", requested, progress_callback=hear)
             assert not found.is_error, words(found)
-            told = found.structured_content
-            assert told["real_interactions"] == 3 and told["budget"]["spent"] == 3
-            assert [row["name"] for row in told["latents"]] == ["density", "friction", "restitution"]
-            assert said and sorted(said) == said and all(message for _, message in said)
+            response = found.structured_content
+            assert response["real_interactions"] == 3 and response["budget"]["spent"] == 3
+            assert [row["name"] for row in response["latents"]] == ["density", "friction", "restitution"]
+            assert text_out and sorted(text_out) == text_out and all(message for _, message in text_out)
 
     run(conversation)
 
 
-def test_trials_as_text_are_diagnosed() -> None:
-    """Throws of a ball through air that drags, simulated without it."""
+def test_diagnoses_trials_as_text() -> None:
+    """Throws with air drag, simulated without it."""
     tracks = {f"throw{i}": throw(3.0 + 0.7 * i, 0.3 + 0.1 * (i % 4), i) for i in range(6)}
 
     async def conversation() -> None:
@@ -196,8 +196,8 @@ def test_trials_as_text_are_diagnosed() -> None:
             found = await call(client, "diagnose", trials=tracks, ball=ball)
             assert found["verdict"] in ("named", "ambiguous"), found["reason"]
             assert any("drag" in name or name == "moving_air" for names in found["rivals"] for name in names)
-            rolled = await call(client, "roll_out", scene=found["extended_scene"])
-            assert rolled["results"][0]["seconds"] > 0.0 and rolled["paths"]
+            rollouts = await call(client, "roll_out", scene=found["extended_scene"])
+            assert rollouts["results"][0]["seconds"] > 0.0 and rollouts["paths"]
             few = await call(client, "diagnose", trials=tracks["throw0"], ball=ball)
             assert few["verdict"] == "insufficient_data"
 
@@ -205,7 +205,7 @@ def test_trials_as_text_are_diagnosed() -> None:
 
 
 def throw(speed: float, angle: float, seed: int) -> str:
-    """CSV of t (s), x and y (m): quadratic drag 0.15 per m, 0.2 mm of noise, 60 pictures in 0.6 s."""
+    """CSV of t (s), x and y (m): quadratic drag 0.15 per m, 0.2 mm of noise, 60 frames in 0.6 s."""
     state = np.array([0.0, 1.0, speed * np.cos(angle), speed * np.sin(angle)])
     rng = np.random.default_rng(seed)
 
@@ -223,7 +223,7 @@ def throw(speed: float, angle: float, seed: int) -> str:
 
 
 def bad() -> Iterator[tuple[str, dict[str, Any], str]]:
-    """A tool, arguments that it cannot take, and what the refusal names."""
+    """A tool, invalid arguments, and a word of the error message."""
     yield "list_tasks", {"family": "curling"}, "curling"
     yield "list_tasks", {"limit": 0}, "`limit`"
     yield "list_tasks", {"famly": "bowling"}, "famly"
@@ -257,33 +257,33 @@ def bad() -> Iterator[tuple[str, dict[str, Any], str]]:
     yield "diagnose", {"explored": TASK}, "propose_actions"
 
 
-def test_bad_input_is_refused_by_name_and_spends_nothing() -> None:
+def test_rejects_invalid_input_without_cost() -> None:
     async def conversation() -> None:
         async with agent() as client:
             for tool, arguments, named in bad():
-                said = await refusal(client, tool, **arguments)
-                assert named in said, f"{tool} {arguments}: {said}"
-            with pytest.raises(MCPError, match="there are list_tasks, look"):
+                text_out = await refusal(client, tool, **arguments)
+                assert named in text_out, f"{tool} {arguments}: {text_out}"
+            with pytest.raises(MCPError, match="available: list_tasks, look"):
                 await client.call_tool("fly", {})
-            # What cannot be placed is an outcome, and free.
+            # An invalid action is an outcome and costs nothing.
             outside = await call(client, "measure", task=TASK, action=[0.0, 0.0, 1.0])
             assert outside["reason"] and outside["solved"] is None and outside["budget"]["spent"] == 0
 
     run(conversation)
 
 
-def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
+def test_cancels_tool_call(tmp_path: Path) -> None:
     async def conversation() -> None:
-        begun = asyncio.Event()
+        started = asyncio.Event()
 
         async def hear(progress: float, total: float | None, message: str | None) -> None:
-            begun.set()
+            started.set()
 
         log = tmp_path / "log"
         async with agent("--real-interactions", "5000", log=log) as client:
             long = {"task": "bowling", "rounds": 50, "actions": 50, "seconds": 600}
             under_way = asyncio.create_task(client.call_tool("estimate", long, progress_callback=hear))
-            await begun.wait()
+            await started.wait()
             under_way.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await under_way
@@ -298,17 +298,17 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
 
 
 def ended(log: Path) -> str | None:
-    """The line of the log about a job that ended."""
+    """The log line of an ended job."""
     lines = log.read_text(encoding="utf-8").splitlines()
     return next((line for line in lines if '"event":"job"' in line), None)
 
 
-def test_what_was_spent_lasts_and_more_may_be_allowed(tmp_path: Path) -> None:
+def test_budget_persists_and_can_be_raised(tmp_path: Path) -> None:
     async def spent(most: str, measure: bool) -> dict[str, int]:
         async with agent("--data-dir", str(tmp_path), "--real-interactions", most) as client:
             if measure:
-                rolled = await call(client, "roll_out", task=TASK, actions=GRID)
-                action = next(row["action"] for row in rolled["results"] if row["reason"] is None)
+                rollouts = await call(client, "roll_out", task=TASK, actions=GRID)
+                action = next(row["action"] for row in rollouts["results"] if row["reason"] is None)
                 await call(client, "measure", task=TASK, action=action)
             budget = (await call(client, "look", task=TASK))["budget"]
             return {name: int(value) for name, value in budget.items()}
@@ -325,31 +325,31 @@ def test_what_was_spent_lasts_and_more_may_be_allowed(tmp_path: Path) -> None:
 GRID = [[x, y, 0.2] for x in (0.3, 0.5, 0.7, 0.9) for y in (0.5, 0.7, 0.9)]
 
 
-def test_an_agent_may_no_more_than_it_was_let(tmp_path: Path) -> None:
-    new = [str(find_binary()), "token", "new", "ann", "--may", "act", "--data-dir", str(tmp_path)]
+def test_scope_limits_agent(tmp_path: Path) -> None:
+    new = [str(find_binary()), "token", "new", "ann", "--scope", "act", "--data-dir", str(tmp_path)]
     token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.split()[-1]
 
     async def conversation() -> None:
-        for place, shown in [((), None), (("--data-dir", str(tmp_path)), token)]:
-            async with agent("--may", "read", *place, token=shown) as client:
+        for place, displayed in [((), None), (("--data-dir", str(tmp_path)), token)]:
+            async with agent("--scope", "read", *place, token=displayed) as client:
                 assert (await call(client, "look", task=TASK))["things"]
-                for said in [
+                for text_out in [
                     await refusal(client, "measure", task=TASK, action=GRID[0]),
                     await refusal(client, "roll_out", task=TASK, actions=GRID),
                 ]:
-                    assert "may read" in said and "may act" in said
+                    assert "scope read" in text_out and "requires act" in text_out
         async with agent("--data-dir", str(tmp_path), token=token) as client:
             assert (await call(client, "roll_out", task=TASK, actions=GRID))["results"]
 
     run(conversation)
-    for wrong in ({}, {"IPLW_TOKEN": "iplw_wrong"}):
+    for bad_value in ({}, {"IPLW_TOKEN": "iplw_wrong"}):
         clean = {name: value for name, value in os.environ.items() if name != "IPLW_TOKEN"}
         command = [str(find_binary()), "mcp", "--data-dir", str(tmp_path)]
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**clean, **wrong})
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**clean, **bad_value})
         assert done.returncode == 2 and "IPLW_TOKEN" in done.stderr and done.stdout == ""
 
 
-def test_it_ends_with_its_input_and_says_nothing_but_the_protocol() -> None:
+def test_ends_with_stdin_and_prints_only_protocol() -> None:
     hello = {
         "jsonrpc": "2.0",
         "id": 1,
@@ -366,9 +366,9 @@ def test_it_ends_with_its_input_and_says_nothing_but_the_protocol() -> None:
         [str(find_binary()), "mcp"], input=sent, capture_output=True, text=True, timeout=20.0, check=False
     )
     assert done.returncode == 0, done.stderr
-    said = [json.loads(line) for line in done.stdout.splitlines()]
-    assert said[0]["result"]["protocolVersion"] == "2025-06-18"
-    assert all(line["jsonrpc"] == "2.0" for line in said)
-    # Nobody there at all.
+    text_out = [json.loads(line) for line in done.stdout.splitlines()]
+    assert text_out[0]["result"]["protocolVersion"] == "2025-06-18"
+    assert all(line["jsonrpc"] == "2.0" for line in text_out)
+    # No server.
     none = subprocess.run([str(find_binary()), "mcp"], stdin=subprocess.DEVNULL, capture_output=True, timeout=20.0)
     assert none.returncode == 0 and none.stdout == b""

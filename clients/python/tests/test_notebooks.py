@@ -1,4 +1,4 @@
-"""The tutorials run from top to bottom, with what a fresh reader has; they are kept without outputs."""
+"""The tutorials run from top to bottom and are stored without outputs."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("pandas")
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[3] / "examples" / "notebooks").glob("*.ipynb"))
-#: Longest that a cell may take, s, on a machine that has much else to do.
+#: Time limit of a cell on a busy machine, s.
 CELL_S = 300
-#: Most characters of one output: a page with many of them has to stay light.
+#: Maximum size of one output, characters.
 MOST_HTML = 200_000
 
 
 def outputs(notebook: Any) -> list[Any]:
-    """What the cells gave, in order."""
+    """Outputs of the cells, in order."""
     return [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
 
 
-def shown(notebook: Any, kind: str = "text/html") -> list[str]:
-    """What the cells showed in this form."""
+def displayed(notebook: Any, kind: str = "text/html") -> list[str]:
+    """Displayed outputs of this media type."""
     return [output["data"][kind] for output in outputs(notebook) if kind in output.get("data", {})]
 
 
-def test_there_are_tutorials() -> None:
+def test_tutorials_exist() -> None:
     assert {file.name[:2] for file in NOTEBOOKS} == {"01", "02", "03", "04", "05"}
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_kept_without_outputs(file: Path) -> None:
+def test_stored_without_outputs(file: Path) -> None:
     notebook = nbformat.read(file, as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
     assert (notebook.nbformat, notebook.nbformat_minor) == (4, 5)
     ids = [cell.id for cell in notebook.cells]
-    # Ids that mean something stay the same when a cell is moved, and a difference can be read.
+    # Descriptive ids are stable when cells move, and diffs are readable.
     assert len(set(ids)) == len(ids) and not [id for id in ids if re.fullmatch(r"[0-9a-f-]{8,}", id)]
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert not outputs(notebook) and all(cell.execution_count is None for cell in code)
-    assert any("assert " in cell.source for cell in code), "nothing would fail if a result were wrong"
+    assert any("assert " in cell.source for cell in code), "the notebook must check a result"
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_runs_from_top_to_bottom(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A server of its own, started by the notebook from IPLW_BIN.
+def test_notebook_runs(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The notebook starts a private server from IPLW_BIN.
     for name in ("IPLW_URL", "IPLW_TOKEN"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
@@ -59,18 +59,18 @@ def test_runs_from_top_to_bottom(file: Path, tmp_path: Path, monkeypatch: pytest
     )
     runner.execute()
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code" and cell.source.strip())
-    html = shown(notebook)
+    html = displayed(notebook)
     assert any('class="iplw"' in text for text in html)
     assert all(len(text) < MOST_HTML and "<script" not in text for text in html if 'class="iplw"' in text)
-    # (Ray tells there what it misses and which nodes it lost.)
+    # (Ray writes warnings to stderr.)
     for output in outputs(notebook) if "import ray" not in notebook_source(notebook) else []:
         assert output.get("name") != "stderr", output["text"]
-    # A job that was waited for has one card, which changed in place until the end.
+    # A job has one card, which is updated in place.
     watched = notebook_source(notebook).count("wait(progress=True)")
     assert watched <= sum(bool(re.search(r"<b>\w+ job-\d+</b><span class=\"n\">succeeded<", text)) for text in html)
     assert not any('class="bar"' in text for text in html)
 
 
 def notebook_source(notebook: Any) -> str:
-    """All of its code."""
+    """The code of all cells."""
     return "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")

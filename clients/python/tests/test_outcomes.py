@@ -1,4 +1,4 @@
-"""Tables of outcomes: as the command writes them, and as NumPy and the ranking read them."""
+"""Outcome tables: written by the command, read by NumPy and `iplw.Outcomes`."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ TASKS, ACTIONS = 25, 400
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("outcomes")
-    told = run(out).stdout
-    assert "25 tasks, 400 actions each" in told
+    response = run(out).stdout
+    assert "25 tasks, 400 actions each" in response
     return out
 
 
-def run(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    argv = [str(find_binary()), *COMMAND, "--out", str(out), *more]
+def run(out: Path, *extra: str) -> subprocess.CompletedProcess[str]:
+    argv = [str(find_binary()), *COMMAND, "--out", str(out), *extra]
     return subprocess.run(argv, capture_output=True, text=True, check=False)
 
 
-def test_table(folder: Path) -> None:
+def test_outcome_table(folder: Path) -> None:
     table = iplw.Outcomes(folder)
     assert table.actions.shape == (400, 4) and 0 <= table.actions.min() <= table.actions.max() <= 1
     assert table.outcomes.shape == (TASKS, ACTIONS) and table.outcomes.dtype == np.int8
@@ -39,7 +39,7 @@ def test_table(folder: Path) -> None:
     assert table.about["effects"][0]["name"] == "linear_drag"
 
 
-def test_ranking(folder: Path) -> None:
+def test_evaluates_ranking(folder: Path) -> None:
     table = iplw.Outcomes(folder)
     knowing = table.evaluate(lambda task, _: table.row(task), table.tasks)
     solvable = [task for task in table.tasks if (table.row(task) == 1).any()]
@@ -54,34 +54,34 @@ def test_ranking(folder: Path) -> None:
         table.row("bowling:000")
 
 
-def test_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
-    whole = (folder / "outcomes.npy").read_bytes()
-    # As a run leaves it that was killed within its eighth task.
+def test_resumes_interrupted_table(folder: Path, tmp_path: Path) -> None:
+    full = (folder / "outcomes.npy").read_bytes()
+    # The state after a kill during the eighth task.
     for name in ("outcomes.json", "actions.npy"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    data = whole[-TASKS * ACTIONS :]
+    data = full[-TASKS * ACTIONS :]
     (tmp_path / "outcomes.part").write_bytes(data[: 7 * ACTIONS + 123])
-    with pytest.raises(FileNotFoundError, match="not finished"):
+    with pytest.raises(FileNotFoundError, match="incomplete table"):
         iplw.Outcomes(tmp_path)
     done = run(tmp_path)
-    assert done.returncode == 0 and "goes on after 7 tasks" in done.stderr, done.stderr
-    assert (tmp_path / "outcomes.npy").read_bytes() == whole
+    assert done.returncode == 0 and "resumes after 7 tasks" in done.stderr, done.stderr
+    assert (tmp_path / "outcomes.npy").read_bytes() == full
     assert not (tmp_path / "outcomes.part").exists()
     again = run(tmp_path)
-    assert again.returncode == 0 and "all of it is there" in again.stderr and again.stdout == done.stdout
+    assert again.returncode == 0 and "the table is complete" in again.stderr and again.stdout == done.stdout
     other = run(tmp_path, "--seed", "1")
     assert other.returncode == 2 and "another directory" in other.stderr
     assert json.loads((tmp_path / "outcomes.json").read_text())["seed"] == 0
-    assert (tmp_path / "outcomes.npy").read_bytes() == whole
+    assert (tmp_path / "outcomes.npy").read_bytes() == full
 
 
-@pytest.mark.parametrize("there", ["outcomes.part", "outcomes.npy", "outcomes.json", "actions.npy"])
-def test_what_is_another_is_left_alone(folder: Path, tmp_path: Path, there: str) -> None:
-    (tmp_path / there).write_bytes(b"mine")
-    if there == "outcomes.part":
+@pytest.mark.parametrize("leftover", ["outcomes.part", "outcomes.npy", "outcomes.json", "actions.npy"])
+def test_rejects_directory_of_another_table(folder: Path, tmp_path: Path, leftover: str) -> None:
+    (tmp_path / leftover).write_bytes(b"mine")
+    if leftover == "outcomes.part":
         about = json.loads((folder / "outcomes.json").read_text())
         (tmp_path / "outcomes.json").write_text(json.dumps(about | {"seed": 1}))
-    refused = run(tmp_path)
-    assert refused.returncode == 2 and "another directory" in refused.stderr, refused.stderr
-    assert (tmp_path / there).read_bytes() == b"mine"
-    assert len(list(tmp_path.iterdir())) == (2 if there == "outcomes.part" else 1)
+    error = run(tmp_path)
+    assert error.returncode == 2 and "another directory" in error.stderr, error.stderr
+    assert (tmp_path / leftover).read_bytes() == b"mine"
+    assert len(list(tmp_path.iterdir())) == (2 if leftover == "outcomes.part" else 1)

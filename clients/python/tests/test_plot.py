@@ -1,4 +1,4 @@
-"""`iplw.plot` draws what the client gives, and what pandas and NumPy hold; without a screen."""
+"""`iplw.plot` draws results, pandas frames and NumPy arrays, without a display."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_show import DIAGNOSIS, RESULTS
+from test_display import DIAGNOSIS, RESULTS
 
 import iplw
 from iplw.rollout import Rollout
@@ -29,12 +29,12 @@ def ax() -> Iterator[Any]:
 
     figure, axes = plt.subplots()
     yield axes
-    # Whatever it is, it can be drawn.
+    # Every figure can be rendered.
     figure.canvas.draw()
     plt.close("all")
 
 
-def test_trajectories(ax: Any) -> None:
+def test_plots_trajectories(ax: Any) -> None:
     scene = {
         "bodies": [],
         "statics": [{"shape": {"type": "box", "half_width": 1, "half_height": 0.1}, "position": [0, 0]}],
@@ -47,22 +47,22 @@ def test_trajectories(ax: Any) -> None:
     assert len(ax.lines) == before + 4
 
 
-def test_actions_are_means_by_cell(ax: Any) -> None:
-    tried = np.array([[0.1, 0.1], [0.2, 0.2], [0.9, 0.9], [0.6, 0.1]])
-    iplw.plot.actions(tried, [1.0, 0.0, 1.0, np.nan], bins=2, ax=ax)
-    drawn = np.ma.filled(ax.collections[0].get_array().reshape(2, 2).astype(float), np.nan)
-    assert drawn[0, 0] == 0.5 and drawn[1, 1] == 1.0 and np.isnan(drawn[0, 1])
+def test_plots_mean_by_cell(ax: Any) -> None:
+    attempted = np.array([[0.1, 0.1], [0.2, 0.2], [0.9, 0.9], [0.6, 0.1]])
+    iplw.plot.actions(attempted, [1.0, 0.0, 1.0, np.nan], bins=2, ax=ax)
+    sampled = np.ma.filled(ax.collections[0].get_array().reshape(2, 2).astype(float), np.nan)
+    assert sampled[0, 0] == 0.5 and sampled[1, 1] == 1.0 and np.isnan(sampled[0, 1])
     invalid = Rollout(False, "overlaps", None, 0, 0, 0)
-    iplw.plot.actions(tried[:2], iplw.Rollouts([WAY, invalid]), bins=1, ax=ax)
-    assert ax.collections[1].get_array().ravel()[0] == 1.0, "what could not be placed does not count"
-    with pytest.raises(ValueError, match=r"tried has shape \(4, 2\), solved \(1,\)"):
-        iplw.plot.actions(tried, [1.0], ax=ax)
+    iplw.plot.actions(attempted[:2], iplw.Rollouts([WAY, invalid]), bins=1, ax=ax)
+    assert ax.collections[1].get_array().ravel()[0] == 1.0, "invalid actions do not count"
+    with pytest.raises(ValueError, match=r"vectors has shape \(4, 2\), solved \(1,\)"):
+        iplw.plot.actions(attempted, [1.0], ax=ax)
 
 
-def test_latents_and_rounds(ax: Any) -> None:
+def test_plots_latents_and_rounds(ax: Any) -> None:
     estimate = iplw.Estimate(RESULTS["iplw"])
     iplw.plot.latents({"one": estimate, "two": estimate.frame()}, truth={"friction": 0.45, "density": 1.0}, ax=ax)
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["friction"], "what is not told is left out"
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["friction"], "unidentifiable latents are omitted"
     assert {text.get_text() for text in ax.get_legend().get_texts()} == {"one", "two", "truth"}
     rounds = iplw.Rounds(
         [{"number": i, "interactions": 6 * i, "residual": None, "latents": RESULTS["iplw"]["latents"]} for i in (1, 2)]
@@ -73,7 +73,7 @@ def test_latents_and_rounds(ax: Any) -> None:
         iplw.plot.rounds(rounds.frame(), "drag", ax=ax)
 
 
-def test_auccess(ax: Any, client: iplw.Client) -> None:
+def test_plots_auccess(ax: Any, client: iplw.Client) -> None:
     score = client.policy("random").evaluate("bowling-sim", split="test", attempts=100).wait()
     assert isinstance(score, iplw.Score)
     # The same weights as the server's.
@@ -81,12 +81,12 @@ def test_auccess(ax: Any, client: iplw.Client) -> None:
     iplw.plot.auccess({"random": score, "by hand": np.ones(100)}, ax=ax)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [f"random {score.auccess:.3f}", "by hand 1.000"]
     odd: list[Any] = [1.0, [], [0.2, np.nan], [[0.1]]]
-    for wrong in odd:
+    for bad_value in odd:
         with pytest.raises(ValueError, match=r"scores\['odd'\] is .*0 to 1"):
-            iplw.plot.auccess({"odd": wrong})
+            iplw.plot.auccess({"odd": bad_value})
 
 
-def test_diagnoses(ax: Any) -> None:
+def test_plots_diagnoses(ax: Any) -> None:
     diagnosis = iplw.Diagnosis(DIAGNOSIS)
     iplw.plot.rivals(diagnosis, ax=ax)
     assert [bar.get_width() for bar in ax.patches] == [0.0, 1.0, 0.0, 40.0]
@@ -97,12 +97,12 @@ def test_diagnoses(ax: Any) -> None:
         iplw.plot.residuals(points, axis="z", ax=ax)
 
 
-def test_training(ax: Any) -> None:
+def test_plots_training(ax: Any) -> None:
     iplw.plot.training(iplw.Training(RESULTS["train"]), ax=ax)
     assert list(ax.lines[0].get_ydata()) == [0.7, 0.5]
 
 
-def test_without_matplotlib_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_matplotlib_gives_install_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def absent(name: str, *args: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Pictures as arrays, whatever form of PNG they have."""
+"""Decoding of PNG variants."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ def encoded(picture: Image.Image) -> bytes:
     return out.getvalue()
 
 
-def test_colours_are_kept_to_the_bit() -> None:
+def test_preserves_colours() -> None:
     decoded = png.decode(encoded(Image.fromarray(SEEN)))
     assert decoded.dtype == np.uint8 and np.array_equal(decoded, SEEN)
     decoded[0, 0] = 1
 
 
-def test_grey_and_palettes_become_rgb() -> None:
+def test_converts_grey_and_palettes_to_rgb() -> None:
     grey = png.decode(encoded(Image.fromarray(SEEN[..., 0])))
     assert np.array_equal(grey, np.repeat(SEEN[..., :1], 3, axis=2))
     few = Image.fromarray(SEEN).quantize(4)
     assert np.array_equal(png.decode(encoded(few)), np.asarray(few.convert("RGB")))
 
 
-def test_what_is_transparent_is_white() -> None:
+def test_transparent_becomes_white() -> None:
     alpha = np.where(SEEN[..., :1] < 128, 0, 255).astype(np.uint8)
     decoded = png.decode(encoded(Image.fromarray(np.concatenate([SEEN, alpha], axis=2))))
     assert np.array_equal(decoded, np.where(alpha == 0, 255, SEEN))
 
 
-def test_damage_is_named() -> None:
-    whole = encoded(Image.fromarray(SEEN))
-    for broken in (b"<svg>", whole[:20], whole[:60], b"GIF89a" + whole):
-        with pytest.raises(ValueError, match="PNG picture"):
+def test_rejects_damaged_files() -> None:
+    complete = encoded(Image.fromarray(SEEN))
+    for broken in (b"<svg>", complete[:20], complete[:60], b"GIF89a" + complete):
+        with pytest.raises(ValueError, match="PNG image"):
             png.decode(broken)

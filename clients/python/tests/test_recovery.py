@@ -1,4 +1,4 @@
-"""A server that is killed in the middle of an episode: a clear error in time, and on with the next one."""
+"""A server killed during an episode: a clear error, and recovery after a restart."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def ports() -> tuple[int, int]:
 
 
 class Server:
-    """A server on fixed ports with a data directory, to be killed and started again."""
+    """A server with fixed ports and a data directory that can be killed and restarted."""
 
-    def __init__(self, data: Path, *more: str) -> None:
+    def __init__(self, data: Path, *extra: str) -> None:
         self.http, self.zmq = ports()
         self._command = [
             *(str(find_binary()), "serve", "--http", f"127.0.0.1:{self.http}"),
-            *("--zmq", f"tcp://127.0.0.1:{self.zmq}", "--data-dir", str(data), "--exit-with-stdin", *more),
+            *("--zmq", f"tcp://127.0.0.1:{self.zmq}", "--data-dir", str(data), "--exit-with-stdin", *extra),
         ]
         self.start()
 
@@ -50,7 +50,7 @@ class Server:
 
 
 @pytest.mark.parametrize("scheme", ["http", "tcp"])
-def test_killed_in_the_middle_of_an_episode(tmp_path: Path, scheme: str) -> None:
+def test_server_killed_during_episode(tmp_path: Path, scheme: str) -> None:
     server = Server(tmp_path)
     try:
         with iplw.Client(server.url(scheme), timeout=10) as client:
@@ -68,11 +68,11 @@ def test_killed_in_the_middle_of_an_episode(tmp_path: Path, scheme: str) -> None
                 words = str(caught.value)
                 assert server.url(scheme) in words and ("iplw serve" in words or "still runs" in words), words
             server.start()
-            # The same handles: the world is there with what was spent in it, and waits to be reset.
+            # The same objects: the world exists with its interactions and waits for a reset.
             assert world.interactions == spent
-            with pytest.raises(iplw.Problem) as refused:
+            with pytest.raises(iplw.Problem) as rejected:
                 world.step(20_000)
-            assert refused.value.status == 409
+            assert rejected.value.status == 409
             world.reset(seed=1)
             world.step(20_000)
             assert job.refresh().state in ("queued", "running")
@@ -82,7 +82,7 @@ def test_killed_in_the_middle_of_an_episode(tmp_path: Path, scheme: str) -> None
 
 
 @pytest.mark.parametrize("scheme", ["http", "tcp"])
-def test_killed_while_it_works(tmp_path: Path, scheme: str) -> None:
+def test_server_killed_during_request(tmp_path: Path, scheme: str) -> None:
     server = Server(tmp_path)
     killer = None
     try:
@@ -90,7 +90,7 @@ def test_killed_while_it_works(tmp_path: Path, scheme: str) -> None:
             world = client.create_world("bowling", engine="rapier")
             killer = subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -9 {server.process.pid}"])
             start = time.monotonic()
-            with pytest.raises(iplw.ServerUnavailable, match="broke during .*may or may not have happened"):
+            with pytest.raises(iplw.ServerUnavailable, match="broke during .*may or may not have been executed"):
                 world.rollout(range(4096), task="bowling:002", batch=4096, stop=False)
             assert time.monotonic() - start < 20
     finally:
@@ -100,7 +100,7 @@ def test_killed_while_it_works(tmp_path: Path, scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["http", "tcp"])
-def test_the_asynchronous_client_recovers_too(tmp_path: Path, scheme: str) -> None:
+def test_async_client_recovers(tmp_path: Path, scheme: str) -> None:
     server = Server(tmp_path)
 
     async def run() -> None:
@@ -120,7 +120,7 @@ def test_the_asynchronous_client_recovers_too(tmp_path: Path, scheme: str) -> No
         server.kill()
 
 
-def test_a_killed_clients_worlds_go_after_the_idle_time(tmp_path: Path) -> None:
+def test_idle_worlds_of_killed_client_are_deleted(tmp_path: Path) -> None:
     server = Server(tmp_path, "--idle", "1")
     code = (
         "import iplw, sys\nfor url in sys.argv[1:]:\n    client = iplw.Client(url)\n"

@@ -1,4 +1,5 @@
-"""The adapter for stable-baselines3, against Gymnasium's vector; its base class is a stand-in, since the real one needs PyTorch."""
+"""The stable-baselines3 adapter compared with the vector environment. Its base class is a stub, because the real one requires
+PyTorch."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ import iplw
 
 
 class VecEnv:
-    """What our adapter uses of stable-baselines3's class of this name, 2.x."""
+    """The part of stable-baselines3 2.x's `VecEnv` that the adapter uses."""
 
     def __init__(self, num_envs: int, observation_space: Any, action_space: Any) -> None:
         self.num_envs, self.observation_space, self.action_space = num_envs, observation_space, action_space
@@ -47,7 +48,7 @@ def sb3(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     sys.modules.pop("iplw.sb3")
 
 
-def test_steps_are_the_vectors_with_an_info_for_each(sb3: Any) -> None:
+def test_steps_match_vector_environment(sb3: Any) -> None:
     ours = sb3.make_vec_env("bowling", 4)
     theirs = iplw.make_vec("bowling", 4, autoreset_mode="SameStep")
     assert (ours.action_space.low == -1).all() and (ours.action_space.high == 1).all()
@@ -58,33 +59,33 @@ def test_steps_are_the_vectors_with_an_info_for_each(sb3: Any) -> None:
     ends = 0
     for _ in range(8):
         actions = theirs.action_space.sample()
-        # Halves and doubles are exact: in float32 it is the same action.
+        # Halving and doubling are exact in float32.
         actions = np.round(actions * 256) / 256
         ours.step_async(2 * actions - 1)
         observations, rewards, dones, infos = ours.step_wait()
-        wanted, reward, ended, _, told = theirs.step(actions)
-        assert np.array_equal(observations, wanted) and np.array_equal(dones, ended)
+        expected, reward, ended, _, response = theirs.step(actions)
+        assert np.array_equal(observations, expected) and np.array_equal(dones, ended)
         assert rewards.dtype == np.float32 and np.array_equal(rewards, reward)
         for i in range(4):
             if not ended[i]:
-                assert infos[i]["valid"] is False and infos[i]["reason"] == told["reason"][i]
+                assert infos[i]["valid"] is False and infos[i]["reason"] == response["reason"][i]
                 continue
             ends += 1
             assert infos[i]["valid"] is True and infos[i]["TimeLimit.truncated"] is False
-            assert np.array_equal(infos[i]["terminal_observation"], told["final_obs"][i])
-            assert infos[i]["task"] == told["final_info"]["task"][i]
-            assert ours.reset_infos[i] == {"task": told["task"][i], "split": "train"}
+            assert np.array_equal(infos[i]["terminal_observation"], response["final_obs"][i])
+            assert infos[i]["task"] == response["final_info"]["task"][i]
+            assert ours.reset_infos[i] == {"task": response["task"][i], "split": "train"}
     assert ends > 4
     ours.env_method("set_latents", friction=0.1)
     assert all(world.latents["friction"] == 0.1 for world in map(ours.envs.world, range(4)))
     assert ours.env_is_wrapped(object, 2) == [False] and ours.get_attr("num_envs") == [4] * 4
-    with pytest.raises(ValueError, match="allowed: all of them at once"):
+    with pytest.raises(ValueError, match="allowed: all environments together"):
         ours.env_method("set_latents", indices=[1], friction=0.1)
     ours.close()
     theirs.close()
 
 
-def test_discrete_actions_are_as_they_are(sb3: Any) -> None:
+def test_discrete_actions(sb3: Any) -> None:
     ours = sb3.make_vec_env("bowling", 2, action="discrete", world="real")
     ours.reset()
     ours.step_async(np.array([0, 49_999]))
@@ -92,7 +93,7 @@ def test_discrete_actions_are_as_they_are(sb3: Any) -> None:
     ours.close()
 
 
-def test_only_environments_that_reset_at_once_are_taken(sb3: Any) -> None:
+def test_requires_same_step_autoreset(sb3: Any) -> None:
     envs = iplw.make_vec("bowling", 2)
     with pytest.raises(ValueError, match="autoreset_mode 'NextStep'; allowed: 'SameStep'"):
         sb3.PlacementVecEnv(envs)

@@ -1,4 +1,4 @@
-"""One client over every transport: the same answers to the bit, the same refusals, the same care."""
+"""The client over every transport: bit-identical results, equal problems, equal fault handling."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from router import ok, router
 
 import iplw
 from iplw import codec, frames, zeromq
-from iplw.call import Call
+from iplw.request import Request
 from iplw.binary import find_binary
 
 @pytest.fixture(params=["http-json", "http-msgpack", "zmq"])
@@ -36,11 +36,11 @@ def over(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
         yield client
 
 
-#: What the episode brought over the first transport.
+#: Results of the episode over the first transport.
 EPISODE: list[Any] = []
 
 
-def test_an_episode_is_equal_to_the_bit(over: iplw.Client) -> None:
+def test_episode_is_bit_identical(over: iplw.Client) -> None:
     with over.create_world("bowling", latents={"friction": 0.3}, seed=4) as world:
         got: list[Any] = [world.reset(seed=11, split="test"), world.reset()]
         rng = np.random.default_rng(0)
@@ -57,7 +57,7 @@ def test_an_episode_is_equal_to_the_bit(over: iplw.Client) -> None:
     np.testing.assert_equal(got, EPISODE)
 
 
-def test_refusals_are_the_same(over: iplw.Client) -> None:
+def test_problems_are_equal(over: iplw.Client) -> None:
     world = over.world("bowling-sim")
     for ask, status, words in [
         (lambda: over.world("nowhere"), 404, ["nowhere"]),
@@ -72,7 +72,7 @@ def test_refusals_are_the_same(over: iplw.Client) -> None:
         assert caught.value.slug
 
 
-def test_keys_make_things_once(over: iplw.Client) -> None:
+def test_keys_are_idempotent(over: iplw.Client) -> None:
     key = f"once-{time.time_ns()}"
     first, again = over.create_world("bowling", key=key), over.create_world("bowling", key=key)
     assert first.id == again.id
@@ -91,9 +91,9 @@ def test_lists_jobs_and_files(over: iplw.Client, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "scene.json").read_text())["format"] == "iplw.scene/1"
 
 
-def test_a_job_asks_and_is_told(over: iplw.Client) -> None:
+def test_ask_tell_job(over: iplw.Client) -> None:
     job = over.iplw("bowling", real="ask_tell", rounds=1, actions=2, samples=20)
-    assert isinstance(job, iplw.Asking)
+    assert isinstance(job, iplw.AskTellJob)
     proposals = job.proposals(timeout=60)
     job.tell(proposals[0], [0.0, 0.1], {"red": [[1.0, 1.0], [1.0, 0.9]]})
     row = f"{proposals[1].number},0.0,red,1.0,1.0\n{proposals[1].number},0.1,red,1.0,0.9\n"
@@ -103,48 +103,48 @@ def test_a_job_asks_and_is_told(over: iplw.Client) -> None:
     job.cancel()
 
 
-def test_weights_go_up_and_down(over: iplw.Client, client: iplw.Client) -> None:
-    made = client.train("bowling:002", batches=1, batch_size=2, seed=1).wait()["policy"]
-    weights = client.policy(made).download()
+def test_uploads_and_downloads_weights(over: iplw.Client, client: iplw.Client) -> None:
+    created = client.train("bowling:002", batches=1, batch_size=2, seed=1).wait()["policy"]
+    weights = client.policy(created).download()
     copy = over.upload_policy("over", weights)
     assert copy.download() == weights and copy.act("bowling:001", 2)
     copy.delete()
 
 
-def test_threads_share_a_client(over: iplw.Client) -> None:
-    wrong: list[Any] = []
+def test_threads_share_client(over: iplw.Client) -> None:
+    invalid: list[Any] = []
 
     def act(number: int) -> None:
         with over.create_world("bowling") as world:
             for seed in range(number, number + 20):
                 task = world.reset(seed=seed)[1]["task"]
                 if task != world.reset(seed=seed)[1]["task"] or over.world(world.id).id != world.id:
-                    wrong.append(seed)
+                    invalid.append(seed)
 
     threads = [threading.Thread(target=act, args=(n,)) for n in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert not wrong
+    assert not invalid
 
 
-def test_a_forked_child_speaks_for_itself(over: iplw.Client) -> None:
-    with iplw.Client(over.url) as own:
-        own.worlds()
+def test_forked_child_uses_own_connections(over: iplw.Client) -> None:
+    with iplw.Client(over.url) as separate:
+        separate.worlds()
         pid = os.fork()
         if pid == 0:
             good = False
             try:
-                good = all(own.world("bowling-sim").reset(seed=k) for k in range(20))
+                good = all(separate.world("bowling-sim").reset(seed=k) for k in range(20))
             finally:
                 os._exit(0 if good else 1)
         for k in range(20):
-            own.world("bowling-real").reset(seed=k)
+            separate.world("bowling-real").reset(seed=k)
         assert os.waitpid(pid, 0)[1] == 0
 
 
-def test_over_a_unix_socket(tmp_path: Path) -> None:
+def test_unix_socket(tmp_path: Path) -> None:
     address = f"ipc://{tmp_path}/socket"
     command = [str(find_binary()), "serve", "--http", "127.0.0.1:0", "--zmq", address, "--exit-with-stdin"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
@@ -158,21 +158,21 @@ def test_over_a_unix_socket(tmp_path: Path) -> None:
         assert server.wait(10) == 0
 
 
-# --- when things go wrong over ZeroMQ; over HTTP see test_client.py ---
+# --- faults over ZeroMQ; over HTTP see test_client.py ---
 
 
-def test_nobody_there() -> None:
+def test_unreachable_server() -> None:
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         client = iplw.Client(f"tcp://127.0.0.1:{held.getsockname()[1]}", timeout=20)
         start = time.monotonic()
         with pytest.raises(iplw.ServerUnavailable, match=r"no iplw server at tcp://.*iplw serve --zmq"):
             client.worlds()
-        assert time.monotonic() - start < 5, "a refused connection is not waited for"
+        assert time.monotonic() - start < 5, "a refused connection fails at once"
 
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1", "tcp://", "ipc://", "udp://127.0.0.1:1", "http://"])
-def test_addresses_are_checked(url: str) -> None:
+def test_rejects_malformed_addresses(url: str) -> None:
     with pytest.raises(ValueError, match="allowed: an address like"):
         iplw.Client(url)
 
@@ -184,39 +184,39 @@ def test_http_is_not_zeromq() -> None:
             other.worlds()
 
 
-def test_silence_ends_with_the_timeout_and_is_told() -> None:
-    with router(lambda header: None) as (url, seen):
+def test_timeout_cancels_request() -> None:
+    with router(lambda header: None) as (url, observed):
         client = iplw.Client(url, timeout=0.3)
-        with pytest.raises(iplw.ServerUnavailable, match=r"no answer to list_worlds .* within 0.3 s; give it longer"):
+        with pytest.raises(iplw.ServerUnavailable, match=r"no answer to list_worlds .* within 0.3 s; increase"):
             client.worlds()
         until = time.monotonic() + 5
-        while len(seen) < 2 and time.monotonic() < until:
+        while len(observed) < 2 and time.monotonic() < until:
             time.sleep(0.01)
-    assert [header["op"] for header in seen] == ["list_worlds", "cancel"]
-    assert seen[1]["args"] == {"request": seen[0]["id"]}
+    assert [header["op"] for header in observed] == ["list_worlds", "cancel"]
+    assert observed[1]["args"] == {"request": observed[0]["id"]}
 
 
-def test_a_busy_server_is_asked_again() -> None:
+def test_retries_busy_server() -> None:
     busy = {"type": "https://iplw.dev/problems/busy", "title": "busy", "status": 503, "detail": "later"}
 
     def answer(header: dict[str, Any]) -> list[bytes]:
-        if len(asked) < 4:
-            asked.append(header["op"])
+        if len(requested) < 4:
+            requested.append(header["op"])
             return [msgpack.packb({"v": 1, "id": header["id"], "ok": False, "problem": busy})]
         return ok(header, {"id": "w", "kind": "sim"})
 
-    asked: list[str] = []
-    with router(answer) as (url, seen):
+    requested: list[str] = []
+    with router(answer) as (url, observed):
         assert iplw.Client(url).create_world("bowling").id == "w"
-        assert len(seen) == 5
-    asked.clear()
-    with router(lambda h: [msgpack.packb({"v": 1, "id": h["id"], "ok": False, "problem": busy})]) as (url, seen):
+        assert len(observed) == 5
+    requested.clear()
+    with router(lambda h: [msgpack.packb({"v": 1, "id": h["id"], "ok": False, "problem": busy})]) as (url, observed):
         with pytest.raises(iplw.Problem, match="503 busy: later"):
             iplw.Client(url, timeout=0.2).create_world("bowling")
 
 
-def test_a_busy_worker_is_not_dead(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zeromq, "PING", 0.1)
+def test_slow_request_is_kept_alive_by_pings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zeromq, "PING_AFTER_S", 0.1)
     held: list[dict[str, Any]] = []
 
     def answer(header: dict[str, Any]) -> list[bytes] | None:
@@ -229,30 +229,30 @@ def test_a_busy_worker_is_not_dead(monkeypatch: pytest.MonkeyPatch) -> None:
 
     with router(answer) as (url, _):
         client = iplw.Client(url, timeout=0.5)
-        assert client._line.do(Call("rollout_world", {"id": "w"}, lambda a: a, slack=30)) == {"results": []}
+        assert client._connection.do(Request("rollout_world", {"id": "w"}, lambda a: a, extra_timeout_s=30)) == {"results": []}
     assert len(held) == 8, "longer than the timeout, but never silent"
 
 
-def test_nonsense_is_named() -> None:
+def test_invalid_replies() -> None:
     for reply in [[b"\xc1"], [msgpack.packb({"id": 1})], [msgpack.packb(3)]]:
         with router(lambda header, reply=reply: reply) as (url, _):
             with pytest.raises(iplw.ServerUnavailable, match="is it the ZeroMQ address"):
                 iplw.Client(url, timeout=5).worlds()
 
 
-def test_arrays_survive_the_frames() -> None:
+def test_arrays_round_trip() -> None:
     sent = {
         "actions": np.arange(6, dtype=">f4").reshape(2, 3)[:, ::-1],
         "mask": np.array([True, False]),
         "weights": b"abc",
         "n": np.int64(3),
     }
-    head, *rest = frames.request(7, Call("step_worlds", sent, lambda a: a, raw=True))
+    head, *rest = frames.encode_request(7, Request("step_worlds", sent, lambda a: a, raw_arrays=True))
     header = msgpack.unpackb(head)
     assert header["args"] == {"n": 3} and header["raw"] is True
     reply = {"id": 7, "ok": True, "result": {"deep": [{}]}, "arrays": header["arrays"]}
     reply["arrays"][0]["name"] = "deep.0.actions"
-    back = frames.answer(reply, [b"", *(bytes(frame) for frame in rest)], binary=False)
+    back = frames.decode_reply(reply, [b"", *(bytes(frame) for frame in rest)], binary=False)
     np.testing.assert_array_equal(back["deep"][0]["actions"], sent["actions"])
     np.testing.assert_array_equal(back["mask"], sent["mask"])
     assert back["weights"].tobytes() == b"abc"
@@ -261,7 +261,7 @@ def test_arrays_survive_the_frames() -> None:
     assert packed["b"][0].dtype == np.bool_
 
 
-def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_dependencies_give_install_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def without(name: str, *args: Any, **kwargs: Any) -> Any:
@@ -278,8 +278,8 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     importlib.reload(zeromq)
 
 
-def test_http_does_without_either() -> None:
-    # In a Python that has neither pyzmq nor msgpack, everything but tcp:// works.
+def test_http_needs_neither_pyzmq_nor_msgpack() -> None:
+    # Without pyzmq and msgpack, everything except tcp:// works.
     code = (
         "import sys\nsys.modules['zmq'] = sys.modules['msgpack'] = None\n"
         "import iplw\nwith iplw.Client() as client:\n    world = client.create_world('bowling')\n"
@@ -295,7 +295,7 @@ GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + byt
 
 
 @pytest.mark.parametrize(
-    "said",
+    "message",
     [
         b"HTTP/1.1 400 Bad Request\r\n\r\n" + b" " * 64,
         GREETING.replace(b"NULL", b"CURV") + READY,
@@ -305,9 +305,9 @@ GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + byt
         b"",
     ],
 )
-def test_who_is_no_router_is_not_talked_to(said: bytes) -> None:
+def test_rejects_other_zmtp_peers(message: bytes) -> None:
     def serve(connected: socket.socket, done: threading.Event) -> None:
-        connected.sendall(said)
+        connected.sendall(message)
         done.wait(10)
 
     with peer(serve) as port:
@@ -315,7 +315,7 @@ def test_who_is_no_router_is_not_talked_to(said: bytes) -> None:
             iplw.Client(f"tcp://127.0.0.1:{port}", timeout=0.5).worlds()
 
 
-def test_a_header_may_have_any_order_and_an_id_of_any_kind() -> None:
+def test_header_order_and_id_types() -> None:
     with iplw.Client("tcp://private") as client:
         dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         dealer.linger = 0
@@ -326,15 +326,15 @@ def test_a_header_may_have_any_order_and_an_id_of_any_kind() -> None:
         header = {"args": {"id": "bowling-sim", "seed": 3}, "id": b"mine", "op": "reset_world", "v": 1, "raw": True}
         dealer.send_multipart([msgpack.packb(header)])
         head, observation = dealer.recv_multipart()
-        said = msgpack.unpackb(head)
+        message = msgpack.unpackb(head)
         dealer.close()
         expected, info = client.world("bowling-sim").reset(seed=3)
-        assert (said["id"], said["ok"], said["result"]["info"]) == (b"mine", True, info)
+        assert (message["id"], message["ok"], message["result"]["info"]) == (b"mine", True, info)
         assert observation == expected.tobytes()
 
 
-def test_a_connection_that_broke_is_not_used_again() -> None:
-    # Sockets come and go, and their file numbers with them.
+def test_broken_connection_is_not_reused() -> None:
+    # Sockets are closed and their file descriptors reused.
     for _ in range(8):
         with router(lambda header: ok(header, {"worlds": []})) as (url, _):
             client = iplw.Client(url, timeout=5)

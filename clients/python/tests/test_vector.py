@@ -1,4 +1,4 @@
-"""The vector environment against Gymnasium's own vector of our single one: equal to the bit, over every transport."""
+"""The vector environment compared with `gymnasium.vector.SyncVectorEnv`: bit-identical over every transport."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def url(request: pytest.FixtureRequest) -> str | None:
 def both(
     mode: AutoresetMode, url: str | None, n: int = N, **settings: Any
 ) -> Iterator[tuple[SyncVectorEnv, PlacementVectorEnv]]:
-    """Gymnasium's vector of our single environment, over HTTP, and ours."""
+    """Gymnasium's vector of the single environment, over HTTP, and ours."""
     theirs = SyncVectorEnv([lambda: PlacementEnv(**settings) for _ in range(n)], autoreset_mode=mode)
     ours = PlacementVectorEnv(n, **settings, url=url, autoreset_mode=mode)
     yield theirs, ours
@@ -36,7 +36,7 @@ def both(
 
 
 def same(a: Any, b: Any, where: str = "") -> None:
-    """Equal values of equal types, however deep."""
+    """Recursive equality of values and types."""
     assert type(a) is type(b), where
     if isinstance(a, dict):
         assert a.keys() == b.keys(), where
@@ -66,7 +66,7 @@ SETTINGS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["box", "discrete", "one task"])
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_equal_to_gymnasiums_own(mode: AutoresetMode, settings: dict[str, Any], url: str | None) -> None:
+def test_matches_gymnasium_vector(mode: AutoresetMode, settings: dict[str, Any], url: str | None) -> None:
     for theirs, ours in both(mode, url, **settings):
         assert ours.observation_space == theirs.observation_space
         assert ours.single_observation_space == theirs.single_observation_space
@@ -94,7 +94,7 @@ def test_equal_to_gymnasiums_own(mode: AutoresetMode, settings: dict[str, Any], 
                 seeds = [None, 3, None, 4, 4, 5]
                 same(theirs.reset(seed=seeds), ours.reset(seed=seeds), "seeds")
                 ended = np.zeros(N, np.bool_)
-        assert ends > N, "episodes ended and began again"
+        assert ends > N, "episodes ended and restarted"
 
 
 def test_final_observations_and_infos(url: str | None) -> None:
@@ -112,12 +112,12 @@ def test_final_observations_and_infos(url: str | None) -> None:
     assert infos["final_obs"][i] in envs.single_observation_space
     assert not np.array_equal(infos["final_obs"][i], observation[i])
     assert infos["split"][i] == "train"
-    # What an ended step tells stands in final_info alone; without any other step there is no such entry.
+    # Infos of an ended step are in final_info only.
     assert not infos.get("_valid", np.zeros(N, dtype=bool))[i]
     envs.close()
 
 
-def test_images_are_equal_too(url: str | None) -> None:
+def test_images_match(url: str | None) -> None:
     for theirs, ours in both(AutoresetMode.NEXT_STEP, url, n=2, observation="image", render_mode="rgb_array"):
         same(theirs.reset(seed=1), ours.reset(seed=1))
         for k in range(3):
@@ -126,7 +126,7 @@ def test_images_are_equal_too(url: str | None) -> None:
             same(theirs.render(), ours.render(), f"render {k}")
 
 
-def test_a_reset_of_some_leaves_the_others(url: str | None) -> None:
+def test_partial_reset(url: str | None) -> None:
     envs = PlacementVectorEnv(3, url=url, autoreset_mode=AutoresetMode.DISABLED)
     before, _ = envs.reset(seed=1)
     after, infos = envs.reset(seed=[9, 9, 9], options={"reset_mask": np.array([False, True, False])})
@@ -143,7 +143,7 @@ def test_a_reset_of_some_leaves_the_others(url: str | None) -> None:
     [np.full((3, 2), 0.5), np.full((3, 3), np.nan), np.zeros(3, int), [["a"] * 3] * 3],
     ids=["shape", "nan", "discrete", "text"],
 )
-def test_senseless_actions_stay_here(actions: Any) -> None:
+def test_rejects_invalid_actions_locally(actions: Any) -> None:
     envs = PlacementVectorEnv(3)
     envs.reset()
     with pytest.raises(ValueError, match="actions.*allowed: "):
@@ -151,7 +151,7 @@ def test_senseless_actions_stay_here(actions: Any) -> None:
     envs.close()
 
 
-def test_a_refused_step_has_not_happened(url: str | None) -> None:
+def test_rejected_step_changes_nothing(url: str | None) -> None:
     envs = PlacementVectorEnv(3, url=url)
     envs.reset(seed=1)
     actions = np.full((3, 3), 0.5)
@@ -164,13 +164,13 @@ def test_a_refused_step_has_not_happened(url: str | None) -> None:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_gymnasium_makes_it(name: str, url: str | None) -> None:
+def test_make_vec(name: str, url: str | None) -> None:
     envs = gymnasium.make_vec(
         name, num_envs=4, vectorization_mode="vector_entry_point", url=url, autoreset_mode="SameStep"
     )
     assert isinstance(envs, PlacementVectorEnv) and envs.spec is not None and envs.num_envs == 4
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    # Wrappers of Gymnasium take it as they take any.
+    # Gymnasium wrappers accept it.
     wrapped = gymnasium.wrappers.vector.RecordEpisodeStatistics(envs)
     wrapped.reset(seed=0)
     for _ in range(6):
@@ -178,12 +178,12 @@ def test_gymnasium_makes_it(name: str, url: str | None) -> None:
         assert observation in wrapped.observation_space and reward.shape == (4,)
     assert wrapped.episode_count > 0
     wrapped.close()
-    made = iplw.make_vec(name, 2)
-    assert made.spec is not None and isinstance(made, PlacementVectorEnv)
-    made.close()
+    created = iplw.make_vec(name, 2)
+    assert created.spec is not None and isinstance(created, PlacementVectorEnv)
+    created.close()
 
 
-def test_it_closes_its_worlds(client: iplw.Client, url: str | None) -> None:
+def test_close_deletes_worlds(client: iplw.Client, url: str | None) -> None:
     before = {world.id for world in client.worlds()}
     envs = iplw.make_vec("bowling", 5, url=url)
     assert len({world.id for world in client.worlds()} - before) == 5
@@ -192,7 +192,7 @@ def test_it_closes_its_worlds(client: iplw.Client, url: str | None) -> None:
     assert {world.id for world in client.worlds()} == before
 
 
-def test_latents_are_each_worlds_own() -> None:
+def test_latents_by_world() -> None:
     envs = iplw.make_vec("bowling", 3)
     envs.set_latents(friction=[0.1, 0.2, 0.3], restitution=0.5)
     for id, friction in zip(envs.worlds, (0.1, 0.2, 0.3)):
@@ -205,6 +205,6 @@ def test_latents_are_each_worlds_own() -> None:
     ("settings", "word"),
     [({"num_envs": 0}, "num_envs"), ({"observation": "pixels"}, "observation"), ({"split": "all"}, "split")],
 )
-def test_bad_settings_name_what_is_allowed(settings: dict[str, Any], word: str) -> None:
+def test_rejects_invalid_settings(settings: dict[str, Any], word: str) -> None:
     with pytest.raises(ValueError, match=rf"{word} is .*; allowed: "):
         PlacementVectorEnv(**{"num_envs": 2, **settings})

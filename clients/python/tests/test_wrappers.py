@@ -1,4 +1,4 @@
-"""Wrappers of Gymnasium's standard library take our environments as they take any, with warnings as errors."""
+"""Gymnasium's wrappers work with our environments, with warnings as errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ WRAPPERS: dict[str, Callable[[Env], Env]] = {
     "RenderCollection": wrappers.RenderCollection,
     "Autoreset": wrappers.Autoreset,
 }
-#: Those that are often stacked, from the inside out.
+#: Common wrappers, from the inside out.
 TOWER = [
     "OrderEnforcing",
     "TimeLimit",
@@ -58,14 +58,14 @@ TOWER = [
 
 @pytest.mark.parametrize("name", FAMILIES)
 @pytest.mark.parametrize("wrapper", WRAPPERS)
-def test_each_wrapper(name: str, wrapper: str) -> None:
+def test_wrapper(name: str, wrapper: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = WRAPPERS[wrapper](gymnasium.make(name, render_mode="rgb_array"))
         play(env, resets=wrapper != "Autoreset")
 
 
-def test_twelve_wrappers_at_once() -> None:
+def test_twelve_stacked_wrappers() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env: Env = gymnasium.make("iplw/Bowling-v0", render_mode="rgb_array")
@@ -75,7 +75,7 @@ def test_twelve_wrappers_at_once() -> None:
 
 
 def play(env: Env, resets: bool) -> None:
-    """Some episodes; what comes back is what the wrapped spaces say."""
+    """Plays episodes and checks observations against the wrapped spaces."""
     observation, info = env.reset(seed=4)
     env.action_space.seed(4)
     ends = 0
@@ -102,10 +102,10 @@ def observation_kind(env: Env) -> Any:
     return dict if isinstance(space, spaces.Dict) else space.dtype
 
 
-def test_gymnasiums_video_has_the_start_and_the_end(tmp_path: Path) -> None:
+def test_gymnasium_video_has_start_and_end(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
     env: Env = gymnasium.make("iplw/Bowling-v0", render_mode="rgb_array")
-    seen: list[Any] = []
+    observed: list[Any] = []
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         recorded = wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda _: True, fps=1)
@@ -113,9 +113,9 @@ def test_gymnasiums_video_has_the_start_and_the_end(tmp_path: Path) -> None:
         recorded.action_space.seed(1)
         while not recorded.step(recorded.action_space.sample())[2]:
             pass
-        seen = list(recorded.recorded_frames)
+        observed = list(recorded.recorded_frames)
         recorded.close()  # type: ignore[no-untyped-call]
-    assert not np.array_equal(seen[0], seen[-1]), "what render shows after the step is how it ended"
+    assert not np.array_equal(observed[0], observed[-1]), "render shows the final state after the step"
     assert (tmp_path / "videos" / "rl-video-episode-0.mp4").stat().st_size > 1000
 
 
@@ -133,7 +133,7 @@ VECTORS: dict[str, Callable[[PlacementVectorEnv], Any]] = {
 
 
 @pytest.mark.parametrize("wrapper", VECTORS)
-def test_each_wrapper_of_vectors(wrapper: str) -> None:
+def test_vector_wrapper(wrapper: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         envs = VECTORS[wrapper](iplw.make_vec("bowling", 3))

@@ -4,88 +4,94 @@ use std::path::PathBuf;
 
 use iplw::task::DEFAULT_FAMILY;
 
-/// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
-/// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
+/// Run the whole workflow on a hidden world: explore, estimate, train, evaluate, report.
+///
+/// Runs the whole workflow: estimates the latents of a hidden world, trains a policy in the calibrated simulation, and compares it with
+/// baselines on unseen tasks of the hidden world. Writes report.html, CSV and JSON files, and plots.
 #[derive(clap::Args)]
 pub struct RunArgs {
-    /// A family (`iplw tasks` lists them).
+    /// Family (see `iplw tasks`).
     #[arg(long, default_value = DEFAULT_FAMILY)]
     pub task: String,
-    /// Seed of everything random.
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Directory for the report and its data.
+    /// Output directory.
     #[arg(long, default_value = "out/quickstart")]
     pub out: PathBuf,
-    /// A small run for a look: fewer labels, fewer candidates.
+    /// Small run with fewer labels and candidates.
     #[arg(long)]
     pub quick: bool,
 }
 
-/// Experiments; one that was stopped goes on where it was when it is run again.
+/// Run an experiment with its baselines over several seeds.
 ///
-/// `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of the latents
-/// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
-/// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
-/// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
-/// `policies`: trained at the point, over a posterior's draws, and tuned on what was measured, of 20 interactions with 5 mm of noise.
-/// `grounding`: 5 and 20 interactions spent one way or another, what each estimator
-/// makes of them, and what plans under it are worth.
+/// Runs an experiment; an interrupted one resumes.
+///
+/// quickstart: the workflow of `iplw run` over several seeds.
+/// strategies: error of the latents against real interactions, for every exploration strategy.
+/// latents: policies from latents estimated on 10,000 random real trajectories, with all baselines, and further learning in the real world.
+/// FAMILY (such as bowling): jump start of every strategy over 10 rounds of 50 interactions.
+/// harder: real worlds with wind, quadratic drag, a sticky patch, or another engine.
+/// policies: policies for a point estimate, for posterior samples, and tuned on measurements (20 interactions, 5 mm of noise).
+/// grounding: 5 and 20 interactions by several acquisition methods and estimators, and the value of the resulting plans.
 #[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
 pub struct ExperimentArgs {
-    /// quickstart, strategies, latents, harder, policies, grounding or the name of a family.
+    /// Experiment: quickstart, strategies, latents, harder, policies, grounding or the name of a family.
     pub name: String,
-    /// A family (`iplw tasks` lists them).
+    /// Family (see `iplw tasks`).
     #[arg(long, default_value = DEFAULT_FAMILY)]
     pub task: String,
-    /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
+    /// Number of seeds [default: the experiment's]
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Learning trials for each estimate (`latents`, `harder`, `policies`, a family's); 3 if not given.
+    /// Training runs per estimate, for latents, harder, policies and FAMILY [default: 3]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub trials: Option<u64>,
-    /// Rounds after which policies are trained, `1,3` (a family's), and the last; all if not given.
+    /// Rounds after which policies are trained, such as 1,3, for FAMILY [default: all]
     #[arg(long, value_delimiter = ',')]
     pub rounds: Option<Vec<usize>>,
-    /// Batches that policies are trained for in simulation (`latents`, `harder`, `policies`, a family's); the family's number if
-    /// not given.
+    /// Updates in simulation, for latents, harder, policies and FAMILY [default: the family's]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub batches: Option<u64>,
-    /// Of `harder`: some of its real worlds, `wind,quadratic_drag,sticky_patch,other_engine`; all if not given.
+    /// Real worlds, for harder: wind,quadratic_drag,sticky_patch,other_engine [default: all]
     #[arg(long, value_delimiter = ',')]
     pub worlds: Option<Vec<String>>,
-    /// Of `strategies`: the hidden worlds, damped, no-drag or both.
+    /// Hidden worlds, for strategies: damped, no-drag or both.
     #[arg(long, default_value = "both")]
     pub hidden: String,
-    /// Of `grounding`: ways to spend interactions, probing (what tells most of the latents), success (what tells most of whether plans
-    /// work), acting (the best planned attempt) or a strategy; `random,informative,probing,success,acting` if not given.
+    /// Acquisition methods, for grounding [default: random,informative,probing,success,acting]
+    ///
+    /// probing: largest information gain about the latents; success: about the success of plans; acting: the best planned attempt; or an
+    /// exploration strategy.
     #[arg(long, value_delimiter = ',')]
-    pub ways: Option<Vec<String>>,
-    /// Of `grounding`: which estimators read the trials, posterior (draws by sequential Monte Carlo), galileo (by Markov chains), iplw (the
-    /// point of the cross-entropy method, refined) or tunenet (a point by learned steps); posterior if not given. A point goes with ways that
-    /// do not ask how sure it is, random or acting.
+    pub acquisition: Option<Vec<String>>,
+    /// Estimators, for grounding: posterior, galileo, iplw, tunenet [default: posterior]
+    ///
+    /// posterior: sequential Monte Carlo; galileo: Markov chain Monte Carlo; iplw: cross-entropy method with refinement (point estimate);
+    /// tunenet: learned updates (point estimate). Point estimates need a method without uncertainty: random or acting.
     #[arg(long, value_delimiter = ',')]
     pub estimators: Option<Vec<String>>,
-    /// Of `grounding`: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
+    /// Hidden world, for grounding: damping=0.8,density=..,friction=..,.. [default: the family's]
     #[arg(long)]
     pub real: Option<String>,
-    /// Of `grounding`: effect of the hidden world, `name:parameter=value,...` (see `iplw effects`); may be repeated. None: the family's
-    /// own.
+    /// Effect of the hidden world, for grounding: name:parameter=value,..; may be repeated [default: the family's]
     #[arg(long = "effect", value_name = "EFFECT")]
     pub effects: Vec<String>,
-    /// Of `grounding`: effects whose parameters are to be known beside the latents, joined by +, or none; linear_drag if not given.
+    /// Effects to estimate, for grounding, joined by +, or none [default: linear_drag]
     #[arg(long)]
     pub set: Option<String>,
-    /// Directory for the report and its data.
+    /// Output directory.
     #[arg(long)]
     pub out: PathBuf,
-    /// A small run for a look.
+    /// Small run.
     #[arg(long)]
     pub quick: bool,
 }
 
 impl ExperimentArgs {
-    /// As many seeds as were asked for, an experiment's own first; its own if no number was.
+    /// The requested number of seeds, the experiment's own first.
     pub fn chosen_seeds(&self, own: &[u64]) -> Vec<u64> {
         let wanted = self.seeds.map_or(own.len(), |n| n as usize);
         (0..wanted).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect()

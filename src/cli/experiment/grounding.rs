@@ -1,36 +1,36 @@
-//! `iplw experiment grounding`: what a few real interactions, spent one way or another, are worth to plans.
+//! `iplw experiment grounding`: value of a few real interactions for plans, by acquisition method and estimator.
 
-use iplw::budget::Endless;
+use iplw::budget::Unlimited;
 use iplw::error::{Error, Result};
-use iplw::estimate::Belief;
-use iplw::estimate::belief::PRIOR_DRAWS;
+use iplw::estimate::ParameterSamples;
+use iplw::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use iplw::experiment::estimators::Estimator;
-use iplw::experiment::grounding::{GroundingConfig, Known, ground};
-use iplw::experiment::informed::gained;
-use iplw::experiment::planning::{PlannedTask, PlanningConfig, plan_and_try};
+use iplw::experiment::grounding::{GroundingCheckpoint, GroundingConfig, ground};
+use iplw::experiment::information_gain::information_gain;
+use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, evaluate_plan};
 use iplw::plan::PlanConfig;
 use iplw::policy::Evaluation;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::task::{Family, Split, Task, family, split};
-use iplw::world::{DRAG, EffectParameter};
+use iplw::world::{EffectParameter, LINEAR_DRAG};
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::grounding_rows::{Row, arm, page, table};
-use crate::cli::cells::Cells;
+use super::grounding_report::{GroundingRow, arm, page, table};
+use crate::cli::cell_store::CellStore;
 use crate::cli::{output, parse};
 
-/// Ways that are compared, if none are named.
-const WAYS: [&str; 5] = ["random", "informative", "probing", "success", "acting"];
-/// Rollouts of a plan.
-const ROLLOUTS: usize = 40_000;
+/// Default acquisition methods.
+const ACQUISITION_METHODS: [&str; 5] = ["random", "informative", "probing", "success", "acting"];
+/// Maximal number of rollouts per plan.
+const MAX_ROLLOUTS_PER_PLAN: usize = 40_000;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let hidden = parse::hidden(&args.effects, args.real.as_deref().unwrap_or(""), standard(family))?;
-    let set = parse::set(args.set.as_deref().unwrap_or(DRAG.effect.name));
-    let named: Vec<&str> = args.ways.iter().flatten().map(String::as_str).collect();
-    let ways = if named.is_empty() { WAYS.to_vec() } else { named };
+    let set = parse::set(args.set.as_deref().unwrap_or(LINEAR_DRAG.effect.name));
+    let named: Vec<&str> = args.acquisition.iter().flatten().map(String::as_str).collect();
+    let ways = if named.is_empty() { ACQUISITION_METHODS.to_vec() } else { named };
     let estimators = match &args.estimators {
         Some(names) => names.iter().map(|n| Estimator::from_name(n)).collect::<Result<Vec<_>>>()?,
         None => vec![Estimator::default()],
@@ -57,26 +57,31 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     arms.iter().try_for_each(|arm| standard(*arm, 0).validate())?;
     let points = standard(("random", Estimator::default()), 0).checkpoints.len();
     let cells =
-        Cells::new(&args.out, seeds.len() * (arms.len() * (1 + points * test.len()) + 2 * test.len()))?;
+        CellStore::new(&args.out, seeds.len() * (arms.len() * (1 + points * test.len()) + 2 * test.len()))?;
     let mut rows = Vec::new();
     for seed in &seeds {
         let truth = HiddenWorld::new(hidden.clone())?.reveal();
-        let truth = Belief::point(truth.latents, truth.effects)?;
-        let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
+        let truth = ParameterSamples::point(truth.latents, truth.effects)?;
+        let prior = ParameterSamples::prior_over_sets(
+            family.prior,
+            std::slice::from_ref(&set),
+            PRIOR_SAMPLE_COUNT,
+            *seed,
+        )?;
         let about = (family, &hidden, test.as_slice());
-        let trial = Trial { cells: &cells, about, truth, prior: &prior, seed: *seed };
-        rows.push(trial.row(("prior", None), &blank(0), &prior, 0.0)?);
+        let trial = SeedContext { cells: &cells, about, truth, prior: &prior, seed: *seed };
+        rows.push(trial.row(("prior", None), &no_data(0), &prior, 0.0)?);
         for (way, estimator) in &arms {
             let config = standard((way, *estimator), *seed);
             let key = format!("{}, {}, seed {seed}", family.name, arm(way, Some(*estimator)));
-            let (known, seconds): (Vec<Known>, f64) =
-                cells.get(&key, &config, |p| ground(family, &config, p))?;
+            let (known, seconds): (Vec<GroundingCheckpoint>, f64) =
+                cells.get_or_compute(&key, &config, |p| ground(family, &config, p))?;
             for known in &known {
-                let belief = Belief::of_draws(known.draws.clone())?;
+                let belief = ParameterSamples::from_draws(known.draws.clone())?;
                 rows.push(trial.row((way, Some(*estimator)), known, &belief, seconds)?);
             }
         }
-        rows.push(trial.row(("truth", None), &blank(0), &trial.truth, 0.0)?);
+        rows.push(trial.row(("truth", None), &no_data(0), &trial.truth, 0.0)?);
     }
     cells.finish();
     let about = json!({"format": "iplw.grounding/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
@@ -89,33 +94,33 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     output::print(&format!("{}report: {}\n", table(&rows), args.out.join("report.html").display()))
 }
 
-fn blank(interactions: usize) -> Known {
-    Known { interactions, solved: 0, numbers: Vec::new(), converged: true, draws: Vec::new() }
+fn no_data(interactions: usize) -> GroundingCheckpoint {
+    GroundingCheckpoint { interactions, solved: 0, numbers: Vec::new(), converged: true, draws: Vec::new() }
 }
 
-/// What is the same for all rows of a seed.
-struct Trial<'a> {
-    cells: &'a Cells,
-    /// The family, its hidden world, and the tasks that plans are made for.
+/// Data common to all rows of a seed.
+struct SeedContext<'a> {
+    cells: &'a CellStore,
+    /// The family, its hidden world, and the test tasks.
     about: (&'a Family, &'a HiddenConfig, &'a [Task]),
-    truth: Belief,
-    prior: &'a Belief,
+    truth: ParameterSamples,
+    prior: &'a ParameterSamples,
     seed: u64,
 }
 
-impl Trial<'_> {
-    /// Plans every test task under a belief and tries the orders.
+impl SeedContext<'_> {
+    /// Plans every test task with parameter samples and evaluates the plans.
     fn row(
         &self,
         (way, estimator): (&str, Option<Estimator>),
-        known: &Known,
-        belief: &Belief,
+        known: &GroundingCheckpoint,
+        belief: &ParameterSamples,
         seconds: f64,
-    ) -> Result<Row> {
-        let plan = PlanConfig { rollouts: Some(ROLLOUTS), ..PlanConfig::standard(self.seed) };
+    ) -> Result<GroundingRow> {
+        let plan = PlanConfig { rollouts: Some(MAX_ROLLOUTS_PER_PLAN), ..PlanConfig::standard(self.seed) };
         let (family, hidden, test) = self.about;
         let setup = PlanningConfig { plan, hidden: hidden.clone(), predictions: 0 };
-        let mut tried: Vec<PlannedTask> = Vec::with_capacity(test.len());
+        let mut tried: Vec<PlanEvaluation> = Vec::with_capacity(test.len());
         for task in test {
             let key = format!(
                 "{}, {} with {}, seed {}, {}",
@@ -126,18 +131,21 @@ impl Trial<'_> {
                 task.id
             );
             let depends = json!({"setup": setup, "belief": belief.draws()});
-            tried
-                .push(self.cells.get(&key, &depends, |p| plan_and_try(task, belief, &setup, &Endless, p))?.0);
+            tried.push(
+                self.cells
+                    .get_or_compute(&key, &depends, |p| evaluate_plan(task, belief, &setup, &Unlimited, p))?
+                    .0,
+            );
         }
         let solved: Vec<Option<usize>> = tried.iter().map(|t| t.solved_at).collect();
         let truth = &self.truth.draws()[0];
         let off = |(name, mean, _): &(String, f64, Option<f64>)| {
-            let true_value = truth.number(name).or_else(|| neutral(name))?;
+            let true_value = truth.value(name).or_else(|| neutral(name))?;
             Some((name.clone(), mean - true_value))
         };
         let names: Vec<String> = known.numbers.iter().map(|(name, ..)| name.clone()).collect();
-        Ok(Row {
-            information: gained(self.prior.draws(), &known.draws, &names),
+        Ok(GroundingRow {
+            information: information_gain(self.prior.draws(), &known.draws, &names),
             way: way.into(),
             estimator,
             seed: self.seed,
@@ -153,7 +161,7 @@ impl Trial<'_> {
     }
 }
 
-/// What a parameter is where its effect is absent.
+/// The neutral value of an effect parameter.
 fn neutral(name: &str) -> Option<f64> {
     EffectParameter::parse(name).ok().map(|p| p.parameter().neutral)
 }

@@ -1,11 +1,11 @@
-//! `iplw run` and `iplw experiment`: figures with their baselines, as CSV, plot, table and report.
+//! `iplw run` and `iplw experiment`: experiments with baselines, as CSV files, plots, tables and reports.
 
 mod args;
+mod claims;
 mod grounding;
-mod grounding_rows;
+mod grounding_report;
 mod quickstart;
-mod shared;
-mod shelf;
+mod run_archive;
 mod strategies;
 mod study;
 
@@ -15,42 +15,46 @@ use iplw::error::{Error, Result};
 use iplw::task::{Family, families};
 
 /// An experiment: a row of [`experiments`].
-struct Experiment {
+struct ExperimentEntry {
     name: &'static str,
     run: fn(&ExperimentArgs) -> Result<()>,
-    /// Options it heeds beyond those that all do.
-    heeds: &'static [&'static str],
+    /// Options specific to this experiment.
+    options: &'static [&'static str],
 }
 
-/// Every experiment; each family's comparison of strategies goes by the family's name.
-fn experiments() -> Vec<Experiment> {
-    let row = |name, run, heeds| Experiment { name, run, heeds };
-    let of = |family: &&'static Family| -> Experiment {
+/// All experiments; the comparison of strategies on a family has the family's name.
+fn experiments() -> Vec<ExperimentEntry> {
+    let row = |name, run, options| ExperimentEntry { name, run, options };
+    let of = |family: &&'static Family| -> ExperimentEntry {
         row(family.name, study::strategies, &["--trials", "--batches", "--rounds"])
     };
     let mut all = vec![
-        row("quickstart", quickstart::several, &[]),
+        row("quickstart", quickstart::multi_seed, &[]),
         row("strategies", strategies::run, &[]),
         row("latents", study::latents, &["--trials", "--batches"]),
     ];
     all.extend(families().iter().map(of));
     all.push(row("policies", study::policies, &["--trials", "--batches"]));
-    all.push(row("grounding", grounding::run, &["--ways", "--estimators", "--real", "--effect", "--set"]));
+    all.push(row(
+        "grounding",
+        grounding::run,
+        &["--acquisition", "--estimators", "--real", "--effect", "--set"],
+    ));
     all.push(row("harder", study::harder, &["--trials", "--batches", "--worlds"]));
     all
 }
 
-/// The experiment that was named; an error for an option that it would not heed.
-fn chosen(args: &ExperimentArgs) -> Result<Experiment> {
+/// The requested experiment; an error for options that don't apply to it.
+fn select(args: &ExperimentArgs) -> Result<ExperimentEntry> {
     let mut all = experiments();
     let heeding = |option: &str| -> Vec<&str> {
-        all.iter().filter(|e| e.heeds.contains(&option)).map(|e| e.name).collect()
+        all.iter().filter(|e| e.options.contains(&option)).map(|e| e.name).collect()
     };
     let given = [
         ("--trials", args.trials.map(|v| v.to_string())),
         ("--batches", args.batches.map(|v| v.to_string())),
         ("--rounds", args.rounds.as_ref().map(|v| format!("{v:?}"))),
-        ("--ways", args.ways.as_ref().map(|v| v.join(","))),
+        ("--acquisition", args.acquisition.as_ref().map(|v| v.join(","))),
         ("--estimators", args.estimators.as_ref().map(|v| v.join(","))),
         ("--real", args.real.clone()),
         ("--effect", Some(args.effects.join(" ")).filter(|e| !e.is_empty())),
@@ -62,8 +66,8 @@ fn chosen(args: &ExperimentArgs) -> Result<Experiment> {
         return Err(Error::NotFound { kind: "experiment", id: args.name.clone(), known });
     };
     for (option, value) in given {
-        if let Some(value) = value.filter(|_| !all[chosen].heeds.contains(&option)) {
-            let allowed = format!("absent: it is for {}", heeding(option).join(", "));
+        if let Some(value) = value.filter(|_| !all[chosen].options.contains(&option)) {
+            let allowed = format!("no value: this option applies to {}", heeding(option).join(", "));
             return Err(Error::input(option, value, allowed));
         }
     }
@@ -71,12 +75,12 @@ fn chosen(args: &ExperimentArgs) -> Result<Experiment> {
 }
 
 pub fn run(args: &RunArgs) -> Result<()> {
-    quickstart::story(&args.task, vec![args.seed], args.quick, &args.out)
+    quickstart::run_story(&args.task, vec![args.seed], args.quick, &args.out)
 }
 
 pub fn experiment(args: &ExperimentArgs) -> Result<()> {
     if let Some(seeds) = args.seeds {
-        iplw::error::within("--seeds", seeds as f64, 1.0, 1000.0)?;
+        iplw::error::check_range("--seeds", seeds as f64, 1.0, 1000.0)?;
     }
-    (chosen(args)?.run)(args)
+    (select(args)?.run)(args)
 }

@@ -1,4 +1,4 @@
-//! `iplw run` and `iplw experiment quickstart`: the story, as CSV, plots, table and report.
+//! `iplw run` and `iplw experiment quickstart`: the whole workflow, with CSV files, plots, tables and a report.
 
 use std::path::Path;
 use std::time::Instant;
@@ -7,33 +7,35 @@ use iplw::error::{Error, Result};
 use iplw::estimate::LatentEstimate;
 use iplw::experiment::EstimateConfig;
 use iplw::experiment::extension::Extension;
-use iplw::experiment::quickstart::{Keepsakes, Method, QuickstartConfig, QuickstartReport, quickstart};
+use iplw::experiment::quickstart::{
+    Method, QuickstartArtifacts, QuickstartConfig, QuickstartReport, quickstart,
+};
 use iplw::picture::plot::{self, Series};
-use iplw::picture::{Block, Report, Section, Style, filmstrip_svg, trails_svg};
+use iplw::picture::{Block, HtmlReport, Section, Style, filmstrip_svg, trails_svg};
 use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, trials_to_csv};
 use iplw::store::Store;
-use iplw::task::{Labels, Split, Task, family, split};
+use iplw::task::{LabelCounts, Split, Task, family, split};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::shelf;
+use super::run_archive;
 use crate::cli::diagnose::write_report;
 use crate::cli::output;
 
-/// The story over several seeds.
-pub fn several(args: &ExperimentArgs) -> Result<()> {
-    story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
+/// The workflow over several seeds.
+pub fn multi_seed(args: &ExperimentArgs) -> Result<()> {
+    run_story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
 }
 
-/// Runs the story and writes it down.
-pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
+/// Runs the workflow and writes its results.
+pub fn run_story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
     let family = family(name)?;
     let tasks = family.tasks();
     let hidden = standard(family);
     let full = family.learning.study_labels;
-    let labels = if quick { Labels { per_task: 60, ..full } } else { full };
+    let labels = if quick { LabelCounts { per_task: 60, ..full } } else { full };
     let config = QuickstartConfig {
         family: name.to_string(),
         seeds,
@@ -45,10 +47,10 @@ pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()>
             ..EvaluateConfig::phyre(0)
         },
     };
-    output::directory("--out", out)?;
-    // Opened before the work, so that one that is in use is told of then.
+    output::prepare_directory("--out", out)?;
+    // Opened before the computation, so that a store in use is reported early.
     let shelf = (config.seeds.len() == 1).then(|| Store::open(out)).transpose()?;
-    let bar = output::Bar::new();
+    let bar = output::TerminalProgress::new();
     let started = Instant::now();
     let clock = || started.elapsed().as_secs_f64();
     let (report, keepsakes) = quickstart(&tasks, &hidden, &config, &clock, &bar)?;
@@ -58,15 +60,15 @@ pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()>
     output::print(&table)?;
     output::print(&format!("\nreport: {}\n", out.join("report.html").display()))?;
     let Some(shelf) = shelf else { return Ok(()) };
-    shelf::put(&shelf, &report, &keepsakes)?;
+    run_archive::save(&shelf, &report, &keepsakes)?;
     let program = std::env::args().next().unwrap_or_else(|| "iplw".into());
     output::print(&format!(
-        "look at it: {program} serve --data-dir {}, then http://127.0.0.1:8080/#/jobs in a browser\n",
+        "to view it: run {program} serve --data-dir {}, then open http://127.0.0.1:8080/#/jobs in a browser\n",
         out.display()
     ))
 }
 
-/// AUCCESS by method, latents beside the truth, seconds by stage.
+/// AUCCESS by method, latents with their true values, seconds by stage.
 fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     let mut text = format!(
         "\n{test_tasks} test tasks of {} in the hidden world ({} seed{}):\n\n",
@@ -91,7 +93,7 @@ fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
             100.0 * row.curve[9],
         );
     }
-    text += "\nlatent         found           95 % interval       true\n";
+    text += "\nlatent         estimate        95 % interval       true\n";
     for (i, factor) in FACTORS.iter().enumerate() {
         let truth = report.truth.latents.values()[i].map_or("-".into(), |v| format!("{v:.3}"));
         for estimate in &report.estimates {
@@ -101,14 +103,14 @@ fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     }
     let effects: Vec<String> =
         report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
-    text += &format!("hidden and not in the simulation: {}\n", effects.join(", "));
-    text += "\nfitted again with drag   found           95 % interval\n";
+    text += &format!("hidden effects, not in the simulation: {}\n", effects.join(", "));
+    text += "\nfitted again with drag   estimate        95 % interval\n";
     for l in report.extensions.iter().flat_map(|e| e.latents[1..].iter().chain(&e.effects)) {
         text += &format!("{:<24} {:<15.3} {}\n", l.name, l.value, interval(l));
     }
-    text += "\nwhat the trials say the simulation lacks\n";
+    text += "\ndiagnosis: missing effects\n";
     for d in &report.diagnoses {
-        text += &format!("  {}\n", lacks(d));
+        text += &format!("  {}\n", diagnosis_line(d));
     }
     text += "\nstage                          seconds\n";
     for (stage, seconds) in &report.seconds {
@@ -117,28 +119,29 @@ fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     text
 }
 
-/// Effects that a line has room for: what has no name may be many.
-const SHOWN: usize = 4;
+/// Maximal number of effects in a line: an empirical law may consist of many.
+const MAX_LISTED_EFFECTS: usize = 4;
 
-/// What a diagnosis found, in a line.
-fn lacks(d: &Extension) -> String {
+/// A diagnosis in one line.
+fn diagnosis_line(d: &Extension) -> String {
     let mut terms: Vec<String> = d
         .effects
         .iter()
-        .take(SHOWN)
+        .take(MAX_LISTED_EFFECTS)
         .map(|e| {
             let parameters: Vec<String> = e.parameters.iter().map(|(k, v)| format!("{k} = {v:.3}")).collect();
             format!("{} ({})", e.name, parameters.join(", "))
         })
         .collect();
-    if d.effects.len() > SHOWN {
-        terms.push(format!("{} more", d.effects.len() - SHOWN));
+    if d.effects.len() > MAX_LISTED_EFFECTS {
+        terms.push(format!("{} more", d.effects.len() - MAX_LISTED_EFFECTS));
     }
     let sets: Vec<String> = d.rivals.iter().map(|r| r.join(" + ")).collect();
-    let tie = if sets.len() > 1 { format!("; sets that tie: {}", sets.join(" | ")) } else { String::new() };
+    let tie =
+        if sets.len() > 1 { format!("; equally good sets: {}", sets.join(" | ")) } else { String::new() };
     let gain = d.excess_removed.map_or(String::new(), |e| match e < 1.0 {
-        true => format!("; {:.0} % of the excess error goes away on held-out trials", 100.0 * e),
-        false => "; all of the excess error goes away on held-out trials".to_string(),
+        true => format!("; removes {:.0} % of the excess error on held-out trials", 100.0 * e),
+        false => "; removes all of the excess error on held-out trials".to_string(),
     });
     match terms.is_empty() {
         true => format!("{}: {}", d.verdict, d.reason),
@@ -146,7 +149,7 @@ fn lacks(d: &Extension) -> String {
     }
 }
 
-/// A 95 % interval for people.
+/// A 95 % interval as text.
 fn interval(l: &LatentEstimate) -> String {
     match l.ci95 {
         [Some(low), Some(high)] if l.identifiable => format!("{low:.3} to {high:.3}"),
@@ -157,7 +160,7 @@ fn interval(l: &LatentEstimate) -> String {
 fn write_all(
     out: &Path,
     report: &QuickstartReport,
-    keepsakes: &Keepsakes,
+    keepsakes: &QuickstartArtifacts,
     tasks: &[Task],
     hidden: &HiddenConfig,
     table: &str,
@@ -208,22 +211,22 @@ fn solved_plot(report: &QuickstartReport) -> String {
 
 fn html(
     report: &QuickstartReport,
-    keepsakes: &Keepsakes,
+    keepsakes: &QuickstartArtifacts,
     tasks: &[Task],
     hidden: &HiddenConfig,
     solved_plot: &str,
 ) -> Result<String> {
     let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
-    let page = Report {
+    let page = HtmlReport {
         title: format!("From a hidden world to a policy: {}", report.config.family),
         lead: lead(report),
         sections: vec![
             section("Transfer to the hidden world", transfer_blocks(report, solved_plot)),
-            section("What the simulation lacks", lacking_blocks(report)),
+            section("Missing effects", lacking_blocks(report)),
             section("Latent factors", latent_blocks(report)),
-            section("What the policy does", films(keepsakes, tasks, hidden)?),
-            section("Trials spent on exploration", explored_blocks(keepsakes)),
-            section("How it was run", setup_blocks(report)?),
+            section("Actions of the policy", policy_animations(keepsakes, tasks, hidden)?),
+            section("Exploration trials", explored_blocks(keepsakes)),
+            section("Configuration", setup_blocks(report)?),
         ],
     };
     Ok(page.to_html())
@@ -233,7 +236,7 @@ fn columns(names: &[&str]) -> Vec<String> {
     names.iter().map(|n| n.to_string()).collect()
 }
 
-/// The answer in a sentence.
+/// Summary in a sentence.
 fn lead(report: &QuickstartReport) -> String {
     let of = |m: Method| report.rows.iter().find(|r| r.method == m).map_or(f64::NAN, |r| r.mean().0);
     let spent =
@@ -264,25 +267,24 @@ fn transfer_blocks(report: &QuickstartReport, solved_plot: &str) -> Vec<Block> {
         ]
     });
     let names = ["policy", "AUCCESS", "standard error", "solved at 1", "within 10", "real interactions"];
-    let note = "AUCCESS weights early successes, as PHYRE defines it. True latents leaves out the hidden \
-                effect, as the paper's oracle does; the last row knows that too.";
+    let note = "AUCCESS as defined by PHYRE: early successes have more weight. \"True latents\" excludes the hidden effect, like \
+                the paper's oracle; the last row includes it.";
     vec![
         Block::Table { columns: columns(&names), rows: rows.collect(), note: note.into() },
         Block::Svg {
             svg: solved_plot.into(),
-            caption: "Share of test tasks solved within so many attempts.".into(),
+            caption: "Share of test tasks solved by number of attempts.".into(),
         },
     ]
 }
 
 fn lacking_blocks(report: &QuickstartReport) -> Vec<Block> {
-    let found = report.diagnoses.iter().map(|d| Block::Text(lacks(d)));
-    let pointer =
-        "The first seed's diagnosis in full, with its pictures: diagnosis/report.html beside this page.";
+    let found = report.diagnoses.iter().map(|d| Block::Text(diagnosis_line(d)));
+    let pointer = "Full diagnosis of the first seed: diagnosis/report.html next to this page.";
     found.chain([Block::Text(pointer.into())]).collect()
 }
 
-fn explored_blocks(keepsakes: &Keepsakes) -> Vec<Block> {
+fn explored_blocks(keepsakes: &QuickstartArtifacts) -> Vec<Block> {
     let picture = |trial: &Trial| Block::Svg {
         svg: trails_svg(&trial.scene, &trial.observed, &Style { width: 360, ..Style::default() }),
         caption: format!("Measured: {}", trial.name),
@@ -325,11 +327,11 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
         .collect();
     vec![
         Block::Table {
-            columns: ["latent", "seed", "found", "95 % interval", "true"].map(String::from).to_vec(),
+            columns: ["latent", "seed", "estimate", "95 % interval", "true"].map(String::from).to_vec(),
             rows,
             note: format!(
-                "The truth was read only for this table. The hidden world also has {}, which the simulation lacks: \
-                 estimates lean towards whatever makes up for it, and their intervals do not cover that.",
+                "True values are used only for this table. The hidden world also has {}, which the simulation lacks: \
+                 estimates are biased to compensate for it, and their intervals don't account for this bias.",
                 hidden.join(", ")
             ),
         },
@@ -345,10 +347,14 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
     ]
 }
 
-/// The policy's first placeable choice on a few test tasks, in the hidden world.
-fn films(keepsakes: &Keepsakes, tasks: &[Task], hidden: &HiddenConfig) -> Result<Vec<Block>> {
+/// The policy's first valid action on a few test tasks, in the hidden world.
+fn policy_animations(
+    keepsakes: &QuickstartArtifacts,
+    tasks: &[Task],
+    hidden: &HiddenConfig,
+) -> Result<Vec<Block>> {
     let mut world = HiddenWorld::new(hidden.clone())?;
-    let about = "The policy's first choice on some test tasks, carried out in the hidden world.";
+    let about = "The policy's first action on some test tasks, executed in the hidden world.";
     let mut blocks = vec![Block::Text(about.into())];
     for task in split(tasks, Split::Test).iter().take(3) {
         let candidates = (0..task.actions().count().min(50_000))

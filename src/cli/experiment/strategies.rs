@@ -1,19 +1,21 @@
-//! `iplw experiment strategies`: error of each latent against real interactions, by strategy.
+//! `iplw experiment strategies`: error of each latent against real interactions, for every strategy.
 
 use std::path::Path;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::Claim;
-use iplw::experiment::strategies::{Cell, ErrorRow, Nature, StrategiesConfig, cell, claims, errors};
+use iplw::experiment::strategies::{
+    ErrorRow, StrategiesConfig, StrategyCell, WorldVariant, claims, errors, run_strategy_cell,
+};
 use iplw::picture::plot::{self, Series};
-use iplw::picture::{Block, Report, Section};
+use iplw::picture::{Block, HtmlReport, Section};
 use iplw::task::{Family, family};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::shared::{claims_table, claims_text, importance};
-use crate::cli::cells::Cells;
+use super::claims::{claims_table, claims_text, importance};
+use crate::cli::cell_store::CellStore;
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
@@ -23,21 +25,22 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     config.seeds = args.chosen_seeds(&config.seeds);
     config.natures = match args.hidden.as_str() {
         "both" => config.natures,
-        "damped" => vec![Nature::Damped],
-        "no-drag" => vec![Nature::Matching],
+        "damped" => vec![WorldVariant::Damped],
+        "no-drag" => vec![WorldVariant::Matching],
         other => return Err(Error::input("--hidden", format!("{other:?}"), "damped, no-drag or both")),
     };
     config.validate()?;
     let all = config.cells();
-    let cells = Cells::new(&args.out, all.len())?;
+    let cells = CellStore::new(&args.out, all.len())?;
     let importance = importance(family, config.needs_importance())?;
-    let mut found: Vec<Cell> = Vec::with_capacity(all.len());
+    let mut found: Vec<StrategyCell> = Vec::with_capacity(all.len());
     let mut seconds = Vec::with_capacity(all.len());
     for (arm, nature, seed) in all {
         let key = format!("{}, {}, seed {seed}", arm.name, nature.title());
         let depends = json!({ "family": family.name, "arm": arm, "nature": nature, "seed": seed });
-        let (done, took) = cells
-            .get(&key, &depends, |progress| cell(family, arm, nature, seed, importance.clone(), progress))?;
+        let (done, took) = cells.get_or_compute(&key, &depends, |progress| {
+            run_strategy_cell(family, arm, nature, seed, importance.clone(), progress)
+        })?;
         found.push(done);
         seconds.push(took);
     }
@@ -50,11 +53,11 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
 }
 
 /// The last round of every arm.
-fn last<'a>(rows: &'a [ErrorRow], arm: &str, nature: Nature, factor: &str) -> Option<&'a ErrorRow> {
+fn last<'a>(rows: &'a [ErrorRow], arm: &str, nature: WorldVariant, factor: &str) -> Option<&'a ErrorRow> {
     rows.iter().rfind(|r| r.arm == arm && r.nature == nature && r.factor == factor)
 }
 
-fn told() -> [&'static str; 2] {
+fn reported_factors() -> [&'static str; 2] {
     [FACTORS[1].name, FACTORS[2].name]
 }
 
@@ -67,7 +70,7 @@ fn with_error(row: &ErrorRow) -> String {
 
 fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow], claims: &[Claim]) -> String {
     let mut text = format!(
-        "\n{}: error of the latents at the end, mean over {} seeds +- standard error, and where they are pulled to\n",
+        "\n{}: final error of the latents, mean over {} seeds +- standard error, and bias\n",
         family.name,
         config.seeds.len()
     );
@@ -75,7 +78,8 @@ fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow], cla
         text += &format!("\nhidden world: {}\n", nature.title());
         text += "arm                                            interactions   friction           (bias)    restitution        (bias)\n";
         for arm in &config.arms {
-            let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
+            let [Some(friction), Some(restitution)] =
+                reported_factors().map(|f| last(rows, &arm.name, *nature, f))
             else {
                 continue;
             };
@@ -97,7 +101,7 @@ fn write_all(
     out: &Path,
     family: &Family,
     config: &StrategiesConfig,
-    cells: &[Cell],
+    cells: &[StrategyCell],
     rows: &[ErrorRow],
     claims: &[Claim],
     seconds: &[f64],
@@ -105,10 +109,12 @@ fn write_all(
     let plots: Vec<(String, String)> = config
         .natures
         .iter()
-        .flat_map(|nature| told().map(|factor| (*nature, factor)))
+        .flat_map(|nature| reported_factors().map(|factor| (*nature, factor)))
         .map(|(nature, factor)| {
-            let name =
-                format!("{factor}_{}.svg", if nature == Nature::Matching { "no_drag" } else { "damped" });
+            let name = format!(
+                "{factor}_{}.svg",
+                if nature == WorldVariant::Matching { "no_drag" } else { "damped" }
+            );
             (name, plot_of(config, rows, nature, factor))
         })
         .collect();
@@ -146,12 +152,12 @@ fn errors_csv(rows: &[ErrorRow]) -> Result<Vec<u8>> {
     output::csv(&header.split(',').collect::<Vec<_>>(), rows.iter().map(row))
 }
 
-/// What begins every row about a cell.
-fn cell_columns(c: &Cell) -> Vec<String> {
+/// The first columns of every row of a cell.
+fn cell_columns(c: &StrategyCell) -> Vec<String> {
     vec![c.arm.clone(), c.nature.title().into(), c.seed.to_string()]
 }
 
-fn estimates_csv(cells: &[Cell]) -> Result<Vec<u8>> {
+fn estimates_csv(cells: &[StrategyCell]) -> Result<Vec<u8>> {
     let header = "arm,hidden_world,seed,interactions,density,friction,restitution,drag";
     let rows = cells.iter().flat_map(|c| {
         c.interactions.iter().zip(&c.estimates).map(|(n, estimate)| {
@@ -164,7 +170,7 @@ fn estimates_csv(cells: &[Cell]) -> Result<Vec<u8>> {
     output::csv(&header.split(',').collect::<Vec<_>>(), rows)
 }
 
-fn choices_csv(cells: &[Cell]) -> Result<Vec<u8>> {
+fn choices_csv(cells: &[StrategyCell]) -> Result<Vec<u8>> {
     let header = "arm,hidden_world,seed,round,actions,tasks,collisions,rolling_steps,candidate_collisions,\
                   candidate_rolling_steps";
     let rows = cells.iter().flat_map(|c| {
@@ -177,7 +183,7 @@ fn choices_csv(cells: &[Cell]) -> Result<Vec<u8>> {
     output::csv(&header.split(',').collect::<Vec<_>>(), rows)
 }
 
-fn plot_of(config: &StrategiesConfig, rows: &[ErrorRow], nature: Nature, factor: &str) -> String {
+fn plot_of(config: &StrategiesConfig, rows: &[ErrorRow], nature: WorldVariant, factor: &str) -> String {
     let series: Vec<Series> = config
         .arms
         .iter()
@@ -206,7 +212,7 @@ fn html(
     config: &StrategiesConfig,
     rows: &[ErrorRow],
     claims: &[Claim],
-    cells: &[Cell],
+    cells: &[StrategyCell],
     plots: &[(String, String)],
     seconds: &[f64],
 ) -> Result<String> {
@@ -214,7 +220,8 @@ fn html(
     let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![claims_table(claims, None)] }];
     for nature in &config.natures {
         let table = config.arms.iter().filter_map(|arm| {
-            let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
+            let [Some(friction), Some(restitution)] =
+                reported_factors().map(|f| last(rows, &arm.name, *nature, f))
             else {
                 return None;
             };
@@ -228,11 +235,11 @@ fn html(
             ])
         });
         let mut blocks = vec![Block::Table {
-            columns: columns(&["arm", "interactions", "friction", "pulled by", "restitution", "pulled by"]),
+            columns: columns(&["arm", "interactions", "friction", "bias", "restitution", "bias"]),
             rows: table.collect(),
             note: format!("Mean of |estimate - truth| over {} seeds +- standard error.", config.seeds.len()),
         }];
-        let mine = if *nature == Nature::Matching { "no_drag" } else { "damped" };
+        let mine = if *nature == WorldVariant::Matching { "no_drag" } else { "damped" };
         blocks.extend(
             plots
                 .iter()
@@ -241,9 +248,9 @@ fn html(
         );
         sections.push(Section { heading: format!("Hidden world: {}", nature.title()), blocks });
     }
-    sections.push(Section { heading: "What was chosen".into(), blocks: vec![chosen(config, cells)] });
+    sections.push(Section { heading: "Chosen actions".into(), blocks: vec![chosen(config, cells)] });
     sections.push(Section {
-        heading: "How it was run".into(),
+        heading: "Configuration".into(),
         blocks: vec![
             Block::Text(format!(
                 "iplw {}; {} estimations, {:.0} s.",
@@ -259,20 +266,19 @@ fn html(
             },
         ],
     });
-    let page = Report {
-        title: format!("Which actions to spend: {}", family.name),
-        lead: "Error of the latent factors against real interactions, for every way of choosing actions."
-            .into(),
+    let page = HtmlReport {
+        title: format!("Exploration strategies: {}", family.name),
+        lead: "Error of the latent factors against real interactions, for every exploration strategy.".into(),
         sections,
     };
     Ok(page.to_html())
 }
 
 /// Mean counts of the chosen actions, by arm.
-fn chosen(config: &StrategiesConfig, cells: &[Cell]) -> Block {
+fn chosen(config: &StrategiesConfig, cells: &[StrategyCell]) -> Block {
     let rows = config.arms.iter().map(|arm| {
         let all: Vec<_> = cells.iter().filter(|c| c.arm == arm.name).flat_map(|c| &c.choices).collect();
-        let mean = |of: &dyn Fn(&iplw::experiment::Choice) -> f64| {
+        let mean = |of: &dyn Fn(&iplw::experiment::SelectionSummary) -> f64| {
             all.iter().map(|c| of(c)).sum::<f64>() / all.len().max(1) as f64
         };
         vec![
@@ -291,11 +297,11 @@ fn chosen(config: &StrategiesConfig, cells: &[Cell]) -> Block {
             "of all candidates",
             "rolling steps",
             "of all candidates",
-            "tasks a round",
+            "tasks per round",
         ]
         .map(String::from)
         .to_vec(),
         rows: rows.collect(),
-        note: "Means over rounds and seeds of what the simulation said the chosen actions would do.".into(),
+        note: "Simulated means over rounds and seeds.".into(),
     }
 }

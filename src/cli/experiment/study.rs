@@ -1,39 +1,41 @@
-//! `iplw experiment latents | harder | FAMILY`: the paper's transfer figures with their baselines.
+//! `iplw experiment latents | harder | policies | FAMILY`: transfer experiments with their baselines.
 
 use std::path::Path;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::{Claim, Summary};
 use iplw::experiment::strategies::Arm;
-use iplw::experiment::study::{Cell, Estimated, Row, SMALL_AUCCESS, Study, estimated, tried};
+use iplw::experiment::study::{
+    ArmEstimate, MIN_RELEVANT_AUCCESS_DIFFERENCE, Study, StudyCell, StudyRow, estimate_arm, run_study_cell,
+};
 use iplw::experiment::transfer::Transfer;
 use iplw::picture::plot::{self, Series};
-use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
+use iplw::picture::{Block, HtmlReport, Section, Style, success_map_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
-use iplw::progress::Silent;
+use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
-use iplw::task::action::{ActionSpace, Discrete, Quantity};
+use iplw::task::action::{ActionQuantity, ActionSpace, Discretisation};
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::shared::{claims_table, claims_text, importance};
-use crate::cli::cells::Cells;
+use super::claims::{claims_table, claims_text, importance};
+use crate::cli::cell_store::CellStore;
 use crate::cli::output;
 
 /// The paper's first experiment.
 pub fn latents(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
-    carry_out(args, family, Study::latents(family), &args.out)
+    run_study(args, family, Study::latents(family), &args.out)
 }
 
-/// The comparison of strategies on the family that the experiment is named after.
+/// Comparison of strategies on the family with the experiment's name.
 pub fn strategies(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.name)?;
-    carry_out(args, family, Study::strategies(family), &args.out)
+    run_study(args, family, Study::strategies(family), &args.out)
 }
 
-/// Every real world that was asked for, in a directory of its own.
+/// The requested real worlds, each with its own output directory.
 pub fn harder(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let studies = Study::harder(family);
@@ -44,18 +46,18 @@ pub fn harder(args: &ExperimentArgs) -> Result<()> {
     }
     for study in studies.into_iter().filter(|s| wanted.contains(&s.name)) {
         let out = args.out.join(&study.name);
-        carry_out(args, family, study, &out)?;
+        run_study(args, family, study, &out)?;
     }
     Ok(())
 }
 
-/// Policies that know what is not known, beside the point, domain randomisation and the truth.
+/// Policies for posterior samples, compared with point estimates, domain randomisation and the truth.
 pub fn policies(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
-    carry_out(args, family, Study::policies(family), &args.out)
+    run_study(args, family, Study::policies(family), &args.out)
 }
 
-fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
+fn run_study(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
     if args.quick {
         study = study.quick(family);
     }
@@ -68,7 +70,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
             let allowed = format!("numbers of rounds from 1 to {last}");
             return Err(Error::input("--rounds", beyond, allowed));
         }
-        // The last one is where rows are compared.
+        // Rows are compared after the last round.
         study.rounds = rounds.iter().copied().chain([last]).collect();
         study.rounds.sort_unstable();
         study.rounds.dedup();
@@ -78,11 +80,11 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     let policies = study.seeds.len()
         * study.trials as usize
         * (study.schools.len() + study.arms.len() * study.rounds.len() + study.afterwards().count());
-    let cells = Cells::new(out, estimates + policies)?;
+    let cells = CellStore::new(out, estimates + policies)?;
     let importance = importance(family, study.needs_importance())?;
     let arms: Vec<(&Arm, u64)> =
         study.arms.iter().flat_map(|arm| study.seeds.iter().map(move |seed| (arm, *seed))).collect();
-    let found: Vec<Estimated> = cells.all(
+    let found: Vec<ArmEstimate> = cells.compute_all(
         &arms,
         |(arm, seed)| {
             let depends = json!({
@@ -92,11 +94,11 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
             });
             (format!("estimate, {}, seed {seed}", arm.name), depends)
         },
-        |(arm, seed)| estimated(family, &study, arm, *seed, importance.clone(), &Silent),
+        |(arm, seed)| estimate_arm(family, &study, arm, *seed, importance.clone(), &NoProgress),
     )?;
-    let found: Vec<Vec<Estimated>> = found.chunks(study.seeds.len()).map(<[Estimated]>::to_vec).collect();
+    let found: Vec<Vec<ArmEstimate>> = found.chunks(study.seeds.len()).map(<[ArmEstimate]>::to_vec).collect();
     let policies = study.cells(&found);
-    let results: Vec<Transfer> = cells.all(
+    let results: Vec<Transfer> = cells.compute_all(
         &policies,
         |cell| {
             let round = cell.round.map_or(String::new(), |r| format!(" after round {r}"));
@@ -106,7 +108,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
             });
             (format!("policy, {}{round}, seed {}, trial {}", cell.row, cell.seed, cell.trial), depends)
         },
-        |cell| Ok(tried(family, &study, cell, &Silent)?.0),
+        |cell| Ok(run_study_cell(family, &study, cell, &NoProgress)?.0),
     )?;
     let seconds = cells.finish();
     let rows = study.rows(&policies, &results);
@@ -116,12 +118,12 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     output::print(&format!("\n{seconds:.0} s of work; report: {}\n", out.join("report.html").display()))
 }
 
-/// Which tasks are trained on.
+/// Ids of the training tasks.
 fn train_ids(tasks: &[Task]) -> Vec<String> {
     split(tasks, Split::Train).into_iter().map(|t| t.id).collect()
 }
 
-fn title(row: &Row) -> String {
+fn title(row: &StudyRow) -> String {
     row.round.map_or(row.name.clone(), |r| format!("{}, round {r}", row.name))
 }
 
@@ -129,7 +131,7 @@ fn interval(s: &Summary) -> String {
     s.half_width.map_or("-".into(), |w| format!("{:.3} to {:.3}", s.mean - w, s.mean + w))
 }
 
-fn text_table(study: &Study, rows: &[Row], claims: &[Claim]) -> String {
+fn text_table(study: &Study, rows: &[StudyRow], claims: &[Claim]) -> String {
     let mut text = format!(
         "\n{} on {}: AUCCESS on the test tasks of the hidden world, {} estimates x {} trials\n\n",
         study.name,
@@ -137,7 +139,7 @@ fn text_table(study: &Study, rows: &[Row], claims: &[Claim]) -> String {
         study.seeds.len(),
         study.trials
     );
-    text += "policy                                          interactions   jump start        95 % interval    learned on\n";
+    text += "policy                                          interactions   jump start        95 % interval    after learning\n";
     for row in rows {
         let learned = match row.curve.last() {
             Some((batches, s)) if *batches > 0 => format!("{:.3} after {batches} batches", s.mean),
@@ -154,14 +156,14 @@ fn text_table(study: &Study, rows: &[Row], claims: &[Claim]) -> String {
     text + &claims_text(claims)
 }
 
-#[expect(clippy::too_many_arguments, reason = "everything that is written down")]
+#[expect(clippy::too_many_arguments, reason = "all results of a study")]
 fn write_all(
     out: &Path,
     family: &Family,
     study: &Study,
-    rows: &[Row],
+    rows: &[StudyRow],
     claims: &[Claim],
-    cells: &[Cell],
+    cells: &[StudyCell],
     results: &[Transfer],
     seconds: f64,
 ) -> Result<()> {
@@ -184,7 +186,7 @@ fn write_all(
 }
 
 /// A row for each point of each row's curve.
-fn summary_csv(rows: &[Row]) -> Result<Vec<u8>> {
+fn summary_csv(rows: &[StudyRow]) -> Result<Vec<u8>> {
     let header = [
         "policy",
         "round",
@@ -213,7 +215,7 @@ fn summary_csv(rows: &[Row]) -> Result<Vec<u8>> {
 }
 
 /// A row for each evaluation of each policy.
-fn trials_csv(cells: &[Cell], results: &[Transfer]) -> Result<Vec<u8>> {
+fn trials_csv(cells: &[StudyCell], results: &[Transfer]) -> Result<Vec<u8>> {
     let header = ["policy", "round", "seed", "trial", "interactions", "batches", "real_attempts", "auccess"];
     let points = cells.iter().zip(results).flat_map(|(c, r)| r.points.iter().map(move |point| (c, point)));
     let line = points.map(|(cell, point)| {
@@ -232,9 +234,9 @@ fn trials_csv(cells: &[Cell], results: &[Transfer]) -> Result<Vec<u8>> {
 }
 
 /// (file name, caption, SVG)
-type Picture = (String, String, String);
+type StudyFigure = (String, String, String);
 
-fn plots(study: &Study, rows: &[Row]) -> Vec<Picture> {
+fn plots(study: &Study, rows: &[StudyRow]) -> Vec<StudyFigure> {
     let band = |s: &Summary| {
         let w = s.half_width.unwrap_or(0.0);
         ((s.mean - w).max(0.0), (s.mean + w).min(1.0))
@@ -265,7 +267,8 @@ fn plots(study: &Study, rows: &[Row]) -> Vec<Picture> {
             band: None,
         });
         let arms = study.arms.iter().map(|arm| {
-            let mine: Vec<&Row> = rows.iter().filter(|r| r.name == arm.name && r.round.is_some()).collect();
+            let mine: Vec<&StudyRow> =
+                rows.iter().filter(|r| r.name == arm.name && r.round.is_some()).collect();
             Series {
                 name: arm.name.clone(),
                 points: mine.iter().map(|r| (r.interactions, r.jump_start.mean)).collect(),
@@ -283,17 +286,17 @@ fn plots(study: &Study, rows: &[Row]) -> Vec<Picture> {
     plots
 }
 
-/// What the last row's policy does on some test tasks: its chances over the scene, its choice, what became of it.
-fn pictures(family: &Family, study: &Study, cells: &[Cell]) -> Result<Vec<Picture>> {
+/// The last row's policy on some test tasks: success probabilities over the scene, the chosen action and its trajectory.
+fn pictures(family: &Family, study: &Study, cells: &[StudyCell]) -> Result<Vec<StudyFigure>> {
     let Some(cell) =
         cells.iter().filter(|c| c.trial == 0 && c.seed == study.seeds[0]).rfind(|c| c.round.is_some())
     else {
         return Ok(Vec::new());
     };
-    let bar = output::Bar::new();
+    let bar = output::TerminalProgress::new();
     let mut alone = study.clone();
     alone.transfer.learn = None;
-    let Some(policy) = tried(family, &alone, cell, &bar)?.1 else { return Ok(Vec::new()) };
+    let Some(policy) = run_study_cell(family, &alone, cell, &bar)?.1 else { return Ok(Vec::new()) };
     bar.clear();
     let mut world = HiddenWorld::new(HiddenConfig { seed: cell.seed, ..study.hidden.clone() })?;
     let mut pictures = Vec::new();
@@ -307,10 +310,10 @@ fn pictures(family: &Family, study: &Study, cells: &[Cell]) -> Result<Vec<Pictur
 
 fn picture(policy: &Dqn, task: &Task, world: &mut HiddenWorld) -> Result<Option<(String, String)>> {
     let space = task.actions();
-    let axis = |quantity: Quantity| space.components.iter().position(|c| c.set == quantity);
-    let (Some(x), Some(y)) = (axis(Quantity::X), axis(Quantity::Y)) else { return Ok(None) };
+    let axis = |quantity: ActionQuantity| space.components.iter().position(|c| c.set == quantity);
+    let (Some(x), Some(y)) = (axis(ActionQuantity::X), axis(ActionQuantity::Y)) else { return Ok(None) };
     let chance = |score: f32| 1.0 / (1.0 + (-f64::from(score)).exp());
-    let mapped = regular(space, [x, y])?;
+    let mapped = grid_actions(space, [x, y])?;
     let at = |action: &ValidAction, i: usize| space.components[i].value(action.values()[i]);
     let chances: Vec<([f64; 2], f64)> = mapped
         .iter()
@@ -326,47 +329,48 @@ fn picture(policy: &Dqn, task: &Task, world: &mut HiddenWorld) -> Result<Option<
         let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else { continue };
         let outcome = if film.solved() { "solved" } else { "not solved" };
         let caption = format!(
-            "{} {outcome} at the first attempt; predicted chance {:.2}. The map: the best chance of the actions that \
-             place it there; yellow: sure to succeed, dark: sure to fail.",
+            "{} {outcome} at the first attempt; predicted probability {:.2}. Map: maximal success probability of the actions at \
+             each position, from dark (0) to yellow (1).",
             task.id,
             chance(policy.score(task, action)?[0])
         );
         let style = Style { width: 640, ..Style::default() };
-        return Ok(Some((caption, chances_svg(&chances, &scene, Some(&film), &style))));
+        return Ok(Some((caption, success_map_svg(&chances, &scene, Some(&film), &style))));
     }
     Ok(None)
 }
 
-/// Actions at places of a regular grid over the components `axes`, all else in even steps: the discrete actions of a
-/// task may be scattered, and a map of them full of holes.
-fn regular(space: &ActionSpace, axes: [usize; 2]) -> Result<Vec<ValidAction>> {
-    const PLACES: usize = 48;
-    const MOST: usize = 150_000;
+/// Actions on a regular grid over the components `axes`, with the other components in even steps. (A task's discrete actions may be
+/// scattered and leave holes in a map.)
+fn grid_actions(space: &ActionSpace, axes: [usize; 2]) -> Result<Vec<ValidAction>> {
+    const CELLS_PER_AXIS: usize = 48;
+    const MAX_ACTIONS: usize = 150_000;
     let others = space.dimension().saturating_sub(2).max(1);
-    let each = (MOST as f64 / (PLACES * PLACES) as f64).powf(1.0 / others as f64);
+    let each = (MAX_ACTIONS as f64 / (CELLS_PER_AXIS * CELLS_PER_AXIS) as f64).powf(1.0 / others as f64);
     let steps = (each as usize).clamp(1, 16);
-    let counts = (0..space.dimension()).map(|i| if axes.contains(&i) { PLACES } else { steps }).collect();
-    let grid = ActionSpace { discrete: Discrete::Grid { counts }, ..space.clone() };
+    let counts =
+        (0..space.dimension()).map(|i| if axes.contains(&i) { CELLS_PER_AXIS } else { steps }).collect();
+    let grid = ActionSpace { discrete: Discretisation::Grid { counts }, ..space.clone() };
     (0..grid.count()).map(|i| grid.at(i)).collect()
 }
 
 fn html(
     study: &Study,
-    rows: &[Row],
+    rows: &[StudyRow],
     claims: &[Claim],
-    plots: &[Picture],
-    pictures: &[Picture],
+    plots: &[StudyFigure],
+    pictures: &[StudyFigure],
     seconds: f64,
 ) -> Result<String> {
     let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let svg = |(_, caption, svg): &Picture| Block::Svg { svg: svg.clone(), caption: caption.clone() };
+    let svg = |(_, caption, svg): &StudyFigure| Block::Svg { svg: svg.clone(), caption: caption.clone() };
     let table = Block::Table {
         columns: columns(&[
             "policy",
             "real interactions",
             "jump start",
             "95 % interval",
-            "after learning on",
+            "after further learning",
         ]),
         rows: rows
             .iter()
@@ -386,15 +390,18 @@ fn html(
             .into(),
     };
     let mut sections = vec![
-        Section { heading: "Claims".into(), blocks: vec![claims_table(claims, Some(SMALL_AUCCESS))] },
+        Section {
+            heading: "Claims".into(),
+            blocks: vec![claims_table(claims, Some(MIN_RELEVANT_AUCCESS_DIFFERENCE))],
+        },
         Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
     ];
     if !pictures.is_empty() {
         let blocks = pictures.iter().map(svg).collect();
-        sections.push(Section { heading: "What the learned policy does".into(), blocks });
+        sections.push(Section { heading: "Actions of the learned policy".into(), blocks });
     }
     sections.push(Section {
-        heading: "How it was run".into(),
+        heading: "Run".into(),
         blocks: vec![
             Block::Text(format!("iplw {}; {seconds:.0} s of work.", env!("CARGO_PKG_VERSION"))),
             Block::Details {
@@ -405,9 +412,9 @@ fn html(
             },
         ],
     });
-    let page = Report {
+    let page = HtmlReport {
         title: format!("Transfer: {} on {}", study.name, study.family),
-        lead: "How well policies do on unseen tasks of a hidden world, by what they were trained in.".into(),
+        lead: "Performance of policies on unseen tasks of a hidden world, by training environment.".into(),
         sections,
     };
     Ok(page.to_html())

@@ -1,55 +1,56 @@
-//! `iplw outcomes`: a table of what many actions do in every task of a family, as NumPy arrays.
+//! `iplw outcomes`: outcomes of many actions in every task of a family, as NumPy arrays.
 
-mod read;
-mod table;
+mod reader;
+mod writer;
 
 use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
-use iplw::policy::outcomes::{INVALID, OutcomesConfig, SOLVED, UNSOLVED, chosen, outcomes};
+use iplw::policy::outcomes::{INVALID, OutcomesConfig, SOLVED, UNSOLVED, outcomes, select_action_indices};
 use iplw::progress::Progress;
 use iplw::reality::standard;
 use iplw::task::{DEFAULT_FAMILY, Family, Task, ValidAction, split};
 use iplw::world::{Engine, Latents};
 use serde_json::json;
 
-pub use read::{FORMAT, Read, read_all};
-use table::{Table, npy};
+pub use reader::{FORMAT, OutcomesTable, read_all};
+use writer::{TableWriter, npy};
 
 use super::{output, parse};
 
-/// Finds out what many actions do in every task of a family, so that agents learn and are judged without a simulator.
+/// Compute the outcomes of many actions in every task of a family; writes NumPy arrays.
 ///
-/// Writes actions.npy (float64: actions by components, each in [0, 1]), outcomes.npy (int8: tasks by actions; 1 solved, -1 not,
-/// 0 cannot be placed) and outcomes.json (which tasks, which physics, which version). Stopped, it goes on where it was when
-/// it is begun again. In Python: `iplw.Outcomes("outcomes")`.
+/// Computes the outcomes of many actions in every task of a family, for training and evaluating agents without a simulator.
+///
+/// Writes actions.npy (float64: actions by components, each in [0, 1]), outcomes.npy (int8: tasks by actions; 1 solved, -1 not solved,
+/// 0 invalid) and outcomes.json (tasks, physics and version). An interrupted run resumes. In Python: `iplw.Outcomes("outcomes")`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A family, or one of its tasks.
+    /// Family, or one of its tasks.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
-    /// train, validation or test; all tasks if not given.
+    /// Split: train, validation or test [default: all tasks]
     #[arg(long)]
     split: Option<String>,
-    /// Discrete actions of the family's space: all if it has no more, else a random subset.
+    /// Number of discrete actions: a random subset if the family has more.
     #[arg(long, default_value_t = 100_000)]
     actions: usize,
-    /// sim, which knows only what the scene says; or real, with what the family's real world hides.
+    /// World: sim (the scene's physics) or real (with the family's hidden physics).
     #[arg(long, default_value = "sim")]
     world: String,
-    /// Latents of that world, `density=..,friction=..,restitution=..`; the world's own where not given.
+    /// Latents: density=..,friction=..,restitution=.. [default: the world's]
     #[arg(long, default_value = "")]
     latents: String,
-    /// Effect of that world beyond its own, `name:parameter=value,...`; may be repeated.
+    /// Additional effect, name:parameter=value,..; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// auto, lanes or rapier.
+    /// Physics engine: auto, rapier or lanes.
     #[arg(long, default_value = "auto")]
     engine: String,
-    /// Decides the subset.
+    /// Random seed of the subset of actions.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Directory for the table.
+    /// Output directory.
     #[arg(long, default_value = "outcomes")]
     out: PathBuf,
 }
@@ -68,30 +69,30 @@ pub fn run(args: &Args) -> Result<()> {
         effects: parse::effects(&args.effects)?,
         engine: Engine::from_name(&args.engine)?,
     };
-    let config = physics(&args.world, family, &given)?;
-    iplw::error::within("--actions", args.actions as f64, 1.0, 1e6)?;
-    let numbers = chosen(first.actions(), args.actions, args.seed)?;
+    let config = world_physics(&args.world, family, &given)?;
+    iplw::error::check_range("--actions", args.actions as f64, 1.0, 1e6)?;
+    let numbers = select_action_indices(first.actions(), args.actions, args.seed)?;
     let actions: Vec<ValidAction> = numbers.iter().map(|i| first.actions().at(*i)).collect::<Result<_>>()?;
-    output::directory("--out", &args.out)?;
+    output::prepare_directory("--out", &args.out)?;
     let of = json!({
         "format": FORMAT, "version": env!("CARGO_PKG_VERSION"), "family": family.name, "digest": family.digest,
-        // What the real world hides stays hidden: the family's digest holds it.
+        // The hidden physics isn't written; the family's digest covers it.
         "world": args.world, "latents": given.latents, "effects": given.effects, "engine": given.engine,
         "actions": actions.len(), "seed": args.seed, "codes": {"solved": SOLVED, "unsolved": UNSOLVED, "invalid": INVALID},
-        "tasks": tasks.iter().map(|t| json!({"id": t.id, "split": t.split.name(), "scene": read::scene(t)})).collect::<Vec<_>>(),
+        "tasks": tasks.iter().map(|t| json!({"id": t.id, "split": t.split.name(), "scene": reader::scene_digest(t)})).collect::<Vec<_>>(),
     });
-    let mut table = Table::open(&args.out, &of, [tasks.len(), actions.len()])?;
+    let mut table = TableWriter::open(&args.out, &of, [tasks.len(), actions.len()])?;
     let values: Vec<u8> =
         actions.iter().flat_map(|a| a.values().iter().flat_map(|v| v.to_le_bytes())).collect();
     let shape = [actions.len(), first.actions().dimension()];
     output::write_whole(&args.out.join("actions.npy"), &npy("<f8", shape, &values))?;
     fill(&mut table, &tasks, &actions, &config)?;
     let found = table.finish([tasks.len(), actions.len()])?;
-    output::print(&told(&tasks, &found, actions.len(), &args.out))
+    output::print(&summary(&tasks, &found, actions.len(), &args.out))
 }
 
-/// The physics of a world, with what was given over it.
-fn physics(world: &str, family: &Family, given: &OutcomesConfig) -> Result<OutcomesConfig> {
+/// The physics of a world with the user's latents and effects.
+fn world_physics(world: &str, family: &Family, given: &OutcomesConfig) -> Result<OutcomesConfig> {
     if world == "sim" {
         return Ok(given.clone());
     }
@@ -109,8 +110,13 @@ fn physics(world: &str, family: &Family, given: &OutcomesConfig) -> Result<Outco
     Ok(OutcomesConfig { latents, effects, engine: given.engine })
 }
 
-fn fill(table: &mut Table, tasks: &[Task], actions: &[ValidAction], config: &OutcomesConfig) -> Result<()> {
-    let bar = output::Bar::new();
+fn fill(
+    table: &mut TableWriter,
+    tasks: &[Task],
+    actions: &[ValidAction],
+    config: &OutcomesConfig,
+) -> Result<()> {
+    let bar = output::TerminalProgress::new();
     let total = (tasks.len() * actions.len()) as u64;
     for (t, task) in tasks.iter().enumerate().skip(table.rows) {
         let before = (t * actions.len()) as u64;
@@ -121,7 +127,7 @@ fn fill(table: &mut Table, tasks: &[Task], actions: &[ValidAction], config: &Out
     Ok(())
 }
 
-fn told(tasks: &[Task], found: &[u8], actions: usize, out: &Path) -> String {
+fn summary(tasks: &[Task], found: &[u8], actions: usize, out: &Path) -> String {
     let count = |row: &[u8], code: i8| row.iter().filter(|o| **o == code as u8).count();
     let rows = || found.chunks_exact(actions);
     let shares: Vec<f64> = rows()
@@ -129,7 +135,7 @@ fn told(tasks: &[Task], found: &[u8], actions: usize, out: &Path) -> String {
         .collect();
     let never = shares.iter().filter(|share| **share == 0.0).count();
     format!(
-        "{} tasks, {actions} actions each: {:.1} % cannot be placed; of the others {:.2} % solve ({:.2} to {:.2} % by task); {never} tasks that none solves\ntable: {}\n",
+        "{} tasks, {actions} actions each: {:.1} % are invalid; {:.2} % of the others solve their task ({:.2} to {:.2} % by task); {never} tasks are solved by none\ntable: {}\n",
         tasks.len(),
         100.0 * count(found, INVALID) as f64 / found.len() as f64,
         100.0 * shares.iter().sum::<f64>() / shares.len() as f64,

@@ -1,87 +1,90 @@
-//! `iplw tasks check`: whether a family's file makes tasks.
+//! `iplw tasks check`: certification of a family file.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use iplw::error::{Error, Result, within};
-use iplw::picture::{sheet_svg, svg_to_png};
+use iplw::error::{Error, Result, check_range};
+use iplw::picture::{contact_sheet_svg, svg_to_png};
 use iplw::progress::Progress;
-use iplw::reality::certify::{Judged, Outcome, Search};
+use iplw::reality::certify::{CandidateResult, CertificationOutcome, CertificationSearch};
 use iplw::task::{Family, Placement, Scene, certified_beside, read_family};
 
 use super::journal::Journal;
-use crate::cli::computing::Threads;
+use crate::cli::common_options::ThreadOptions;
 use crate::cli::output;
 
-/// What is looked for, and where the results go.
+/// Options of the search.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The family's file, TOML.
+    /// Family file (TOML).
     file: PathBuf,
-    /// Look for so many tasks in place of those the file wants, spread over its ranges alike: for a look. Nothing is written
-    /// beside the file but what the search itself keeps.
+    /// Number of tasks, spread over the ranges, for a preview: nothing is certified [default: the file's]
     #[arg(long, value_name = "N")]
     tasks: Option<usize>,
-    /// Give up after so many candidates; all of them are looked at if not given.
+    /// Maximal number of candidates [default: all]
     #[arg(long, value_name = "N")]
     candidates: Option<usize>,
-    /// Directory for a contact sheet (NAME.svg, NAME.png: the first hundred tasks, each with a solution in place), the certified
-    /// tasks and a table of all candidates (NAME.csv).
+    /// Output directory for a contact sheet, certified tasks and a table of candidates [default: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Seed of the search.
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]
-    threads: Threads,
+    threads: ThreadOptions,
 }
 
-/// Tasks that a contact sheet shows.
-const SHOWN: usize = 100;
+/// Maximal number of tasks in a contact sheet.
+const MAX_SHEET_TASKS: usize = 100;
 
 pub fn run(args: &Args) -> Result<()> {
-    args.threads.take()?;
+    args.threads.install()?;
     let family = read_family(&args.file)?;
-    let wanted = args.tasks.unwrap_or(family.selection.wanted());
-    within("--tasks", wanted as f64, 1.0, family.selection.wanted() as f64)?;
+    let wanted = args.tasks.unwrap_or(family.selection.n_tasks());
+    check_range("--tasks", wanted as f64, 1.0, family.selection.n_tasks() as f64)?;
     if let Some(out) = &args.out {
-        output::directory("--out", out)?;
+        output::prepare_directory("--out", out)?;
     }
-    let mut search = Search::new(&family, args.seed, wanted)?;
-    let kept = match args.tasks {
+    let mut search = CertificationSearch::new(&family, args.seed, wanted)?;
+    let journal_path = match args.tasks {
         Some(n) => args.file.with_extension(format!("search-{n}.jsonl")),
         None => args.file.with_extension("search.jsonl"),
     };
-    let mut journal = Journal::open(&kept, &family, args.seed, wanted, &mut search)?;
-    seek(&mut search, &mut journal, wanted, args.candidates.unwrap_or(usize::MAX))?;
+    let mut journal = Journal::open(&journal_path, &family, args.seed, wanted, &mut search)?;
+    run_search(&mut search, &mut journal, wanted, args.candidates.unwrap_or(usize::MAX))?;
 
-    output::print(&told(&family, &search, wanted))?;
+    output::print(&summary(&family, &search, wanted))?;
     if let Some(out) = &args.out {
         write(out, &family, &search)?;
     }
-    if search.found() < wanted {
-        return Err(Error::Failed(format!("not fit: {}", advice(&family, &search, wanted))));
+    if search.certified_count() < wanted {
+        return Err(Error::Failed(format!("too few tasks: {}", advice(&family, &search, wanted))));
     }
     if args.tasks.is_none() {
-        let beside = certified_beside(&args.file);
-        output::write_whole(&beside, search.certified().to_json().as_bytes())?;
-        output::print(&format!("  certified tasks: {}\n", beside.display()))?;
+        let certified_path = certified_beside(&args.file);
+        output::write_whole(&certified_path, search.certified().to_json().as_bytes())?;
+        output::print(&format!("  certified tasks: {}\n", certified_path.display()))?;
     }
     journal.remove()
 }
 
-/// Looks at candidates until all tasks are found, or there are no more, or `most` were looked at.
-fn seek(search: &mut Search, journal: &mut Journal, wanted: usize, most: usize) -> Result<()> {
-    let bar = output::Bar::new();
+/// Evaluates candidates until all tasks are found, or `most` candidates were evaluated.
+fn run_search(
+    search: &mut CertificationSearch,
+    journal: &mut Journal,
+    wanted: usize,
+    most: usize,
+) -> Result<()> {
+    let bar = output::TerminalProgress::new();
     let plain = !std::io::stderr().is_terminal();
     let most = most.min(search.draws().candidates.len());
-    while search.judged().len() < most {
-        bar.report("certifying tasks", search.found() as u64, wanted as u64)?;
+    while search.results().len() < most {
+        bar.report("certifying tasks", search.certified_count() as u64, wanted as u64)?;
         let Some(judged) = search.step()? else { break };
         journal.add(judged)?;
         let (candidate, share) = (judged.candidate, 100.0 * judged.share);
-        if plain && judged.outcome == Outcome::Certified {
-            let found = search.found();
+        if plain && judged.outcome == CertificationOutcome::Certified {
+            let found = search.certified_count();
             eprintln!("  {found} of {wanted} tasks: candidate {candidate}, {share:.1} % of actions solve it");
         }
     }
@@ -89,97 +92,106 @@ fn seek(search: &mut Search, journal: &mut Journal, wanted: usize, most: usize) 
     Ok(())
 }
 
-/// What was found, as a text.
-fn told(family: &Family, search: &Search, wanted: usize) -> String {
+/// Summary of a search as text.
+fn summary(family: &Family, search: &CertificationSearch, wanted: usize) -> String {
     let draws = search.draws();
     let mut text = format!("{}: {}\n", family.name, family.about);
-    text += &format!("  {} candidates of {} draws", draws.candidates.len(), draws.tried);
+    text += &format!("  {} candidates of {} draws", draws.candidates.len(), draws.evaluated);
     let unmet = family.requirements().zip(&draws.unmet).filter(|(_, n)| **n > 0);
     let reasons: Vec<String> = unmet.map(|(rule, n)| format!("{n} do not meet `{rule}`")).collect();
     text += &if reasons.is_empty() { "\n".into() } else { format!(" ({})\n", reasons.join(", ")) };
     let world = if family.selection.in_real_world { "the real world" } else { "the undamped real world" };
-    text += &format!("  share of valid actions that solve, in {world}: tasks found of those wanted\n");
+    text += &format!(
+        "  share of valid actions that solve in {world}: number of tasks found, of number requested\n"
+    );
     let (mut found, bins) = (vec![0; family.selection.bins.len()], &family.selection.bins);
     search
-        .judged()
+        .results()
         .iter()
         .filter(|j| j.certificate.is_some())
         .filter_map(|j| j.bin)
         .for_each(|b| found[b] += 1);
-    for ((bin, found), room) in bins.iter().zip(found).zip(search.room()) {
+    for ((bin, found), room) in bins.iter().zip(found).zip(search.open_slots()) {
         let (from, to) = (100.0 * bin.from, 100.0 * bin.to);
         text += &format!("    {from:5.1} to {to:5.1} %  {found:4} of {}\n", found + room);
     }
-    text += &format!("  {} candidates looked at:\n", search.judged().len());
-    for (outcome, said) in OUTCOMES {
+    text += &format!("  {} candidates evaluated:\n", search.results().len());
+    for (outcome, label) in OUTCOMES {
         let n = count(search, outcome);
-        text += &if n > 0 { format!("    {n:5} {said}\n") } else { String::new() };
+        text += &if n > 0 { format!("    {n:5} {label}\n") } else { String::new() };
     }
-    text + &format!("  {} of {wanted} tasks\n", search.found())
+    text + &format!("  {} of {wanted} tasks\n", search.certified_count())
 }
 
-const OUTCOMES: [(Outcome, &str); 8] = [
-    (Outcome::Certified, "tasks"),
-    (Outcome::Unsolvable, "unsolvable: no action that was tried solves them"),
-    (Outcome::TooHard, "too hard: fewer actions solve them than any range wants"),
-    (Outcome::TooEasy, "too easy: more actions solve them than any range wants"),
+const OUTCOMES: [(CertificationOutcome, &str); 8] = [
+    (CertificationOutcome::Certified, "tasks"),
+    (CertificationOutcome::Unsolvable, "unsolvable: no sampled action solves them"),
+    (CertificationOutcome::TooHard, "too hard: fewer actions solve them than in any range"),
+    (CertificationOutcome::TooEasy, "too easy: more actions solve them than in any range"),
     (
-        Outcome::ByItself,
-        "by themselves: in the other world, with or without what is hidden, more than half of the actions solve them",
+        CertificationOutcome::ByItself,
+        "trivial in the other world (with or without hidden physics): more than half of the actions solve them",
     ),
-    (Outcome::NotWanted, "in a range that is full, or between ranges"),
-    (Outcome::Unstable, "unstable: no solution that was tried survives 40 perturbed copies of it"),
-    (Outcome::NoScene, "no scene: things overlap, or a number is out of bounds"),
+    (CertificationOutcome::NotWanted, "surplus: in a full range, or between ranges"),
+    (CertificationOutcome::Unstable, "unstable: no solution survives 40 perturbations"),
+    (CertificationOutcome::NoScene, "invalid scene: bodies overlap, or a number is out of bounds"),
 ];
 
-fn count(search: &Search, outcome: Outcome) -> usize {
-    search.judged().iter().filter(|j| j.outcome == outcome).count()
+fn count(search: &CertificationSearch, outcome: CertificationOutcome) -> usize {
+    search.results().iter().filter(|j| j.outcome == outcome).count()
 }
 
-/// What would help, by what most candidates are that are no tasks.
-fn advice(family: &Family, search: &Search, wanted: usize) -> String {
+/// Advice for the most frequent reason of rejection.
+fn advice(family: &Family, search: &CertificationSearch, wanted: usize) -> String {
     let most = OUTCOMES[1..].iter().map(|(o, _)| *o).max_by_key(|o| count(search, *o));
     let help = match most.filter(|o| count(search, *o) > 0) {
-        Some(Outcome::Unsolvable | Outcome::TooHard) => {
+        Some(CertificationOutcome::Unsolvable | CertificationOutcome::TooHard) => {
             "an easier goal, a larger action space or lower ranges"
         }
-        Some(Outcome::TooEasy) => "a harder goal or higher ranges",
-        Some(Outcome::ByItself) => "a scene in which nothing happens by itself, or less damping",
-        Some(Outcome::Unstable) => "a goal with more tolerance, or less that balances",
-        Some(Outcome::NoScene) => "requirements that keep things apart (`candidates.require`)",
-        _ => "ranges where candidates are, or more candidates (`candidates.count`)",
+        Some(CertificationOutcome::TooEasy) => "a harder goal or higher ranges",
+        Some(CertificationOutcome::ByItself) => {
+            "a scene that is not solved by doing nothing, or less damping"
+        }
+        Some(CertificationOutcome::Unstable) => "a goal with more tolerance, or fewer balanced bodies",
+        Some(CertificationOutcome::NoScene) => "requirements that keep bodies apart (`candidates.require`)",
+        _ => "ranges that match the candidates, or more candidates (`candidates.count`)",
     };
-    let looked = search.judged().len();
+    let evaluated = search.results().len();
     format!(
-        "{} of {wanted} tasks of {} among {looked} candidates; what helps: {help}",
-        search.found(),
+        "{} of {wanted} tasks of {} among {evaluated} candidates; try {help}",
+        search.certified_count(),
         family.name
     )
 }
 
 /// Contact sheet, certified tasks and the table of candidates.
-fn write(out: &Path, family: &Family, search: &Search) -> Result<()> {
+fn write(out: &Path, family: &Family, search: &CertificationSearch) -> Result<()> {
     let file = |ending: &str| out.join(format!("{}.{ending}", family.name));
-    let tasks = search.judged().iter().filter(|j| j.certificate.is_some()).take(SHOWN).enumerate();
+    let tasks = search.results().iter().filter(|j| j.certificate.is_some()).take(MAX_SHEET_TASKS).enumerate();
     let cells: Vec<(String, Scene)> =
         tasks.map(|(i, j)| cell(family, search, i, j)).collect::<Result<_>>()?;
-    let svg = sheet_svg(&format!("{}: {}", family.name, family.about), &cells);
+    let svg = contact_sheet_svg(&format!("{}: {}", family.name, family.about), &cells);
     output::write_whole(&file("svg"), svg.as_bytes())?;
     output::write_whole(&file("png"), &svg_to_png(&svg, 160 * cells.len().clamp(4, 10) as u32)?)?;
     output::write_whole(&file("certified.json"), search.certified().to_json().as_bytes())?;
     let header = ["candidate", "outcome", "solving_share"].into_iter().chain(family.parameters());
-    let row = |j: &Judged| {
-        let said = serde_json::to_value(j.outcome).map(|v| v.as_str().unwrap_or_default().to_string());
-        let own = [j.candidate.to_string(), said.unwrap_or_default(), j.share.to_string()];
+    let row = |j: &CandidateResult| {
+        let label = serde_json::to_value(j.outcome).map(|v| v.as_str().unwrap_or_default().to_string());
+        let own = [j.candidate.to_string(), label.unwrap_or_default(), j.share.to_string()];
         own.into_iter().chain(search.draws().candidates[j.candidate].iter().map(f64::to_string)).collect()
     };
-    let table = output::csv(&header.collect::<Vec<_>>(), search.judged().iter().map(row))?;
+    let table = output::csv(&header.collect::<Vec<_>>(), search.results().iter().map(row))?;
     output::write_whole(&file("csv"), &table)?;
     output::print(&format!("  contact sheet: {}\n", file("png").display()))
 }
 
-/// A task with its certified solution in place.
-fn cell(family: &Family, search: &Search, number: usize, judged: &Judged) -> Result<(String, Scene)> {
+/// A task with its certified solution applied.
+fn cell(
+    family: &Family,
+    search: &CertificationSearch,
+    number: usize,
+    judged: &CandidateResult,
+) -> Result<(String, Scene)> {
     let scene = family.scene(&search.draws().candidates[judged.candidate])?;
     let caption = format!("{number:03}: {:.1} %", 100.0 * judged.share);
     let (Some(space), Some(certificate)) = (&scene.action, &judged.certificate) else {

@@ -1,4 +1,4 @@
-//! `iplw tasks import`: tasks that others wrote as families.
+//! `iplw tasks import`: import of tasks as families.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -7,72 +7,70 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
 use iplw::error::{Error, Result};
-use iplw::task::phyre::{self, Said, Tasks};
+use iplw::task::phyre::{self, PhyreScene, PhyreTasks};
 use iplw::task::{Scene, custom};
 use serde_json::{Value, json};
 
-use super::taken::{Options, Plan, Taken, take};
+use super::family_import::{FamilySource, ImportOptions, ImportSummary, import_family};
 use crate::cli::output;
 
 #[derive(clap::Subcommand)]
-pub enum Sub {
-    /// PHYRE's tasks of one ball: a family for each template, phyre_00000 and so on.
+pub enum ImportSource {
+    /// Import PHYRE's one-ball tasks: one family for each template, phyre_00000 and so on.
     ///
-    /// FILE holds them as one JSON object by task, TEMPLATE:TASK (docs/phyre_import.md: how to make it from PHYRE's own files, and
-    /// how the physics differ). The solutions that come with a task are tried first, and certify it if they solve it here, too,
-    /// however they are moved a little; how many do is told for each template. A task that none of them and no action of its
-    /// sample certifies is left out.
+    /// FILE is a JSON object of tasks by TEMPLATE:TASK (docs/how-to/import_tasks.md explains how to create it from PHYRE's files, and how the
+    /// physics differ). A task is certified by one of its own solutions if that also works here when perturbed, otherwise by a sampled
+    /// action; tasks without either are left out. The number of working solutions is reported for each template.
     ///
-    /// Stopped, it goes on where it was when it is begun again.
-    Phyre(Phyre),
-    /// Any scenes with goals and action spaces: a family.
+    /// An interrupted import resumes.
+    PhyreArgs(PhyreArgs),
+    /// Import scenes with goals and action spaces as one family.
     ///
-    /// FILE has a line for each, an iplw.scene/1, or {"scene": .., "solutions": [[..], ..]} with actions that are said to solve
-    /// it. All have the same action space. The family is named after the file.
-    Scenes(Scenes),
+    /// Each line of FILE is an iplw.scene/1, or {"scene": .., "solutions": [[..], ..]} with actions that solve it. All scenes need the same
+    /// action space. The family is named after the file.
+    ScenesArgs(ScenesArgs),
 }
 
 #[derive(clap::Args)]
-pub struct Phyre {
-    /// JSON, plain or compressed by gzip.
+pub struct PhyreArgs {
+    /// JSON file, plain or gzip-compressed.
     file: PathBuf,
-    /// This template only; may be repeated.
+    /// Template to import; may be repeated [default: all]
     #[arg(long, value_name = "ID")]
     template: Vec<String>,
     #[command(flatten)]
-    options: Options,
+    options: ImportOptions,
 }
 
 #[derive(clap::Args)]
-pub struct Scenes {
-    /// JSON lines, plain or compressed by gzip.
+pub struct ScenesArgs {
+    /// JSON Lines file, plain or gzip-compressed.
     file: PathBuf,
-    /// The family's name; the file's if not given.
+    /// Name of the family [default: that of the file]
     #[arg(long)]
     name: Option<String>,
-    /// What the family is about, one line.
+    /// One-line description of the family [default: scenes of NAME]
     #[arg(long)]
     about: Option<String>,
-    /// The real world of the family, density,friction,restitution,damping (kg/m^2; share of velocity kept per second), for all that
-    /// carries latents. What the scenes say, which then has to be the same for all, if not given.
+    /// Density (kg/m^2), friction, restitution and damping of the real world [default: the scenes']
     #[arg(long, value_name = "D,F,R,K", value_delimiter = ',', num_args = 1)]
     real: Option<Vec<f64>>,
     #[command(flatten)]
-    options: Options,
+    options: ImportOptions,
 }
 
-/// Most bytes of a file, once it is not compressed any more.
-const MOST_BYTES: u64 = 64 << 20;
+/// Maximal size of a decompressed file, bytes.
+const MAX_BYTES: u64 = 64 << 20;
 
-pub fn run(sub: &Sub) -> Result<()> {
+pub fn run(sub: &ImportSource) -> Result<()> {
     match sub {
-        Sub::Phyre(args) => import_phyre(args),
-        Sub::Scenes(args) => import_scenes(args),
+        ImportSource::PhyreArgs(args) => import_phyre(args),
+        ImportSource::ScenesArgs(args) => import_scenes(args),
     }
 }
 
-fn import_phyre(args: &Phyre) -> Result<()> {
-    let tasks = Tasks::from_json(&text(&args.file)?).map_err(|e| e.at(args.file.display()))?;
+fn import_phyre(args: &PhyreArgs) -> Result<()> {
+    let tasks = PhyreTasks::from_json(&text(&args.file)?).map_err(|e| e.in_file(args.file.display()))?;
     let known = tasks.templates();
     if let Some(unknown) = args.template.iter().find(|t| !known.contains(&t.as_str())) {
         let allowed = format!("one of {}", known.join(", "));
@@ -82,37 +80,37 @@ fn import_phyre(args: &Phyre) -> Result<()> {
     let wanted =
         known.into_iter().filter(|t| args.template.is_empty() || args.template.iter().any(|w| w == t));
     let mut all = Vec::new();
-    output::print(&format!("{}\n", Taken::HEADER))?;
+    output::print(&format!("{}\n", ImportSummary::HEADER))?;
     for template in wanted {
-        let taken = take(&template_plan(&tasks, template)?, &args.options)?;
-        output::print(&format!("{taken}\n"))?;
-        all.push(taken);
+        let summary = import_family(&template_plan(&tasks, template)?, &args.options)?;
+        output::print(&format!("{summary}\n"))?;
+        all.push(summary);
     }
     finish(&all, &args.options.out)
 }
 
-fn template_plan(tasks: &Tasks, template: &str) -> Result<Plan> {
-    let (mut lines, mut unsaid) = (String::new(), Vec::new());
-    for (_, said) in tasks.said(template) {
-        match said {
-            Ok(Said { scene, solutions }) => {
+fn template_plan(tasks: &PhyreTasks, template: &str) -> Result<FamilySource> {
+    let (mut lines, mut rejected) = (String::new(), Vec::new());
+    for (_, parsed) in tasks.scenes(template) {
+        match parsed {
+            Ok(PhyreScene { scene, solutions }) => {
                 line(&mut lines, &json!({"scene": scene, "solutions": solutions}))
             }
-            Err(error) => unsaid.push(error.to_string()),
+            Err(error) => rejected.push(error.to_string()),
         }
     }
     let [density, ..] = phyre::PHYSICS;
-    Ok(Plan {
+    Ok(FamilySource {
         name: format!("phyre_{template}"),
         about: format!("PHYRE's template {template}: place a ball so that two bodies touch for 3 s"),
         real: phyre::PHYSICS,
         prior: format!("\n[prior]\ndensity = [{density:?}, {:?}]\n", density / 2.0),
         lines,
-        unsaid,
+        rejected,
     })
 }
 
-fn import_scenes(args: &Scenes) -> Result<()> {
+fn import_scenes(args: &ScenesArgs) -> Result<()> {
     let all = text(&args.file)?;
     let stem = || {
         let name = args.file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
@@ -120,15 +118,15 @@ fn import_scenes(args: &Scenes) -> Result<()> {
     };
     let (mut lines, mut first) = (String::new(), None);
     for (i, text) in all.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
-        let refuse = |e: Error| e.at(format!("{}, line {}", args.file.display(), i + 1));
+        let refuse = |e: Error| e.in_file(format!("{}, line {}", args.file.display(), i + 1));
         let value: Value = iplw::json::parse(text).map_err(refuse)?;
         let scene = match value.get("scene") {
-            Some(scene) => iplw::json::from_value(scene.clone()).map_err(|e| refuse(e.under("scene")))?,
+            Some(scene) => iplw::json::from_value(scene.clone()).map_err(|e| refuse(e.in_field("scene")))?,
             None => iplw::json::parse::<Scene>(text).map_err(refuse)?,
         };
         let scene = custom(scene).map_err(refuse)?.scene;
         if args.real.is_none() {
-            let own = surfaces(&scene).map_err(refuse)?;
+            let own = surface_parameters(&scene).map_err(refuse)?;
             let [density, friction, restitution] = *first.get_or_insert(own);
             if own != [density, friction, restitution] {
                 let value = format!("density, friction and restitution {own:?}");
@@ -141,23 +139,26 @@ fn import_scenes(args: &Scenes) -> Result<()> {
     let real = match (args.real.as_deref(), first) {
         (Some(&[density, friction, restitution, damping]), _) => [density, friction, restitution, damping],
         (Some(other), _) => {
-            let allowed = "four numbers: density, friction, restitution, kept share of velocity per second";
+            let allowed =
+                "four numbers: density, friction, restitution, share of velocity retained per second";
             return Err(Error::input("--real", format!("{other:?}"), allowed));
         }
         (None, Some([density, friction, restitution])) => [density, friction, restitution, 1.0],
-        (None, None) => return Err(Error::input("", "no scene", "a scene a line").at(args.file.display())),
+        (None, None) => {
+            return Err(Error::input("", "no scene", "a scene a line").in_file(args.file.display()));
+        }
     };
     args.options.prepare()?;
     let name = args.name.clone().unwrap_or_else(stem);
     let about = args.about.clone().unwrap_or_else(|| format!("scenes of {name}"));
-    let plan = Plan { name, about, real, prior: String::new(), lines, unsaid: Vec::new() };
-    let taken = take(&plan, &args.options)?;
-    output::print(&format!("{}\n{taken}\n", Taken::HEADER))?;
-    finish(&[taken], &args.options.out)
+    let plan = FamilySource { name, about, real, prior: String::new(), lines, rejected: Vec::new() };
+    let summary = import_family(&plan, &args.options)?;
+    output::print(&format!("{}\n{summary}\n", ImportSummary::HEADER))?;
+    finish(&[summary], &args.options.out)
 }
 
-/// Density (kg/m^2), friction and restitution of what carries latents, which has to be the same for all of it.
-fn surfaces(scene: &Scene) -> Result<[f64; 3]> {
+/// The common density (kg/m^2), friction and restitution of all bodies and statics that carry latents.
+fn surface_parameters(scene: &Scene) -> Result<[f64; 3]> {
     let carries = |name: &str| scene.carries_latents(name);
     let bodies = scene.bodies.iter().filter(|b| carries(&b.name));
     let mut own: Vec<(&str, [f64; 3])> =
@@ -181,28 +182,30 @@ fn surfaces(scene: &Scene) -> Result<[f64; 3]> {
 }
 
 fn line(lines: &mut String, value: &Value) {
-    // Writing to a text does not fail.
+    // Writing to a String can't fail.
     let _ = writeln!(lines, "{value}");
 }
 
-/// Says what is to be said of all, and fails if there is no task.
-fn finish(all: &[Taken], out: &Path) -> Result<()> {
-    let sum = |of: fn(&Taken) -> usize| all.iter().map(of).sum::<usize>();
-    let (tasks, kept) = (sum(|t| t.tasks), sum(|t| t.kept));
+/// Prints a summary of all families; an error if no task was imported.
+fn finish(all: &[ImportSummary], out: &Path) -> Result<()> {
+    let sum = |of: fn(&ImportSummary) -> usize| all.iter().map(of).sum::<usize>();
+    let (tasks, kept) = (sum(|t| t.tasks), sum(|t| t.imported));
     let (solve, solutions) = (sum(|t| t.solve), sum(|t| t.solutions));
     let mut text = String::new();
-    for unsaid in all.iter().flat_map(|t| &t.unsaid) {
-        text += &format!("left out, no scene here: {unsaid}\n");
+    for rejected in all.iter().flat_map(|t| &t.rejected) {
+        text += &format!("left out, invalid scene: {rejected}\n");
     }
     text += &format!("{kept} of {tasks} tasks imported; {solve} of {solutions} solutions solve here\n");
     if kept == 0 {
         output::print(&text)?;
-        return Err(Error::Failed("no task could be certified: nothing that was tried solves one".into()));
+        return Err(Error::Failed(
+            "no task could be certified: no solution or sampled action solves one".into(),
+        ));
     }
     output::print(&format!("{text}families: {0} (iplw serve --tasks {0})\n", out.display()))
 }
 
-/// A file's text.
+/// Reads a text file, plain or gzip-compressed.
 fn text(path: &Path) -> Result<String> {
     let failed = |e| Error::io(path, e);
     let mut file = File::open(path).map_err(failed)?;
@@ -211,15 +214,15 @@ fn text(path: &Path) -> Result<String> {
     let start = (&magic[..begins]).chain(file);
     let mut bytes = Vec::new();
     let read = if magic == [0x1f, 0x8b] {
-        MultiGzDecoder::new(start).take(MOST_BYTES + 1).read_to_end(&mut bytes)
+        MultiGzDecoder::new(start).take(MAX_BYTES + 1).read_to_end(&mut bytes)
     } else {
-        start.take(MOST_BYTES + 1).read_to_end(&mut bytes)
+        start.take(MAX_BYTES + 1).read_to_end(&mut bytes)
     };
     read.map_err(failed)?;
-    if bytes.len() as u64 > MOST_BYTES {
-        let allowed = format!("at most {MOST_BYTES} bytes, not compressed");
-        return Err(Error::input("", "more", allowed).at(path.display()));
+    if bytes.len() as u64 > MAX_BYTES {
+        let allowed = format!("at most {MAX_BYTES} bytes, not compressed");
+        return Err(Error::input("", "more", allowed).in_file(path.display()));
     }
     String::from_utf8(bytes)
-        .map_err(|_| Error::input("", "no text", "JSON, plain or by gzip").at(path.display()))
+        .map_err(|_| Error::input("", "no text", "JSON, plain or by gzip").in_file(path.display()))
 }

@@ -1,62 +1,61 @@
-//! What a search for tasks has found, kept line by line so that one that was stopped goes on.
+//! Journal of a task search, from which an interrupted search resumes.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
-use iplw::reality::certify::{Judged, Search};
+use iplw::reality::certify::{CandidateResult, CertificationSearch};
 use iplw::task::Family;
 use serde_json::{Value, json};
 
-/// A file of JSON lines: what the search is of, then a candidate a line.
+/// A JSON Lines file: a header that identifies the search, then one line for each candidate.
 pub struct Journal {
     path: PathBuf,
     file: File,
 }
 
 impl Journal {
-    /// Opens or begins the file; a search of the same takes over what is there. What was half written when it was stopped is
-    /// looked at anew.
+    /// Opens or creates the file; results of the same search are loaded. A partially written line is dropped.
     pub fn open(
         path: &Path,
         family: &Family,
         seed: u64,
         wanted: usize,
-        search: &mut Search,
+        search: &mut CertificationSearch,
     ) -> Result<Journal> {
-        let of = json!({
+        let header = json!({
             "format": "iplw.search/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
             "digest": family.digest, "selection": family.selection, "seed": seed, "wanted": wanted,
         });
-        let there = std::fs::read_to_string(path).unwrap_or_default();
-        let mut lines = there.lines();
-        let same = lines.next().and_then(|l| serde_json::from_str::<Value>(l).ok()) == Some(of.clone());
+        let existing = std::fs::read_to_string(path).unwrap_or_default();
+        let mut lines = existing.lines();
+        let same = lines.next().and_then(|l| serde_json::from_str::<Value>(l).ok()) == Some(header.clone());
         if same {
-            let found = lines.map_while(|line| serde_json::from_str::<Judged>(line).ok());
+            let found = lines.map_while(|line| serde_json::from_str::<CandidateResult>(line).ok());
             for judged in found {
-                if search.take(judged).is_err() {
+                if search.resume_with(judged).is_err() {
                     break;
                 }
             }
         }
-        let kept = search.judged().iter().map(|j| json!(j).to_string() + "\n").collect::<String>();
+        let lines_kept = search.results().iter().map(|j| json!(j).to_string() + "\n").collect::<String>();
         let failed = |e| Error::io(path, e);
-        std::fs::write(path, format!("{of}\n{kept}")).map_err(failed)?;
+        std::fs::write(path, format!("{header}\n{lines_kept}")).map_err(failed)?;
         let file = OpenOptions::new().append(true).open(path).map_err(failed)?;
-        if !search.judged().is_empty() {
-            eprintln!("  goes on after {} candidates of {}", search.judged().len(), path.display());
+        if !search.results().is_empty() {
+            eprintln!("  resumes after {} candidates of {}", search.results().len(), path.display());
         }
         Ok(Journal { path: path.into(), file })
     }
 
     /// Adds a candidate.
-    pub fn add(&mut self, judged: &Judged) -> Result<()> {
+    pub fn add(&mut self, judged: &CandidateResult) -> Result<()> {
         let line = json!(judged).to_string() + "\n";
         self.file.write_all(line.as_bytes()).map_err(|e| Error::io(&self.path, e))
     }
 
-    /// All is found.
+    /// Deletes the journal of a finished search.
     pub fn remove(self) -> Result<()> {
         std::fs::remove_file(&self.path).map_err(|e| Error::io(&self.path, e))
     }

@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::discover::window::{Kind, Window};
-use crate::world::effect::{Effect, bump, clock_push, place_drive, place_push, velocity_push};
+use crate::world::effect::{Effect, clock_push, gaussian, place_drive, place_push, velocity_push};
 
 /// Numbers of functions over x and y, vx and vy, and the clock.
 const PLACES: [usize; 2] = [8, 5];
@@ -18,18 +18,18 @@ const TIMES: usize = 16;
 /// How many bumps they are, those that push and those that drive.
 pub const BUMPS: usize = 2 * PLACES[0] * PLACES[1] + SPEEDS[0] * SPEEDS[1] + TIMES;
 
-/// What a field depends on.
+/// Inputs of a discrepancy field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Over {
-    /// Everything at once.
+    /// All inputs.
     All,
     Place,
     Velocity,
     Clock,
-    /// Place, and which way the body moves.
+    /// Position and direction of motion.
     Heading,
-    /// Place, velocity and speed, by powers of them and no bumps; see `law`.
+    /// Monomials of position, velocity and speed, without radial basis functions; see `law`.
     Powers,
 }
 
@@ -51,7 +51,7 @@ struct Bump {
 
 impl Bump {
     fn at(&self, at: [f64; 2]) -> f64 {
-        bump([0, 1].map(|a| (at[a] - self.centre[a]) / self.width[a]))
+        gaussian([0, 1].map(|a| (at[a] - self.centre[a]) / self.width[a]))
     }
 }
 
@@ -80,7 +80,8 @@ impl Functions {
 
     /// Those of a field that depends on so much, among all of them.
     pub fn range(&self, over: Over) -> Range<usize> {
-        let [place, speed, clock] = [&self.places, &self.speeds, &self.times].map(|bumps| 2 * bumps.len());
+        let [place, speed, clock] =
+            [&self.places, &self.speeds, &self.times].map(|gaussian_lanes| 2 * gaussian_lanes.len());
         match over {
             Over::All => 0..self.count(),
             Over::Place => 0..place,
@@ -98,7 +99,9 @@ impl Functions {
 
     /// Values at a state: each pushes along x and along y, the last along and across the velocity.
     pub fn pushes(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> Vec<[f64; 2]> {
-        let of = |bumps: &[Bump], at: [f64; 2]| -> Vec<f64> { bumps.iter().map(|b| b.at(at)).collect() };
+        let of = |gaussian_lanes: &[Bump], at: [f64; 2]| -> Vec<f64> {
+            gaussian_lanes.iter().map(|b| b.at(at)).collect()
+        };
         let (places, speeds) = (of(&self.places, [x, y]), of(&self.speeds, [vx, vy]));
         let times = of(&self.times, [time, 0.0]);
         let speed = (vx * vx + vy * vy).sqrt().max(1e-9);
@@ -155,7 +158,7 @@ fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
 mod tests {
     use super::*;
 
-    use crate::world::effect::{Act, Moving, Surroundings};
+    use crate::world::effect::{EffectKind, MotionState, SimulationContext};
 
     #[test]
     fn bumps_stand_on_their_grid() {
@@ -196,13 +199,15 @@ mod tests {
         let (functions, dt) = (functions(), 1e-6);
         let effects = functions.effects();
         assert_eq!(2 * effects.len(), functions.count());
-        let around = Surroundings { time_step: dt, gravity: [0.0, -9.81] };
+        let around = SimulationContext { time_step: dt, gravity: [0.0, -9.81] };
         for (time, [x, y, vx, vy]) in [(0.3, [0.1, 1.2, 2.0, -1.0]), (1.1, [1.7, 2.9, -3.0, 0.5])] {
             for (k, wanted) in functions.pushes(time, [x, y, vx, vy]).into_iter().enumerate() {
                 let (effect, mut values) = effects[k / 2].clone();
                 values[k % 2] = 1.0;
-                let Act::Motion(law) = effect.act else { panic!("{} is no law of motion", effect.name) };
-                let body = Moving { time, x, y, vx, vy, omega: 0.0 };
+                let EffectKind::Motion(law) = effect.kind else {
+                    panic!("{} is no law of motion", effect.name)
+                };
+                let body = MotionState { time, x, y, vx, vy, omega: 0.0 };
                 let kicked = law.kick(&law.constants(&values, &around), body, dt);
                 let got = [(kicked[0] - vx) / dt, (kicked[1] - vy) / dt];
                 let off = (0..2).map(|a| (got[a] - wanted[a]).abs()).fold(0.0, f64::max);

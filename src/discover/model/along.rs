@@ -8,7 +8,7 @@ use crate::discover::path::{Impact, Physics};
 use crate::discover::window::{Point, Window};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
-use crate::world::{Rollout, simulate_map};
+use crate::world::{Rollout, Simulator};
 
 /// States (x, y, vx, vy) at every window's points, for pictures and for what acts along a path.
 pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64; 4]>>> {
@@ -21,7 +21,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     let rollouts: Vec<Rollout> =
         runs.iter().zip(&simulated).map(|((scene, physics), w)| w.rollout(scene, physics)).collect();
     let states = |i: usize, path| simulated[i].points.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>();
-    let mut simulated = simulate_map(&rollouts, data.engine, states)?.into_iter();
+    let mut simulated = Simulator::new(data.engine).map(&rollouts, states)?.into_iter();
     let path = |(w, window): (usize, &Window)| {
         if window.kind.simulated() {
             return simulated.next().unwrap_or_default();

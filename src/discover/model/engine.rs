@@ -8,8 +8,8 @@ use crate::discover::window::Window;
 use crate::error::Result;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
-use crate::trajectory::{End, Trajectory};
-use crate::world::{Latents, Rollout, simulate_map};
+use crate::trajectory::{Termination, Trajectory};
+use crate::world::{Latents, Rollout, Simulator};
 
 /// Differences for derivatives by a body's x, y, vx, vy, omega in a shot.
 pub const NUDGE: [f64; 5] = [1e-3, 1e-3, 1e-2, 1e-2, 5e-2];
@@ -93,7 +93,7 @@ impl Batch {
         }
         for e in extras {
             let mut effects = effects.clone();
-            effects.push(e.effect.at_clock(&e.values, window.start));
+            effects.push(e.effect.term_at_clock(&e.values, window.start));
             self.jobs.push((w, here, (effects, latents)));
         }
     }
@@ -105,7 +105,7 @@ impl Batch {
             .iter()
             .map(|(w, scene, physics)| data.windows[*w].rollout(&self.scenes[*scene], physics))
             .collect();
-        simulate_map(&rollouts, data.engine, |i, path| predicted(&data.windows[self.jobs[i].0], &path))
+        Simulator::new(data.engine).map(&rollouts, |i, path| predicted(&data.windows[self.jobs[i].0], &path))
     }
 }
 
@@ -136,7 +136,7 @@ pub fn placed(window: &Window, nuisances: &[f64]) -> Scene {
 /// Positions at a window's points, two numbers each; NaN where the path diverged.
 pub fn predicted(window: &Window, trajectory: &Trajectory) -> Vec<f64> {
     let mut out = Vec::with_capacity(2 * window.points.len());
-    if trajectory.outcome.end == End::Diverged || trajectory.times.is_empty() {
+    if trajectory.outcome.end == Termination::Diverged || trajectory.times.is_empty() {
         out.resize(2 * window.points.len(), f64::NAN);
         return out;
     }

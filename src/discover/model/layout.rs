@@ -4,7 +4,7 @@ use crate::discover::path::Physics;
 use crate::discover::window::Window;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
-use crate::world::effect::{ActsOn, Effect, Parameter};
+use crate::world::effect::{Effect, EffectTarget, ParameterDeclaration};
 use crate::world::latent::FACTORS;
 
 /// Difference for derivatives by a latent.
@@ -71,7 +71,7 @@ impl Layout {
                     what: What::Parameter(t, p),
                     setting,
                     bounds: bounds(term.effect, parameter),
-                    step: term.difference.unwrap_or(parameter.step),
+                    step: term.difference.unwrap_or(parameter.fd_step),
                     belief: 0.0,
                 };
                 match term.per_setting {
@@ -98,7 +98,7 @@ impl Layout {
     }
 
     /// The parameter that a slot stands for, unless it stands for a latent.
-    pub fn parameter(&self, slot: usize) -> Option<&'static Parameter> {
+    pub fn parameter(&self, slot: usize) -> Option<&'static ParameterDeclaration> {
         match self.slots[slot].what {
             What::Parameter(t, p) => Some(&self.terms[t].effect.parameters[p]),
             What::Latent(_) => None,
@@ -112,7 +112,7 @@ impl Layout {
 
     /// Whether a slot moves an edge in space, which a path feels only where it crosses it.
     pub fn edged(&self, slot: usize) -> bool {
-        self.parameter(slot).is_some_and(Parameter::is_edge)
+        self.parameter(slot).is_some_and(ParameterDeclaration::is_edge)
     }
 
     /// Whether any slot moves an edge in space.
@@ -158,7 +158,7 @@ impl Layout {
     /// Effects and latents for a setting, the clock shifted to a window's start.
     pub fn physics(&self, values: &[f64], setting: usize, clock: f64) -> (Vec<EffectTerm>, Latents) {
         let (numbers, latents) = self.numbers(values, setting);
-        let of = |(term, numbers): (&Term, &Vec<f64>)| term.effect.at_clock(numbers, clock);
+        let of = |(term, numbers): (&Term, &Vec<f64>)| term.effect.term_at_clock(numbers, clock);
         (self.terms.iter().zip(&numbers).map(of).collect(), latents)
     }
 
@@ -199,9 +199,9 @@ impl Slot {
 
 /// Values that a search may try: a sensor that is off by more than a fifth (or a fifth of a second or radian) is not an
 /// error to discover but another sensor.
-pub fn bounds(effect: &Effect, parameter: &Parameter) -> [f64; 2] {
+pub fn bounds(effect: &Effect, parameter: &ParameterDeclaration) -> [f64; 2] {
     let [low, high] = parameter.bounds;
-    if effect.acts_on() == ActsOn::Sensor {
+    if effect.target() == EffectTarget::Sensor {
         return [low.max(parameter.neutral - 0.2), high.min(parameter.neutral + 0.2)];
     }
     [low, high]

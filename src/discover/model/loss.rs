@@ -4,7 +4,7 @@ use super::data::Data;
 use super::engine::predicted;
 use super::layout::Layout;
 use crate::error::Result;
-use crate::world::{Rollout, simulate_map};
+use crate::world::{Rollout, Simulator};
 
 /// Square of a residual, over what noise leaves, from which it counts for less and less (as Cauchy's distribution has it).
 const TAME: f64 = 6.0;
@@ -24,7 +24,7 @@ pub fn losses(data: &Data, layout: &Layout, all: &[Vec<f64>], windows: &[usize])
         .iter()
         .map(|(w, physics)| data.windows[*w].rollout(&data.windows[*w].scene, physics))
         .collect();
-    let squares = simulate_map(&rollouts, data.engine, |i, path| {
+    let squares = Simulator::new(data.engine).map(&rollouts, |i, path| {
         let w = physics[i].0;
         let window = &data.windows[w];
         let off = |(i, v): (usize, &f64)| (window.points[i / 2].seen[i % 2] - v) / data.sd[w];

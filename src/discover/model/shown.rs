@@ -7,7 +7,7 @@ use super::state::State;
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::task::Scene;
-use crate::world::{Rollout, simulate_map};
+use crate::world::{Rollout, Simulator};
 
 /// Positions at every window's points, two numbers each, m; NaN where a path diverged.
 pub fn shown(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<f64>>> {
@@ -24,7 +24,7 @@ pub fn shown(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<f64>
         .zip(&simulated)
         .map(|((scene, physics), (_, window))| window.rollout(scene, physics))
         .collect();
-    let by_engine = simulate_map(&rollouts, data.engine, |i, path| predicted(simulated[i].1, &path))?;
+    let by_engine = Simulator::new(data.engine).map(&rollouts, |i, path| predicted(simulated[i].1, &path))?;
     let mut by_engine = by_engine.into_iter();
     let of = |(w, window): (usize, &Window)| match window.kind.simulated() {
         true => by_engine.next().unwrap_or_default(),

@@ -12,7 +12,9 @@ use super::physics::{INSTANT, Impact, Physics};
 use super::roll::Body;
 
 use crate::discover::window::{Kind, Surface};
-use crate::world::effect::{Act, Effect, LANES, MOST_PARAMETERS, Motion, MovingLanes, Surroundings};
+use crate::world::effect::{
+    Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionStateLanes, SimulationContext,
+};
 
 /// Most steps in which the time of meeting a surface is refined: halving alone tells it to a picosecond.
 const REFINED: usize = 40;
@@ -45,7 +47,7 @@ pub fn fly(paths: &[Start], mut visit: impl FnMut(usize, usize, Body)) -> Vec<Op
 /// Up to as many paths as there are lanes; those left over go as the first.
 struct Fan<'a, 'b> {
     paths: [Start<'a, 'b>; LANES],
-    laws: Vec<(&'static dyn Motion, [Lanes; MOST_PARAMETERS])>,
+    laws: Vec<(&'static dyn MotionLaw, [Lanes; MAX_PARAMETERS])>,
     gravity: [f64; 2],
 }
 
@@ -96,14 +98,14 @@ impl<'a, 'b> Fan<'a, 'b> {
         }
         known.sort_by_key(|k| k.0);
         let law = |(place, effect): (usize, &'static Effect)| {
-            let Act::Motion(law) = effect.act else { return None };
+            let EffectKind::Motion(law) = effect.kind else { return None };
             let own = |(physics, _): &Start| {
                 let acting =
                     physics.motions.iter().find(|m| m.place == place && m.effect.name == effect.name);
                 acting.map_or_else(
                     || {
                         let neutral: Vec<f64> = effect.parameters.iter().map(|p| p.neutral).collect();
-                        law.constants(&neutral, &Surroundings { time_step: INSTANT, gravity })
+                        law.constants(&neutral, &SimulationContext { time_step: INSTANT, gravity })
                     },
                     |m| m.constants,
                 )
@@ -227,7 +229,7 @@ impl<'a, 'b> Fan<'a, 'b> {
     }
 
     fn slope(&self, time: &Lanes, s: &Bodies) -> Bodies {
-        let mut moving = MovingLanes { time: *time, x: s[0], y: s[1], vx: s[2], vy: s[3], omega: s[4] };
+        let mut moving = MotionStateLanes { time: *time, x: s[0], y: s[1], vx: s[2], vy: s[3], omega: s[4] };
         for (law, constants) in &self.laws {
             law.kick_lanes(constants, &mut moving, INSTANT);
         }

@@ -53,7 +53,7 @@ impl Physics<'_> {
             return;
         };
         let resists = |load: f64| {
-            self.touches.iter().map(|(law, c)| law.roll(c, load * INSTANT)).sum::<f64>() / INSTANT
+            self.touches.iter().map(|(law, c)| law.rolling_loss(c, load * INSTANT)).sum::<f64>() / INSTANT
         };
         let resists = (!self.touches.is_empty()).then_some(resists);
         let mut time = self.stamp(first.time);

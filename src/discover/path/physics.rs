@@ -4,7 +4,8 @@ use super::roll::Body;
 use crate::discover::window::{Surface, Window};
 use crate::world::Latents;
 use crate::world::effect::{
-    Act, ActsOn, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
+    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget, Measurement,
+    MotionLaw, MotionState, Sensor, SimulationContext,
 };
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
@@ -16,7 +17,7 @@ pub(super) const STEP: [f64; 2] = [0.03, 0.007];
 pub struct Physics<'a> {
     pub(super) window: &'a Window,
     pub(super) motions: Vec<Acting>,
-    pub(super) touches: Vec<(&'static dyn Touch, Constants)>,
+    pub(super) touches: Vec<(&'static dyn ContactLaw, Constants)>,
     pub(super) sensors: Vec<(&'static dyn Sensor, Constants)>,
     /// True time = rate * stamp + offset.
     pub(super) clock: [f64; 2],
@@ -29,7 +30,7 @@ pub struct Physics<'a> {
 pub(super) struct Acting {
     pub(super) place: usize,
     pub(super) effect: &'static Effect,
-    law: &'static dyn Motion,
+    law: &'static dyn MotionLaw,
     pub(super) constants: Constants,
 }
 
@@ -51,7 +52,7 @@ pub struct Impact {
 impl<'a> Physics<'a> {
     /// The scene's own effects and `terms`, with the registry's order of values.
     pub fn new(window: &'a Window, terms: &[(&'static Effect, &[f64])], latents: &Latents) -> Physics<'a> {
-        let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+        let around = SimulationContext { time_step: INSTANT, gravity: window.scene.gravity };
         let own = window.own.iter().map(|a| (a.effect, a.values.as_slice()));
         let (mut motions, mut touches, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
         let mut step = STEP[0];
@@ -59,17 +60,17 @@ impl<'a> Physics<'a> {
             if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
                 continue;
             }
-            match effect.act {
-                Act::Motion(law) => {
+            match effect.kind {
+                EffectKind::Motion(law) => {
                     let constants = law.constants(values, &around);
                     motions.push(Acting { place, effect, law, constants });
                 }
-                Act::Contact(law) => touches.push((law, law.constants(values, &around))),
-                Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
+                EffectKind::Contact(law) => touches.push((law, law.constants(values, &around))),
+                EffectKind::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
                 // A start of its own takes up whatever a placement does.
-                Act::Action(_) => {}
+                EffectKind::Action(_) => {}
             }
-            if effect.acts_on() == ActsOn::Region {
+            if effect.target() == EffectTarget::Region {
                 step = STEP[1];
             }
         }
@@ -93,8 +94,9 @@ impl<'a> Physics<'a> {
 
     /// Where sensors see a body; NaN where its path has left all bounds.
     pub(super) fn shown(&self, body: &Body) -> [f64; 2] {
-        let state = Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
-        let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
+        let state =
+            Measurement { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
+        let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
         let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
         if fine { [shown.x, shown.y] } else { [f64::NAN; 2] }
     }
@@ -123,7 +125,7 @@ impl<'a> Physics<'a> {
     pub(super) fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
         let mut v = [s[2], s[3], s[4]];
         for acting in &self.motions {
-            let moving = Moving { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
+            let moving = MotionState { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
             v = acting.law.kick(&acting.constants, moving, INSTANT);
         }
         let g = self.window.scene.gravity;
@@ -135,9 +137,9 @@ impl<'a> Physics<'a> {
         let n = surface.normal;
         let speed = at[2] * n[0] + at[3] * n[1];
         let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
-        let meeting = Meeting { approach: (-speed).max(0.0), slip, begins: true };
-        let own = Answer { restitution: self.restitution, slip: 0.0 };
-        let answer = self.touches.iter().fold(own, |a, (law, c)| law.meet(c, meeting, a));
+        let meeting = ContactState { approach: (-speed).max(0.0), slip, begins: true };
+        let own = ContactResponse { restitution: self.restitution, slip: 0.0 };
+        let answer = self.touches.iter().fold(own, |a, (law, c)| law.respond(c, meeting, a));
         // Impulses over the mass; along the tangent (-ny, nx) of the slip.
         let normal = -(1.0 + answer.restitution) * speed;
         let mobility = 1.0 + 1.0 / surface.inertia;

@@ -1,59 +1,60 @@
-//! A posterior as it is written: `iplw.posterior/1`.
+//! The posterior document, `iplw.posterior/2`.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Carried, Field, OfSet, Posterior, PosteriorConfig, Sampler};
+use super::{DiscrepancyField, FieldDraws, ModelPosterior, Posterior, PosteriorConfig, Sampler};
 use crate::discover::field::Over;
-use crate::estimate::belief::POSTERIOR_FORMAT;
-use crate::estimate::forces::{MOST_CARRIED, UnnamedForces};
-use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
+use crate::estimate::discrepancy_forces::{DiscrepancyForces, MAX_WRITTEN_TERMS};
+use crate::estimate::parameter_samples::POSTERIOR_FORMAT;
+use crate::estimate::sampler::{Marginal, SamplingDiagnostics, log_sum_exp};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
 
-/// What is known, with everything that it was made from.
+/// A posterior with its configuration and diagnostics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Document {
+pub struct PosteriorDocument {
     pub format: String,
     pub version: String,
     pub config: PosteriorConfig,
     pub seed: u64,
-    /// Whether independent runs agree and there are draws enough, in every set that weighs anything; and if not, why not.
+    /// Whether the draws of every set with relevant weight converged (R-hat and effective sample size).
     pub converged: bool,
     pub warnings: Vec<String>,
-    /// Trials that had anything to say, of those that there were.
+    /// Number of informative trials, and of all trials.
     pub trials: [usize; 2],
-    /// Noise of an observed coordinate, m.
+    /// Standard deviation of the noise of an observed coordinate, m.
     pub noise_m: f64,
-    pub parameters: Vec<Parameter>,
-    pub sets: Vec<Set>,
-    /// Effects that every draw has beside its columns.
+    pub parameters: Vec<ParameterSummary>,
+    pub sets: Vec<SetSummary>,
+    /// Effects of every draw in addition to its columns.
     pub effects: Vec<EffectTerm>,
-    /// Draws by name of the number; `null` where a draw's set has no such effect. Draws of all sets, as many of each as it weighs.
+    /// Draws by parameter name; `null` if a draw's set lacks the effect. Sets are represented in proportion to
+    /// their weights.
     pub columns: BTreeMap<String, Vec<Option<f64>>>,
-    /// Of every draw: index of its set, of its independent run, and its log likelihood.
+    /// Index of the set of every draw.
     pub set: Vec<usize>,
     pub run: Vec<usize>,
     pub log_likelihood: Vec<f64>,
-    /// Forces without a name that some draws have beside all that.
+    /// Discrepancy forces of some draws.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unnamed: Vec<OfDraws>,
+    pub discrepancy: Vec<SetFieldDraws>,
 }
 
-/// A kind of force without a name, and what it is in each draw that has one.
+/// A kind of discrepancy force, and its values in the draws that have it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OfDraws {
-    /// Index of the draws' set, and what the force depends on.
+pub struct SetFieldDraws {
+    /// Index of the draws' set.
     pub set: usize,
     pub over: Over,
     #[serde(flatten)]
-    pub forces: UnnamedForces,
+    pub forces: DiscrepancyForces,
 }
 
-/// What is known of a number, over all draws that have it.
+/// Marginal posterior of a parameter over all draws that have it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Parameter {
+pub struct ParameterSummary {
     pub name: String,
     pub unit: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -61,62 +62,63 @@ pub struct Parameter {
     pub prior: Marginal,
     pub mean: f64,
     pub sd: f64,
-    /// Mean of every independent run's draws; none of a run that has no draw of it.
+    /// Mean of each independent run; `null` for a run without a draw.
     #[serde(default)]
     pub runs: Vec<Option<f64>>,
     /// 2.5, 5, 25, 50, 75, 95, 97.5 %.
     pub quantiles: [f64; 7],
-    /// Share of the prior's standard deviation that is left: near 1, the trials tell nothing.
+    /// Posterior interquartile range over the prior's: near 1 the trials carry no information.
     pub left: f64,
     pub identifiable: bool,
 }
 
-/// A set of effects, how much it weighs and how far its draws can be trusted.
+/// A set of effects with its weight and diagnostics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Set {
+pub struct SetSummary {
     pub effects: Vec<String>,
-    /// Probability among the sets, by how it predicts launches from the others (bootstrapped).
+    /// Model weight by bootstrapped predictive density of held-out trials.
     pub weight: f64,
-    /// Log predictive density of all launches, each told from the others.
+    /// Expected log predictive density (ELPD) over all trials, each predicted from the others.
     pub predictive: f64,
-    /// Logarithm of the marginal likelihood, and its standard error over independent runs; none by Markov chains.
+    /// Log marginal likelihood, and its standard error over independent runs; `null` for MCMC.
     pub log_evidence: Option<[f64; 2]>,
-    /// The same with the deviations of effects' priors halved and doubled, by weighing draws anew.
+    /// Log marginal likelihood with the standard deviations of effects' priors halved and doubled, by
+    /// reweighting.
     pub log_evidence_priors: Option<[f64; 2]>,
-    /// Probability of each shared field that the model may lack, none first; those that the fit rules out are left out.
-    pub discrepancy: Vec<Lacks>,
-    pub quality: Quality,
+    /// Posterior probability of each discrepancy field, no field first; excluded fields are omitted.
+    pub discrepancy: Vec<FieldProbability>,
+    pub quality: SamplingDiagnostics,
     pub evaluations: u64,
     pub windows: usize,
     pub parts: usize,
-    /// Where the fit stood, in the order of its numbers.
+    /// Parameters of the fit, in order.
     pub fit: Vec<f64>,
 }
 
-/// A shared field, and its probability.
+/// A discrepancy field and its probability.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Lacks {
+pub struct FieldProbability {
     #[serde(flatten)]
-    pub field: Field,
+    pub field: DiscrepancyField,
     pub probability: f64,
 }
 
-/// Probability of a set below which its draws' quality is nobody's concern.
-const SLIGHT: f64 = 0.01;
-/// Probability that something shared is left out beyond which it is said.
-const LIKELY: f64 = 0.95;
-/// Share of the prior's deviation above which nothing was told.
-const UNTOLD: f64 = 0.9;
+/// Minimum weight of a set whose diagnostics matter.
+const MIN_SET_WEIGHT: f64 = 0.01;
+/// Probability of a discrepancy above which a warning is issued.
+const DISCREPANCY_WARNING_PROBABILITY: f64 = 0.95;
+/// Maximum posterior-to-prior width ratio of an identifiable parameter.
+const MAX_IDENTIFIABLE_PRIOR_SHARE: f64 = 0.9;
 const QUANTILES: [f64; 7] = [0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975];
 
-impl Document {
-    pub fn new(posterior: &Posterior, config: &PosteriorConfig) -> Document {
-        let all = mixed(&posterior.sets, config.seed);
-        let (draws, left_out) = readable(&posterior.sets, all);
+impl PosteriorDocument {
+    pub fn new(posterior: &Posterior, config: &PosteriorConfig) -> PosteriorDocument {
+        let all = mixture_draws(&posterior.sets, config.seed);
+        let (draws, left_out) = thin_to_limit(&posterior.sets, all);
         let mut columns: BTreeMap<String, Vec<Option<f64>>> = BTreeMap::new();
-        let mut parameters: Vec<Parameter> = Vec::new();
+        let mut parameters: Vec<ParameterSummary> = Vec::new();
         for (s, of) in posterior.sets.iter().enumerate() {
-            for (k, number) in of.numbers.iter().enumerate() {
+            for (k, number) in of.parameters.iter().enumerate() {
                 let values = columns.entry(number.column()).or_insert_with(|| vec![None; draws.len()]);
                 for (place, (set, draw)) in draws.iter().enumerate() {
                     if *set == s {
@@ -126,17 +128,17 @@ impl Document {
             }
         }
         let run: Vec<usize> = draws.iter().map(|(s, i)| posterior.sets[*s].draws.run[*i]).collect();
-        for number in posterior.sets.iter().flat_map(|of| &of.numbers) {
+        for number in posterior.sets.iter().flat_map(|of| &of.parameters) {
             let known = parameters.iter().any(|p| p.name == number.name && p.setting == number.setting);
             let column = &columns[&number.column()];
             if !known && column.iter().any(Option::is_some) {
-                parameters.push(parameter(number, column, &run));
+                parameters.push(summarise_parameter(number, column, &run));
             }
         }
-        let mut warnings = warnings(posterior, config.follow);
+        let mut warnings = warnings(posterior, config.sample_discrepancy);
         warnings.extend(left_out);
-        let unnamed = unnamed(&posterior.sets, &draws);
-        Document {
+        let discrepancy = set_field_draws(&posterior.sets, &draws);
+        PosteriorDocument {
             format: POSTERIOR_FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
             config: config.clone(),
@@ -144,56 +146,59 @@ impl Document {
             converged: !posterior
                 .sets
                 .iter()
-                .any(|of| of.weight > SLIGHT && of.draws.quality.verdict().is_err()),
+                .any(|of| of.weight > MIN_SET_WEIGHT && of.draws.quality.verdict().is_err()),
             warnings,
             trials: posterior.trials,
             noise_m: posterior.noise,
             parameters,
-            sets: posterior.sets.iter().map(set).collect(),
+            sets: posterior.sets.iter().map(summarise_set).collect(),
             effects: Vec::new(),
             columns,
             set: draws.iter().map(|d| d.0).collect(),
             run,
             log_likelihood: draws.iter().map(|(s, i)| posterior.sets[*s].draws.log_likelihoods[*i]).collect(),
-            unnamed,
+            discrepancy,
         }
     }
 }
 
-/// Forces without a name by set and kind, draws numbered as the document has them.
-fn unnamed(sets: &[OfSet], draws: &[(usize, usize)]) -> Vec<OfDraws> {
+/// Discrepancy forces by set and kind, with draws numbered as in the document.
+fn set_field_draws(sets: &[ModelPosterior], draws: &[(usize, usize)]) -> Vec<SetFieldDraws> {
     let mut out = Vec::new();
     for (s, of) in sets.iter().enumerate() {
         let places: BTreeMap<usize, usize> =
             draws.iter().enumerate().filter(|(_, d)| d.0 == s).map(|(place, d)| (d.1, place)).collect();
-        for Carried { over, forces } in &of.carried {
+        for FieldDraws { over, forces } in &of.field_draws {
             let own = forces.draws.iter().zip(&forces.amplitudes);
             let (draws, amplitudes): (Vec<usize>, Vec<Vec<f64>>) =
                 own.filter_map(|(draw, a)| Some((*places.get(draw)?, a.clone()))).unzip();
             if !draws.is_empty() {
-                let forces = UnnamedForces { effects: forces.effects.clone(), draws, amplitudes };
-                out.push(OfDraws { set: s, over: *over, forces });
+                let forces = DiscrepancyForces { effects: forces.effects.clone(), draws, amplitudes };
+                out.push(SetFieldDraws { set: s, over: *over, forces });
             }
         }
     }
     out
 }
 
-/// As many of the draws, evenly, as a document can hold with the forces that they carry; and a word on it where that is not all of them.
-fn readable(sets: &[OfSet], draws: Vec<(usize, usize)>) -> (Vec<(usize, usize)>, Option<String>) {
-    let terms: usize = unnamed(sets, &draws).iter().map(|own| own.forces.terms()).sum();
-    if terms <= MOST_CARRIED {
+/// Thins the draws evenly to the maximum size of a document, with a warning if draws were dropped.
+fn thin_to_limit(
+    sets: &[ModelPosterior],
+    draws: Vec<(usize, usize)>,
+) -> (Vec<(usize, usize)>, Option<String>) {
+    let terms: usize = set_field_draws(sets, &draws).iter().map(|own| own.forces.term_count()).sum();
+    if terms <= MAX_WRITTEN_TERMS {
         return (draws, None);
     }
-    let (all, kept) = (draws.len(), (draws.len() * MOST_CARRIED / terms).max(1));
+    let (all, kept) = (draws.len(), (draws.len() * MAX_WRITTEN_TERMS / terms).max(1));
     let told = format!(
-        "{kept} of {all} draws are kept: they carry up to {MOST_CARRIED} effects of forces without a name together"
+        "{kept} of {all} draws are kept: a document holds up to {MAX_WRITTEN_TERMS} discrepancy terms"
     );
     ((0..kept).map(|i| draws[i * all / kept]).collect(), Some(told))
 }
 
-/// Draws of all sets, as many of each as it weighs: (set, draw). Of a single set all, in their order.
-fn mixed(sets: &[OfSet], seed: u64) -> Vec<(usize, usize)> {
+/// Draws (set, index) of all sets in proportion to their weights; all in order for a single set.
+fn mixture_draws(sets: &[ModelPosterior], seed: u64) -> Vec<(usize, usize)> {
     let total = sets.iter().map(|s| s.draws.points.len()).max().unwrap_or(0);
     let mut out = Vec::new();
     let mut owed = 0.0;
@@ -203,7 +208,7 @@ fn mixed(sets: &[OfSet], seed: u64) -> Vec<(usize, usize)> {
         let count = ((owed - out.len() as f64).round().max(0.0) as usize).min(n);
         let mut order: Vec<usize> = (0..n).collect();
         if count < n {
-            order.shuffle(&mut rng::stream(rng::derive(seed, "mixture", s as u64), "draws"));
+            order.shuffle(&mut rng::stream(rng::derive_seed(seed, "mixture", s as u64), "draws"));
             order.truncate(count);
             order.sort_unstable();
         }
@@ -212,7 +217,11 @@ fn mixed(sets: &[OfSet], seed: u64) -> Vec<(usize, usize)> {
     out
 }
 
-fn parameter(number: &super::Known, column: &[Option<f64>], run: &[usize]) -> Parameter {
+fn summarise_parameter(
+    number: &super::ParameterPrior,
+    column: &[Option<f64>],
+    run: &[usize],
+) -> ParameterSummary {
     let mut values: Vec<f64> = column.iter().flatten().copied().collect();
     let of_run = |r: usize| {
         let own = column.iter().zip(run).filter(|(_, own)| **own == r).filter_map(|(v, _)| *v);
@@ -229,10 +238,10 @@ fn parameter(number: &super::Known, column: &[Option<f64>], run: &[usize]) -> Pa
         let (i, part) = (place as usize, place.fract());
         values[i] + part * (values[(i + 1).min(values.len() - 1)] - values[i])
     };
-    // Quartiles of the prior in place of its deviation: bounds may cut much of it off.
+    // Interquartile ranges: bounds may truncate much of the prior.
     let believed = (number.prior.quantile(0.75) - number.prior.quantile(0.25)).max(f64::MIN_POSITIVE);
     let left = (at(0.75) - at(0.25)) / believed;
-    Parameter {
+    ParameterSummary {
         name: number.name.clone(),
         unit: number.unit.into(),
         setting: number.setting.clone(),
@@ -242,11 +251,11 @@ fn parameter(number: &super::Known, column: &[Option<f64>], run: &[usize]) -> Pa
         runs,
         quantiles: QUANTILES.map(at),
         left,
-        identifiable: left < UNTOLD,
+        identifiable: left < MAX_IDENTIFIABLE_PRIOR_SHARE,
     }
 }
 
-fn set(of: &OfSet) -> Set {
+fn summarise_set(of: &ModelPosterior) -> SetSummary {
     let draws = &of.draws;
     let n = draws.log_evidence.len() as f64;
     let log_evidence = (n > 0.0).then(|| {
@@ -256,34 +265,34 @@ fn set(of: &OfSet) -> Set {
             draws.log_evidence.iter().map(|l| (l - centre).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         [mean, (square / n).sqrt()]
     });
-    Set {
+    SetSummary {
         effects: of.set.clone(),
         weight: of.weight,
-        predictive: of.predictive,
+        predictive: of.elpd,
         log_evidence,
         log_evidence_priors: log_evidence
-            .map(|[mean, _]| [0.5, 2.0].map(|wider| mean + reweighed(of, wider))),
-        discrepancy: of.fields.iter().map(|(f, p)| Lacks { field: *f, probability: *p }).collect(),
+            .map(|[mean, _]| [0.5, 2.0].map(|wider| mean + reweighted_log_evidence(of, wider))),
+        discrepancy: of.fields.iter().map(|(f, p)| FieldProbability { field: *f, probability: *p }).collect(),
         quality: draws.quality.clone(),
         evaluations: draws.evaluations,
-        windows: of.sizes.0,
-        parts: of.sizes.1,
+        windows: of.segments_and_groups.0,
+        parts: of.segments_and_groups.1,
         fit: of.fit.clone(),
     }
 }
 
-/// By how much the log evidence changes where the priors of effects' parameters are so much wider.
-fn reweighed(of: &OfSet, wider: f64) -> f64 {
-    let own: Vec<Marginal> = of.numbers.iter().map(|n| n.prior).collect();
-    let changed = |(n, m): (&super::Known, &Marginal)| match *m {
+/// Change of the log evidence if the priors of effect parameters are scaled by `wider`.
+fn reweighted_log_evidence(of: &ModelPosterior, wider: f64) -> f64 {
+    let own: Vec<Marginal> = of.parameters.iter().map(|n| n.prior).collect();
+    let changed = |(n, m): (&super::ParameterPrior, &Marginal)| match *m {
         Marginal::Normal { mean, sd, low, high } if n.name.contains('.') => {
             Marginal::Normal { mean, sd: sd * wider, low, high }
         }
         other => other,
     };
-    let other: Vec<Marginal> = of.numbers.iter().zip(&own).map(changed).collect();
+    let other: Vec<Marginal> = of.parameters.iter().zip(&own).map(changed).collect();
     let (Ok(own), Ok(other)) =
-        (crate::estimate::sampler::Prior::new(own), crate::estimate::sampler::Prior::new(other))
+        (crate::estimate::sampler::JointPrior::new(own), crate::estimate::sampler::JointPrior::new(other))
     else {
         return f64::NAN;
     };
@@ -291,33 +300,33 @@ fn reweighed(of: &OfSet, wider: f64) -> f64 {
     log_sum_exp(logs.iter().copied()) - libm::log(logs.len().max(1) as f64)
 }
 
-/// What a field is made of.
-fn words(over: Over) -> &'static str {
+/// Description of a field's basis.
+fn describe_inputs(over: Over) -> &'static str {
     match over {
-        Over::Powers => "powers of place, velocity and speed",
-        Over::Velocity => "bumps over velocity",
-        Over::Clock => "bumps over the clock",
-        Over::All | Over::Place | Over::Heading => "bumps over place",
+        Over::Powers => "monomials of position, velocity and speed",
+        Over::Velocity => "radial basis functions of velocity",
+        Over::Clock => "radial basis functions of time",
+        Over::All | Over::Place | Over::Heading => "radial basis functions of position",
     }
 }
 
-/// What is to be said of draws before they are trusted.
+/// Warnings about convergence and model discrepancy.
 fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
     let mut out = Vec::new();
-    for of in posterior.sets.iter().filter(|of| of.weight > SLIGHT) {
-        let name = if of.set.is_empty() { "the scene as it is".to_string() } else { of.set.join(" + ") };
+    for of in posterior.sets.iter().filter(|of| of.weight > MIN_SET_WEIGHT) {
+        let name = if of.set.is_empty() { "the base model".to_string() } else { of.set.join(" + ") };
         if let Err(why) = of.draws.quality.verdict() {
             out.push(format!("{name}: {why}"));
         }
         let shared = 1.0 - of.fields.first().map_or(1.0, |f| f.1);
-        if shared > LIKELY {
-            let then = match (of.followed, follow) {
-                (Some(over), _) => format!("{} stand in for it in every draw", words(over)),
-                (None, true) => "nothing could be followed that predicts beginnings better".into(),
-                (None, false) => "draws carry what it may be, too little of it where it is strong, and intervals do not hold the truth (with `iplw posterior --follow` they mostly do)".into(),
+        if shared > DISCREPANCY_WARNING_PROBABILITY {
+            let then = match (of.sampled_field, follow) {
+                (Some(over), _) => format!("every draw represents it by {}", describe_inputs(over)),
+                (None, true) => "no field that predicts the trials better was found".into(),
+                (None, false) => "draws contain an estimate of it, which is too small if the discrepancy is strong, and intervals then miss the truth (`iplw posterior --sample-discrepancy` samples it properly)".into(),
             };
             out.push(format!(
-                "{name}: launches share something that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` looks for its \
+                "{name}: the trials share a force that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` searches for its \
                  name"
             ));
         }
@@ -325,8 +334,8 @@ fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
     out
 }
 
-impl Document {
-    /// Names of the sampler, for people.
+impl PosteriorDocument {
+    /// Readable name of the sampler.
     pub fn method(&self) -> &'static str {
         match self.config.sampler {
             Sampler::Smc(_) => "sequential Monte Carlo",
@@ -338,26 +347,26 @@ impl Document {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Belief;
-    use crate::estimate::sampler::Draws;
+    use crate::estimate::ParameterSamples;
+    use crate::estimate::sampler::PosteriorDraws;
 
-    /// A set of `count` draws, each of which carries `terms` effects by its number.
-    fn of(count: usize, weight: f64, terms: usize) -> OfSet {
+    /// A set of `count` draws, each with `terms` discrepancy effects whose amplitude identifies the draw.
+    fn model_posterior(count: usize, weight: f64, terms: usize) -> ModelPosterior {
         let effects = vec![EffectTerm { name: "monomial".into(), parameters: BTreeMap::new() }; terms];
         let amplitudes = (0..count).map(|i| vec![1e-3 * i as f64; 2 * terms]).collect();
-        let forces = UnnamedForces { effects, draws: (0..count).collect(), amplitudes };
-        let carried = Carried { over: Over::Powers, forces };
-        let quality = Quality { r_hat: vec![1.0], effective: vec![count as f64], accepted: 0.5 };
-        OfSet {
+        let forces = DiscrepancyForces { effects, draws: (0..count).collect(), amplitudes };
+        let carried = FieldDraws { over: Over::Powers, forces };
+        let quality = SamplingDiagnostics { r_hat: vec![1.0], effective: vec![count as f64], accepted: 0.5 };
+        ModelPosterior {
             set: Vec::new(),
-            numbers: vec![super::super::Known {
+            parameters: vec![super::super::ParameterPrior {
                 name: "friction".into(),
                 unit: "1",
                 setting: None,
                 prior: Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 10.0 },
             }],
             fit: vec![0.5],
-            draws: Draws {
+            draws: PosteriorDraws {
                 points: (0..count).map(|i| vec![1e-3 * i as f64]).collect(),
                 log_likelihoods: vec![0.0; count],
                 run: vec![0; count],
@@ -366,25 +375,25 @@ mod tests {
                 quality,
             },
             fields: Vec::new(),
-            carried: vec![carried],
-            followed: None,
+            field_draws: vec![carried],
+            sampled_field: None,
             weight,
-            predictive: 0.0,
-            sizes: (1, 1),
+            elpd: 0.0,
+            segments_and_groups: (1, 1),
         }
     }
 
-    fn document(sets: Vec<OfSet>) -> Document {
+    fn document(sets: Vec<ModelPosterior>) -> PosteriorDocument {
         let posterior = Posterior { sets, trials: [4, 4], noise: 0.005 };
-        Document::new(&posterior, &PosteriorConfig::standard(3))
+        PosteriorDocument::new(&posterior, &PosteriorConfig::standard(3))
     }
 
-    /// Every draw has the force that it was drawn with, also where a document holds some draws of several sets.
+    /// Every draw keeps its own force, also in a mixture of sets.
     #[test]
-    fn draws_keep_their_own_forces() {
-        let found = document(vec![of(100, 0.3, 2), of(100, 0.7, 3)]);
-        let belief = Belief::from_value(serde_json::to_value(&found).unwrap()).unwrap();
-        assert_eq!((belief.draws().len(), found.unnamed.len()), (100, 2));
+    fn draws_keep_their_forces() {
+        let found = document(vec![model_posterior(100, 0.3, 2), model_posterior(100, 0.7, 3)]);
+        let belief = ParameterSamples::from_value(serde_json::to_value(&found).unwrap()).unwrap();
+        assert_eq!((belief.draws().len(), found.discrepancy.len()), (100, 2));
         for (draw, set) in belief.draws().iter().zip(&found.set) {
             assert_eq!(draw.unnamed, 2 + set);
             let friction = draw.latents.friction.unwrap();
@@ -392,16 +401,16 @@ mod tests {
         }
     }
 
-    /// What is written can be read: of more than a document holds some draws are kept, and that is said.
+    /// A document can be read back: excess draws are thinned with a warning.
     #[test]
-    fn what_is_written_can_be_read() {
-        let found = document(vec![of(4000, 1.0, 100)]);
-        assert_eq!(found.set.len(), MOST_CARRIED / 100);
+    fn document_round_trips_with_thinning() {
+        let found = document(vec![model_posterior(4000, 1.0, 100)]);
+        assert_eq!(found.set.len(), MAX_WRITTEN_TERMS / 100);
         assert!(found.warnings.iter().any(|w| w.contains("2000 of 4000 draws")), "{:?}", found.warnings);
-        let belief = Belief::from_value(serde_json::to_value(&found).unwrap()).unwrap();
+        let belief = ParameterSamples::from_value(serde_json::to_value(&found).unwrap()).unwrap();
         assert!(belief.draws().iter().all(|d| d.unnamed == 100));
-        // What counts is what the document's draws carry, not what all draws of all sets do.
-        let several = document((0..4).map(|_| of(1000, 0.25, 100)).collect());
+        // The limit applies to the draws of the document, not to all draws of all sets.
+        let several = document((0..4).map(|_| model_posterior(1000, 0.25, 100)).collect());
         assert_eq!((several.set.len(), several.warnings.len()), (1000, 0), "{:?}", several.warnings);
     }
 }

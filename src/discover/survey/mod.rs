@@ -15,7 +15,7 @@ use super::library;
 use super::model::{self, Data, Layout, Look, Slot, State};
 use super::window::{self, Kind};
 use crate::error::Result;
-use crate::world::effect::{Parameter, Role, Shape};
+use crate::world::effect::{ParameterDeclaration, ParameterRole, ShapeParameter};
 use cross_entropy::NARROW;
 use scan::Over;
 
@@ -65,7 +65,8 @@ pub fn ranged(data: &Data, layout: &Layout, start: &State) -> Result<State> {
     let looks = model::looks(data, layout, start, &[])?;
     let mut spread = reach(data, layout, start, &looks);
     for (i, spread) in spread.iter_mut().enumerate() {
-        let edge = |p: &Parameter| matches!(p.role, Role::Shape(Shape::Edge { .. }));
+        let edge =
+            |p: &ParameterDeclaration| matches!(p.role, ParameterRole::Shape(ShapeParameter::Edge { .. }));
         if layout.parameter(i).is_some_and(edge) {
             *spread = 0.0;
         }
@@ -138,9 +139,9 @@ fn framed(
             *near *= NARROW;
             continue;
         };
-        let Role::Shape(Shape::Edge { axis, end }) = parameter.role else {
+        let ParameterRole::Shape(ShapeParameter::Edge { axis, end }) = parameter.role else {
             // The way downhill from nothing leads to small amplitudes alone.
-            *near = MOST * parameter.size;
+            *near = MOST * parameter.typical_size;
             framed.values[i] = parameter.neutral + *near;
             continue;
         };
@@ -182,16 +183,20 @@ fn reach(data: &Data, layout: &Layout, state: &State, looks: &[Look]) -> Vec<f64
         let Some(parameter) = layout.parameter(i) else { return WIDE * (high - low).min(USUAL) };
         let told: f64 = looks.iter().map(|l| l.columns.column(i).norm_squared()).sum();
         match parameter.role {
-            Role::Amplitude => {
-                let usual = parameter.size;
+            ParameterRole::Amplitude => {
+                let usual = parameter.typical_size;
                 (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, MOST * usual)
             }
-            Role::Shape(Shape::Place | Shape::Edge { .. }) => 0.25 * (x1 - x0).max(y1 - y0),
-            Role::Shape(Shape::Velocity) => span.speed,
-            Role::Shape(Shape::Time) => 0.25 * span.duration,
-            Role::Shape(Shape::Period | Shape::Width) => 0.5 * state.values[i].abs(),
-            Role::Shape(Shape::Phase) => 1.5,
-            Role::Shape(Shape::Power) => 1.0,
+            ParameterRole::Shape(ShapeParameter::Place | ShapeParameter::Edge { .. }) => {
+                0.25 * (x1 - x0).max(y1 - y0)
+            }
+            ParameterRole::Shape(ShapeParameter::Velocity) => span.speed,
+            ParameterRole::Shape(ShapeParameter::Time) => 0.25 * span.duration,
+            ParameterRole::Shape(ShapeParameter::Period | ShapeParameter::Width) => {
+                0.5 * state.values[i].abs()
+            }
+            ParameterRole::Shape(ShapeParameter::Phase) => 1.5,
+            ParameterRole::Shape(ShapeParameter::Power) => 1.0,
         }
     };
     layout.slots.iter().enumerate().map(of).collect()
@@ -226,7 +231,9 @@ mod tests {
         let start = State::new(layout.start(&[0.0, 0.0, 0.0]), vec![Vec::new(); windows.len()]);
         let found = ranged(&data, &layout, &start).unwrap().values;
         for i in 0..layout.slots.len() {
-            let edge = layout.parameter(i).is_some_and(|p| matches!(p.role, Role::Shape(Shape::Edge { .. })));
+            let edge = layout
+                .parameter(i)
+                .is_some_and(|p| matches!(p.role, ParameterRole::Shape(ShapeParameter::Edge { .. })));
             assert!(!edge || found[i] == start.values[i], "{i}: {found:?}");
         }
     }

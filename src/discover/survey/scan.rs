@@ -2,7 +2,7 @@
 
 use crate::discover::model::{self, Data, Layout, State, What};
 use crate::error::Result;
-use crate::world::effect::{ActsOn, Parameter};
+use crate::world::effect::{EffectTarget, ParameterDeclaration};
 use crate::world::latent::FACTORS;
 
 /// How often every number gets its turn, and the share of the loss that a turn must leave to be the last.
@@ -30,7 +30,7 @@ impl Over<'_> {
     /// whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow a place. What has no reach stays.
     pub fn scan(&self, start: State, spread: &[f64], widths: &[(f64, i32)]) -> Result<State> {
         let mut best = self.judged(start.values)?;
-        let amplitude = |i: &usize| self.layout.parameter(*i).is_some_and(Parameter::is_amplitude);
+        let amplitude = |i: &usize| self.layout.parameter(*i).is_some_and(ParameterDeclaration::is_amplitude);
         let (first, then): (Vec<usize>, Vec<usize>) = (0..self.layout.slots.len()).partition(amplitude);
         for _ in 0..TURNS {
             let before = best.0;
@@ -52,7 +52,7 @@ impl Over<'_> {
     /// up for each other along a valley across both, too narrow to be drawn, and no way of one of them alone leads along it.
     pub fn crossed(&self, start: State, spread: &[f64]) -> Result<State> {
         let contact = |i: &usize| match self.layout.slots[*i].what {
-            What::Parameter(t, _) => self.layout.terms[t].effect.acts_on() == ActsOn::Contact,
+            What::Parameter(t, _) => self.layout.terms[t].effect.target() == EffectTarget::Contact,
             What::Latent(l) => FACTORS[l].name == "restitution",
         };
         let (latents, effects): (Vec<usize>, Vec<usize>) = (0..self.layout.slots.len())

@@ -15,9 +15,9 @@ const FEWEST: usize = 3;
 /// unknowns.
 pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize], run: usize) -> Vec<Window> {
     let most = LEAPS.div_ceil(trials.len().max(1)).max(FEWEST);
-    let bare = base.bare();
+    let bare = base.without_settings();
     let of = |(i, trial): (usize, &Trial)| {
-        let placed = bare.varied(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
+        let placed = bare.with_setting(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
         let own = windows(&placed, trial, most, run);
         own.into_iter().map(move |w| Window { trial: i, setting: settings[i], ..w })
     };

@@ -4,7 +4,7 @@ use crate::discover::smooth::Smooth;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::{Track, Trajectory};
-use crate::world::effect::{self, Active};
+use crate::world::effect::{self, ActiveEffect};
 use crate::world::{Latents, Rollout};
 
 /// What a window shows, and what of its start is a nuisance.
@@ -84,7 +84,7 @@ pub struct Window {
     /// What is touched in a contact or roll.
     pub surface: Option<Surface>,
     /// The scene's own effects.
-    pub own: Vec<Active>,
+    pub own: Vec<ActiveEffect>,
     /// The data's own smooth, for the noise floor.
     pub smooth: Option<Smooth>,
 }
@@ -124,7 +124,7 @@ pub struct Surface {
 impl Window {
     /// A window of a scene (which was checked before it came here) without nuisances, surface and smooth, of the first trial.
     pub fn new(kind: Kind, scene: Scene, start: f64, points: Vec<Point>) -> Window {
-        let own = effect::of_scene(&scene).unwrap_or_default();
+        let own = effect::scene_effects(&scene).unwrap_or_default();
         let nuisances = Vec::new();
         let (trial, setting, amid, surface, smooth) = (0, 0, false, None, None);
         Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth }
@@ -136,7 +136,13 @@ impl Window {
         scene: &'a Scene,
         (effects, latents): &'a (Vec<EffectTerm>, Latents),
     ) -> Rollout<'a> {
-        Rollout { latents: *latents, effects, stop: false, settled: self.amid, ..Rollout::of(scene) }
+        Rollout {
+            latents: *latents,
+            effects,
+            stop_at_goal: false,
+            contacts_established: self.amid,
+            ..Rollout::of(scene)
+        }
     }
 
     /// Index of the observation that the window starts from, if it starts from one.

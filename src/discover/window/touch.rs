@@ -35,7 +35,7 @@ pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
     let near = 0.15 * extent;
     for (f, fixed) in scene.statics.iter().enumerate() {
         let solid = fixed.placed();
-        let gap = |p: [f64; 2]| solid.gap_to(&shape.placed(p, 0.0));
+        let gap = |p: [f64; 2]| solid.signed_distance_to(&shape.placed(p, 0.0));
         let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
         let h = 1e-3 * extent;
         let normal = |p: [f64; 2]| {
@@ -64,7 +64,7 @@ pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
         let gaps: Vec<f64> = rows
             .iter()
             .map(|(t, p)| match at(*t).and_then(|i| seen(other, i)) {
-                Some(q) => shape.placed(*p, 0.0).gap_to(&theirs.placed(q, 0.0)),
+                Some(q) => shape.placed(*p, 0.0).signed_distance_to(&theirs.placed(q, 0.0)),
                 None => f64::INFINITY,
             })
             .collect();

@@ -143,7 +143,7 @@ fn spread(of: Vec<usize>, most: usize) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::{Engine, Rollout, simulate};
+    use crate::world::{Engine, Rollout, Simulator};
 
     /// A ball that falls and one that rests, as the engine has it, seen every tenth of a second.
     fn trial() -> Trial {
@@ -154,8 +154,8 @@ mod tests {
                 "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
         )
         .unwrap();
-        let usual = Rollout { stop: false, ..Rollout::of(&scene) };
-        let observed = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
+        let usual = Rollout { stop_at_goal: false, ..Rollout::of(&scene) };
+        let observed = Simulator::new(Engine::Lanes).run(&[usual]).unwrap().remove(0);
         Trial { name: String::new(), setting: None, scene, observed }
     }
 
@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(leaps.len(), 3, "no more than asked for");
         for w in leaps.into_iter().chain(run(&trial, 8)) {
             let usual = Default::default();
-            let path = simulate(&[w.rollout(&w.scene, &usual)], Engine::Lanes).unwrap().remove(0);
+            let path = Simulator::new(Engine::Lanes).run(&[w.rollout(&w.scene, &usual)]).unwrap().remove(0);
             for p in &w.points {
                 let i = path.times.iter().position(|t| (t - p.time).abs() < 1e-9).expect("an observation");
                 let track = &path.bodies[p.body];

@@ -1,49 +1,57 @@
-//! Draws from a posterior density that is evaluated in batches.
+//! Posterior samplers for log densities that are evaluated in batches.
 //!
-//! [`prior`]: what is believed of each number beforehand. [`smc`]: sequential Monte Carlo from a reference near the fit;
-//! [`mcmc`]: Markov chains on the same density, which begin where [`start`] says. [`quality`]: how far draws can be trusted. All of it
-//! is data in, data out: a [`Target`] says how likely points are, a seed decides every draw.
+//! - [`prior`]: independent priors of the parameters.
+//! - [`smc`]: sequential Monte Carlo from a reference density near the fit.
+//! - [`mcmc`]: random-walk Metropolis chains, started by [`initial_points`].
+//! - [`diagnostics`]: R-hat and effective sample size.
+//!
+//! All are pure functions: a [`Target`] evaluates log densities, and a seed determines every draw.
 
+pub mod diagnostics;
+pub mod initial_points;
 pub mod mcmc;
 mod particles;
 pub mod prior;
-pub mod quality;
 pub mod reference;
 pub mod smc;
-pub mod start;
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 
 use crate::error::Result;
 use crate::rng::Stream;
-use crate::world::Sample;
-pub use prior::{Marginal, Prior};
-pub use quality::Quality;
-pub use reference::Reference;
+use crate::world::ParameterVector;
+pub use diagnostics::SamplingDiagnostics;
+pub use prior::{JointPrior, Marginal};
+pub use reference::ReferenceDensity;
 
-/// A density over points, known up to a constant.
+/// An unnormalised target density.
 pub trait Target: Sync {
-    /// What is believed of the numbers of a point.
-    fn prior(&self) -> &Prior;
+    /// The prior.
+    fn prior(&self) -> &JointPrior;
 
-    /// How many numbers, the first of each point, are worth moving alone: those of which less is told than of the many that follow.
-    fn alone(&self) -> usize {
+    /// Number of leading parameters that are also updated one at a time: weakly identified ones, in front of a
+    /// block of many others.
+    fn structural_parameters(&self) -> usize {
         0
     }
 
-    /// Log likelihoods of points that lie within the prior's bounds, in their order; the same for any batch.
-    fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>>;
+    /// Log likelihoods of points within the prior's bounds, in order; independent of batching.
+    fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>>;
 }
 
-/// Of every point: log density up to a constant, prior and likelihood together, and log likelihood. The likelihood is asked only where
-/// the prior allows points; elsewhere, and where it is no number, both are minus infinity.
-pub fn densities(target: &dyn Target, points: &[Sample], evaluations: &mut u64) -> Result<Vec<[f64; 2]>> {
+/// For every point the unnormalised log posterior density and the log likelihood. The likelihood is evaluated
+/// only where the prior density is positive; elsewhere, and where it is NaN, both are minus infinity.
+pub fn log_densities(
+    target: &dyn Target,
+    points: &[ParameterVector],
+    evaluations: &mut u64,
+) -> Result<Vec<[f64; 2]>> {
     let prior = target.prior();
-    let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
-    *evaluations += allowed.len() as u64;
-    let mut found = target.log_likelihoods(&allowed)?.into_iter();
-    let of = |p: &Sample| match prior.allows(p) {
+    let inside: Vec<ParameterVector> = points.iter().filter(|p| prior.contains(p)).cloned().collect();
+    *evaluations += inside.len() as u64;
+    let mut found = target.log_likelihoods(&inside)?.into_iter();
+    let of = |p: &ParameterVector| match prior.contains(p) {
         true => {
             let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
             [prior.log_density(p) + likelihood, likelihood]
@@ -53,23 +61,23 @@ pub fn densities(target: &dyn Target, points: &[Sample], evaluations: &mut u64) 
     Ok(points.iter().map(of).collect())
 }
 
-/// Points drawn from a target, equally likely.
+/// Equally weighted draws from a target.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Draws {
-    pub points: Vec<Sample>,
-    /// Log likelihood of each point.
+pub struct PosteriorDraws {
+    pub points: Vec<ParameterVector>,
+    /// Log likelihood of each draw.
     pub log_likelihoods: Vec<f64>,
-    /// Which of several independent runs (or chains) each is of.
+    /// Index of the independent run or chain of each draw.
     pub run: Vec<usize>,
-    /// Log evidence by run, as far as the method tells it.
+    /// Log evidence of each run; empty for MCMC.
     pub log_evidence: Vec<f64>,
-    /// Likelihoods that were evaluated.
+    /// Number of likelihood evaluations.
     pub evaluations: u64,
-    pub quality: Quality,
+    pub quality: SamplingDiagnostics,
 }
 
-/// Mean and covariance of weighted points; the weights sum to 1.
-fn moments(points: &[Sample], weights: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+/// Weighted mean and covariance; the weights sum to 1.
+fn weighted_moments(points: &[ParameterVector], weights: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let d = points.first().map_or(0, Vec::len);
     let mut mean = DVector::zeros(d);
     for (point, w) in points.iter().zip(weights) {
@@ -84,67 +92,67 @@ fn moments(points: &[Sample], weights: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     (mean, covariance)
 }
 
-/// ln(sum(exp(values))), whatever their size; minus infinity of nothing.
+/// Stable ln(sum(exp(values))); minus infinity for no values.
 pub fn log_sum_exp(values: impl IntoIterator<Item = f64> + Clone) -> f64 {
-    let most = values.clone().into_iter().fold(f64::NEG_INFINITY, f64::max);
-    if most == f64::NEG_INFINITY {
-        return most;
+    let maximum = values.clone().into_iter().fold(f64::NEG_INFINITY, f64::max);
+    if maximum == f64::NEG_INFINITY {
+        return maximum;
     }
-    most + libm::log(values.into_iter().map(|v| libm::exp(v - most)).sum::<f64>())
+    maximum + libm::log(values.into_iter().map(|v| libm::exp(v - maximum)).sum::<f64>())
 }
 
-/// One of several, drawn by the logarithms of their weights; `None` where there is none that may be. One alone is drawn
-/// without a number of the stream.
-pub fn one_of(log_weights: &[f64], stream: &mut Stream) -> Option<usize> {
+/// Draws an index with the given log weights; `None` if all weights are zero. A single option uses no random
+/// number.
+pub fn sample_categorical(log_weights: &[f64], stream: &mut Stream) -> Option<usize> {
     if log_weights.len() == 1 {
         return Some(0);
     }
     let all = log_sum_exp(log_weights.iter().copied());
     let mut rest: f64 = stream.random();
-    let met = log_weights.iter().position(|l| {
+    let index = log_weights.iter().position(|l| {
         rest -= libm::exp(l - all);
         rest < 0.0
     });
-    // Where rounding leaves something over it is the last that may be.
-    met.or_else(|| log_weights.iter().rposition(|l| l.is_finite()))
+    // If rounding leaves a remainder, the last option with positive weight.
+    index.or_else(|| log_weights.iter().rposition(|l| l.is_finite()))
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
 
-    /// A tilted normal density in two numbers, and a third that nothing tells.
-    pub struct Tilted {
-        pub prior: Prior,
+    /// A correlated normal likelihood of two parameters; a third is not identified.
+    pub struct TiltedNormal {
+        pub prior: JointPrior,
     }
 
-    /// Mean and covariance of the first two.
+    /// Mean and covariance of the first two parameters.
     pub const MEAN: [f64; 2] = [0.4, 0.7];
     pub const COVARIANCE: [[f64; 2]; 2] = [[4e-4, -2.4e-4], [-2.4e-4, 2.5e-4]];
 
-    impl Tilted {
-        pub fn new() -> Tilted {
+    impl TiltedNormal {
+        pub fn new() -> TiltedNormal {
             let wide = |low, high| Marginal::Uniform { low, high };
             let third = Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.01, high: 100.0 };
-            Tilted { prior: Prior::new(vec![wide(0.0, 2.0), wide(0.0, 1.0), third]).unwrap() }
+            TiltedNormal { prior: JointPrior::new(vec![wide(0.0, 2.0), wide(0.0, 1.0), third]).unwrap() }
         }
 
-        /// Log of the integral of the likelihood times the prior.
+        /// Log marginal likelihood.
         pub fn log_evidence() -> f64 {
             let [[a, b], [_, c]] = COVARIANCE;
             0.5 * ((2.0 * std::f64::consts::PI).powi(2) * (a * c - b * b)).ln() - 2f64.ln()
         }
     }
 
-    impl Target for Tilted {
-        fn prior(&self) -> &Prior {
+    impl Target for TiltedNormal {
+        fn prior(&self) -> &JointPrior {
             &self.prior
         }
 
-        fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>> {
+        fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
             let [[a, b], [_, c]] = COVARIANCE;
             let det = a * c - b * b;
-            let of = |p: &Sample| {
+            let of = |p: &ParameterVector| {
                 let (x, y) = (p[0] - MEAN[0], p[1] - MEAN[1]);
                 -0.5 * (c * x * x - 2.0 * b * x * y + a * y * y) / det
             };
@@ -153,26 +161,26 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_the_points() {
+    fn weighted_moments_match_hand_computation() {
         let points = vec![vec![0.0, 1.0], vec![2.0, 5.0]];
-        let (mean, covariance) = moments(&points, &[0.25, 0.75]);
+        let (mean, covariance) = weighted_moments(&points, &[0.25, 0.75]);
         assert_eq!(mean.as_slice(), [1.5, 4.0]);
         assert!((covariance[(0, 1)] - 1.5).abs() < 1e-12 && (covariance[(1, 0)] - 1.5).abs() < 1e-12);
     }
 
     #[test]
-    fn what_the_prior_forbids_is_not_asked() {
-        let (target, mut asked) = (Tilted::new(), 0);
+    fn likelihood_is_not_evaluated_outside_the_prior() {
+        let (target, mut evaluations) = (TiltedNormal::new(), 0);
         let points =
             vec![vec![0.4, 0.7, 1.0], vec![0.4, 1.1, 1.0], vec![f64::NAN, 0.7, 1.0], vec![0.5, 0.7, 1.0]];
-        let found = densities(&target, &points, &mut asked).unwrap();
-        assert_eq!((asked, found[1], found[2]), (2, [f64::NEG_INFINITY; 2], [f64::NEG_INFINITY; 2]));
+        let found = log_densities(&target, &points, &mut evaluations).unwrap();
+        assert_eq!((evaluations, found[1], found[2]), (2, [f64::NEG_INFINITY; 2], [f64::NEG_INFINITY; 2]));
         assert_eq!(found[0], [target.prior.log_density(&points[0]), 0.0]);
         assert!(found[3][1] < -1.0 && found[3][0] < found[0][0]);
     }
 
     #[test]
-    fn sums_of_what_is_too_small_to_be_a_number() {
+    fn log_sum_exp_does_not_underflow() {
         assert!((log_sum_exp([-1e4, -1e4]) - (-1e4 + 2f64.ln())).abs() < 1e-9);
         assert_eq!(log_sum_exp([]), f64::NEG_INFINITY);
     }

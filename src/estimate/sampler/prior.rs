@@ -1,87 +1,91 @@
-//! What is believed of the numbers of a point before anything was measured: independent, each within bounds.
+//! Independent, bounded prior distributions of the parameters.
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::log_sum_exp;
-use crate::error::{Error, Result, within};
+use crate::error::{Error, Result, check_range};
 use crate::rng::Stream;
-use crate::world::Sample;
+use crate::world::ParameterVector;
 
-/// What is believed of one number.
+/// Prior of one parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Marginal {
-    /// Normal, cut off at bounds.
+    /// Truncated normal.
     Normal { mean: f64, sd: f64, low: f64, high: f64 },
-    /// Normal with one of several standard deviations, each as likely as the others, cut off at bounds: most such numbers are small, and some
-    /// are not.
+    /// Truncated scale mixture of normals with equal weights: a heavy-tailed shrinkage prior.
     Scales { mean: f64, sds: [f64; 4], low: f64, high: f64 },
-    /// Anything between bounds.
+    /// Uniform.
     Uniform { low: f64, high: f64 },
 }
 
-/// What is believed of a point.
+/// Joint prior of a parameter vector.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Prior {
+pub struct JointPrior {
     marginals: Vec<Marginal>,
-    /// Logarithm of what a normal density has within its bounds.
-    inside: Vec<f64>,
+    /// Log normalisation within the bounds.
+    log_mass: Vec<f64>,
 }
 
-/// Halvings by which a quantile is found: to the last bit.
-const HALVINGS: usize = 200;
+/// Maximum number of bisections for a quantile; enough for the last bit.
+const MAX_BISECTIONS: usize = 200;
 
-impl Prior {
-    /// Errors name the number, by its place, whose belief is none.
-    pub fn new(marginals: Vec<Marginal>) -> Result<Prior> {
+impl JointPrior {
+    /// Errors name the index of the invalid prior.
+    pub fn new(marginals: Vec<Marginal>) -> Result<JointPrior> {
         for (i, marginal) in marginals.iter().enumerate() {
             let [low, high] = marginal.bounds();
-            within(&format!("prior[{i}].low"), low, -1e9, 1e9)?;
-            within(&format!("prior[{i}].high"), high, low, 1e9)?;
+            check_range(&format!("prior[{i}].low"), low, -1e9, 1e9)?;
+            check_range(&format!("prior[{i}].high"), high, low, 1e9)?;
             if low == high {
                 return Err(Error::input(format!("prior[{i}].high"), high, format!("more than low, {low}")));
             }
             if let Some(mean) = marginal.mean() {
-                within(&format!("prior[{i}].mean"), mean, -1e9, 1e9)?;
+                check_range(&format!("prior[{i}].mean"), mean, -1e9, 1e9)?;
             }
             for sd in marginal.sds() {
-                within(&format!("prior[{i}].sd"), *sd, 1e-12, 1e9)?;
+                check_range(&format!("prior[{i}].sd"), *sd, 1e-12, 1e9)?;
             }
         }
-        let inside = |m: &Marginal| libm::log(m.mass().max(f64::MIN_POSITIVE));
-        Ok(Prior { inside: marginals.iter().map(inside).collect(), marginals })
+        let inside = |m: &Marginal| libm::log(m.untruncated_mass().max(f64::MIN_POSITIVE));
+        Ok(JointPrior { log_mass: marginals.iter().map(inside).collect(), marginals })
     }
 
-    /// By number.
+    /// Marginal priors in parameter order.
     pub fn marginals(&self) -> &[Marginal] {
         &self.marginals
     }
 
-    /// Log density; minus infinity outside of the bounds.
+    /// Log density; minus infinity outside the bounds.
     pub fn log_density(&self, point: &[f64]) -> f64 {
-        point.iter().enumerate().take(self.marginals.len()).map(|(i, x)| self.log_density_of(i, *x)).sum()
+        point
+            .iter()
+            .enumerate()
+            .take(self.marginals.len())
+            .map(|(i, x)| self.marginal_log_density(i, *x))
+            .sum()
     }
 
-    /// Log density of one number.
-    pub fn log_density_of(&self, number: usize, x: f64) -> f64 {
-        self.marginals[number].log_density(x) - self.inside[number]
+    /// Log density of one parameter.
+    pub fn marginal_log_density(&self, number: usize, x: f64) -> f64 {
+        self.marginals[number].log_density(x) - self.log_mass[number]
     }
 
-    /// Whether a point lies within the bounds.
-    pub fn allows(&self, point: &[f64]) -> bool {
+    /// Whether a point is within the bounds.
+    pub fn contains(&self, point: &[f64]) -> bool {
         let within = |(m, x): (&Marginal, &f64)| (m.bounds()[0]..=m.bounds()[1]).contains(x);
         point.len() == self.marginals.len() && self.marginals.iter().zip(point).all(within)
     }
 
-    /// A point drawn from it.
-    pub fn draw(&self, stream: &mut Stream) -> Sample {
+    /// Draws a point.
+    pub fn draw(&self, stream: &mut Stream) -> ParameterVector {
         self.marginals.iter().map(|m| m.quantile(stream.random())).collect()
     }
 }
 
 impl Marginal {
-    /// Least and greatest value.
+    /// Lower and upper bound.
     pub fn bounds(&self) -> [f64; 2] {
         match *self {
             Marginal::Normal { low, high, .. }
@@ -90,7 +94,7 @@ impl Marginal {
         }
     }
 
-    /// Mean of what is not cut off; none of what is uniform.
+    /// Mean before truncation; `None` for a uniform.
     fn mean(&self) -> Option<f64> {
         match *self {
             Marginal::Normal { mean, .. } | Marginal::Scales { mean, .. } => Some(mean),
@@ -98,7 +102,7 @@ impl Marginal {
         }
     }
 
-    /// Standard deviations of normal densities, each as likely as the others.
+    /// Standard deviations of the mixture's components.
     fn sds(&self) -> &[f64] {
         match self {
             Marginal::Normal { sd, .. } => std::slice::from_ref(sd),
@@ -107,14 +111,14 @@ impl Marginal {
         }
     }
 
-    /// Share of uncut normal densities below a value.
-    fn below(&self, x: f64) -> f64 {
+    /// Cumulative distribution before truncation.
+    fn cdf(&self, x: f64) -> f64 {
         let mean = self.mean().unwrap_or(0.0);
-        self.sds().iter().map(|sd| normal((x - mean) / sd)).sum::<f64>() / self.sds().len() as f64
+        self.sds().iter().map(|sd| normal_cdf((x - mean) / sd)).sum::<f64>() / self.sds().len() as f64
     }
 
-    /// Middle and width: mean and standard deviation of what is not cut off.
-    pub fn centre(&self) -> [f64; 2] {
+    /// Mean (clamped to the bounds) and standard deviation before truncation.
+    pub fn centre_and_sd(&self) -> [f64; 2] {
         match *self {
             Marginal::Normal { mean, sd, low, high } => [mean.clamp(low, high), sd],
             Marginal::Scales { mean, sds, low, high } => {
@@ -125,15 +129,15 @@ impl Marginal {
         }
     }
 
-    /// The value below which so much of it lies.
+    /// Quantile function.
     pub fn quantile(&self, share: f64) -> f64 {
         match *self {
             Marginal::Uniform { low, high } => low + share * (high - low),
             Marginal::Normal { low, high, .. } | Marginal::Scales { low, high, .. } => {
-                let below = |x: f64| self.below(x);
+                let below = |x: f64| self.cdf(x);
                 let wanted = below(low) + share * (below(high) - below(low));
                 let (mut a, mut b) = (low, high);
-                for _ in 0..HALVINGS {
+                for _ in 0..MAX_BISECTIONS {
                     let middle = 0.5 * (a + b);
                     if middle <= a || middle >= b {
                         break;
@@ -145,12 +149,12 @@ impl Marginal {
         }
     }
 
-    /// Share of uncut normal densities within the bounds; the width of what is uniform.
-    fn mass(&self) -> f64 {
+    /// Probability within the bounds before truncation; the width of a uniform.
+    fn untruncated_mass(&self) -> f64 {
         match *self {
             Marginal::Uniform { low, high } => high - low,
             Marginal::Normal { low, high, .. } | Marginal::Scales { low, high, .. } => {
-                self.below(high) - self.below(low)
+                self.cdf(high) - self.cdf(low)
             }
         }
     }
@@ -162,22 +166,22 @@ impl Marginal {
         }
         match *self {
             Marginal::Uniform { .. } => 0.0,
-            Marginal::Normal { mean, sd, .. } => log_normal(x - mean, sd),
+            Marginal::Normal { mean, sd, .. } => normal_log_density(x - mean, sd),
             Marginal::Scales { mean, sds, .. } => {
-                log_sum_exp(sds.map(|sd| log_normal(x - mean, sd))) - libm::log(sds.len() as f64)
+                log_sum_exp(sds.map(|sd| normal_log_density(x - mean, sd))) - libm::log(sds.len() as f64)
             }
         }
     }
 }
 
-/// Log density of a normal distribution about nothing.
-fn log_normal(x: f64, sd: f64) -> f64 {
+/// Log density of a zero-mean normal.
+fn normal_log_density(x: f64, sd: f64) -> f64 {
     let z = x / sd;
     -0.5 * z * z - libm::log(sd) - 0.5 * libm::log(2.0 * std::f64::consts::PI)
 }
 
-/// Share of the standard normal distribution below `z`.
-fn normal(z: f64) -> f64 {
+/// Standard normal cumulative distribution.
+fn normal_cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z / std::f64::consts::SQRT_2)
 }
 
@@ -186,27 +190,28 @@ mod tests {
     use super::*;
     use crate::rng;
 
-    fn both() -> Prior {
+    fn two_marginals() -> JointPrior {
         let normal = Marginal::Normal { mean: 0.5, sd: 0.25, low: 0.0, high: 1.0 };
-        Prior::new(vec![normal, Marginal::Uniform { low: -2.0, high: 3.0 }]).unwrap()
+        JointPrior::new(vec![normal, Marginal::Uniform { low: -2.0, high: 3.0 }]).unwrap()
     }
 
     #[test]
-    fn densities_are_whole() {
-        let prior = both();
+    fn density_integrates_to_one() {
+        let prior = two_marginals();
         let n = 2000;
         let at = |i: usize| (i as f64 + 0.5) / n as f64;
         let sum: f64 = (0..n).map(|i| prior.log_density(&[at(i), 0.3]).exp()).sum::<f64>() / n as f64;
-        assert!((sum - 0.2).abs() < 1e-6, "a fifth of what is uniform over 5: {sum}");
+        assert!((sum - 0.2).abs() < 1e-6, "density of a uniform over 5: {sum}");
         assert_eq!(prior.log_density(&[1.2, 0.0]), f64::NEG_INFINITY);
-        assert!(prior.allows(&[1.0, -2.0]) && !prior.allows(&[0.5, 3.1]) && !prior.allows(&[0.5]));
+        assert!(prior.contains(&[1.0, -2.0]) && !prior.contains(&[0.5, 3.1]) && !prior.contains(&[0.5]));
     }
 
-    /// Of what may be of several sizes the density is whole, draws are as it says, and what is far off is far likelier than for one size.
+    /// A scale mixture integrates to 1, its quantiles match its density, and its tails are heavier than a
+    /// normal's.
     #[test]
-    fn what_may_be_of_several_sizes() {
+    fn scale_mixture_is_normalised_and_heavy_tailed() {
         let scales = Marginal::Scales { mean: 0.1, sds: [0.1, 0.3, 1.0, 3.0], low: -9.0, high: 9.0 };
-        let prior = Prior::new(vec![scales]).unwrap();
+        let prior = JointPrior::new(vec![scales]).unwrap();
         let n = 36_000;
         let at = |i: usize| -9.0 + 18.0 * (i as f64 + 0.5) / n as f64;
         let sum: f64 = (0..n).map(|i| prior.log_density(&[at(i)]).exp()).sum::<f64>() * 18.0 / n as f64;
@@ -214,31 +219,37 @@ mod tests {
         let share = (0..n).filter(|i| at(*i) < 0.4).map(|i| prior.log_density(&[at(i)]).exp()).sum::<f64>();
         let share = share * 18.0 / n as f64;
         assert!((scales.quantile(share) - 0.4).abs() < 1e-3);
-        let one = Prior::new(vec![Marginal::Normal { mean: 0.1, sd: 0.3, low: -9.0, high: 9.0 }]).unwrap();
+        let one =
+            JointPrior::new(vec![Marginal::Normal { mean: 0.1, sd: 0.3, low: -9.0, high: 9.0 }]).unwrap();
         assert!(prior.log_density(&[5.0]) > one.log_density(&[5.0]) + 100.0);
         assert!(
-            Prior::new(vec![Marginal::Scales { mean: 0.0, sds: [0.1, 0.0, 1.0, 3.0], low: -1.0, high: 1.0 }])
-                .is_err()
+            JointPrior::new(vec![Marginal::Scales {
+                mean: 0.0,
+                sds: [0.1, 0.0, 1.0, 3.0],
+                low: -1.0,
+                high: 1.0
+            }])
+            .is_err()
         );
     }
 
     #[test]
-    fn draws_are_as_believed() {
-        let prior = both();
+    fn draws_match_the_prior() {
+        let prior = two_marginals();
         let mut stream = rng::stream(4, "prior");
-        let drawn: Vec<Sample> = (0..4000).map(|_| prior.draw(&mut stream)).collect();
-        assert!(drawn.iter().all(|p| prior.allows(p)));
+        let drawn: Vec<ParameterVector> = (0..4000).map(|_| prior.draw(&mut stream)).collect();
+        assert!(drawn.iter().all(|p| prior.contains(p)));
         let mean = |k: usize| drawn.iter().map(|p| p[k]).sum::<f64>() / 4000.0;
         assert!((mean(0) - 0.5).abs() < 0.02 && (mean(1) - 0.5).abs() < 0.1, "{} {}", mean(0), mean(1));
         let below = drawn.iter().filter(|p| p[0] < 0.25).count() as f64 / 4000.0;
-        let wanted = (normal(-1.0) - normal(-2.0)) / (normal(2.0) - normal(-2.0));
+        let wanted = (normal_cdf(-1.0) - normal_cdf(-2.0)) / (normal_cdf(2.0) - normal_cdf(-2.0));
         assert!((below - wanted).abs() < 0.02, "{below} for {wanted}");
     }
 
     #[test]
-    fn what_is_no_belief_is_refused() {
+    fn rejects_invalid_priors() {
         let refused = |m: Marginal, name: &str| {
-            let error = Prior::new(vec![m]).unwrap_err().to_string();
+            let error = JointPrior::new(vec![m]).unwrap_err().to_string();
             assert!(error.contains(name), "{error}");
         };
         refused(Marginal::Uniform { low: 1.0, high: 1.0 }, "prior[0].high");

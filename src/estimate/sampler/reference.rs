@@ -1,179 +1,188 @@
-//! Where draws begin: near a fit, with a share from the prior, so that nothing the prior allows is out of reach, and a share that is
-//! near the fit but for one number: a long even stretch of one number (a floor rough enough to stick is as good as a rougher one)
-//! would be missed otherwise, since a draw of all numbers from the prior hardly ever meets the others. Once points are known that are
-//! likely, most of what is near is near them.
+//! Reference density: a mixture of a Student t near a fit, the prior, and the same t with one parameter from
+//! its prior.
+//!
+//! The prior component covers everything that the prior allows. The single-parameter components cover long
+//! ridges along one parameter (a floor rough enough to stick is as good as a rougher one), which a draw of all
+//! parameters from the prior would hardly ever match. Once likely points are known, most of the mixture is near
+//! them.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::moments;
-use super::prior::Prior;
+use super::prior::JointPrior;
+use super::weighted_moments;
 use crate::rng::Stream;
-use crate::world::Sample;
+use crate::world::ParameterVector;
 
-/// A multivariate Student t.
+/// A multivariate Student t distribution.
 #[derive(Clone, Debug)]
-pub struct Student {
+pub struct StudentT {
     centre: DVector<f64>,
     /// Lower Cholesky factor of the scale matrix.
     root: DMatrix<f64>,
     log_scale: f64,
 }
 
-/// A mixture of a wide Student t about a fit (or about several), the same with one number from the prior, and the prior.
+/// A mixture of wide Student t distributions around fits, the same with one parameter from the prior, and the
+/// prior.
 #[derive(Clone, Debug)]
-pub struct Reference {
-    fits: Vec<Near>,
-    prior: Prior,
+pub struct ReferenceDensity {
+    fits: Vec<FitComponent>,
+    prior: JointPrior,
 }
 
-/// What is near a fit.
+/// Mixture component around one fit.
 #[derive(Clone, Debug)]
-struct Near {
-    /// Its share among all fits.
+struct FitComponent {
+    /// Weight among all fits.
     share: f64,
-    near: Student,
-    /// By number: the others' density near the fit. Nothing where there is but one number.
-    others: Vec<Student>,
+    near: StudentT,
+    /// For each parameter the density of the others near the fit; empty for a single parameter.
+    others: Vec<StudentT>,
 }
 
-/// Degrees of freedom: tails that no posterior's are wider than, as far as they matter.
-const FREEDOM: f64 = 5.0;
-/// Share of draws from the prior; and of those near the fit but for one number.
-const ANYWHERE: f64 = 0.1;
-const BUT_ONE: f64 = 0.2;
-/// Share of a fit beside points that are likely: they may be of one hollow among several.
-const BESIDE: f64 = 0.2;
-/// Least scale along a direction, as a share of the prior's width: a fit may be surer than it has reason to.
-const LEAST: f64 = 1e-9;
+/// Degrees of freedom: heavier tails than any relevant posterior.
+const T_DEGREES_OF_FREEDOM: f64 = 5.0;
+/// Weight of the prior, and of the components with one parameter from its prior.
+const PRIOR_SHARE: f64 = 0.1;
+const ONE_FREE_SHARE: f64 = 0.2;
+/// Weight of the original fit once likely points are known: they may cover only one mode of several.
+const ORIGINAL_FIT_SHARE: f64 = 0.2;
+/// Minimum scale along a direction as a share of the prior's standard deviation.
+const MIN_RELATIVE_SCALE: f64 = 1e-9;
 
-impl Student {
-    /// About a centre with a covariance as its scale matrix; directions without any get next to none. `unit`: a width of each
-    /// number by which small is told.
-    pub fn new(centre: DVector<f64>, scale: &DMatrix<f64>, unit: &[f64]) -> Student {
+impl StudentT {
+    /// A distribution with a centre and scale matrix; singular directions get a tiny scale. `unit`: prior
+    /// standard deviation of each parameter.
+    pub fn new(centre: DVector<f64>, scale: &DMatrix<f64>, unit: &[f64]) -> StudentT {
         let d = centre.len();
-        let mut own = 0.5 * (scale + scale.transpose());
+        let mut scale_matrix = 0.5 * (scale + scale.transpose());
         for (i, unit) in unit.iter().enumerate() {
-            own[(i, i)] += (LEAST * unit).powi(2);
+            scale_matrix[(i, i)] += (MIN_RELATIVE_SCALE * unit).powi(2);
         }
-        let diagonal = || DMatrix::from_diagonal(&own.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
-        let root = own.clone().cholesky().map_or_else(diagonal, |c| c.l());
+        let diagonal =
+            || DMatrix::from_diagonal(&scale_matrix.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
+        let root = scale_matrix.clone().cholesky().map_or_else(diagonal, |c| c.l());
         let log_scale = root.diagonal().iter().map(|v| libm::log(*v)).sum::<f64>();
         let pi = std::f64::consts::PI;
-        let half = 0.5 * (FREEDOM + d as f64);
-        let constant =
-            libm::lgamma(half) - libm::lgamma(0.5 * FREEDOM) - 0.5 * d as f64 * libm::log(FREEDOM * pi);
-        Student { centre, root, log_scale: constant - log_scale }
+        let half = 0.5 * (T_DEGREES_OF_FREEDOM + d as f64);
+        let constant = libm::lgamma(half)
+            - libm::lgamma(0.5 * T_DEGREES_OF_FREEDOM)
+            - 0.5 * d as f64 * libm::log(T_DEGREES_OF_FREEDOM * pi);
+        StudentT { centre, root, log_scale: constant - log_scale }
     }
 
-    /// Lower factor of the scale matrix.
-    pub fn root(&self) -> &DMatrix<f64> {
+    /// Lower Cholesky factor of the scale matrix.
+    pub fn cholesky_factor(&self) -> &DMatrix<f64> {
         &self.root
     }
 
-    pub fn draw(&self, stream: &mut Stream) -> Sample {
+    pub fn draw(&self, stream: &mut Stream) -> ParameterVector {
         let z = DVector::from_fn(self.centre.len(), |_, _| StandardNormal.sample(stream));
-        // Chi squared of five degrees, as a sum of squares.
-        let squares: f64 = (0..FREEDOM as usize)
+        // Chi squared with five degrees of freedom, as a sum of squares.
+        let squares: f64 = (0..T_DEGREES_OF_FREEDOM as usize)
             .map(|_| {
                 let z: f64 = StandardNormal.sample(stream);
                 z * z
             })
             .sum();
-        let x = &self.centre + &self.root * z * (FREEDOM / squares).sqrt();
+        let x = &self.centre + &self.root * z * (T_DEGREES_OF_FREEDOM / squares).sqrt();
         x.as_slice().to_vec()
     }
 
     pub fn log_density(&self, point: &[f64]) -> f64 {
         let off = DVector::from_fn(self.centre.len(), |i, _| point[i] - self.centre[i]);
         let Some(white) = self.root.solve_lower_triangular(&off) else { return f64::NEG_INFINITY };
-        let half = 0.5 * (FREEDOM + self.centre.len() as f64);
-        self.log_scale - half * libm::log1p(white.norm_squared() / FREEDOM)
+        let half = 0.5 * (T_DEGREES_OF_FREEDOM + self.centre.len() as f64);
+        self.log_scale - half * libm::log1p(white.norm_squared() / T_DEGREES_OF_FREEDOM)
     }
 }
 
-impl Reference {
-    /// About a fit with a covariance, made `wider` times as wide; no direction is wider than what is believed of it.
-    pub fn new(fit: &[f64], covariance: &DMatrix<f64>, wider: f64, prior: &Prior) -> Reference {
-        let unit: Vec<f64> = prior.marginals().iter().map(|m| m.centre()[1]).collect();
-        // Where the data say less than the prior, the prior decides: harmonic sums keep what is known jointly.
-        let believed = DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| unit[i].powi(-2)));
-        let told = covariance.clone().try_inverse();
-        let both = told.and_then(|told| (told + &believed).try_inverse());
-        let scale = both.unwrap_or_else(|| {
-            let own = |i: usize| (covariance[(i, i)].recip() + unit[i].powi(-2)).recip();
-            DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| own(i)))
+impl ReferenceDensity {
+    /// Around a fit with a covariance scaled by `wider`; no direction is wider than the prior.
+    pub fn new(fit: &[f64], covariance: &DMatrix<f64>, wider: f64, prior: &JointPrior) -> ReferenceDensity {
+        let unit: Vec<f64> = prior.marginals().iter().map(|m| m.centre_and_sd()[1]).collect();
+        // Sum of precisions of fit and prior: the prior limits directions that the data do not determine.
+        let prior_precision = DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| unit[i].powi(-2)));
+        let precision = covariance.clone().try_inverse();
+        let combined = precision.and_then(|precision| (precision + &prior_precision).try_inverse());
+        let scale = combined.unwrap_or_else(|| {
+            let scale_matrix = |i: usize| (covariance[(i, i)].recip() + unit[i].powi(-2)).recip();
+            DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| scale_matrix(i)))
         });
         let (centre, scale) = (DVector::from_column_slice(fit), scale * wider.powi(2));
-        let near = Student::new(centre.clone(), &scale, &unit);
-        // As it is drawn from, should its covariance have had to be made one.
-        let scale = near.root() * near.root().transpose();
+        let near = StudentT::new(centre.clone(), &scale, &unit);
+        // The covariance that is sampled, in case it had to be regularised.
+        let scale = near.cholesky_factor() * near.cholesky_factor().transpose();
         let without = |i: usize| {
             let unit: Vec<f64> = unit.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, u)| *u).collect();
             let scale = scale.clone().remove_row(i).remove_column(i);
-            Student::new(centre.clone().remove_row(i), &scale, &unit)
+            StudentT::new(centre.clone().remove_row(i), &scale, &unit)
         };
         let others = if fit.len() > 1 { (0..fit.len()).map(without).collect() } else { Vec::new() };
-        Reference { fits: vec![Near { share: 1.0, near, others }], prior: prior.clone() }
+        ReferenceDensity { fits: vec![FitComponent { share: 1.0, near, others }], prior: prior.clone() }
     }
 
-    /// About points, as they stand to each other.
-    pub fn about(points: &[Sample], wider: f64, prior: &Prior) -> Reference {
-        let (mean, covariance) = moments(points, &vec![1.0 / points.len() as f64; points.len()]);
-        Reference::new(mean.as_slice(), &covariance, wider, prior)
+    /// Around points, with their mean and covariance.
+    pub fn from_points(points: &[ParameterVector], wider: f64, prior: &JointPrior) -> ReferenceDensity {
+        let (mean, covariance) = weighted_moments(points, &vec![1.0 / points.len() as f64; points.len()]);
+        ReferenceDensity::new(mean.as_slice(), &covariance, wider, prior)
     }
 
-    /// About the same fit, and mostly about points that are likely.
-    pub fn beside(self, points: &[Sample], wider: f64) -> Reference {
-        let about = Reference::about(points, wider, &self.prior);
-        let shared = |fits: Vec<Near>, all: f64| {
-            fits.into_iter().map(move |fit| Near { share: all * fit.share, ..fit })
+    /// Mixes in a component around likely points, with most of the weight.
+    pub fn with_points(self, points: &[ParameterVector], wider: f64) -> ReferenceDensity {
+        let about = ReferenceDensity::from_points(points, wider, &self.prior);
+        let shared = |fits: Vec<FitComponent>, all: f64| {
+            fits.into_iter().map(move |fit| FitComponent { share: all * fit.share, ..fit })
         };
-        let fits = shared(self.fits, BESIDE).chain(shared(about.fits, 1.0 - BESIDE)).collect();
-        Reference { fits, ..about }
+        let fits = shared(self.fits, ORIGINAL_FIT_SHARE)
+            .chain(shared(about.fits, 1.0 - ORIGINAL_FIT_SHARE))
+            .collect();
+        ReferenceDensity { fits, ..about }
     }
 
-    /// Share of draws about fits, and of those but for each number.
-    fn shares(&self) -> [f64; 2] {
+    /// Weights of the fits, and of each single-parameter component.
+    fn component_shares(&self) -> [f64; 2] {
         let numbers = self.fits.first().map_or(0, |fit| fit.others.len());
-        let but_one = if numbers == 0 { 0.0 } else { BUT_ONE };
-        [1.0 - ANYWHERE - but_one, but_one / numbers.max(1) as f64]
+        let but_one = if numbers == 0 { 0.0 } else { ONE_FREE_SHARE };
+        [1.0 - PRIOR_SHARE - but_one, but_one / numbers.max(1) as f64]
     }
 
-    pub fn draw(&self, stream: &mut Stream) -> Sample {
+    pub fn draw(&self, stream: &mut Stream) -> ParameterVector {
         let u: f64 = stream.random();
-        if u < ANYWHERE {
+        if u < PRIOR_SHARE {
             return self.prior.draw(stream);
         }
-        let [near, but_one] = self.shares();
-        let mut out = self.fit(stream).near.draw(stream);
-        if u >= ANYWHERE + near {
-            let number = (((u - ANYWHERE - near) / but_one) as usize).min(out.len() - 1);
+        let [near, but_one] = self.component_shares();
+        let mut out = self.sample_component(stream).near.draw(stream);
+        if u >= PRIOR_SHARE + near {
+            let number = (((u - PRIOR_SHARE - near) / but_one) as usize).min(out.len() - 1);
             out[number] = self.prior.marginals()[number].quantile(stream.random());
         }
         out
     }
 
-    /// One of the fits by their shares.
-    fn fit(&self, stream: &mut Stream) -> &Near {
+    /// Draws one of the fits by weight.
+    fn sample_component(&self, stream: &mut Stream) -> &FitComponent {
         let shares: Vec<f64> = self.fits.iter().map(|fit| libm::log(fit.share)).collect();
-        &self.fits[super::one_of(&shares, stream).unwrap_or(0)]
+        &self.fits[super::sample_categorical(&shares, stream).unwrap_or(0)]
     }
 
     pub fn log_density(&self, point: &[f64]) -> f64 {
-        let [near, but_one] = self.shares();
-        let over = |of: &dyn Fn(&Near) -> f64| {
+        let [near, but_one] = self.component_shares();
+        let over = |of: &dyn Fn(&FitComponent) -> f64| {
             super::log_sum_exp(self.fits.iter().map(|fit| libm::log(fit.share) + of(fit)).collect::<Vec<_>>())
         };
         let mut all = vec![
             libm::log(near) + over(&|fit| fit.near.log_density(point)),
-            libm::log(ANYWHERE) + self.prior.log_density(point),
+            libm::log(PRIOR_SHARE) + self.prior.log_density(point),
         ];
         for i in 0..self.fits[0].others.len() {
-            let rest: Sample = point.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, x)| *x).collect();
-            let own = self.prior.log_density_of(i, point[i]);
-            all.push(libm::log(but_one) + own + over(&|fit| fit.others[i].log_density(&rest)));
+            let rest: ParameterVector =
+                point.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, x)| *x).collect();
+            let scale_matrix = self.prior.marginal_log_density(i, point[i]);
+            all.push(libm::log(but_one) + scale_matrix + over(&|fit| fit.others[i].log_density(&rest)));
         }
         super::log_sum_exp(all)
     }
@@ -185,38 +194,38 @@ mod tests {
     use crate::estimate::sampler::Marginal;
     use crate::rng;
 
-    /// What is drawn is drawn as its density says: the mean of one over the density is the area, where it is bounded; of numbers whose
-    /// widths and priors differ, of one alone, and of a covariance that is none.
+    /// Draws match the density: the mean of one over the density is the volume of the support. Tested for
+    /// different widths and priors, one dimension, and an indefinite covariance.
     #[test]
-    fn a_density_is_of_its_draws() {
+    fn density_matches_draws() {
         let uniform = |low, high| Marginal::Uniform { low, high };
         let normal = Marginal::Normal { mean: 0.2, sd: 0.8, low: 0.0, high: 3.0 };
         let all = [uniform(-1.0, 2.0), normal, uniform(0.0, 4.0)];
         let tilted = [0.04, 0.03, 0.0, 0.03, 0.05, 0.02, 0.0, 0.02, 0.5];
         let none = [0.04, 0.3, 0.0, 0.3, 0.05, 0.02, 0.0, 0.02, 0.5];
         for (d, covariance) in [(3, tilted), (3, none), (1, tilted)] {
-            let prior = Prior::new(all[..d].to_vec()).unwrap();
+            let prior = JointPrior::new(all[..d].to_vec()).unwrap();
             let covariance = DMatrix::from_row_slice(3, 3, &covariance).view((0, 0), (d, d)).into_owned();
-            let reference = Reference::new(&[0.5, 0.4, 3.0][..d], &covariance, 1.5, &prior);
+            let reference = ReferenceDensity::new(&[0.5, 0.4, 3.0][..d], &covariance, 1.5, &prior);
             let wanted: f64 = all[..d].iter().map(|m| m.bounds()[1] - m.bounds()[0]).product();
             let near = [[0.3, 0.1, 1.0], [0.9, 0.3, 2.0], [0.6, 0.7, 1.5], [0.7, 0.2, 1.0]];
             let points = near.map(|p| p[..d].to_vec());
-            for reference in [reference.clone(), reference.beside(&points, 1.5)] {
-                let [area, within] = area(&reference, &prior);
+            for reference in [reference.clone(), reference.with_points(&points, 1.5)] {
+                let [area, within] = estimate_area(&reference, &prior);
                 assert!((area / wanted - 1.0).abs() < 0.06, "{area} for an area of {wanted}");
                 assert!(within > 0.7, "{within}");
             }
         }
     }
 
-    /// The area within the prior's bounds by a reference's draws, and their share that lies there.
-    fn area(reference: &Reference, prior: &Prior) -> [f64; 2] {
+    /// Monte Carlo volume within the prior's bounds, and the share of draws inside.
+    fn estimate_area(reference: &ReferenceDensity, prior: &JointPrior) -> [f64; 2] {
         let mut stream = rng::stream(9, "reference");
         let n = 40_000;
         let (mut within, mut area) = (0.0, 0.0);
         for _ in 0..n {
             let x = reference.draw(&mut stream);
-            if prior.allows(&x) {
+            if prior.contains(&x) {
                 within += 1.0;
                 area += (-reference.log_density(&x)).exp();
             }
@@ -224,13 +233,13 @@ mod tests {
         [area / n as f64, within / n as f64]
     }
 
-    /// What the data say nothing of is as wide as it is believed to be.
+    /// An unidentified direction has the width of its prior.
     #[test]
-    fn nothing_is_wider_than_believed() {
+    fn is_no_wider_than_the_prior() {
         let prior =
-            Prior::new(vec![Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 9.0 }; 2]).unwrap();
+            JointPrior::new(vec![Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 9.0 }; 2]).unwrap();
         let covariance = DMatrix::from_row_slice(2, 2, &[1e8, 0.0, 0.0, 1e-6]);
-        let reference = Reference::new(&[1.0, 1.0], &covariance, 1.0, &prior);
+        let reference = ReferenceDensity::new(&[1.0, 1.0], &covariance, 1.0, &prior);
         let root = &reference.fits[0].near.root;
         assert!((root[(0, 0)] - 0.5).abs() < 1e-3 && (root[(1, 1)] - 1e-3).abs() < 1e-5, "{root}");
     }

@@ -1,4 +1,4 @@
-//! What every plot stands in: size, title, legend, axes, error bars.
+//! Common parts of plots: size, title, legend, axes, error bars.
 
 use std::ops::Range;
 
@@ -7,54 +7,55 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::scale::{label_room, tick};
+use super::scale::{label_width, tick};
 use crate::picture::svg::{cleaned, escape};
 
 /// Size of a plot, px.
-pub(super) const SIZE: (u32, u32) = (720, 440);
-/// plotters counts in whole pixels: plots are drawn this many times as large and shown at their size.
-pub(super) const FINE: u32 = 4;
+pub(super) const PLOT_SIZE_PX: (u32, u32) = (720, 440);
+/// Supersampling: plotters rounds to whole pixels, so plots are drawn this many times as large and scaled down.
+pub(super) const SUPERSAMPLING: u32 = 4;
 pub(super) const INK: RGBColor = RGBColor(0x33, 0x37, 0x3D);
 pub(super) const GRID: RGBColor = RGBColor(0xE3, 0xE6, 0xEA);
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub(super) type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-pub(super) type Drawn = Result<(), Box<dyn std::error::Error>>;
+pub(super) type DrawResult = Result<(), Box<dyn std::error::Error>>;
 
-/// Title, legend, and what `draw` puts under them.
-pub(super) fn picture(
+/// A plot with title, legend and the contents that `draw` adds.
+pub(super) fn plot_svg(
     title: &str,
     legend: &[(String, RGBColor)],
-    draw: impl FnOnce(&Area) -> Drawn,
+    draw: impl FnOnce(&Area) -> DrawResult,
 ) -> String {
-    picture_sized(SIZE, title, legend, draw)
+    plot_svg_sized(PLOT_SIZE_PX, title, legend, draw)
 }
 
-/// [`picture`] of a size in px.
-pub(super) fn picture_sized(
+/// A plot of a given size, px.
+pub(super) fn plot_svg_sized(
     size: (u32, u32),
     title: &str,
     legend: &[(String, RGBColor)],
-    draw: impl FnOnce(&Area) -> Drawn,
+    draw: impl FnOnce(&Area) -> DrawResult,
 ) -> String {
     let mut svg = String::new();
-    let drawn = (|| -> Drawn {
-        let root = SVGBackend::with_string(&mut svg, (size.0 * FINE, size.1 * FINE)).into_drawing_area();
+    let drawn = (|| -> DrawResult {
+        let root = SVGBackend::with_string(&mut svg, (size.0 * SUPERSAMPLING, size.1 * SUPERSAMPLING))
+            .into_drawing_area();
         root.fill(&WHITE)?;
         let heading = text(16).pos(pos(HPos::Left, VPos::Center)).color(&INK);
         root.draw_text(
-            &shortened(title, (size.0 * 84 / SIZE.0) as usize),
+            &truncate(title, (size.0 * 84 / PLOT_SIZE_PX.0) as usize),
             &heading,
-            (units(14) as i32, units(18) as i32),
+            (subpixels(14) as i32, subpixels(18) as i32),
         )?;
         let bottom = draw_legend(&root, legend, 32, size.0)?;
-        let (_, under) = root.split_vertically(units(bottom));
+        let (_, under) = root.split_vertically(subpixels(bottom));
         draw(&under)?;
         root.present()?;
         Ok(())
     })();
     match drawn {
-        Ok(()) => shown_at_size(&svg, size, title),
-        // A range that plotters cannot divide; said rather than hidden.
+        Ok(()) => scale_to_size(&svg, size, title),
+        // A range that plotters can't divide.
         Err(e) => notice(title, &format!("this plot could not be drawn: {e}")),
     }
 }
@@ -67,28 +68,28 @@ pub(super) fn draw_legend(
     width: u32,
 ) -> Result<u32, Box<dyn std::error::Error>> {
     let named: Vec<(String, RGBColor)> =
-        legend.iter().filter(|(n, _)| !n.is_empty()).map(|(n, c)| (shortened(n, 60), *c)).collect();
+        legend.iter().filter(|(n, _)| !n.is_empty()).map(|(n, c)| (truncate(n, 60), *c)).collect();
     let (mut x, mut y) = (16, top);
     for (name, colour) in &named {
         let wide = 22 + (name.chars().count() as f64 * 12.0 * 0.54) as u32 + 16;
         if x > 16 && x + wide > width {
             (x, y) = (16, y + 18);
         }
-        let (left, middle) = (units(x) as i32, units(y + 8) as i32);
-        let half = units(5) as i32;
+        let (left, middle) = (subpixels(x) as i32, subpixels(y + 8) as i32);
+        let half = subpixels(5) as i32;
         root.draw(&Rectangle::new(
             [(left, middle - half), (left + 2 * half, middle + half)],
             colour.filled(),
         ))?;
         let style = text(12).pos(pos(HPos::Left, VPos::Center)).color(&INK);
-        root.draw_text(name, &style, (left + units(16) as i32, middle))?;
+        root.draw_text(name, &style, (left + subpixels(16) as i32, middle))?;
         x += wide;
     }
     Ok(if named.is_empty() { top } else { y + 20 })
 }
 
-/// The drawing at a quarter of its coordinates, scaling down on narrow screens.
-pub(super) fn shown_at_size(svg: &str, size: (u32, u32), title: &str) -> String {
+/// Scales the drawing to its nominal size; it shrinks on narrow screens.
+pub(super) fn scale_to_size(svg: &str, size: (u32, u32), title: &str) -> String {
     let inside = svg.split_once('>').map_or("", |(_, rest)| rest).trim_start();
     let inside = inside.trim_end().strip_suffix("</svg>").unwrap_or(inside);
     format!(
@@ -96,8 +97,8 @@ pub(super) fn shown_at_size(svg: &str, size: (u32, u32), title: &str) -> String 
          role=\"img\">\n<title>{}</title>\n{inside}</svg>\n",
         size.0,
         size.1,
-        size.0 * FINE,
-        size.1 * FINE,
+        size.0 * SUPERSAMPLING,
+        size.1 * SUPERSAMPLING,
         escape(title)
     )
 }
@@ -106,9 +107,9 @@ pub(super) fn empty(title: &str) -> String {
     notice(title, "no data to plot")
 }
 
-/// A plot's frame with a sentence in it.
+/// An empty plot with a sentence in it.
 pub(super) fn notice(title: &str, sentence: &str) -> String {
-    let (w, h) = SIZE;
+    let (w, h) = PLOT_SIZE_PX;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
          role=\"img\">\n<title>{t}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#FFFFFF\"/>\n\
@@ -121,12 +122,12 @@ pub(super) fn notice(title: &str, sentence: &str) -> String {
         w / 2,
         h / 2,
         escape(sentence),
-        t = escape(&shortened(title, 84)),
+        t = escape(&truncate(title, 84)),
     )
 }
 
 /// Axes with their labels, and a grid.
-pub(super) fn gridded<'a, 'b>(
+pub(super) fn chart_with_grid<'a, 'b>(
     area: &'a Area<'b>,
     x: &Range<f64>,
     y: &Range<f64>,
@@ -134,14 +135,14 @@ pub(super) fn gridded<'a, 'b>(
     y_label: &str,
 ) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
     let mut chart = ChartBuilder::on(area)
-        .margin(units(8))
-        .margin_top(units(4))
-        .margin_right(units(20))
-        .set_label_area_size(LabelAreaPosition::Left, units(label_room(y, 6)))
-        .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+        .margin(subpixels(8))
+        .margin_top(subpixels(4))
+        .margin_right(subpixels(20))
+        .set_label_area_size(LabelAreaPosition::Left, subpixels(label_width(y, 6)))
+        .set_label_area_size(LabelAreaPosition::Bottom, subpixels(44))
         .build_cartesian_2d(x.clone(), y.clone())?;
     let mut mesh = chart.configure_mesh();
-    mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
+    mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(subpixels(1))).light_line_style(TRANSPARENT);
     finish_axes(&mut mesh, x_label, y_label)?;
     drop(mesh);
     Ok(chart)
@@ -151,25 +152,25 @@ pub(super) fn finish_axes(
     mesh: &mut plotters::chart::MeshStyle<RangedCoordf64, RangedCoordf64, SVGBackend>,
     x_label: &str,
     y_label: &str,
-) -> Drawn {
-    mesh.axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
-        .set_all_tick_mark_size(units(4))
+) -> DrawResult {
+    mesh.axis_style(ShapeStyle::from(&INK).stroke_width(subpixels(1)))
+        .set_all_tick_mark_size(subpixels(4))
         .x_labels(8)
         .y_labels(6)
         .x_label_formatter(&|v: &f64| tick(*v))
         .y_label_formatter(&|v: &f64| tick(*v))
         .label_style(text(12))
-        .x_desc(shortened(x_label, 90))
-        .y_desc(shortened(y_label, 60))
+        .x_desc(truncate(x_label, 90))
+        .y_desc(truncate(y_label, 60))
         .axis_desc_style(text(13))
         .draw()?;
     Ok(())
 }
 
-pub(super) fn error_bar(chart: &mut Chart, x: f64, low: f64, high: f64, colour: RGBColor) -> Drawn {
-    let style = colour.stroke_width(units(1) + units(1) / 2);
+pub(super) fn error_bar(chart: &mut Chart, x: f64, low: f64, high: f64, colour: RGBColor) -> DrawResult {
+    let style = colour.stroke_width(subpixels(1) + subpixels(1) / 2);
     let (range, (width, _)) = (chart.x_range(), chart.plotting_area().dim_in_pixel());
-    let cap = (range.end - range.start) * f64::from(units(4)) / f64::from(width.max(1));
+    let cap = (range.end - range.start) * f64::from(subpixels(4)) / f64::from(width.max(1));
     chart.draw_series([
         PathElement::new(vec![(x, low), (x, high)], style),
         PathElement::new(vec![(x - cap, low), (x + cap, low)], style),
@@ -178,20 +179,20 @@ pub(super) fn error_bar(chart: &mut Chart, x: f64, low: f64, high: f64, colour: 
     Ok(())
 }
 
-pub(super) fn units(px: u32) -> u32 {
-    px * FINE
+pub(super) fn subpixels(px: u32) -> u32 {
+    px * SUPERSAMPLING
 }
 
 /// Text of `px` height; plotters draws a font of size s at s / 1.24.
 pub(super) fn text(px: u32) -> TextStyle<'static> {
-    ("sans-serif", f64::from(units(px)) * 1.24).into_font().color(&INK)
+    ("sans-serif", f64::from(subpixels(px)) * 1.24).into_font().color(&INK)
 }
 
 pub(super) fn pos(h: HPos, v: VPos) -> Pos {
     Pos::new(h, v)
 }
 
-pub(super) fn shortened(text: &str, most: usize) -> String {
+pub(super) fn truncate(text: &str, most: usize) -> String {
     let text = &cleaned(text);
     if text.chars().count() <= most {
         return text.to_string();

@@ -1,4 +1,4 @@
-//! Heat maps with scales, lines of equal value, dots and marks.
+//! Heat maps with colour scales, contour lines, dots and marks.
 
 use std::ops::Range;
 
@@ -6,9 +6,10 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::frame::{
-    Area, Chart, Drawn, INK, SIZE, empty, finish_axes, picture_sized, pos, shortened, text, units,
+    Area, Chart, DrawResult, INK, PLOT_SIZE_PX, empty, finish_axes, plot_svg_sized, pos, subpixels, text,
+    truncate,
 };
-use super::scale::{drawable, heat, label_room, range, tick, widened};
+use super::scale::{extend, heat, is_drawable, label_width, range, tick};
 
 /// Values over a plane.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,13 +26,13 @@ pub struct Heatmap {
     pub x: Vec<f64>,
     /// (rows,) rising centres of the cells.
     pub y: Vec<f64>,
-    /// (rows, columns) values; what is not finite stays grey.
+    /// (rows, columns) values; values that aren't finite are grey.
     pub values: Vec<Vec<f64>>,
-    /// Points to mark, with a name: the truth, the estimate.
+    /// Named points to mark, such as the truth or the estimate.
     pub marks: Vec<(f64, f64, String)>,
-    /// Places without a name, drawn small: where the values come from.
+    /// Unnamed points, drawn small, such as design points.
     pub dots: Vec<(f64, f64)>,
-    /// Lines of equal value to draw; none if 0.
+    /// Number of contour lines.
     pub contours: usize,
 }
 
@@ -40,21 +41,29 @@ pub fn heatmap(title: &str, map: &Heatmap) -> String {
     heatmaps(title, std::slice::from_ref(map))
 }
 
-/// Heat maps side by side, each with a scale of its own; marks of the same place in the list have the same colour,
-/// and their names are those of the first map.
+/// Heat maps side by side, each with its own scale. Marks of the same index have the same colour, and the legend shows the first map's.
 pub fn heatmaps(title: &str, maps: &[Heatmap]) -> String {
     if maps.is_empty() || maps.iter().any(|m| !m.is_drawable()) {
         return empty(title);
     }
-    let legend: Vec<(String, RGBColor)> =
-        maps[0].marks.iter().enumerate().map(|(i, m)| (m.2.clone(), MARKS[i % MARKS.len()])).collect();
-    let size = if maps.len() > 1 { (maps.len() as u32 * PANEL.0, PANEL.1) } else { SIZE };
-    picture_sized(size, title, &legend, |area| {
+    let legend: Vec<(String, RGBColor)> = maps[0]
+        .marks
+        .iter()
+        .enumerate()
+        .map(|(i, m)| (m.2.clone(), MARK_COLOURS[i % MARK_COLOURS.len()]))
+        .collect();
+    let size =
+        if maps.len() > 1 { (maps.len() as u32 * PANEL_SIZE_PX.0, PANEL_SIZE_PX.1) } else { PLOT_SIZE_PX };
+    plot_svg_sized(size, title, &legend, |area| {
         for (panel, map) in area.split_evenly((1, maps.len())).iter().zip(maps) {
             let inside = if maps.len() > 1 {
                 let style = text(13).pos(pos(HPos::Left, VPos::Center)).color(&INK);
-                panel.draw_text(&shortened(&map.title, 50), &style, (units(16) as i32, units(10) as i32))?;
-                panel.margin(units(18), 0, 0, 0)
+                panel.draw_text(
+                    &truncate(&map.title, 50),
+                    &style,
+                    (subpixels(16) as i32, subpixels(10) as i32),
+                )?;
+                panel.margin(subpixels(18), 0, 0, 0)
             } else {
                 panel.clone()
             };
@@ -65,35 +74,35 @@ pub fn heatmaps(title: &str, maps: &[Heatmap]) -> String {
 }
 
 /// Width and height of each of several heat maps, px.
-const PANEL: (u32, u32) = (520, 460);
+const PANEL_SIZE_PX: (u32, u32) = (520, 460);
 
 impl Heatmap {
     fn range(&self) -> Option<(f64, f64)> {
-        range(self.values.iter().flatten().copied().filter(|v| drawable(*v)))
+        range(self.values.iter().flatten().copied().filter(|v| is_drawable(*v)))
     }
 
     fn is_drawable(&self) -> bool {
         self.values.len() == self.y.len()
             && self.values.iter().all(|row| row.len() == self.x.len())
-            && self.x.iter().chain(&self.y).all(|v| drawable(*v))
+            && self.x.iter().chain(&self.y).all(|v| is_drawable(*v))
             && self.range().is_some()
     }
 }
 
 /// The cells, lines, dots and marks of one map, and its scale.
-fn draw_heatmap(area: &Area, map: &Heatmap) -> Drawn {
+fn draw_heatmap(area: &Area, map: &Heatmap) -> DrawResult {
     let Some((low, high)) = map.range() else { return Ok(()) };
     let (xs, ys) = (cell_edges(&map.x), cell_edges(&map.y));
     let (x, y) = (xs[0]..xs[xs.len() - 1], ys[0]..ys[ys.len() - 1]);
-    let colours = widened((low, high), 0.0);
+    let colours = extend((low, high), 0.0);
     let ticks = levels(low, high, map.contours);
     let (width, _) = area.dim_in_pixel();
-    let (plot, scale) = area.split_horizontally(width - units(104));
+    let (plot, scale) = area.split_horizontally(width - subpixels(104));
     let mut chart = ChartBuilder::on(&plot)
-        .margin(units(8))
-        .margin_top(units(4))
-        .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
-        .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+        .margin(subpixels(8))
+        .margin_top(subpixels(4))
+        .set_label_area_size(LabelAreaPosition::Left, subpixels(label_width(&y, 6)))
+        .set_label_area_size(LabelAreaPosition::Bottom, subpixels(44))
         .build_cartesian_2d(x, y)?;
     let mut mesh = chart.configure_mesh();
     mesh.disable_mesh();
@@ -108,18 +117,18 @@ fn draw_heatmap(area: &Area, map: &Heatmap) -> Drawn {
     draw_scale(&scale, map, &colours, &ticks)
 }
 
-/// How lines of equal value are drawn.
+/// Style of contour lines.
 fn level_style() -> ShapeStyle {
-    WHITE.mix(0.75).stroke_width(units(1))
+    WHITE.mix(0.75).stroke_width(subpixels(1))
 }
 
 /// The cells, between their `edges` along x and y.
-fn draw_cells(chart: &mut Chart, map: &Heatmap, [xs, ys]: [&[f64]; 2], colours: &Range<f64>) -> Drawn {
+fn draw_cells(chart: &mut Chart, map: &Heatmap, [xs, ys]: [&[f64]; 2], colours: &Range<f64>) -> DrawResult {
     let share = |v: f64| (v - colours.start) / (colours.end - colours.start);
     for (row, values) in map.values.iter().enumerate() {
         for (column, v) in values.iter().enumerate() {
-            let colour = if drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
-            // Each cell reaches under its right and upper neighbours, drawn later: no seams.
+            let colour = if is_drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
+            // Each cell extends under its right and upper neighbours, which are drawn later, to avoid seams.
             let far = [
                 (xs[column + 1] + xs[(column + 2).min(map.x.len())]) / 2.0,
                 (ys[row + 1] + ys[(row + 2).min(map.y.len())]) / 2.0,
@@ -132,28 +141,32 @@ fn draw_cells(chart: &mut Chart, map: &Heatmap, [xs, ys]: [&[f64]; 2], colours: 
 }
 
 /// The dots and marks that lie in the plot.
-fn draw_places(chart: &mut Chart, map: &Heatmap) -> Drawn {
+fn draw_places(chart: &mut Chart, map: &Heatmap) -> DrawResult {
     let (x, y) = (chart.x_range(), chart.y_range());
-    let disc = |at: (f64, f64), size: u32, colour: RGBColor| Circle::new(at, units(size), colour.filled());
+    let disc =
+        |at: (f64, f64), size: u32, colour: RGBColor| Circle::new(at, subpixels(size), colour.filled());
     for dot in map.dots.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)) {
         chart.draw_series([disc(*dot, 3, WHITE), disc(*dot, 2, INK)])?;
     }
     for (i, (mx, my, _)) in map.marks.iter().enumerate() {
         if x.contains(mx) && y.contains(my) {
-            chart.draw_series([disc((*mx, *my), 7, WHITE), disc((*mx, *my), 5, MARKS[i % MARKS.len()])])?;
+            chart.draw_series([
+                disc((*mx, *my), 7, WHITE),
+                disc((*mx, *my), 5, MARK_COLOURS[i % MARK_COLOURS.len()]),
+            ])?;
         }
     }
     Ok(())
 }
 
-/// The scale of colours beside a map.
-fn draw_scale(area: &Area, map: &Heatmap, colours: &Range<f64>, ticks: &[f64]) -> Drawn {
+/// Draws the colour scale of a map.
+fn draw_scale(area: &Area, map: &Heatmap, colours: &Range<f64>, ticks: &[f64]) -> DrawResult {
     const STEPS: u32 = 64;
     let mut bar = ChartBuilder::on(area)
-        .margin(units(8))
-        .margin_top(units(4))
-        .margin_bottom(units(52))
-        .set_label_area_size(LabelAreaPosition::Right, units(66))
+        .margin(subpixels(8))
+        .margin_top(subpixels(4))
+        .margin_bottom(subpixels(52))
+        .set_label_area_size(LabelAreaPosition::Right, subpixels(66))
         .build_cartesian_2d(0.0..1.0, colours.clone())?;
     for k in 0..STEPS {
         let from = f64::from(k) / f64::from(STEPS);
@@ -167,12 +180,12 @@ fn draw_scale(area: &Area, map: &Heatmap, colours: &Range<f64>, ticks: &[f64]) -
     bar.configure_mesh()
         .disable_mesh()
         .disable_x_axis()
-        .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
-        .set_all_tick_mark_size(units(4))
+        .axis_style(ShapeStyle::from(&INK).stroke_width(subpixels(1)))
+        .set_all_tick_mark_size(subpixels(4))
         .y_labels(6)
         .y_label_formatter(&|v: &f64| tick(*v))
         .label_style(text(12))
-        .y_desc(shortened(&map.value_label, 60))
+        .y_desc(truncate(&map.value_label, 60))
         .axis_desc_style(text(13))
         .draw()?;
     Ok(())
@@ -190,14 +203,14 @@ fn levels(low: f64, high: f64, count: usize) -> Vec<f64> {
     (first..).map(|k| k as f64 * step).take_while(|v| *v < high).take(50).collect()
 }
 
-/// Pieces of the line where the map has a value: marching squares between the cells' centres, saddles cut one way.
+/// Pieces of a contour line: marching squares between the cells' centres, saddles resolved in one way.
 fn contour(map: &Heatmap, level: f64) -> Vec<[(f64, f64); 2]> {
     let mut pieces = Vec::new();
     for r in 0..map.y.len().saturating_sub(1) {
         for c in 0..map.x.len().saturating_sub(1) {
             let corners = [(r, c), (r, c + 1), (r + 1, c + 1), (r + 1, c)];
             let values = corners.map(|(r, c)| map.values[r][c]);
-            if values.iter().any(|v| !drawable(*v)) {
+            if values.iter().any(|v| !is_drawable(*v)) {
                 continue;
             }
             let mut crossed = Vec::with_capacity(4);
@@ -216,8 +229,8 @@ fn contour(map: &Heatmap, level: f64) -> Vec<[(f64, f64); 2]> {
     pieces
 }
 
-/// Colours of marks on a heat map: seen on every shade of it.
-const MARKS: [RGBColor; 4] = [
+/// Colours of marks, visible on every shade of a heat map.
+const MARK_COLOURS: [RGBColor; 4] = [
     RGBColor(0xD5, 0x1F, 0x3A),
     RGBColor(0x00, 0x72, 0xB2),
     RGBColor(0x11, 0x11, 0x11),
@@ -243,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_equal_value_lie_where_the_value_is() {
+    fn contours_of_a_plane_are_exact() {
         let axis: Vec<f64> = (0..9).map(|i| f64::from(i) / 8.0).collect();
         let plane = |x: f64, y: f64| 0.3 * x + 0.8 * y;
         let map = Heatmap {

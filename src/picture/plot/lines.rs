@@ -2,8 +2,8 @@
 
 use plotters::prelude::*;
 
-use super::frame::{Chart, Drawn, empty, error_bar, gridded, picture, units};
-use super::scale::{drawable, finite_pair, paint, range, widened};
+use super::frame::{Chart, DrawResult, chart_with_grid, empty, error_bar, plot_svg, subpixels};
+use super::scale::{extend, finite_pair, is_drawable, range, series_colour};
 
 /// One line or cloud of points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,22 +48,22 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves:
     let (Some(x), Some(y)) = (range(xs), range(ys)) else {
         return empty(title);
     };
-    let (x, y) = (widened(x, if clouds.is_empty() { 0.0 } else { 0.04 }), widened(y, 0.05));
+    let (x, y) = (extend(x, if clouds.is_empty() { 0.0 } else { 0.04 }), extend(y, 0.05));
     let legend: Vec<(String, RGBColor)> =
-        clean.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
+        clean.iter().enumerate().map(|(i, s)| (s.name.clone(), series_colour(i))).collect();
     let shown = if clean.len() > 1 { legend } else { Vec::new() };
-    picture(title, &shown, |area| {
-        let mut chart = gridded(area, &x, &y, x_label, y_label)?;
+    plot_svg(title, &shown, |area| {
+        let mut chart = chart_with_grid(area, &x, &y, x_label, y_label)?;
         for (i, s) in clean.iter().enumerate() {
-            draw_band(&mut chart, s, paint(i), joined(i))?;
+            draw_band(&mut chart, s, series_colour(i), joined(i))?;
         }
         for (i, s) in clean.iter().enumerate() {
-            let colour = paint(i);
+            let colour = series_colour(i);
             if joined(i) {
-                chart.draw_series([PathElement::new(s.points.clone(), colour.stroke_width(units(2)))])?;
+                chart.draw_series([PathElement::new(s.points.clone(), colour.stroke_width(subpixels(2)))])?;
             }
             if !joined(i) || (clouds.is_empty() && s.points.len() <= 30) {
-                let size = units(3);
+                let size = subpixels(3);
                 chart
                     .draw_series(s.points.iter().map(|p| Circle::new(*p, size, colour.mix(0.85).filled())))?;
             }
@@ -72,7 +72,7 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves:
     })
 }
 
-fn draw_band(chart: &mut Chart, s: &Series, colour: RGBColor, joined: bool) -> Drawn {
+fn draw_band(chart: &mut Chart, s: &Series, colour: RGBColor, joined: bool) -> DrawResult {
     let Some(band) = &s.band else { return Ok(()) };
     if joined {
         let low = s.points.iter().zip(band).map(|(p, b)| (p.0, b.0));
@@ -89,8 +89,8 @@ fn draw_band(chart: &mut Chart, s: &Series, colour: RGBColor, joined: bool) -> D
 
 fn finite_only(s: &Series) -> Series {
     let kept: Vec<usize> =
-        (0..s.points.len()).filter(|i| drawable(s.points[*i].0) && drawable(s.points[*i].1)).collect();
-    // Where a band is missing it has no width.
+        (0..s.points.len()).filter(|i| is_drawable(s.points[*i].0) && is_drawable(s.points[*i].1)).collect();
+    // A missing band has no width.
     let around = |b: &Vec<(f64, f64)>, i: usize| {
         finite_pair(b.get(i).copied()).unwrap_or((s.points[i].1, s.points[i].1))
     };

@@ -7,26 +7,26 @@ use plotters::prelude::RGBColor;
 
 use crate::picture::svg::{PALETTE, channels, decimals};
 
-/// Whether a value can stand on an axis; beyond 1e100 the arithmetic of axes overflows.
-pub(super) fn drawable(v: f64) -> bool {
+/// Whether a value can be drawn; beyond 1e100 the arithmetic of axes overflows.
+pub(super) fn is_drawable(v: f64) -> bool {
     v.abs() <= 1e100
 }
 
 pub(super) fn finite_pair(pair: Option<(f64, f64)>) -> Option<(f64, f64)> {
-    pair.filter(|(low, high)| drawable(*low) && drawable(*high))
+    pair.filter(|(low, high)| is_drawable(*low) && is_drawable(*high))
 }
 
 /// Smallest and largest of the finite values; none if there is none.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values
-        .filter(|v| drawable(*v))
+        .filter(|v| is_drawable(*v))
         .fold(None, |r, v| Some(r.map_or((v, v), |(low, high): (f64, f64)| (low.min(v), high.max(v)))))
 }
 
-/// The range with `share` of its length added at both ends, and some length in any case.
-pub(super) fn widened((low, high): (f64, f64), share: f64) -> Range<f64> {
+/// The range extended by `share` of its length at both ends, never empty.
+pub(super) fn extend((low, high): (f64, f64), share: f64) -> Range<f64> {
     let length = high - low;
-    // Numbers that differ by less cannot be told apart on an axis.
+    // Smaller differences are invisible on an axis.
     let least = low.abs().max(high.abs()).max(1e-9) * 1e-9;
     if length <= least {
         let pad = low.abs().max(1.0) * 0.5;
@@ -35,7 +35,7 @@ pub(super) fn widened((low, high): (f64, f64), share: f64) -> Range<f64> {
     low - share * length..high + share * length
 }
 
-/// A number under a tick mark: short, without the noise of binary fractions.
+/// A short tick label, without the noise of binary fractions.
 pub(super) fn tick(v: f64) -> String {
     let size = v.abs();
     if size < 1e-12 {
@@ -57,16 +57,16 @@ pub(super) fn tick(v: f64) -> String {
     }
 }
 
-/// Room for the numbers and the description beside an axis, px.
-pub(super) fn label_room(y: &Range<f64>, ticks: usize) -> u32 {
+/// Width for tick labels and description of an axis, px.
+pub(super) fn label_width(y: &Range<f64>, ticks: usize) -> u32 {
     use plotters::coord::ranged1d::Ranged;
     let axis: RangedCoordf64 = y.clone().into();
     let longest = axis.key_points(ticks).into_iter().map(|v| tick(v).chars().count()).max().unwrap_or(4);
     34 + 7 * longest as u32
 }
 
-/// The palette's colours, and darker each time round.
-pub(super) fn paint(index: usize) -> RGBColor {
+/// The palette's colours, darker with each repetition.
+pub(super) fn series_colour(index: usize) -> RGBColor {
     // Blue first: the best contrast for the plot of one series.
     const ORDER: [usize; 7] = [1, 0, 3, 4, 2, 5, 6];
     let round = (index / ORDER.len()) as i32;
@@ -102,15 +102,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn many_series_have_colours_of_their_own() {
-        let colours: Vec<RGBColor> = (0..20).map(paint).collect();
+    fn series_have_distinct_colours() {
+        let colours: Vec<RGBColor> = (0..20).map(series_colour).collect();
         for (i, one) in colours.iter().enumerate() {
             assert!(colours[i + 1..].iter().all(|other| other != one), "{i}: {one:?}");
         }
     }
 
     #[test]
-    fn tick_numbers_are_short() {
+    fn tick_labels_are_short() {
         let check = |v: f64, wanted: &str| assert_eq!(tick(v), wanted);
         check(0.1 + 0.2, "0.3");
         check(-0.0, "0");

@@ -1,69 +1,69 @@
-//! What an agent is: it learns from a fold's training tasks, and scores actions of others.
+//! Interface of an agent: it is trained on a fold's training tasks and scores actions of the test tasks.
 
 use serde::{Deserialize, Serialize};
 
 use super::folds::Fold;
-use crate::error::{Result, within};
+use crate::error::{Result, check_range};
 use crate::policy::TrainConfig;
-use crate::policy::table::{Place, Table};
+use crate::policy::outcome_table::{OutcomeTable, TaskIndex};
 use crate::progress::Progress;
-use crate::task::Labels;
+use crate::task::LabelCounts;
 
-/// An agent that can be compared: a row of [`agents`](super::agents).
+/// An agent: a row of [`agents`](super::agents).
 pub struct Agent {
     pub name: &'static str,
-    /// What it does, one sentence.
+    /// One-sentence description.
     pub about: &'static str,
-    /// Whether it needs tables of what the simulation believes.
+    /// Whether the agent needs tables of simulated outcomes.
     pub simulates: bool,
-    pub(super) learn: for<'a> fn(&Lessons<'a>, &dyn Progress) -> Result<Box<dyn Ranks + 'a>>,
+    pub(super) learn: for<'a> fn(&TrainingSet<'a>, &dyn Progress) -> Result<Box<dyn Ranker + 'a>>,
 }
 
-/// What an agent may learn from.
-pub struct Lessons<'a> {
-    pub tables: &'a [Table],
-    /// What the simulation believes: a table of the same actions for each of `tables`, or none at all.
-    pub beliefs: &'a [Table],
-    /// Training tasks, test tasks and seed.
+/// Training data of an agent.
+pub struct TrainingSet<'a> {
+    pub tables: &'a [OutcomeTable],
+    /// Outcomes predicted by the simulation: a table with the same actions for each of `tables`, or empty.
+    pub posteriors: &'a [OutcomeTable],
+    /// Fold with training tasks, test tasks and seed.
     pub fold: &'a Fold,
     pub config: &'a AgentsConfig,
 }
 
-/// Scores a table's actions in a task, the higher the sooner they are tried.
-pub trait Ranks {
-    /// (actions,)
-    fn scores(&self, place: Place) -> Result<Vec<f32>>;
+/// Scores a table's actions in a task; actions with higher scores are attempted first.
+pub trait Ranker {
+    /// (actions,) scores.
+    fn scores(&self, place: TaskIndex) -> Result<Vec<f32>>;
 }
 
-/// How agents learn.
+/// Configuration of the agents' training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentsConfig {
-    /// Valid actions of each training task that the DQN learns from.
+    /// Valid labelled actions per training task for the DQN.
     pub per_task: usize,
-    /// A task with fewer solving actions than this gives more of them...
+    /// Number of solving actions below which a task contributes additional actions.
     pub enough_solving: usize,
-    /// ... until they are this many times `per_task`.
+    /// Maximum number of actions per task, as a multiple of `per_task`.
     pub stretch: usize,
-    /// The DQN's training; a fold's seed takes the place of its seed.
+    /// Training configuration of the DQN; its seed is replaced by the fold's.
     pub train: TrainConfig,
 }
 
 impl AgentsConfig {
-    /// 2000 labelled actions a task, and batches of 64 for minutes on two cores; longer may rank better.
+    /// Standard preset: 2000 labelled actions per task and batches of 64; takes minutes on two cores. Longer training may rank better.
     pub fn standard() -> AgentsConfig {
         let train = TrainConfig { batches: 5000, batch_size: 64, learning_rate: 1e-3, hidden: 256, seed: 0 };
         AgentsConfig { per_task: 2000, enough_solving: 15, stretch: 5, train }
     }
 
-    /// Errors unless every value is allowed.
+    /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        within("per_task", self.per_task as f64, 1.0, 1e6)?;
+        check_range("per_task", self.per_task as f64, 1.0, 1e6)?;
         self.train.validate()
     }
 
-    pub(super) fn labels(&self) -> Labels {
+    pub(super) fn labels(&self) -> LabelCounts {
         let AgentsConfig { per_task, enough_solving, stretch, .. } = *self;
-        Labels { per_task, enough_solving, stretch }
+        LabelCounts { per_task, enough_solving, stretch }
     }
 }

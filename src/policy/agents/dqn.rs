@@ -1,42 +1,42 @@
-//! The DQN, trained on labelled actions of all training tasks at once, straight from their tables.
+//! The DQN agent, trained jointly on labelled actions of all training tasks from their outcome tables.
 //!
 //! Source: PHYRE's DQN (Bakhtin et al. 2019, section 5.1): balanced batches of actions of all training tasks, one network for
-//! all templates. See [`crate::policy::dqn`] for the network, [`crate::policy::shared`] for what it sees.
+//! all templates. See [`crate::policy::dqn`] for the network, [`crate::policy::generic_features`] for the inputs.
 //!
-//! Differences from the source: numbers about objects instead of images; a solving and a failing action of the same task
-//! make a pair (PHYRE draws both kinds from all tasks); far fewer updates.
+//! Differences from the source: object features instead of images; pairs of a solving and a failing action of the same task (PHYRE
+//! draws both from all tasks); far fewer updates.
 
-use super::agent::{Agent, Lessons, Ranks};
+use super::agent::{Agent, Ranker, TrainingSet};
 use crate::error::Result;
 use crate::policy::TrainConfig;
-use crate::policy::dqn::{Dqn, train_seeing};
-use crate::policy::table::{Lesson, Place, Table};
-use crate::policy::view::View;
+use crate::policy::dqn::{Dqn, train_with_features};
+use crate::policy::feature_set::FeatureSet;
+use crate::policy::outcome_table::{OutcomeDataset, OutcomeTable, TaskIndex};
 use crate::progress::Progress;
 
 pub(super) const AGENT: Agent = Agent {
     name: "dqn",
-    about: "learns from labelled actions of the training tasks to score actions of others",
+    about: "scores actions with a DQN trained on labelled actions of the training tasks",
     simulates: false,
     learn: |lessons, progress| Ok(Box::new(learn(lessons, progress)?)),
 };
 
-struct Learned<'a> {
-    tables: &'a [Table],
+struct DqnRanker<'a> {
+    tables: &'a [OutcomeTable],
     dqn: Dqn,
 }
 
-fn learn<'a>(lessons: &Lessons<'a>, progress: &dyn Progress) -> Result<Learned<'a>> {
+fn learn<'a>(lessons: &TrainingSet<'a>, progress: &dyn Progress) -> Result<DqnRanker<'a>> {
     let (fold, config) = (lessons.fold, lessons.config);
-    let lesson = Lesson::new(lessons.tables, &fold.train, &config.labels(), fold.seed);
+    let lesson = OutcomeDataset::new(lessons.tables, &fold.train, &config.labels(), fold.seed);
     let train = TrainConfig { seed: fold.seed, ..config.train.clone() };
-    // With one view for all, whether tables are of one family or of many.
-    let (dqn, _) = train_seeing(View::Shared, &lesson, None, &train, progress)?;
-    Ok(Learned { tables: lessons.tables, dqn })
+    // The same feature set for tables of one or several families.
+    let (dqn, _) = train_with_features(FeatureSet::Shared, &lesson, None, &train, progress)?;
+    Ok(DqnRanker { tables: lessons.tables, dqn })
 }
 
-impl Ranks for Learned<'_> {
-    fn scores(&self, place: Place) -> Result<Vec<f32>> {
+impl Ranker for DqnRanker<'_> {
+    fn scores(&self, place: TaskIndex) -> Result<Vec<f32>> {
         let table = &self.tables[place.table];
         self.dqn.score_any(&table.tasks()[place.task], table.actions())
     }

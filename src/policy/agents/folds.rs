@@ -1,85 +1,92 @@
-//! Which tasks are learned from and which are tried.
+//! Cross-validation folds: training and test tasks.
 //!
-//! Source: PHYRE's settings (Bakhtin et al. 2019, section 3): *within template*, 80 % of the tasks of each template are
-//! learned from and the rest are tried; *across templates*, 80 % of the templates, and tasks of the others are tried. Ten folds.
+//! Source: PHYRE's generalization settings (Bakhtin et al. 2019, section 3), ten folds each. *Within template*: 80 % of the tasks of
+//! each template are for training, the rest for testing. *Across templates*: 80 % of the templates are for training, the others
+//! for testing.
 
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::policy::table::{Place, Table};
+use crate::policy::outcome_table::{OutcomeTable, TaskIndex};
 use crate::rng;
 
-/// What is new about test tasks.
+/// Generalization setting: relation between training and test tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Setting {
-    /// Other tasks of families that were learned from.
+pub enum GeneralizationSetting {
+    /// Test tasks are new tasks of the training families.
     Within,
-    /// Families that were not.
+    /// Test tasks are of new families.
     Across,
 }
 
-/// One way to deal tasks to learning and trying.
+/// A split of tasks into training and test tasks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fold {
-    pub setting: Setting,
-    /// From 0.
+    pub setting: GeneralizationSetting,
+    /// Number of the fold, from 0.
     pub number: usize,
-    /// Decides the deal, and everything random about agents in this fold.
+    /// Seed of the split and of the agents in this fold.
     pub seed: u64,
-    pub train: Vec<Place>,
-    pub test: Vec<Place>,
+    pub train: Vec<TaskIndex>,
+    pub test: Vec<TaskIndex>,
 }
 
-/// Share that is learned from.
-const LEARNED: f64 = 0.8;
+/// Training share.
+const TRAINING_SHARE: f64 = 0.8;
 
-impl Setting {
-    /// Both.
-    pub const ALL: [Setting; 2] = [Setting::Within, Setting::Across];
+impl GeneralizationSetting {
+    /// Both settings.
+    pub const ALL: [GeneralizationSetting; 2] =
+        [GeneralizationSetting::Within, GeneralizationSetting::Across];
 
-    /// The name used on the command line and in results.
+    /// Name on the command line and in results.
     pub fn name(self) -> &'static str {
         match self {
-            Setting::Within => "within",
-            Setting::Across => "across",
+            GeneralizationSetting::Within => "within",
+            GeneralizationSetting::Across => "across",
         }
     }
 
-    /// The setting of that name.
-    pub fn from_name(name: &str) -> Result<Setting> {
-        let found = Setting::ALL.into_iter().find(|s| s.name() == name);
+    /// The setting called `name`.
+    pub fn from_name(name: &str) -> Result<GeneralizationSetting> {
+        let found = GeneralizationSetting::ALL.into_iter().find(|s| s.name() == name);
         found.ok_or_else(|| Error::input("setting", format!("{name:?}"), "within, across"))
     }
 }
 
-/// Fold `number` of tables, each of another family. It depends on the seed, on the families' names and on how many tasks
-/// they have, and not on the order of the tables.
-pub fn fold(tables: &[Table], setting: Setting, number: usize, seed: u64) -> Result<Fold> {
-    let seed = rng::derive(seed, "agents fold", number as u64);
-    let all = |table: usize| (0..tables[table].tasks().len()).map(move |task| Place { table, task });
+/// Fold `number` of tables of distinct families. It depends on the seed, the families' names and their numbers of tasks, but not
+/// on the order of the tables.
+pub fn fold(
+    tables: &[OutcomeTable],
+    setting: GeneralizationSetting,
+    number: usize,
+    seed: u64,
+) -> Result<Fold> {
+    let seed = rng::derive_seed(seed, "agents fold", number as u64);
+    let all = |table: usize| (0..tables[table].tasks().len()).map(move |task| TaskIndex { table, task });
     let (mut train, mut test) = (Vec::new(), Vec::new());
     match setting {
-        Setting::Within => {
+        GeneralizationSetting::Within => {
             for (t, table) in tables.iter().enumerate() {
-                let own = rng::derive(seed, table.family(), 0);
-                let mut places: Vec<Place> = all(t).collect();
+                let own = rng::derive_seed(seed, table.family(), 0);
+                let mut places: Vec<TaskIndex> = all(t).collect();
                 places.shuffle(&mut rng::stream(own, "agents within"));
-                let learned = dealt(places.len()).ok_or_else(|| {
+                let learned = fold_assignment(places.len()).ok_or_else(|| {
                     let field = format!("tasks of {}", table.family());
-                    Error::input(field, places.len(), "at least 2, to learn from some and try others")
+                    Error::input(field, places.len(), "at least 2, for training and testing")
                 })?;
                 test.extend(places.split_off(learned));
                 train.extend(places);
             }
         }
-        Setting::Across => {
+        GeneralizationSetting::Across => {
             let mut families: Vec<usize> = (0..tables.len()).collect();
             families.sort_by_key(|t| tables[*t].family());
             families.shuffle(&mut rng::stream(seed, "agents across"));
-            let learned = dealt(families.len()).ok_or_else(|| {
-                let allowed = "at least 2, to learn from some and try others; or the setting within";
+            let learned = fold_assignment(families.len()).ok_or_else(|| {
+                let allowed = "at least 2, for training and testing; or the setting within";
                 Error::input("families for across", families.len(), allowed)
             })?;
             test.extend(families[learned..].iter().flat_map(|t| all(*t)));
@@ -91,9 +98,9 @@ pub fn fold(tables: &[Table], setting: Setting, number: usize, seed: u64) -> Res
     Ok(Fold { setting, number, seed, train, test })
 }
 
-/// How many of `n` are learned from: at least one, and one is left; `None` where that cannot be.
-fn dealt(n: usize) -> Option<usize> {
-    let learned = (LEARNED * n as f64).round() as usize;
+/// Number of training items of `n`, with at least one training and one test item; `None` if that is impossible.
+fn fold_assignment(n: usize) -> Option<usize> {
+    let learned = (TRAINING_SHARE * n as f64).round() as usize;
     (n >= 2).then(|| learned.clamp(1, n - 1))
 }
 
@@ -102,28 +109,28 @@ mod tests {
     use super::*;
     use crate::policy::toy;
 
-    fn tables(families: usize, tasks: usize) -> Vec<Table> {
+    fn tables(families: usize, tasks: usize) -> Vec<OutcomeTable> {
         let one = |f: usize| toy::table(&format!("f{f}"), &toy::tasks(tasks), 2, |_, i| [1, -1][i]);
         (0..families).map(one).collect()
     }
 
     #[test]
-    fn shares_are_those_of_the_protocol_and_nothing_is_learned_and_tried() {
+    fn folds_match_protocol_and_are_disjoint() {
         let tables = tables(10, 20);
-        for setting in Setting::ALL {
+        for setting in GeneralizationSetting::ALL {
             let folds: Vec<Fold> = (0..10).map(|k| fold(&tables, setting, k, 1).unwrap()).collect();
             for f in &folds {
                 assert_eq!((f.train.len(), f.test.len()), (160, 40));
                 assert!(f.train.iter().all(|p| !f.test.contains(p)));
-                let families = |places: &[Place]| {
+                let families = |places: &[TaskIndex]| {
                     let mut all: Vec<usize> = places.iter().map(|p| p.table).collect();
                     all.dedup();
                     all
                 };
                 let (learned, tried) = (families(&f.train), families(&f.test));
                 match setting {
-                    Setting::Within => assert!(learned.len() == 10 && tried.len() == 10),
-                    Setting::Across => {
+                    GeneralizationSetting::Within => assert!(learned.len() == 10 && tried.len() == 10),
+                    GeneralizationSetting::Across => {
                         assert_eq!((learned.len(), tried.len()), (8, 2));
                         assert!(tried.iter().all(|t| !learned.contains(t)));
                     }
@@ -135,11 +142,11 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_tables_does_not_matter() {
+    fn folds_are_independent_of_table_order() {
         let tables = tables(5, 6);
-        let turned: Vec<Table> = tables.iter().rev().cloned().collect();
-        for setting in Setting::ALL {
-            let ids = |tables: &[Table]| {
+        let turned: Vec<OutcomeTable> = tables.iter().rev().cloned().collect();
+        for setting in GeneralizationSetting::ALL {
+            let ids = |tables: &[OutcomeTable]| {
                 let f = fold(tables, setting, 3, 7).unwrap();
                 let mut ids: Vec<String> =
                     f.test.iter().map(|p| tables[p.table].tasks()[p.task].id.clone()).collect();
@@ -151,14 +158,14 @@ mod tests {
     }
 
     #[test]
-    fn too_little_to_deal_is_refused() {
-        let refused = |tables: &[Table], setting, wanted: &str| {
+    fn rejects_too_few_items() {
+        let refused = |tables: &[OutcomeTable], setting, wanted: &str| {
             let error = fold(tables, setting, 0, 0).unwrap_err().to_string();
             assert!(error.contains(wanted), "{error}");
         };
-        refused(&tables(1, 5), Setting::Across, "`families for across` is 1");
-        refused(&tables(2, 1), Setting::Within, "tasks of f0");
-        let two = fold(&tables(2, 2), Setting::Across, 0, 0).unwrap();
+        refused(&tables(1, 5), GeneralizationSetting::Across, "`families for across` is 1");
+        refused(&tables(2, 1), GeneralizationSetting::Within, "tasks of f0");
+        let two = fold(&tables(2, 2), GeneralizationSetting::Across, 0, 0).unwrap();
         assert_eq!((two.train.len(), two.test.len()), (2, 2));
     }
 }

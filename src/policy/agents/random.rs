@@ -1,21 +1,21 @@
-//! The floor: valid actions in random order.
+//! Random baseline: valid actions in random order.
 
-use super::agent::{Agent, Ranks};
+use super::agent::{Agent, Ranker};
 use crate::error::Result;
-use crate::policy::table::{Place, Table};
+use crate::policy::outcome_table::{OutcomeTable, TaskIndex};
 
 pub(super) const AGENT: Agent = Agent {
     name: "random",
     about: "tries valid actions in random order",
     simulates: false,
-    learn: |lessons, _| Ok(Box::new(Random(lessons.tables))),
+    learn: |lessons, _| Ok(Box::new(RandomRanker(lessons.tables))),
 };
 
-/// Knows no action from the other: equal scores are tried in random order.
-struct Random<'a>(&'a [Table]);
+/// Gives all actions the same score; ties are attempted in random order.
+struct RandomRanker<'a>(&'a [OutcomeTable]);
 
-impl Ranks for Random<'_> {
-    fn scores(&self, place: Place) -> Result<Vec<f32>> {
+impl Ranker for RandomRanker<'_> {
+    fn scores(&self, place: TaskIndex) -> Result<Vec<f32>> {
         Ok(vec![0.0; self.0[place.table].actions().len()])
     }
 }

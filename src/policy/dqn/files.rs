@@ -1,6 +1,6 @@
-//! Files of weights: what they hold, and what is refused (tests).
+//! Tests of weights files: contents and rejected files.
 
-use crate::policy::features;
+use crate::policy::family_features;
 use rand::RngExt;
 
 use super::tests::{actions, trained};
@@ -8,7 +8,7 @@ use super::*;
 use crate::policy::toy;
 use crate::rng;
 
-/// One layer in plain Rust, reading the tensors as PyTorch's `Linear` would: y_o = sum_i W[o, i] x_i + b_o.
+/// Reference implementation of one layer, as in PyTorch's `Linear`: y_o = sum_i W[o, i] x_i + b_o.
 fn linear(file: &safetensors::SafeTensors, name: &str, x: &[f64]) -> Vec<f64> {
     let read = |part: &str| -> (Vec<usize>, Vec<f64>) {
         let tensor = file.tensor(&format!("{name}.{part}")).unwrap();
@@ -22,7 +22,7 @@ fn linear(file: &safetensors::SafeTensors, name: &str, x: &[f64]) -> Vec<f64> {
 }
 
 #[test]
-fn the_file_alone_gives_the_scores() {
+fn scores_follow_from_the_file_alone() {
     let (dqn, task) = (trained(), toy::task(0.27));
     let bytes = dqn.to_safetensors().unwrap();
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
@@ -30,8 +30,8 @@ fn the_file_alone_gives_the_scores() {
     let relu = |v: Vec<f64>| -> Vec<f64> { v.into_iter().map(|x| x.max(0.0)).collect() };
     let some = actions(&task, 20);
     for (action, score) in some.iter().zip(dqn.score(&task, &some).unwrap()) {
-        let seen = relu(linear(&file, "scene", &wide(features::scene_features(&task))));
-        let done = relu(linear(&file, "action", &wide(features::action_features(&task, action))));
+        let seen = relu(linear(&file, "scene", &wide(family_features::scene_features(&task))));
+        let done = relu(linear(&file, "action", &wide(family_features::action_features(&task, action))));
         let (gamma, beta) = (linear(&file, "film_gamma", &done), linear(&file, "film_beta", &done));
         let film = (0..seen.len()).map(|i| (1.0 + gamma[i]) * seen[i] + beta[i]).collect();
         let by_hand = linear(&file, "score", &relu(linear(&file, "hidden", &relu(film))))[0];
@@ -40,7 +40,7 @@ fn the_file_alone_gives_the_scores() {
 }
 
 #[test]
-fn saved_and_loaded_is_the_same() {
+fn round_trips_through_bytes() {
     let (dqn, task) = (trained(), toy::task(0.7));
     let bytes = dqn.to_safetensors().unwrap();
     let loaded = Dqn::from_safetensors(&bytes).unwrap();
@@ -57,7 +57,7 @@ fn with_header(bytes: &[u8], edit: impl Fn(String) -> String) -> Vec<u8> {
 }
 
 #[test]
-fn weights_that_do_not_fit_are_refused_by_name() {
+fn rejects_incompatible_weights() {
     let bytes = trained().to_safetensors().unwrap();
     let check = |bytes: &[u8], wanted: &str| match Dqn::from_safetensors(bytes) {
         Err(Error::Input(input)) => {
@@ -92,7 +92,7 @@ fn weights_that_do_not_fit_are_refused_by_name() {
     check(&not_finite, "finite");
 }
 
-/// Whatever is done to a file, loading it gives a policy or an error that names what is wrong.
+/// Loading a corrupted file gives a policy or an error, never a panic.
 #[test]
 fn corrupted_files_never_panic() {
     let bytes = trained().to_safetensors().unwrap();

@@ -1,8 +1,8 @@
-//! The network as tensors, and how its weights begin.
+//! The network and its initial weights.
 
 use dfdx::prelude::{Cpu, Tape};
 
-use crate::neural::{Affine, Layer, Matrix, affine, tensors};
+use crate::neural::{Affine, DenseLayer, Matrix, affine, tensors};
 use crate::rng;
 
 /// Names and shapes of the layers.
@@ -17,10 +17,10 @@ pub(super) fn shapes([scene, action]: [usize; 2], hidden: usize) -> [(&'static s
     ]
 }
 
-/// Layers as they begin.
-pub(super) fn initial(dimensions: [usize; 2], hidden: usize, seed: u64) -> Vec<Layer> {
+/// Layers with initial weights.
+pub(super) fn initial(dimensions: [usize; 2], hidden: usize, seed: u64) -> Vec<DenseLayer> {
     let mut stream = rng::stream(seed, "dqn weights");
-    shapes(dimensions, hidden).map(|(name, shape)| Layer::drawn(name, shape, &mut stream)).into()
+    shapes(dimensions, hidden).map(|(name, shape)| DenseLayer::random(name, shape, &mut stream)).into()
 }
 
 /// The layers as tensors.
@@ -29,7 +29,7 @@ pub(super) struct Net {
 }
 
 impl Net {
-    pub(super) fn new(layers: &[Layer], device: &Cpu) -> Net {
+    pub(super) fn new(layers: &[DenseLayer], device: &Cpu) -> Net {
         Net { layers: tensors(layers, device) }
     }
 

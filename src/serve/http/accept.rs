@@ -1,70 +1,71 @@
-//! Which form of an answer a client accepts (RFC 9110, section 12.5.1).
+//! Content negotiation: the response format of a client's `Accept` header (RFC 9110, section 12.5.1).
 
 use axum::http::HeaderMap;
 
-use crate::serve::wire::{Form, MSGPACK};
+use crate::serve::wire::{MSGPACK, WireFormat};
 
-/// The form a client likes best: msgpack if it names it and likes it no less than JSON, the first named being preferred
-/// among equals. What has a quality of 0 is not accepted; where neither is, JSON is given all the same.
-pub fn accepted(headers: &HeaderMap) -> Form {
-    let mut found = Found::default();
+/// The preferred format: msgpack if it is named and its quality is not below JSON's, the first named winning ties. A quality of
+/// 0 excludes a format; if both are excluded, the response is JSON.
+pub fn negotiate(headers: &HeaderMap) -> WireFormat {
+    let mut formats = AcceptedFormats::default();
     let values = headers.get_all("accept").into_iter().filter_map(|v| v.to_str().ok());
-    for (place, range) in values.flat_map(|v| v.split(',')).enumerate() {
+    for (position, range) in values.flat_map(|v| v.split(',')).enumerate() {
         let mut parts = range.split(';').map(str::trim);
         let kind = parts.next().unwrap_or_default().to_ascii_lowercase();
         let parameters: Vec<String> = parts.map(str::to_ascii_lowercase).collect();
         let quality = parameters.iter().find_map(|p| p.strip_prefix("q=")).map_or(1.0, |q| {
-            // What is no number says nothing.
+            // A malformed quality counts as 1.
             q.parse().unwrap_or(1.0)
         });
-        let liked = Liked { quality, place, raw: parameters.iter().any(|p| p == "arrays=raw") };
+        let accept_range =
+            AcceptRange { quality, position, raw: parameters.iter().any(|p| p == "arrays=raw") };
         match kind.as_str() {
-            MSGPACK => keep(&mut found.msgpack, liked),
-            "application/json" => keep(&mut found.json, liked),
-            "application/*" | "*/*" => keep(&mut found.any, liked),
+            MSGPACK => prefer(&mut formats.msgpack, accept_range),
+            "application/json" => prefer(&mut formats.json, accept_range),
+            "application/*" | "*/*" => prefer(&mut formats.any, accept_range),
             _ => {}
         }
     }
-    found.form()
+    formats.form()
 }
 
-/// What was said of each form.
+/// Ranges of the header, by format.
 #[derive(Default)]
-struct Found {
-    msgpack: Option<Liked>,
-    json: Option<Liked>,
-    /// Of whatever is not named.
-    any: Option<Liked>,
+struct AcceptedFormats {
+    msgpack: Option<AcceptRange>,
+    json: Option<AcceptRange>,
+    /// Wildcard.
+    any: Option<AcceptRange>,
 }
 
 #[derive(Clone, Copy)]
-struct Liked {
-    /// From 0, not accepted, to 1.
+struct AcceptRange {
+    /// From 0, not acceptable, to 1.
     quality: f64,
-    /// Number of the range in the header.
-    place: usize,
+    /// Position of the range in the header.
+    position: usize,
     raw: bool,
 }
 
-/// Keeps what is said first; a form may be named twice, with and without raw arrays.
-fn keep(known: &mut Option<Liked>, liked: Liked) {
-    if known.is_none_or(|k| liked.quality > k.quality) {
-        *known = Some(liked);
+/// Keeps the range of higher quality, else the first; a format may be named twice, with and without raw arrays.
+fn prefer(best: &mut Option<AcceptRange>, accept_range: AcceptRange) {
+    if best.is_none_or(|k| accept_range.quality > k.quality) {
+        *best = Some(accept_range);
     }
 }
 
-impl Found {
-    fn form(&self) -> Form {
-        let accepted = |named: Option<Liked>| named.or(self.any).filter(|l| l.quality > 0.0);
-        let Some(msgpack) = accepted(self.msgpack) else { return Form::Json };
+impl AcceptedFormats {
+    fn form(&self) -> WireFormat {
+        let accepted = |named: Option<AcceptRange>| named.or(self.any).filter(|l| l.quality > 0.0);
+        let Some(msgpack) = accepted(self.msgpack) else { return WireFormat::Json };
         let better = match accepted(self.json) {
             None => true,
             Some(json) => {
-                let earlier = self.msgpack.is_some() && msgpack.place < json.place;
+                let earlier = self.msgpack.is_some() && msgpack.position < json.position;
                 msgpack.quality > json.quality || (msgpack.quality == json.quality && earlier)
             }
         };
-        if better { Form::Msgpack { raw: msgpack.raw } } else { Form::Json }
+        if better { WireFormat::Msgpack { raw: msgpack.raw } } else { WireFormat::Json }
     }
 }
 
@@ -72,31 +73,31 @@ impl Found {
 mod tests {
     use super::*;
 
-    fn of(accept: &[&str]) -> Form {
+    fn of(accept: &[&str]) -> WireFormat {
         let values = accept.iter().map(|v| (axum::http::header::ACCEPT, v.parse().unwrap()));
-        accepted(&values.collect())
+        negotiate(&values.collect())
     }
 
     #[test]
-    fn what_is_not_accepted_is_not_given() {
-        let packed = Form::Msgpack { raw: false };
-        assert_eq!(of(&["application/msgpack;q=0, application/json"]), Form::Json);
-        assert_eq!(of(&["application/msgpack; q=0.0"]), Form::Json);
+    fn excludes_quality_zero() {
+        let packed = WireFormat::Msgpack { raw: false };
+        assert_eq!(of(&["application/msgpack;q=0, application/json"]), WireFormat::Json);
+        assert_eq!(of(&["application/msgpack; q=0.0"]), WireFormat::Json);
         assert_eq!(of(&["application/json;q=0, application/msgpack"]), packed);
         assert_eq!(of(&["application/json;q=0, */*"]), packed);
     }
 
     #[test]
-    fn the_form_liked_best_is_given_and_the_first_of_equals() {
-        let packed = Form::Msgpack { raw: false };
+    fn prefers_quality_then_order() {
+        let packed = WireFormat::Msgpack { raw: false };
         for json in [&[][..], &["*/*"], &["text/html"], &["application/json, application/msgpack"]] {
-            assert_eq!(of(json), Form::Json, "{json:?}");
+            assert_eq!(of(json), WireFormat::Json, "{json:?}");
         }
         assert_eq!(of(&["application/json;q=0.5, application/msgpack"]), packed);
-        assert_eq!(of(&["application/msgpack;q=0.5, application/json"]), Form::Json);
+        assert_eq!(of(&["application/msgpack;q=0.5, application/json"]), WireFormat::Json);
         assert_eq!(of(&["application/msgpack", "application/json"]), packed);
         assert_eq!(of(&["application/msgpack, */*"]), packed);
-        let raw = Form::Msgpack { raw: true };
+        let raw = WireFormat::Msgpack { raw: true };
         assert_eq!(of(&["Application/Msgpack; arrays=raw, application/json"]), raw);
     }
 }

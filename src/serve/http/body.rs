@@ -1,4 +1,4 @@
-//! Bodies within their limit.
+//! Reads request bodies up to a limit.
 
 use axum::body::Body;
 use tokio_stream::StreamExt;
@@ -7,29 +7,29 @@ use crate::error::Error;
 use crate::serve::limits::Limits;
 use crate::serve::problem::Problem;
 
-/// Largest body, bytes.
-const LIMIT: usize = 16 * 1024 * 1024;
-/// How much of a body above the limit is read and dropped before the connection is, bytes.
-const DRAINED: usize = 8 * LIMIT;
+/// Maximum size of a body, bytes.
+const MAX_BODY_BYTES: usize = 16 * 1024 * 1024;
+/// Amount of an oversized body that is read and discarded before the connection is closed, bytes.
+const MAX_DRAINED_BYTES: usize = 8 * MAX_BODY_BYTES;
 
-/// The whole body, if it comes within so many seconds. A client still sending when the answer comes may never read it, hence the draining.
+/// Reads the whole body within a timeout. An oversized body is drained: a client that is still sending may never read the response.
 pub async fn read(body: Body, seconds: f64) -> Result<Vec<u8>, Problem> {
-    let read = tokio::time::timeout(Limits::span(seconds), whole(body)).await;
-    read.unwrap_or_else(|_| Err(Problem::slow(seconds)))
+    let read = tokio::time::timeout(Limits::duration(seconds), read_all(body)).await;
+    read.unwrap_or_else(|_| Err(Problem::body_timeout(seconds)))
 }
 
-async fn whole(body: Body) -> Result<Vec<u8>, Problem> {
+async fn read_all(body: Body) -> Result<Vec<u8>, Problem> {
     let mut parts = body.into_data_stream();
     let (mut bytes, mut length) = (Vec::new(), 0);
     while let Some(part) = parts.next().await {
         let part =
             part.map_err(|e| Problem::malformed(Error::input("body", e, "a body that arrives whole")))?;
         length += part.len();
-        if length <= LIMIT {
+        if length <= MAX_BODY_BYTES {
             bytes.extend_from_slice(&part);
-        } else if length > DRAINED {
+        } else if length > MAX_DRAINED_BYTES {
             break;
         }
     }
-    if length > LIMIT { Err(Problem::body_too_large(LIMIT)) } else { Ok(bytes) }
+    if length > MAX_BODY_BYTES { Err(Problem::body_too_large(MAX_BODY_BYTES)) } else { Ok(bytes) }
 }

@@ -1,6 +1,6 @@
-//! The OpenAPI document: what each operation says of itself, and what is said of all, so that generated clients and tests
-//! made from it meet no surprise: a description of every response, bounds of parameters that many operations share,
-//! whole numbers beyond 63 bits, bytes as bytes.
+//! The OpenAPI document: the operations' descriptions and what they share. For generated clients and tests it is complete: every
+//! response has a description, shared parameters have bounds, unsigned integers go beyond 63 bits, and binary bodies are
+//! binary.
 
 use axum::http::StatusCode;
 use utoipa::openapi::link::Link;
@@ -12,60 +12,60 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{Content, OpenApi, RefOr, Required};
 use utoipa::{Number, OpenApi as _};
 
-use crate::serve::operation::{Lead, TOKEN};
+use crate::serve::operation::{ResponseLink, SECURITY_SCHEME};
 use crate::serve::problem::Problem;
 
-/// Everything but what the operations say of themselves.
+/// The document without the operations.
 #[derive(utoipa::OpenApi)]
 #[openapi(
     info(
         title = "iplw",
         description = "2D physics worlds to act in, latent factors to estimate, policies to transfer. \
             All quantities are SI. Every error is a problem (RFC 9457) that names the field, its value and what \
-            is allowed. A POST that makes something takes an `Idempotency-Key`: repeated under the same key, it \
-            makes nothing and is answered the same. Lists come in pages: `limit`, and `cursor` from the `next` of \
-            the page before. Every route that takes JSON takes the same map as `application/msgpack`, and gives it \
-            where that is accepted. In msgpack an array may be extension 78, `[dtype, shape, bytes]` with NumPy's \
-            dtype, little endian, C order; answers have them so on `Accept: application/msgpack; arrays=raw`.",
+            is allowed. A POST that creates something accepts an `Idempotency-Key`: repeated with the same key, it has \
+            no further effect and gets the same response. Lists are paginated: `limit`, and `cursor` from the `next` of \
+            the previous page. Every route that accepts JSON accepts the same map as `application/msgpack`, and returns it \
+            if the client accepts it. In msgpack an array may be extension 78, `[dtype, shape, bytes]` with NumPy's \
+            dtype, little endian, C order; responses use it on `Accept: application/msgpack; arrays=raw`.",
     ),
     tags(
         (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
-        (name = "batch", description = "Many worlds in one request: all of it is done, or nothing."),
-        (name = "tasks", description = "Built-in families of tasks."),
-        (name = "workflow", description = "Explore, measure, estimate: as a job."),
+        (name = "batch", description = "Many worlds in one request, atomically."),
+        (name = "tasks", description = "Task families."),
+        (name = "workflow", description = "Explore, measure and estimate, as jobs."),
         (name = "policies", description = "Train, act, evaluate, download and upload weights."),
-        (name = "jobs", description = "Long work: progress by server-sent events, cancel."),
+        (name = "jobs", description = "Long-running work: progress by server-sent events, cancellation."),
         (name = "system", description = "Health, metrics, this document."),
     ),
     components(schemas(Problem))
 )]
-struct Head;
+struct DocumentHeader;
 
 /// The document of these operations: pretty JSON with a newline at the end.
 pub fn document(operations: &[crate::serve::operation::Operation]) -> String {
-    let mut document = Head::openapi();
+    let mut document = DocumentHeader::openapi();
     document.info.version = env!("CARGO_PKG_VERSION").into();
     let schemas = &mut document.components.get_or_insert_default().schemas;
     for operation in operations {
-        schemas.extend(operation.described.schemas.iter().cloned());
-        let mut described = operation.described.operation();
-        operation.described.leads.iter().for_each(|lead| links(lead, operations, &mut described));
+        schemas.extend(operation.doc.schemas.iter().cloned());
+        let mut described = operation.doc.operation();
+        operation.doc.links.iter().for_each(|lead| links(lead, operations, &mut described));
         let item = PathItem::new(operation.method.clone(), described);
         document.paths =
             PathsBuilder::from(std::mem::take(&mut document.paths)).path(operation.path, item).build();
     }
     let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-        "A token of `iplw token new`, with the scope that each operation names. A server that has no tokens asks \
-         for none.",
+        "A token of `iplw token new`, with the scope that each operation names. A server without tokens needs \
+         none.",
     ));
     let components = document.components.get_or_insert_default();
-    components.add_security_scheme(TOKEN, SecurityScheme::Http(token.build()));
+    components.add_security_scheme(SECURITY_SCHEME, SecurityScheme::Http(token.build()));
     complete(&mut document);
     document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
 }
 
-/// Links an answer to every operation that is asked for with the id it tells.
-fn links(lead: &Lead, operations: &[crate::serve::operation::Operation], from: &mut Operation) {
+/// Adds OpenAPI links from a response to the operations that take the id it contains.
+fn links(lead: &ResponseLink, operations: &[crate::serve::operation::Operation], from: &mut Operation) {
     let below = |path: &str| {
         path.strip_prefix(lead.path).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
     };
@@ -96,21 +96,21 @@ fn operation(operation: &mut Operation) {
         let RefOr::T(response) = response else { continue };
         if response.description.is_empty() {
             let code = status.parse().ok().and_then(|code| StatusCode::from_u16(code).ok());
-            response.description = code.and_then(|c| c.canonical_reason()).unwrap_or("The answer").into();
+            response.description = code.and_then(|c| c.canonical_reason()).unwrap_or("Response").into();
         }
         response.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
     }
     operation.parameters.iter_mut().flatten().for_each(parameter);
 }
 
-/// References to schemas without a required field.
+/// References to schemas without required fields.
 fn optional(document: &OpenApi) -> Vec<String> {
     let schemas = document.components.iter().flat_map(|c| &c.schemas);
     let empty = schemas.filter(|(_, s)| matches!(s, RefOr::T(Schema::Object(o)) if o.required.is_empty()));
     empty.map(|(name, _)| format!("#/components/schemas/{name}")).collect()
 }
 
-/// No body is `{}`: where every field may be absent, so may the body.
+/// A missing body is `{}`, so the body is optional if all fields are.
 fn body(operation: &mut Operation, optional: &[String]) {
     let Some(RefOr::T(body)) = &mut operation.request_body else { return };
     body.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
@@ -123,7 +123,7 @@ fn body(operation: &mut Operation, optional: &[String]) {
     }
 }
 
-/// Bounds that hold wherever a parameter of this name is.
+/// Bounds of parameters, by name.
 fn parameter(parameter: &mut RefOr<Parameter>) {
     let RefOr::T(parameter) = parameter else { return };
     let Some(RefOr::T(Schema::Object(object))) = &mut parameter.schema else { return };
@@ -137,7 +137,7 @@ fn parameter(parameter: &mut RefOr<Parameter>) {
     }
 }
 
-/// A body that is neither text nor JSON is bytes, not a list of numbers.
+/// A body that is neither text nor JSON is binary, not a list of numbers.
 fn bytes(kind: &str, content: &mut RefOr<Content>) {
     let RefOr::T(content) = content else { return };
     if kind == "application/octet-stream" || kind.starts_with("image/png") {
@@ -148,7 +148,7 @@ fn bytes(kind: &str, content: &mut RefOr<Content>) {
     }
 }
 
-/// Whole numbers from 0 on go to 2^64 - 1; `int64` would say 2^63 - 1.
+/// Unsigned integers go up to 2^64 - 1; `int64` would limit them to 2^63 - 1.
 fn schema(node: &mut RefOr<Schema>) {
     let RefOr::T(node) = node else { return };
     match node {

@@ -1,4 +1,4 @@
-//! Connections: taken, timed, and let go when the server stops, when nothing comes of them, or when there are too many.
+//! Accepts connections and serves them until the server stops, a timeout expires, or they are evicted.
 
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
@@ -17,17 +17,17 @@ use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tower_service::Service;
 
-use super::seat::{Open, Seat};
-use super::timed::{Held, Timed};
+use super::connections::{ConnectionHandle, ConnectionRegistry};
+use super::timeouts::{GuardedBody, TimeoutStream};
 use super::tls::Tls;
 use crate::serve::client::Client;
-use crate::serve::shared::Shared;
+use crate::serve::state::AppState;
 
-/// Answers until the server stops; then ends what is under way.
-pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, tls: Option<Arc<Tls>>) {
-    let open = Open::new(shared.http.clone(), &shared.limits);
+/// Serves until the server stops, then finishes the requests in flight.
+pub async fn serve(listener: TcpListener, router: Router, shared: Arc<AppState>, tls: Option<Arc<Tls>>) {
+    let registry = ConnectionRegistry::new(shared.http_connections.clone(), &shared.limits);
     let mut stopping = shared.stopping.subscribe();
-    // Closed once the last connection has let go of it.
+    // Closed when the last connection has dropped its sender.
     let (alive, mut ended) = mpsc::channel::<()>(1);
     for number in 0u64.. {
         let (stream, from) = tokio::select! {
@@ -35,27 +35,28 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, t
             accepted = listener.accept() => match accepted {
                 Ok((stream, from)) => (stream, Client::at(from.ip())),
                 Err(e) => {
-                    refused(&open, &e).await;
+                    handle_accept_error(&registry, &e).await;
                     continue;
                 }
             },
         };
-        // An answer's last bytes do not wait for the client's word on those before.
+        // The end of a response must not wait for a delayed acknowledgement (Nagle's algorithm).
         let _ = stream.set_nodelay(true);
-        let Some(seat) = open.take(number, from, &shared.limits) else { continue };
-        let timed = Timed::new(stream, seat.watch().clone());
-        let (open, router, shared, alive) = (open.clone(), router.clone(), shared.clone(), alive.clone());
+        let Some(connection_handle) = registry.register(number, from, &shared.limits) else { continue };
+        let timed = TimeoutStream::new(stream, connection_handle.timer().clone());
+        let (registry, router, shared, alive) =
+            (registry.clone(), router.clone(), shared.clone(), alive.clone());
         let acceptor = tls.as_ref().map(|tls| tls.acceptor());
         tokio::spawn(async move {
             match acceptor {
-                None => converse(timed, router, &shared, seat).await,
-                // Who takes too long over it is noticed by the stream below.
+                None => serve_connection(timed, router, &shared, connection_handle).await,
+                // A slow handshake is ended by the timeout of the stream.
                 Some(acceptor) => match acceptor.accept(timed).await {
-                    Ok(stream) => converse(stream, router, &shared, seat).await,
-                    Err(e) => tracing::info!("a connection that does not speak TLS: {e}"),
+                    Ok(stream) => serve_connection(stream, router, &shared, connection_handle).await,
+                    Err(e) => tracing::info!("TLS handshake failed: {e}"),
                 },
             }
-            open.leave(number);
+            registry.remove(number);
             drop(alive);
         });
     }
@@ -63,43 +64,47 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, t
     let _ = ended.recv().await;
 }
 
-/// One connection, to its end.
-async fn converse<S>(stream: S, router: Router, shared: &Shared, seat: Arc<Seat>)
-where
+/// Serves one connection to its end.
+async fn serve_connection<S>(
+    stream: S,
+    router: Router,
+    shared: &AppState,
+    connection_handle: Arc<ConnectionHandle>,
+) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let watch = seat.watch();
+    let timer = connection_handle.timer();
     let service = service_fn(|mut request: Request<Incoming>| {
-        let busy = watch.begin();
-        request.extensions_mut().insert(seat.clone());
+        let busy = timer.start_request();
+        request.extensions_mut().insert(connection_handle.clone());
         let mut router = router.clone();
         async move {
             let response: Result<Response, std::convert::Infallible> = router.call(request).await;
-            response.map(|r| r.map(|body: Body| Held { body, _busy: busy }))
+            response.map(|r| r.map(|body: Body| GuardedBody { body, _guard: busy }))
         }
     });
     let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service);
     let mut connection = std::pin::pin!(connection);
     let mut stopping = shared.stopping.subscribe();
     tokio::select! {
-        // What a client breaks off is its own affair.
+        // Errors of a connection concern only its client.
         _ = connection.as_mut() => return,
-        () = watch.evicted() => return,
+        () = timer.evicted() => return,
         _ = stopping.wait_for(|s| *s) => connection.as_mut().graceful_shutdown(),
     }
     tokio::select! {
         _ = connection => {}
-        () = watch.evicted() => {}
+        () = timer.evicted() => {}
     }
 }
 
-/// A connection that could not be taken: its own fault, or there are no more descriptors.
-async fn refused(open: &Open, error: &io::Error) {
+/// Handles an error of `accept`: of that connection, or because descriptors are exhausted.
+async fn handle_accept_error(registry: &ConnectionRegistry, error: &io::Error) {
     let its_own = [ErrorKind::ConnectionRefused, ErrorKind::ConnectionAborted, ErrorKind::ConnectionReset];
     if its_own.contains(&error.kind()) {
         return;
     }
-    tracing::warn!("a connection could not be taken: {error}");
-    open.evict(None);
+    tracing::warn!("a connection could not be accepted: {error}");
+    registry.evict(None);
     tokio::time::sleep(Duration::from_millis(100)).await;
 }

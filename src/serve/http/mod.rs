@@ -1,28 +1,28 @@
-//! The service over HTTP: a route for every operation, the page, `/docs`, and what holds for all answers.
+//! The HTTP service: a route for every operation, the web page, `/docs`, and the middleware.
 //!
-//! | file | what it does |
+//! | module | responsibility |
 //! |---|---|
-//! | `guard` | who asks, and whether they may |
-//! | `browser` | what pages may do, and what answers tell browsers |
-//! | `page` | the page for people, at `/` |
-//! | `listen` `seat` `timed` `tls` | connections: taken, whose, timed, encrypted |
-//! | `route` | a request to what was asked, and what is answered to a response |
-//! | `body` | bodies within their limit |
-//! | `accept` | which form of an answer is wanted |
-//! | `stream` | large answers and events, as they come |
-//! | `document` | the OpenAPI document, from the operations' declarations |
+//! | `auth` | authentication middleware |
+//! | `cors` | checks of `Host` and origin; CORS and security headers |
+//! | `page` | the web page at `/` |
+//! | `listen` `connections` `timeouts` `tls` | connections: accepted, registered, timed, encrypted |
+//! | `route` | an HTTP request to an operation's request, and its response back |
+//! | `body` | reads bodies up to a limit |
+//! | `accept` | content negotiation |
+//! | `stream` | streamed responses and server-sent events |
+//! | `document` | the OpenAPI document |
 
 mod accept;
+mod auth;
 mod body;
-mod browser;
+mod connections;
+mod cors;
 mod document;
-mod guard;
 mod listen;
 mod page;
 mod route;
-mod seat;
 mod stream;
-mod timed;
+mod timeouts;
 mod tls;
 
 use std::any::Any;
@@ -39,38 +39,40 @@ use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::openapi::path::HttpMethod;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
-use super::log::{RequestLine, given_id, slug, trace};
+use super::log::{RequestLine, parse_traceparent, slug, valid_request_id};
 use super::operation::Operation;
-use super::problem::{PROBLEM, PROBLEM_MSGPACK, Problem};
-use super::shared::Shared;
-use super::wire::{Form, pack};
-use crate::access::Who;
-pub use browser::Callers;
+use super::problem::{PROBLEM_JSON, PROBLEM_MSGPACK, Problem};
+use super::state::AppState;
+use super::wire::{WireFormat, msgpack};
+use crate::access::Principal;
+use auth::AuthState;
+pub use cors::OriginPolicy;
 pub use document::document;
-use guard::Guard;
 pub use listen::serve;
 pub use tls::Tls;
 
 /// The whole service.
-pub fn service(shared: Arc<Shared>, operations: &'static [Operation], callers: Callers) -> Router {
-    let callers = Arc::new(callers);
-    let guard = Guard { shared: shared.clone(), callers: callers.clone(), operations };
+pub fn service(shared: Arc<AppState>, operations: &'static [Operation], origins: OriginPolicy) -> Router {
+    let origins = Arc::new(origins);
+    let guard = AuthState { shared: shared.clone(), origins: origins.clone(), operations };
     let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json"));
     operations
         .iter()
-        .fold(Router::new(), |router, operation| router.route(operation.path, route::of(operation)))
+        .fold(Router::new(), |router, operation| {
+            router.route(operation.path, route::method_router(operation))
+        })
         .merge(docs)
         .merge(page::routes())
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(middleware::from_fn_with_state(guard, guard::admitted))
-        .layer(middleware::from_fn_with_state((shared.clone(), callers, operations), count))
+        .layer(middleware::from_fn_with_state(guard, auth::authenticate))
+        .layer(middleware::from_fn_with_state((shared.clone(), origins, operations), observe))
         .with_state(shared)
 }
 
-/// What every answer is made with.
-type Watched = (Arc<Shared>, Arc<Callers>, &'static [Operation]);
+/// State of the outermost middleware.
+type LayerState = (Arc<AppState>, Arc<OriginPolicy>, &'static [Operation]);
 
 async fn no_route(request: Request) -> Problem {
     Problem::no_route(request.uri().path())
@@ -82,22 +84,22 @@ async fn no_method(request: Request) -> Problem {
 
 fn panicked(_: Box<dyn Any + Send>) -> Response<Body> {
     tracing::error!("a handler panicked");
-    Problem::defect().into_response()
+    Problem::internal().into_response()
 }
 
 fn as_msgpack(response: Response, problem: &Problem) -> Response {
     let (mut parts, _) = response.into_parts();
     parts.headers.remove(header::CONTENT_LENGTH);
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_MSGPACK));
-    Response::from_parts(parts, Body::from(pack::packed(problem).unwrap_or_default()))
+    Response::from_parts(parts, Body::from(msgpack::packed(problem).unwrap_or_default()))
 }
 
 fn text(headers: &HeaderMap, name: &str) -> Option<String> {
     headers.get(name).and_then(|v| v.to_str().ok()).map(String::from)
 }
 
-/// An operation's method as HTTP has it.
-fn named(operation: &Operation) -> &'static str {
+/// The method of an operation.
+fn method_name(operation: &Operation) -> &'static str {
     match operation.method {
         HttpMethod::Post => "POST",
         HttpMethod::Put => "PUT",
@@ -106,67 +108,66 @@ fn named(operation: &Operation) -> &'static str {
     }
 }
 
-/// What a browser may do with what is answered at a path.
-fn policy(path: &str) -> &'static str {
+/// Content-Security-Policy of a path.
+fn content_security_policy(path: &str) -> &'static str {
     match path {
-        _ if page::has(path) => page::MAY,
-        _ if path.starts_with("/docs") => browser::OF_DOCS,
-        _ => browser::OF_ANSWERS,
+        _ if page::contains(path) => page::PAGE_CSP,
+        _ if path.starts_with("/docs") => cors::DOCS_CSP,
+        _ => cors::API_CSP,
     }
 }
 
-/// Counts the request, logs it, tells browsers what they may do with the answer, and sees that every error is a problem, also one
-/// that a library answered.
-async fn count(
-    State((shared, callers, operations)): State<Watched>,
+/// Outermost middleware: metrics, access log, security headers; converts errors of libraries to problems.
+async fn observe(
+    State((shared, origins, operations)): State<LayerState>,
     request: Request,
     next: Next,
 ) -> Response {
     let method = request.method().as_str().to_string();
     let route = request.extensions().get::<MatchedPath>().map_or("none", |p| p.as_str()).to_string();
     let path = request.uri().path().to_string();
-    let form = accept::accepted(request.headers());
+    let form = accept::negotiate(request.headers());
     let origin = request.headers().get(header::ORIGIN).and_then(|o| o.to_str().ok()).map(String::from);
-    let asked = text(request.headers(), "x-request-id");
-    let id = asked.as_deref().and_then(given_id).map_or_else(|| shared.request_id(), String::from);
+    let requested_id = text(request.headers(), "x-request-id");
+    let id =
+        requested_id.as_deref().and_then(valid_request_id).map_or_else(|| shared.request_id(), String::from);
     let parent = text(request.headers(), "traceparent");
     let begun = Instant::now();
     let mut response = next.run(request).await;
     let status = response.status();
-    let told = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM);
-    if !told && status == StatusCode::NOT_FOUND {
+    let is_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM_JSON);
+    if !is_problem && status == StatusCode::NOT_FOUND {
         response = Problem::no_route(&path).into_response();
-    } else if !told && (status.is_client_error() || status.as_u16() == 500) {
+    } else if !is_problem && (status.is_client_error() || status.as_u16() == 500) {
         let title = status.canonical_reason().unwrap_or("Error");
-        response =
-            Problem::new(status, "http", title, format!("{path} was answered with {status}")).into_response();
+        response = Problem::new(status, "http", title, format!("{path}: {status}")).into_response();
     }
     let refused = response.extensions_mut().remove::<Problem>();
     if let Some(problem) = &refused
-        && form != Form::Json
+        && form != WireFormat::Json
     {
         response = as_msgpack(response, problem);
     }
     let seconds = begun.elapsed().as_secs_f64();
     let status = response.status().as_u16();
-    let operation = operations.iter().find(|o| o.path == route && named(o) == method);
+    let operation = operations.iter().find(|o| o.path == route && method_name(o) == method);
     shared.log.request(&RequestLine {
         request: &id,
         transport: "http",
         operation: operation.map_or("none", |o| o.name),
-        who: response.extensions().get::<Who>().and_then(Who::owner),
+        who: response.extensions().get::<Principal>().and_then(Principal::owner),
         status,
         problem: refused.as_ref().map(|p| slug(&p.kind)),
         seconds,
-        trace: parent.as_deref().and_then(trace),
+        trace: parent.as_deref().and_then(parse_traceparent),
     });
     if let Some(operation) = operation {
-        shared.base.metrics.took("http", operation.name, status, seconds);
+        shared.core.metrics.observe_duration("http", operation.name, status, seconds);
     }
     if let Ok(id) = HeaderValue::from_str(&id) {
         response.headers_mut().insert(HeaderName::from_static("x-request-id"), id);
     }
-    shared.base.metrics.answered(&method, &route, response.status().as_u16());
-    callers.cover(origin.as_deref(), policy(&path), &mut response);
+    shared.core.metrics.count_response(&method, &route, response.status().as_u16());
+    origins.apply_headers(origin.as_deref(), content_security_policy(&path), &mut response);
     response
 }

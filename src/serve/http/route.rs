@@ -1,4 +1,4 @@
-//! One route: a request to what is asked of an operation, and what it answers to a response.
+//! One route: an HTTP request to an operation's request, and its response to an HTTP response.
 
 use std::sync::Arc;
 
@@ -10,162 +10,171 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 use utoipa::openapi::path::HttpMethod;
 
-use super::browser::FromPage;
-use super::seat::Seat;
+use super::connections::ConnectionHandle;
+use super::cors::FromBrowser;
 use super::{accept, body, stream};
-use crate::access::Who;
+use crate::access::Principal;
 use crate::error::Error;
-use crate::serve::app::App;
-use crate::serve::operation::{Asked, Content, Events, Once, Operation, Reply, Sent};
-use crate::serve::problem::{Answer, Problem};
-use crate::serve::shared::Shared;
-use crate::serve::weight::Weight;
-use crate::serve::wire::{Form, MSGPACK, pack};
+use crate::serve::execution_class::ExecutionClass;
+use crate::serve::operation::{
+    EventStream, HttpRequestParts, IdempotencyKey, Operation, OperationRequest, OperationResponse, Payload,
+};
+use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::AppState;
+use crate::serve::wire::{MSGPACK, WireFormat, msgpack};
 
 /// The route of an operation.
-pub fn of(operation: &'static Operation) -> MethodRouter<Arc<Shared>> {
+pub fn method_router(operation: &'static Operation) -> MethodRouter<Arc<AppState>> {
     let method = match operation.method {
         HttpMethod::Post => MethodFilter::POST,
         HttpMethod::Put => MethodFilter::PUT,
         HttpMethod::Delete => MethodFilter::DELETE,
         _ => MethodFilter::GET,
     };
-    let asked = move |State(shared): State<Arc<Shared>>,
-                      Extension(who): Extension<Who>,
-                      Extension(seat): Extension<Arc<Seat>>,
-                      request: Request| {
-        let from_page = request.extensions().get::<FromPage>().is_some_and(|page| page.0);
+    let handler = move |State(shared): State<Arc<AppState>>,
+                        Extension(who): Extension<Principal>,
+                        Extension(connection): Extension<Arc<ConnectionHandle>>,
+                        request: Request| {
+        let from_page = request.extensions().get::<FromBrowser>().is_some_and(|page| page.0);
         async move {
-            let asked = request.headers().get("x-deadline").map(|v| v.to_str().unwrap_or_default());
-            let app = App::new(&shared, who, seat.from(), shared.span("X-Deadline", asked)?);
-            answer(operation, Arc::new(app), request, from_page).await
+            let timeout = request.headers().get("x-deadline").map(|v| v.to_str().unwrap_or_default());
+            let app = RequestContext::new(
+                &shared,
+                who,
+                connection.peer(),
+                shared.request_timeout("X-Deadline", timeout)?,
+            );
+            handle(operation, Arc::new(app), request, from_page).await
         }
     };
-    on(method, asked)
+    on(method, handler)
 }
 
-async fn answer(
+async fn handle(
     operation: &'static Operation,
-    app: Arc<App>,
+    app: Arc<RequestContext>,
     request: Request,
     from_page: bool,
-) -> Answer<Response> {
-    operation.admits(&app)?;
+) -> HandlerResult<Response> {
+    let authorized = operation.authorize(&app)?;
     let (mut parts, body) = request.into_parts();
-    let form = accept::accepted(&parts.headers);
-    let mut sent = sent(&mut parts).await?;
-    if operation.takes_body {
+    let form = accept::negotiate(&parts.headers);
+    let mut sent = request_parts(&mut parts).await?;
+    if operation.has_body {
         if from_page {
-            declared(operation, &parts.headers, &sent.kind)?;
+            check_media_type(operation, &parts.headers, &sent.media_type)?;
         }
         sent.body = body::read(body, app.shared().limits.body_seconds).await?;
     }
-    let key = parts.headers.get("idempotency-key").filter(|_| operation.keyed);
+    let key = parts.headers.get("idempotency-key").filter(|_| operation.idempotent_method);
     let once = key.map(|key| {
-        let asked = format!("{} {}\n", parts.method, parts.uri);
-        Once::new(String::from_utf8_lossy(key.as_bytes()).into_owned(), &[asked.as_bytes(), &sent.body])
+        let request_line = format!("{} {}\n", parts.method, parts.uri);
+        IdempotencyKey::new(
+            String::from_utf8_lossy(key.as_bytes()).into_owned(),
+            &[request_line.as_bytes(), &sent.body],
+        )
     });
-    let asked = Asked::sent(sent, once.transpose()?, form.raw());
-    let call = operation.ready(&app, asked)?;
-    if call.weight == Weight::Large && form == Form::Json {
-        let value = move |app: &App| match (call.work)(app)?.content {
-            Content::Value(value) => Ok(value),
-            _ => Err(Problem::defect()),
+    let operation_request = OperationRequest::from_http(sent, once.transpose()?, form.raw());
+    let call = authorized.prepare(&app, operation_request)?;
+    if call.class == ExecutionClass::Streaming && form == WireFormat::Json {
+        let value = move |app: &RequestContext| match (call.work)(app)?.content {
+            Payload::Value(value) => Ok(value),
+            _ => Err(Problem::internal()),
         };
-        return stream::answered(&app, value).await;
+        return stream::stream_json(&app, value).await;
     }
-    let written = move |app: &App| written((call.work)(app)?, form);
-    let written = match call.weight {
-        Weight::Light => app.run_light(written).await?,
+    let written = move |app: &RequestContext| serialize((call.work)(app)?, form);
+    let written = match call.class {
+        ExecutionClass::Inline => app.run_inline(written).await?,
         weight => app.run(weight, written).await?,
     };
     Ok(response(&app, written))
 }
 
-/// Errors where a page sends a body of a type that the operation does not declare: forms and plain text go without
-/// the browser's asking.
-fn declared(operation: &Operation, headers: &HeaderMap, kind: &str) -> Answer<()> {
+/// Errors if a browser sends a body of an undeclared media type: browsers send forms and plain text without a preflight.
+fn check_media_type(operation: &Operation, headers: &HeaderMap, kind: &str) -> HandlerResult<()> {
     let empty = headers.get(header::CONTENT_LENGTH).is_none_or(|length| length == "0")
         && !headers.contains_key(header::TRANSFER_ENCODING);
-    let declared = operation.described.body_types();
+    let declared = operation.doc.body_types();
     if (empty && kind.is_empty()) || declared.iter().any(|d| d == kind) {
         return Ok(());
     }
     Err(Problem::media_type(kind, &declared))
 }
 
-/// All that is sent but the body.
-async fn sent(parts: &mut Parts) -> Answer<Sent> {
+/// The request without its body.
+async fn request_parts(parts: &mut Parts) -> HandlerResult<HttpRequestParts> {
     let Path(path) = Path::<Vec<(String, String)>>::from_request_parts(parts, &())
         .await
         .map_err(|e| Problem::malformed(Error::input("path", e.body_text(), "a path in UTF-8")))?;
     let query = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
     let last_event = parts.headers.get("last-event-id");
-    Ok(Sent {
+    Ok(HttpRequestParts {
         path,
         query: query.map(|Query(pairs)| pairs).map_err(|e| e.body_text()),
         last_event: last_event.map(|v| String::from_utf8_lossy(v.as_bytes()).into_owned()),
         body: Vec::new(),
-        kind: media_type(&parts.headers),
+        media_type: media_type(&parts.headers),
     })
 }
 
-/// Lower case and without parameters; empty if not said.
+/// Lower case and without parameters; empty if absent.
 fn media_type(headers: &HeaderMap) -> String {
     let kind = headers.get("content-type").map_or(&b""[..], |v| v.as_bytes());
     String::from_utf8_lossy(kind).split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
-/// An answer with its body written.
-struct Written {
+/// A response with its body serialised.
+struct SerializedResponse {
     status: u16,
     location: Option<String>,
-    again: bool,
-    body: WrittenBody,
+    replayed: bool,
+    body: SerializedBody,
 }
 
-enum WrittenBody {
+enum SerializedBody {
     Nothing,
     Bytes { kind: &'static str, bytes: Vec<u8> },
-    Events(Box<dyn Events>),
+    EventStream(Box<dyn EventStream>),
 }
 
-/// Writes an answer; off the async threads, unless it is light.
-fn written(reply: Reply, form: Form) -> Answer<Written> {
-    let Reply { status, location, again, content } = reply;
+/// Serialises a response; on a blocking thread, except for inline operations.
+fn serialize(reply: OperationResponse, form: WireFormat) -> HandlerResult<SerializedResponse> {
+    let OperationResponse { status, location, replayed, content } = reply;
     let body = match content {
-        Content::Nothing => WrittenBody::Nothing,
-        Content::Media(media) => WrittenBody::Bytes { kind: media.kind, bytes: media.bytes },
-        Content::Events(watcher) => WrittenBody::Events(watcher),
-        Content::Json(json) => match form {
-            Form::Json => of_json(json),
-            Form::Msgpack { .. } => of_msgpack(pack::from_json(&json))?,
+        Payload::Nothing => SerializedBody::Nothing,
+        Payload::MediaBody(media) => SerializedBody::Bytes { kind: media.kind, bytes: media.bytes },
+        Payload::EventStream(watcher) => SerializedBody::EventStream(watcher),
+        Payload::Json(json) => match form {
+            WireFormat::Json => json_body(json),
+            WireFormat::Msgpack { .. } => msgpack_body(msgpack::from_json(&json))?,
         },
-        Content::Value(mut value) => match form {
-            Form::Json => of_json(value.json().map_err(Problem::unwritable)?),
-            Form::Msgpack { .. } => {
-                let arrays = if form.raw() { value.bulk() } else { Vec::new() };
-                of_msgpack(value.packed().and_then(|plain| pack::with_arrays(plain, arrays)))?
+        Payload::Value(mut value) => match form {
+            WireFormat::Json => json_body(value.to_json().map_err(Problem::serialization)?),
+            WireFormat::Msgpack { .. } => {
+                let arrays = if form.raw() { value.take_arrays() } else { Vec::new() };
+                msgpack_body(value.to_msgpack().and_then(|plain| msgpack::with_arrays(plain, arrays)))?
             }
         },
     };
-    Ok(Written { status, location, again, body })
+    Ok(SerializedResponse { status, location, replayed, body })
 }
 
-fn of_json(bytes: Vec<u8>) -> WrittenBody {
-    WrittenBody::Bytes { kind: "application/json", bytes }
+fn json_body(bytes: Vec<u8>) -> SerializedBody {
+    SerializedBody::Bytes { kind: "application/json", bytes }
 }
 
-fn of_msgpack(bytes: Result<Vec<u8>, pack::Unwritable>) -> Answer<WrittenBody> {
-    Ok(WrittenBody::Bytes { kind: MSGPACK, bytes: bytes.map_err(Problem::unwritable)? })
+fn msgpack_body(bytes: Result<Vec<u8>, msgpack::EncodeError>) -> HandlerResult<SerializedBody> {
+    Ok(SerializedBody::Bytes { kind: MSGPACK, bytes: bytes.map_err(Problem::serialization)? })
 }
 
-fn response(app: &App, written: Written) -> Response {
+fn response(app: &RequestContext, written: SerializedResponse) -> Response {
     let status = StatusCode::from_u16(written.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let mut response = match written.body {
-        WrittenBody::Nothing => status.into_response(),
-        WrittenBody::Events(watcher) => return stream::events(app.shared(), watcher),
-        WrittenBody::Bytes { kind, bytes } => {
+        SerializedBody::Nothing => status.into_response(),
+        SerializedBody::EventStream(watcher) => return stream::events(app.shared(), watcher),
+        SerializedBody::Bytes { kind, bytes } => {
             (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], bytes).into_response()
         }
     };
@@ -173,7 +182,7 @@ fn response(app: &App, written: Written) -> Response {
     if let Some(place) = written.location.and_then(|p| HeaderValue::from_str(&p).ok()) {
         headers.insert(header::LOCATION, place);
     }
-    if written.again {
+    if written.replayed {
         headers.insert(HeaderName::from_static("idempotent-replayed"), HeaderValue::from_static("true"));
     }
     response

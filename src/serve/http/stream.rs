@@ -1,4 +1,4 @@
-//! Answers that go out while they are made: large ones piece by piece, never in memory as a whole, and events.
+//! Streamed responses: large JSON in chunks, never whole in memory, and server-sent events.
 
 use std::convert::Infallible;
 use std::io::{self, BufWriter, Write};
@@ -13,36 +13,37 @@ use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 
-use crate::serve::app::App;
-use crate::serve::operation::{Events, Whole};
-use crate::serve::problem::{Answer, Problem};
-use crate::serve::shared::Shared;
+use crate::serve::operation::{EventStream, SerializableValue};
+use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::AppState;
 
-/// Size of a piece, bytes.
-const PIECE: usize = 64 * 1024;
-/// How long a client may take to read a piece.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Size of a chunk, bytes.
+const CHUNK_BYTES: usize = 64 * 1024;
+/// Time that a client has to read a chunk.
+const CHUNK_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Does `work` off the async threads; its answer goes out as JSON from there.
-pub async fn answered(
-    app: &Arc<App>,
-    work: impl FnOnce(&App) -> Answer<Box<dyn Whole>> + Send + 'static,
-) -> Answer<Response> {
-    // A client that hangs up before the first piece drops this.
-    let waiting = app.leave().waiting();
+/// Runs `work` on a blocking thread, which streams its result as JSON.
+pub async fn stream_json(
+    app: &Arc<RequestContext>,
+    work: impl FnOnce(&RequestContext) -> HandlerResult<Box<dyn SerializableValue>> + Send + 'static,
+) -> HandlerResult<Response> {
+    // Dropped if the client disconnects before the first chunk.
+    let guard = app.deadline().cancel_on_drop();
     let (begun, beginning) = oneshot::channel::<()>();
     let (sender, pieces) = mpsc::channel(4);
     let (app, handle) = (app.clone(), Handle::current());
     let written = tokio::spawn(async move {
-        app.run_streamed(move |app, computing| {
+        app.run_streaming(move |app, computing| {
             let value = work(app)?;
             drop(computing);
-            // A client that has hung up is noticed at the first piece.
+            // A disconnected client is noticed at the first chunk.
             let _ = begun.send(());
-            let mut out = BufWriter::with_capacity(PIECE, Pieces { sender: sender.clone(), handle });
-            let done = value.write(&mut out).map_err(io::Error::from).and_then(|()| out.flush());
+            let mut out =
+                BufWriter::with_capacity(CHUNK_BYTES, ChunkSender { sender: sender.clone(), handle });
+            let done = value.write_json(&mut out).map_err(io::Error::from).and_then(|()| out.flush());
             if let Err(e) = done {
-                // The client sees a body that ends before its end.
+                // The client sees a truncated body.
                 let _ = sender.try_send(Err(e));
             }
             Ok(())
@@ -50,40 +51,40 @@ pub async fn answered(
         .await
     });
     let begins = beginning.await;
-    waiting.answered();
+    guard.disarm();
     if begins.is_err() {
-        let refused = written.await.unwrap_or_else(|_| Err(Problem::defect()));
-        return Err(refused.err().unwrap_or_else(Problem::defect));
+        let refused = written.await.unwrap_or_else(|_| Err(Problem::internal()));
+        return Err(refused.err().unwrap_or_else(Problem::internal));
     }
     let kind = HeaderValue::from_static("application/json");
     let body = Body::from_stream(ReceiverStream::new(pieces));
     Ok((StatusCode::OK, [(header::CONTENT_TYPE, kind)], body).into_response())
 }
 
-/// Server-sent events, until the last or until the client hangs up.
-pub fn events(shared: &Shared, mut watcher: Box<dyn Events>) -> Response {
-    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(AHEAD);
+/// Server-sent events, until the last one or until the client disconnects.
+pub fn events(shared: &AppState, mut watcher: Box<dyn EventStream>) -> Response {
+    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(EVENT_BUFFER_LENGTH);
     let mut stopping = shared.stopping.subscribe();
     tokio::spawn(async move {
         loop {
             let next = tokio::select! {
                 next = watcher.next() => next,
-                // A client that hung up must not be waited for until the next event.
+                // A disconnected client is noticed at once, not at the next event.
                 () = sender.closed() => return,
                 () = async { let _ = stopping.wait_for(|s| *s).await; } => {
                     if !watcher.has_last_word() {
                         return;
                     }
-                    // The runner ends its jobs when the server stops; its last word is worth a moment.
-                    tokio::time::timeout(LAST_WORD, watcher.next()).await.unwrap_or(None)
+                    // Jobs end when the server stops; their final event is awaited briefly.
+                    tokio::time::timeout(FINAL_EVENT_TIMEOUT, watcher.next()).await.unwrap_or(None)
                 }
             };
-            let Some(told) = next else { return };
-            let message = match told.id {
+            let Some(event) = next else { return };
+            let message = match event.id {
                 Some(id) => sse::Event::default().id(id.to_string()),
                 None => sse::Event::default(),
             };
-            if sender.send(Ok(message.event(told.name).data(told.data))).await.is_err() {
+            if sender.send(Ok(message.event(event.name).data(event.data))).await.is_err() {
                 return;
             }
         }
@@ -91,20 +92,21 @@ pub fn events(shared: &Shared, mut watcher: Box<dyn Events>) -> Response {
     Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response()
 }
 
-/// Events written ahead of a client that reads slowly; it misses what its source no longer keeps.
-const AHEAD: usize = 2;
-/// How long an event is waited for once the server is told to stop.
-const LAST_WORD: Duration = Duration::from_secs(2);
+/// Events buffered for a slow client; it misses events that their source has discarded.
+const EVENT_BUFFER_LENGTH: usize = 2;
+/// Time to wait for the final event when the server stops.
+const FINAL_EVENT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Hands on what is written; waits for the client to take it, but not for ever.
-struct Pieces {
+/// Sends written bytes as chunks; blocks until the client reads them or the timeout expires.
+struct ChunkSender {
     sender: mpsc::Sender<io::Result<Vec<u8>>>,
     handle: Handle,
 }
 
-impl Write for Pieces {
+impl Write for ChunkSender {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let sent = self.handle.block_on(tokio::time::timeout(PATIENCE, self.sender.send(Ok(bytes.to_vec()))));
+        let sent =
+            self.handle.block_on(tokio::time::timeout(CHUNK_TIMEOUT, self.sender.send(Ok(bytes.to_vec()))));
         match sent {
             Ok(Ok(())) => Ok(bytes.len()),
             _ => Err(io::ErrorKind::BrokenPipe.into()),

@@ -1,4 +1,4 @@
-//! TLS by rustls: a certificate and its key, read again when they are renewed.
+//! TLS by rustls; certificate and key can be reloaded.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -11,7 +11,7 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::error::{Error, Result};
 
-/// What a server shows of itself.
+/// TLS configuration of a server.
 pub struct Tls {
     certificate: PathBuf,
     key: PathBuf,
@@ -19,20 +19,20 @@ pub struct Tls {
 }
 
 impl Tls {
-    /// Of a chain of certificates, the server's first, and the private key of the first; PEM both.
+    /// Reads a PEM chain of certificates, the server's first, and its PEM private key.
     pub fn read(certificate: &Path, key: &Path) -> Result<Tls> {
         let now = RwLock::new(config(certificate, key)?);
         Ok(Tls { certificate: certificate.into(), key: key.into(), now })
     }
 
-    /// Reads both again; what cannot be read changes nothing.
+    /// Reads both files again; on an error the previous ones stay in use.
     pub fn reload(&self) -> Result<()> {
         let new = config(&self.certificate, &self.key)?;
         *self.now.write().unwrap_or_else(PoisonError::into_inner) = new;
         Ok(())
     }
 
-    /// What new connections are met with.
+    /// Acceptor for new connections.
     pub fn acceptor(&self) -> TlsAcceptor {
         self.now.read().unwrap_or_else(PoisonError::into_inner).clone().into()
     }

@@ -1,4 +1,4 @@
-//! The protocol's requests, answered.
+//! Handler of the protocol's requests.
 
 use std::sync::Arc;
 
@@ -15,40 +15,40 @@ use rmcp::service::RequestContext;
 use rmcp::{ErrorData, RoleServer, model};
 use serde_json::Value;
 
-use super::desk::Desk;
-use super::pages;
-use super::tool::{Call, Shown};
+use super::agent_session::AgentSession;
+use super::resources;
+use super::tool::{ToolCall, ToolContent};
 use super::tools::TOOLS;
 use crate::serve::log::slug;
 use crate::serve::problem::Problem;
 
-/// One agent's conversation.
-pub struct Handler {
-    desk: Arc<Desk>,
+/// MCP handler for one agent.
+pub struct McpHandler {
+    session: Arc<AgentSession>,
 }
 
-impl Handler {
-    /// Over its desk.
-    pub fn new(desk: Arc<Desk>) -> Handler {
-        Handler { desk }
+impl McpHandler {
+    /// For an agent's session.
+    pub fn new(session: Arc<AgentSession>) -> McpHandler {
+        McpHandler { session }
     }
 }
 
-type Result<T> = std::result::Result<T, ErrorData>;
+type McpResult<T> = std::result::Result<T, ErrorData>;
 
-impl ServerHandler for Handler {
+impl ServerHandler for McpHandler {
     fn get_info(&self) -> ServerConfig {
         let can = ServerCapabilities::builder().enable_tools().enable_resources().enable_prompts().build();
         let name =
             Implementation::new("iplw", env!("CARGO_PKG_VERSION")).with_title("iplw: 2D physics worlds");
-        ServerConfig::new(can).with_server_info(name).with_instructions(pages::INSTRUCTIONS)
+        ServerConfig::new(can).with_server_info(name).with_instructions(resources::INSTRUCTIONS)
     }
 
     async fn list_tools(
         &self,
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
-    ) -> Result<ListToolsResult> {
+    ) -> McpResult<ListToolsResult> {
         Ok(ListToolsResult::with_all_items(TOOLS.iter().map(model::Tool::from).collect()))
     }
 
@@ -56,86 +56,89 @@ impl ServerHandler for Handler {
         &self,
         request: CallToolRequestParams,
         context: RequestContext<RoleServer>,
-    ) -> Result<CallToolResponse> {
+    ) -> McpResult<CallToolResponse> {
         let Some(tool) = TOOLS.iter().find(|t| t.name == request.name) else {
             let names = TOOLS.iter().map(|t| t.name).collect::<Vec<_>>().join(", ");
             return Err(ErrorData::invalid_params(
-                format!("no tool {:?}; there are {names}", request.name),
+                format!("unknown tool {:?}; available: {names}", request.name),
                 None,
             ));
         };
         let arguments = Value::Object(request.arguments.unwrap_or_default());
-        let answer = (tool.run)(Call::new(self.desk.clone(), context), arguments).await;
-        Ok(answer.map_or_else(|problem| refused(&problem), shown).into())
+        let answer = (tool.run)(ToolCall::new(self.session.clone(), context), arguments).await;
+        Ok(answer.map_or_else(|problem| to_error_result(&problem), to_call_result).into())
     }
 
     async fn list_resources(
         &self,
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
-    ) -> Result<ListResourcesResult> {
-        Ok(ListResourcesResult::with_all_items(pages::resources()))
+    ) -> McpResult<ListResourcesResult> {
+        Ok(ListResourcesResult::with_all_items(resources::resources()))
     }
 
     async fn read_resource(
         &self,
         request: ReadResourceRequestParams,
         context: RequestContext<RoleServer>,
-    ) -> Result<ReadResourceResponse> {
-        let call = Call::new(self.desk.clone(), context);
-        pages::resource(&call, &request.uri).await.map(ReadResourceResponse::from)
+    ) -> McpResult<ReadResourceResponse> {
+        let call = ToolCall::new(self.session.clone(), context);
+        resources::resource(&call, &request.uri).await.map(ReadResourceResponse::from)
     }
 
     async fn list_prompts(
         &self,
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
-    ) -> Result<ListPromptsResult> {
-        Ok(ListPromptsResult::with_all_items(pages::prompts()))
+    ) -> McpResult<ListPromptsResult> {
+        Ok(ListPromptsResult::with_all_items(resources::prompts()))
     }
 
     async fn get_prompt(
         &self,
         request: GetPromptRequestParams,
         _: RequestContext<RoleServer>,
-    ) -> Result<GetPromptResponse> {
-        pages::prompt(&request.name, request.arguments.as_ref()).map(GetPromptResponse::from)
+    ) -> McpResult<GetPromptResponse> {
+        resources::prompt(&request.name, request.arguments.as_ref()).map(GetPromptResponse::from)
     }
 }
 
-/// Words, the whole as JSON for programs that read text alone, and the picture.
-fn shown(shown: Shown) -> CallToolResult {
-    let mut content = vec![ContentBlock::text(shown.words), ContentBlock::text(shown.value.to_string())];
-    content.extend(shown.picture.map(|png| ContentBlock::image(STANDARD.encode(png), "image/png")));
+/// A summary, the output as JSON text for clients without structured content, and the picture.
+fn to_call_result(to_call_result: ToolContent) -> CallToolResult {
+    let mut content = vec![
+        ContentBlock::text(to_call_result.summary),
+        ContentBlock::text(to_call_result.value.to_string()),
+    ];
+    content.extend(to_call_result.picture.map(|png| ContentBlock::image(STANDARD.encode(png), "image/png")));
     let mut result = CallToolResult::success(content);
-    result.structured_content = Some(shown.value);
+    result.structured_content = Some(to_call_result.value);
     result
 }
 
-/// What went wrong and what to do: the problem as HTTP has it, which says field, value and what is allowed.
-fn refused(problem: &Problem) -> CallToolResult {
+/// The problem as in HTTP, with field, value and allowed values, and advice on what to do.
+fn to_error_result(problem: &Problem) -> CallToolResult {
     let kind = slug(&problem.kind);
-    let mut said = format!("{}: {}", problem.title, problem.detail);
-    if let Some(next) = next(kind) {
-        said = format!("{said}\n{next}");
+    let mut message = format!("{}: {}", problem.title, problem.detail);
+    if let Some(advice) = advice(kind) {
+        message = format!("{message}\n{advice}");
     }
-    CallToolResult::error(vec![ContentBlock::text(said)])
+    CallToolResult::error(vec![ContentBlock::text(message)])
 }
 
-/// What an agent may do about a kind of problem, where its own words do not say.
-fn next(kind: &str) -> Option<&'static str> {
+/// Advice for a kind of problem, unless its detail already has it.
+fn advice(kind: &str) -> Option<&'static str> {
     Some(match kind {
         "budget-spent" => {
-            "Go on without the real world: roll_out costs nothing, and propose_actions still tells what is known. Only \
-             whoever started `iplw mcp` can allow more, by --real-interactions."
+            "Continue without the real world: roll_out is free, and propose_actions still returns the estimates. The limit is \
+             set by --real-interactions of `iplw mcp`."
         }
-        "forbidden" => "Whoever started `iplw mcp` decides what it may (--may, or the token).",
+        "forbidden" => "The scope is set by --scope of `iplw mcp`, or by the token.",
         "malformed" | "invalid-value" => "Nothing was done. Change that argument and call again.",
-        "not-found" => "list_tasks tells which tasks there are.",
+        "not-found" => "list_tasks lists the tasks.",
         "deadline" => {
-            "It was given up. Ask for less at a time, or give it more `seconds` where the tool takes them."
+            "The call was cancelled. Request less at a time, or set `seconds` higher if the tool has it."
         }
-        "no-result" => "The numbers lead to no result: other trials or arguments may.",
+        "no-result" => "There is no result for these inputs; try other trials or arguments.",
         "busy" | "capacity" => "Try again in a few seconds.",
         _ => return None,
     })

@@ -1,4 +1,4 @@
-//! A tool: how it is declared, what it is given, and what it gives.
+//! Declaration of tools, their calls and results.
 
 use std::collections::BTreeMap;
 use std::pin::Pin;
@@ -14,75 +14,85 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::desk::Desk;
+use super::agent_session::AgentSession;
 use crate::error::Error;
 use crate::json::from_value;
-use crate::serve::problem::{Answer, Problem};
+use crate::serve::problem::{HandlerResult, Problem};
 
-/// Something an agent can call.
+/// A tool that an agent can call.
 pub struct Tool {
     pub name: &'static str,
     pub title: &'static str,
-    /// What it does, for whoever chooses among tools.
+    /// Description for the agent.
     pub about: &'static str,
-    pub effect: Effect,
-    /// JSON Schema of its arguments and of its answer.
-    pub takes: Arc<JsonObject>,
-    pub gives: Arc<JsonObject>,
-    pub run: Run,
+    pub effect: SideEffect,
+    /// JSON Schema of its arguments.
+    pub input_schema: Arc<JsonObject>,
+    pub output_schema: Arc<JsonObject>,
+    pub run: ToolFn,
 }
 
-/// What a call leaves behind.
+/// Side effect of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effect {
-    /// Nothing.
-    Shows,
-    /// Records and jobs; a second call may find them and go on.
-    Keeps,
-    /// Real interactions, which are counted.
-    Spends,
+pub enum SideEffect {
+    /// None.
+    ReadOnly,
+    /// Creates records and jobs; repeated calls reuse them.
+    Records,
+    /// Uses real interactions, which are counted.
+    SpendsInteractions,
 }
 
-type Run = Box<dyn Fn(Call, Value) -> Pin<Box<dyn Future<Output = Answer<Shown>> + Send>> + Send + Sync>;
+type ToolFn = Box<
+    dyn Fn(ToolCall, Value) -> Pin<Box<dyn Future<Output = HandlerResult<ToolContent>> + Send>> + Send + Sync,
+>;
 
-/// An answer on its way out.
-pub struct Shown {
-    /// What there is to know, in a sentence or two.
-    pub words: String,
-    /// All of it.
+/// Serialised result of a tool.
+pub struct ToolContent {
+    /// Summary in a sentence or two.
+    pub summary: String,
+    /// The complete output.
     pub value: Value,
     /// PNG.
     pub picture: Option<Vec<u8>>,
 }
 
-/// A tool by its function, whose types say what it takes and gives.
+/// Declares a tool by its function; the types of its argument and output give the schemas.
 pub fn tool<I, O, F>(
     name: &'static str,
     title: &'static str,
-    effect: Effect,
+    effect: SideEffect,
     about: &'static str,
-    run: fn(Call, I) -> F,
+    run: fn(ToolCall, I) -> F,
 ) -> Tool
 where
     I: DeserializeOwned + JsonSchema + Send + 'static,
     O: Serialize + JsonSchema + 'static,
-    F: Future<Output = Answer<Told<O>>> + Send + 'static,
+    F: Future<Output = HandlerResult<ToolResult<O>>> + Send + 'static,
 {
-    let run: Run = Box::new(move |call, arguments| {
+    let run: ToolFn = Box::new(move |call, arguments| {
         Box::pin(async move {
             let input: I = from_value(arguments).map_err(Problem::malformed)?;
-            let Told { words, told, picture } = run(call, input).await?;
-            let value = serde_json::to_value(told).map_err(Problem::unwritable)?;
-            Ok(Shown { words, value, picture })
+            let ToolResult { summary, output, picture } = run(call, input).await?;
+            let value = serde_json::to_value(output).map_err(Problem::serialization)?;
+            Ok(ToolContent { summary, value, picture })
         })
     });
-    let takes = plain(&schema_for_input::<I>().expect("arguments are an object"));
-    Tool { name, title, about, effect, takes, gives: plain(&schema_for_output::<O>()), run }
+    let input_schema = portable_schema(&schema_for_input::<I>().expect("arguments are an object"));
+    Tool {
+        name,
+        title,
+        about,
+        effect,
+        input_schema,
+        output_schema: portable_schema(&schema_for_output::<O>()),
+        run,
+    }
 }
 
-/// A schema without what is Rust's alone (`format: uint64`), which strict readers of JSON Schema refuse, and without the line
-/// breaks of comments.
-fn plain(schema: &JsonObject) -> Arc<JsonObject> {
+/// Removes Rust-specific formats (`format: uint64`), which strict JSON Schema readers reject, and line breaks in
+/// descriptions.
+fn portable_schema(schema: &JsonObject) -> Arc<JsonObject> {
     let mut schema = Value::Object(schema.clone());
     strip(&mut schema);
     match schema {
@@ -94,7 +104,7 @@ fn plain(schema: &JsonObject) -> Arc<JsonObject> {
 fn strip(schema: &mut Value) {
     match schema {
         Value::Object(fields) => {
-            // A property called so has a schema, not a word.
+            // A property named `format` has a schema as its value, not a string.
             fields.retain(|name, value| !(name == "format" && value.is_string()));
             if let Some(Value::String(text)) = fields.get_mut("description") {
                 *text = text.replace('\n', " ");
@@ -106,49 +116,49 @@ fn strip(schema: &mut Value) {
     }
 }
 
-/// What a tool's function gives.
-pub struct Told<O> {
-    /// What there is to know, in a sentence or two.
-    pub words: String,
-    pub told: O,
+/// Result of a tool's function.
+pub struct ToolResult<O> {
+    /// Summary in a sentence or two.
+    pub summary: String,
+    pub output: O,
     /// PNG.
     pub picture: Option<Vec<u8>>,
 }
 
-/// A call under way.
+/// A running call of a tool.
 #[derive(Clone)]
-pub struct Call {
-    desk: Arc<Desk>,
+pub struct ToolCall {
+    session: Arc<AgentSession>,
     context: RequestContext<RoleServer>,
 }
 
-impl Call {
-    /// Of an agent's request.
-    pub fn new(desk: Arc<Desk>, context: RequestContext<RoleServer>) -> Call {
-        Call { desk, context }
+impl ToolCall {
+    /// For an agent's request.
+    pub fn new(session: Arc<AgentSession>, context: RequestContext<RoleServer>) -> ToolCall {
+        ToolCall { session, context }
     }
 
-    /// Where operations are asked for.
-    pub fn desk(&self) -> &Desk {
-        &self.desk
+    /// The agent's session.
+    pub fn session(&self) -> &AgentSession {
+        &self.session
     }
 
-    /// Asks for an operation; given up when the agent cancels the call.
-    pub async fn ask(&self, operation: &str, fields: Value) -> Answer<Value> {
-        self.unless_cancelled(self.desk.ask(operation, fields)).await?.value()
+    /// Calls an operation; cancelled when the agent cancels the call.
+    pub async fn ask(&self, operation: &str, fields: Value) -> HandlerResult<Value> {
+        self.unless_cancelled(self.session.ask(operation, fields)).await?.value()
     }
 
-    /// The same, as what is known of the answer.
-    pub async fn read<T: DeserializeOwned>(&self, operation: &str, fields: Value) -> Answer<T> {
-        self.unless_cancelled(self.desk.read(operation, fields)).await
+    /// Calls an operation and parses its response.
+    pub async fn read<T: DeserializeOwned>(&self, operation: &str, fields: Value) -> HandlerResult<T> {
+        self.unless_cancelled(self.session.read(operation, fields)).await
     }
 
-    /// The same for a picture.
-    pub async fn picture(&self, operation: &str, fields: Value) -> Answer<Vec<u8>> {
-        self.unless_cancelled(self.desk.ask(operation, fields)).await?.media()
+    /// Calls an operation that returns a picture.
+    pub async fn picture(&self, operation: &str, fields: Value) -> HandlerResult<Vec<u8>> {
+        self.unless_cancelled(self.session.ask(operation, fields)).await?.media()
     }
 
-    async fn unless_cancelled<T>(&self, work: impl Future<Output = Answer<T>>) -> Answer<T> {
+    async fn unless_cancelled<T>(&self, work: impl Future<Output = HandlerResult<T>>) -> HandlerResult<T> {
         tokio::select! {
             biased;
             () = self.context.ct.cancelled() => Err(Problem::cancelled()),
@@ -156,32 +166,32 @@ impl Call {
         }
     }
 
-    /// Queues a job and waits for its end, at most so long, s; a job that nobody waits for any more is cancelled.
-    pub async fn job(&self, operation: &str, fields: Value, seconds: f64) -> Answer<Job> {
-        let job: Job = self.read(operation, fields).await?;
-        self.desk.begun(&job.id);
+    /// Queues a job and waits for its end, at most `seconds`; otherwise cancels it.
+    pub async fn job(&self, operation: &str, fields: Value, seconds: f64) -> HandlerResult<JobInfo> {
+        let job: JobInfo = self.read(operation, fields).await?;
+        self.session.track_job(&job.id);
         let ended = self.ended(&job.id, seconds).await;
         if ended.is_err() {
-            self.desk.give_up(&job.id).await;
+            self.session.cancel_job(&job.id).await;
         }
-        self.desk.over(&job.id);
+        self.session.untrack_job(&job.id);
         ended
     }
 
-    async fn ended(&self, id: &str, seconds: f64) -> Answer<Job> {
+    async fn ended(&self, id: &str, seconds: f64) -> HandlerResult<JobInfo> {
         let job = self.until(id, seconds, |job| job.ended()).await?;
         match job.state.as_str() {
             "succeeded" => Ok(job),
-            "failed" => Err(job.error.unwrap_or_else(Problem::defect)),
+            "failed" => Err(job.error.unwrap_or_else(Problem::internal)),
             _ => Err(Problem::cancelled()),
         }
     }
 
-    /// Waits until a job is so, at most so long, s, and says how far it is meanwhile.
-    pub async fn until(&self, id: &str, seconds: f64, so: fn(&Job) -> bool) -> Answer<Job> {
+    /// Waits until a job satisfies `so`, at most `seconds`, and reports progress meanwhile.
+    pub async fn until(&self, id: &str, seconds: f64, so: fn(&JobInfo) -> bool) -> HandlerResult<JobInfo> {
         let (since, mut said) = (Instant::now(), (String::new(), 0.0));
         loop {
-            let job: Job = self.read("get_job", json!({"id": id})).await?;
+            let job: JobInfo = self.read("get_job", json!({"id": id})).await?;
             if so(&job) {
                 return Ok(job);
             }
@@ -189,7 +199,7 @@ impl Call {
             if elapsed > seconds {
                 return Err(Error::Deadline { seconds }.into());
             }
-            let stage = job.progress.words();
+            let stage = job.progress.summary();
             if stage != said.0 || elapsed - said.1 >= 1.0 {
                 self.progress(elapsed, &stage).await;
                 said = (stage, elapsed);
@@ -203,42 +213,42 @@ impl Call {
         }
     }
 
-    /// Tells the agent's program, if it asked for that. The figure is seconds: stages have totals of their own, and the
-    /// protocol wants one that never falls.
+    /// Sends a progress notification, if requested. Progress is in seconds, since the protocol requires it to increase
+    /// and stages have separate totals.
     async fn progress(&self, seconds: f64, stage: &str) {
         let Some(token) = self.context.meta.get_progress_token() else { return };
-        let told = ProgressNotificationParam::new(token, seconds).with_message(stage);
-        let _ = self.context.peer.notify_progress(told).await;
+        let output = ProgressNotificationParam::new(token, seconds).with_message(stage);
+        let _ = self.context.peer.notify_progress(output).await;
     }
 }
 
-/// What is read of a job.
+/// The fields of a job that are needed here.
 #[derive(Deserialize)]
-pub struct Job {
+pub struct JobInfo {
     pub id: String,
     pub state: String,
-    pub progress: Progress,
+    pub progress: JobStage,
     pub result: Option<Value>,
     pub error: Option<Problem>,
 }
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Deserialize)]
-pub struct Progress {
+pub struct JobStage {
     pub stage: String,
     pub done: u64,
     pub total: u64,
 }
 
-impl Job {
-    /// Whether nothing more becomes of it.
+impl JobInfo {
+    /// Whether it has ended.
     pub fn ended(&self) -> bool {
         matches!(self.state.as_str(), "succeeded" | "failed" | "cancelled")
     }
 }
 
-impl Progress {
-    fn words(&self) -> String {
+impl JobStage {
+    fn summary(&self) -> String {
         match self.total {
             0 => self.stage.clone(),
             total => format!("{} ({} of {total})", self.stage, self.done),
@@ -246,35 +256,37 @@ impl Progress {
     }
 }
 
-/// What is known of a latent.
+/// Estimate of a latent.
 #[derive(Clone, Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-pub struct Known {
-    /// `density`, `friction`, `restitution`, or a parameter fitted along, `effect.parameter`.
+pub struct LatentInfo {
+    /// `density`, `friction`, `restitution`, or a free effect parameter `effect.parameter`.
     pub name: String,
-    /// The estimate; of one that is not identifiable merely where the search stands.
+    /// The estimate; if not identifiable, the search's current value.
     pub value: f64,
-    /// Its 95 % interval; `[null, null]` where there is none.
+    /// 95 % interval; `[null, null]` if there is none.
     pub ci95: [Option<f64>; 2],
-    /// Whether the trials tell it.
+    /// Whether the trials determine it.
     pub identifiable: bool,
 }
 
-/// Latents in words.
-pub fn known_words(known: &[Known]) -> String {
-    let word = |k: &Known| match (k.identifiable, k.ci95) {
+/// Estimates as text.
+pub fn describe_latents(known: &[LatentInfo]) -> String {
+    let word = |k: &LatentInfo| match (k.identifiable, k.ci95) {
         (true, [Some(low), Some(high)]) => format!("{} {:.3} (95 % {low:.3} to {high:.3})", k.name, k.value),
         (true, _) => format!("{} {:.3}", k.name, k.value),
-        (false, _) => format!("{} is not told by these trials (the search stands at {:.3})", k.name, k.value),
+        (false, _) => {
+            format!("{} cannot be determined from these trials (current value {:.3})", k.name, k.value)
+        }
     };
     known.iter().map(word).collect::<Vec<_>>().join("; ")
 }
 
-/// Latent factors to simulate with; those absent are the scene's own.
+/// Latent factors to simulate with; absent ones are the scene's own.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-pub struct Latents {
+pub struct LatentsArg {
     /// kg/m^2
     #[serde(skip_serializing_if = "Option::is_none")]
     pub density: Option<f64>,
@@ -290,10 +302,10 @@ pub struct Latents {
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-pub struct EffectTerm {
-    /// `linear_drag`, ...: the resource `iplw://effects` lists them.
+pub struct EffectArg {
+    /// `linear_drag`, ...; the resource `iplw://effects` lists all.
     pub name: String,
-    /// By name, in the effect's units; those absent leave it neutral.
+    /// Values in the effect's units; absent ones have their neutral value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
 }
@@ -302,13 +314,13 @@ pub struct EffectTerm {
 impl From<&Tool> for model::Tool {
     fn from(tool: &Tool) -> model::Tool {
         let hints = model::ToolAnnotations::with_title(tool.title)
-            .read_only(tool.effect == Effect::Shows)
+            .read_only(tool.effect == SideEffect::ReadOnly)
             .destructive(false)
-            .idempotent(tool.effect != Effect::Spends)
+            .idempotent(tool.effect != SideEffect::SpendsInteractions)
             .open_world(false);
-        model::Tool::new(tool.name, tool.about, tool.takes.clone())
+        model::Tool::new(tool.name, tool.about, tool.input_schema.clone())
             .with_title(tool.title)
-            .with_raw_output_schema(tool.gives.clone())
+            .with_raw_output_schema(tool.output_schema.clone())
             .with_annotations(hints)
     }
 }

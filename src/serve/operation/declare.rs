@@ -1,14 +1,14 @@
-//! A declaration: everything the transports, the document and the queue of jobs know of an operation.
+//! Declaration of an operation: everything that the transports, the OpenAPI document and the job queue know of it.
 //!
 //! ```text
 //! get("get_surface", "/v1/surfaces/{id}", "workflow", READ)
 //!     .about("One surface with its points.")
-//!     .refuses(&[(404, "")])
-//!     .does(|app, Id(id)| one(app, &id))
+//!     .errors(&[(404, "")])
+//!     .handler(|app, PathId(id)| one(app, &id))
 //! ```
 //!
-//! The types of the function say the rest: what it takes ([`Input`]) is its parameters and its body, what it gives
-//! ([`Output`]) its answer.
+//! The handler's types supply the rest: its input ([`Extractor`]) gives the parameters and the body, its output
+//! ([`HandlerOutput`]) the response.
 
 use std::sync::Arc;
 
@@ -17,118 +17,123 @@ use serde_json::Value;
 use utoipa::ToSchema;
 use utoipa::openapi::path::HttpMethod;
 
-use super::asked::Asked;
-use super::describe::{Described, Lead};
-use super::input::Input;
-use super::once::{Keep, Once, once};
-use super::reply::{Content, Output, Reply};
+use super::describe::{OperationDoc, ResponseLink};
+use super::extractor::Extractor;
+use super::idempotency::{IdempotencyKey, RecordResponse, idempotent};
+use super::request::OperationRequest;
+use super::response::{HandlerOutput, OperationResponse, Payload};
 use crate::access::Scope;
 use crate::error::Result;
 use crate::job::Work;
-use crate::serve::app::App;
-use crate::serve::problem::Answer;
-use crate::serve::shared::Base;
-use crate::serve::weight::Weight;
-use crate::serve::wire::{Bulk, JobOut};
+use crate::serve::execution_class::ExecutionClass;
+use crate::serve::problem::HandlerResult;
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
+use crate::serve::wire::{BinaryArrays, JobOut};
 
-/// Something a client can ask for.
+/// An operation of the API.
 pub struct Operation {
     /// Its `operationId`, and its name over ZeroMQ.
     pub name: &'static str,
     pub method: HttpMethod,
-    /// Over HTTP; `{id}` stands for a parameter.
+    /// Path over HTTP; `{id}` is a parameter.
     pub path: &'static str,
-    /// What a token must allow, for its bearer to ask for it.
-    pub needs: Needs,
+    /// Scope that the token must have.
+    pub required_scope: RequiredScope,
     /// Whether it reads a body.
-    pub takes_body: bool,
-    /// Whether it takes an `Idempotency-Key`: repeated under the same key, it makes nothing.
-    pub keyed: bool,
-    /// Whether ZeroMQ does not have it.
-    pub only_http: bool,
-    /// What the OpenAPI document says of it.
-    pub described: Described,
-    /// The job it queues: its kind, and how its work is made from its plan, also after a restart.
-    pub job: Option<(&'static str, MakeWork)>,
-    ready: Ready,
+    pub has_body: bool,
+    /// Whether it accepts an `Idempotency-Key`.
+    pub idempotent_method: bool,
+    /// Whether it is available over HTTP only.
+    pub http_only: bool,
+    /// Its part of the OpenAPI document.
+    pub doc: OperationDoc,
+    /// Kind of the job it queues, and the function that builds the job's work from its plan, also after a restart.
+    pub job: Option<(&'static str, BuildWork)>,
+    prepare: PrepareFn,
 }
 
-/// The scope that an operation needs; `None`: no token at all.
-pub type Needs = Option<Scope>;
-/// For whoever watches over the server.
-pub const OPEN: Needs = None;
-/// Shows something.
-pub const READ: Needs = Some(Scope::Read);
-/// Makes or moves something.
-pub const ACT: Needs = Some(Scope::Act);
-/// Is about what all share.
-pub const ADMIN: Needs = Some(Scope::Admin);
+/// Scope that an operation requires; `None` if it needs no token.
+pub type RequiredScope = Option<Scope>;
+/// Needs no token: for monitoring.
+pub const PUBLIC: RequiredScope = None;
+/// Reads a resource.
+pub const READ: RequiredScope = Some(Scope::Read);
+/// Creates or changes a resource.
+pub const ACT: RequiredScope = Some(Scope::Act);
+/// Manages shared resources.
+pub const ADMIN: RequiredScope = Some(Scope::Admin);
 
-/// Makes a job's work from its plan.
-pub type MakeWork = fn(&Arc<Base>, &Value) -> Result<Work>;
+/// Builds a job's work from its plan.
+pub type BuildWork = fn(&Arc<CoreState>, &Value) -> Result<Work>;
 
-type Ready = Box<dyn Fn(&App, Asked) -> Answer<Call> + Send + Sync>;
+type PrepareFn = Box<dyn Fn(&RequestContext, OperationRequest) -> HandlerResult<PreparedCall> + Send + Sync>;
 
-/// Does what was asked.
-pub type Doing = Box<dyn FnOnce(&App) -> Answer<Reply> + Send>;
+/// Runs the handler.
+pub type HandlerFn = Box<dyn FnOnce(&RequestContext) -> HandlerResult<OperationResponse> + Send>;
 
-/// What was asked, understood: ready to be done.
-pub struct Call {
-    pub weight: Weight,
-    pub work: Doing,
+/// A parsed and authorised request, ready to run.
+pub struct PreparedCall {
+    pub class: ExecutionClass,
+    pub work: HandlerFn,
 }
+
+/// An operation whose required scope the caller has.
+pub struct Authorized<'a>(&'a Operation);
 
 impl Operation {
-    /// Reads what is asked of it; who may not ask is refused, and what it does not take.
-    pub fn ready(&self, app: &App, asked: Asked) -> Answer<Call> {
-        self.admits(app)?;
-        (self.ready)(app, asked)
+    /// Errors unless the caller has the required scope.
+    pub fn authorize(&self, app: &RequestContext) -> HandlerResult<Authorized<'_>> {
+        self.required_scope.map_or(Ok(()), |scope| app.require_scope(scope))?;
+        Ok(Authorized(self))
     }
+}
 
-    /// Errors unless whoever asks may ask for it.
-    pub fn admits(&self, app: &App) -> Answer<()> {
-        Ok(self.needs.map_or(Ok(()), |scope| app.needs(scope))?)
+impl Authorized<'_> {
+    /// Extracts the handler's input and rejects unknown fields.
+    pub fn prepare(self, app: &RequestContext, request: OperationRequest) -> HandlerResult<PreparedCall> {
+        (self.0.prepare)(app, request)
     }
 }
 
 /// `GET` of a path.
-pub fn get(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+pub fn get(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
     Declaration::new(name, HttpMethod::Get, path, tag, needs)
 }
 
 /// `POST` to a path.
-pub fn post(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+pub fn post(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
     Declaration::new(name, HttpMethod::Post, path, tag, needs)
 }
 
 /// `PUT` to a path.
-pub fn put(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+pub fn put(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
     Declaration::new(name, HttpMethod::Put, path, tag, needs)
 }
 
 /// `DELETE` of a path.
-pub fn delete(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+pub fn delete(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
     Declaration::new(name, HttpMethod::Delete, path, tag, needs)
 }
 
-/// An operation that does not say yet what it does.
+/// An operation without a handler yet.
 pub struct Declaration {
     name: &'static str,
     method: HttpMethod,
     path: &'static str,
-    needs: Needs,
-    only_http: bool,
-    described: Described,
+    required_scope: RequiredScope,
+    http_only: bool,
+    doc: OperationDoc,
 }
 
-/// Where what was made is found: what the header is for, and the path.
+/// `Location` of a created resource: description of the header, and the path.
 pub struct Location<T> {
     about: &'static str,
     path: fn(&T) -> String,
 }
 
-/// The answer has a `Location`.
-pub fn at<T>(about: &'static str, path: fn(&T) -> String) -> Option<Location<T>> {
+/// The response has a `Location` header.
+pub fn location<T>(about: &'static str, path: fn(&T) -> String) -> Option<Location<T>> {
     Some(Location { about, path })
 }
 
@@ -138,152 +143,157 @@ impl Declaration {
         method: HttpMethod,
         path: &'static str,
         tag: &str,
-        needs: Needs,
+        needs: RequiredScope,
     ) -> Declaration {
-        let mut described = Described::new(name, tag);
-        described.needs(needs);
-        Declaration { name, method, path, needs, only_http: false, described }
+        let mut doc = OperationDoc::new(name, tag);
+        doc.require_scope(needs);
+        Declaration { name, method, path, required_scope: needs, http_only: false, doc }
     }
 
-    /// What it does; after an empty line, what else there is to know.
+    /// Summary; after an empty line, the description.
     pub fn about(mut self, text: &str) -> Declaration {
-        self.described.about(text);
+        self.doc.about(text);
         self
     }
 
-    /// Statuses of problems it may answer with; an empty text stands for the status's own.
-    pub fn refuses(mut self, with: &[(u16, &str)]) -> Declaration {
-        with.iter().for_each(|(status, about)| self.described.problem(*status, about));
+    /// Problem responses by status; an empty text means the status's default description.
+    pub fn errors(mut self, with: &[(u16, &str)]) -> Declaration {
+        with.iter().for_each(|(status, about)| self.doc.problem(*status, about));
         self
     }
 
-    /// A status it answers with besides, or what the usual one is about.
-    pub fn answers<T: ToSchema>(mut self, status: u16, about: &str) -> Declaration {
-        self.described.json::<T>(status, about);
+    /// A further response, or the description of the default one.
+    pub fn response<T: ToSchema>(mut self, status: u16, about: &str) -> Declaration {
+        self.doc.json::<T>(status, about);
         self
     }
 
-    /// The same without a body.
-    pub fn answers_nothing(mut self, status: u16, about: &str) -> Declaration {
-        self.described.nothing(status, about);
+    /// A response without a body.
+    pub fn empty_response(mut self, status: u16, about: &str) -> Declaration {
+        self.doc.empty(status, about);
         self
     }
 
-    /// The same with another media type; bytes or text.
-    pub fn answers_media(mut self, status: u16, about: &str, kinds: &[&str]) -> Declaration {
-        self.described.media(status, about, kinds);
+    /// A response with another media type: bytes or text.
+    pub fn media_response(mut self, status: u16, about: &str, kinds: &[&str]) -> Declaration {
+        self.doc.media(status, about, kinds);
         self
     }
 
-    /// What an event of the answer has as data.
-    pub fn tells<T: ToSchema>(mut self) -> Declaration {
-        self.described.schema::<T>();
+    /// Schema of the events' data.
+    pub fn event_schema<T: ToSchema>(mut self) -> Declaration {
+        self.doc.schema::<T>();
         self
     }
 
-    /// An answer of this status tells an id, at a JSON pointer, with which to ask for what is at `path` and below it.
-    pub fn leads_to(mut self, status: u16, path: &'static str, id: &'static str) -> Declaration {
-        self.described.leads.push(Lead { status, path, id });
+    /// A response of this status holds an id, at a JSON pointer, that is a parameter of the operations at `path` and below.
+    pub fn links(mut self, status: u16, path: &'static str, id: &'static str) -> Declaration {
+        self.doc.links.push(ResponseLink { status, path, id });
         self
     }
 
-    /// ZeroMQ does not have it.
-    pub fn only_http(mut self) -> Declaration {
-        self.only_http = true;
+    /// Not available over ZeroMQ.
+    pub fn http_only(mut self) -> Declaration {
+        self.http_only = true;
         self
     }
 
-    /// Answers with what `work` gives.
-    pub fn does<I: Input, O: Output>(
+    /// Handler of class [`ExecutionClass::Blocking`].
+    pub fn handler<I: Extractor, O: HandlerOutput>(
         self,
-        work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
+        work: impl Fn(&RequestContext, I) -> Result<O> + Copy + Send + Sync + 'static,
     ) -> Operation {
-        self.weighed(|_, _| Weight::Usual, work)
+        self.classified_handler(|_, _| ExecutionClass::Blocking, work)
     }
 
-    /// The same for what computes.
-    pub fn computes<I: Input, O: Output>(
+    /// Handler of class [`ExecutionClass::Compute`].
+    pub fn compute_handler<I: Extractor, O: HandlerOutput>(
         self,
-        work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
+        work: impl Fn(&RequestContext, I) -> Result<O> + Copy + Send + Sync + 'static,
     ) -> Operation {
-        self.weighed(|_, _| Weight::Heavy, work)
+        self.classified_handler(|_, _| ExecutionClass::Compute, work)
     }
 
-    /// The same, `weigh` telling what it costs.
-    pub fn weighed<I: Input, O: Output>(
+    /// Handler whose execution class depends on its input.
+    pub fn classified_handler<I: Extractor, O: HandlerOutput>(
         mut self,
-        weigh: impl Fn(&App, &I) -> Weight + Send + Sync + 'static,
-        work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
+        classify: impl Fn(&RequestContext, &I) -> ExecutionClass + Send + Sync + 'static,
+        work: impl Fn(&RequestContext, I) -> Result<O> + Copy + Send + Sync + 'static,
     ) -> Operation {
-        I::describe(&mut self.described);
-        O::describe(&mut self.described);
-        self.operation(false, move |app, input: I, _| Call {
-            weight: weigh(app, &input),
-            work: Box::new(move |app| Ok(work(app, input)?.reply())),
+        I::describe(&mut self.doc);
+        O::describe(&mut self.doc);
+        self.operation(false, move |app, input: I, _| PreparedCall {
+            class: classify(app, &input),
+            work: Box::new(move |app| Ok(work(app, input)?.into_response())),
         })
     }
 
-    /// Makes something, once: `work` is given what makes the answer that is to be kept with its effect, and repeated
-    /// under the same key the operation makes nothing and is answered the same.
-    pub fn makes<I: Input, T: Serialize + Bulk + ToSchema + 'static>(
+    /// Handler that creates a resource. It accepts an `Idempotency-Key`: `work` receives a function that builds the response to
+    /// be stored in the same transaction, and a repeated request gets the stored response.
+    pub fn create_handler<I: Extractor, T: Serialize + BinaryArrays + ToSchema + 'static>(
         mut self,
         status: u16,
         location: Option<Location<T>>,
-        work: impl Fn(&App, I, Keep<T>) -> Result<T> + Copy + Send + Sync + 'static,
+        work: impl Fn(&RequestContext, I, RecordResponse<T>) -> Result<T> + Copy + Send + Sync + 'static,
     ) -> Operation {
-        I::describe(&mut self.described);
-        self.described.key();
-        self.described.json::<T>(status, "");
+        I::describe(&mut self.doc);
+        self.doc.idempotency_key();
+        self.doc.json::<T>(status, "");
         if let Some(location) = &location {
-            self.described.location(status, location.about);
+            self.doc.location(status, location.about);
         }
         let place = location.map(|l| l.path);
-        self.operation(true, move |_, input: I, by| Call {
-            weight: Weight::Usual,
+        self.operation(true, move |_, input: I, by| PreparedCall {
+            class: ExecutionClass::Blocking,
             work: Box::new(move |app| {
-                let (made, again) = once(app, by, status, place, |app, keep| work(app, input, keep))?;
+                let (made, replayed) =
+                    idempotent(app, by, status, place, |app, keep| work(app, input, keep))?;
                 let (status, location) = (made.status, made.location);
-                Ok(Reply { status, location, again, content: Content::Json(made.body) })
+                Ok(OperationResponse { status, location, replayed, content: Payload::Json(made.body) })
             }),
         })
     }
 
-    /// Queues a job of a kind: `begin` checks what is asked and decides on everything, `work` does what was decided,
-    /// now or after a restart.
-    pub fn queues<I: Input>(
+    /// Handler that queues a job: `begin` validates the request and fixes the plan, `work` executes the plan, now or after a
+    /// restart.
+    pub fn job<I: Extractor>(
         mut self,
         kind: &'static str,
-        begin: impl Fn(&App, I, Keep<JobOut>) -> Result<JobOut> + Copy + Send + Sync + 'static,
-        work: MakeWork,
+        begin: impl Fn(&RequestContext, I, RecordResponse<JobOut>) -> Result<JobOut>
+        + Copy
+        + Send
+        + Sync
+        + 'static,
+        work: BuildWork,
     ) -> Operation {
-        self.described.problem(429, "Too many waiting jobs");
-        self.described.leads.push(Lead { status: 202, path: "/v1/jobs/{id}", id: "/id" });
-        let place = at("Where the job is", |job: &JobOut| format!("/v1/jobs/{}", job.id));
-        Operation { job: Some((kind, work)), ..self.makes(202, place, begin) }
+        self.doc.problem(429, "Too many jobs are waiting");
+        self.doc.links.push(ResponseLink { status: 202, path: "/v1/jobs/{id}", id: "/id" });
+        let place = location("Path of the job", |job: &JobOut| format!("/v1/jobs/{}", job.id));
+        Operation { job: Some((kind, work)), ..self.create_handler(202, place, begin) }
     }
 
-    fn operation<I: Input>(
+    fn operation<I: Extractor>(
         self,
-        keyed: bool,
-        call: impl Fn(&App, I, Option<Once>) -> Call + Send + Sync + 'static,
+        idempotent_method: bool,
+        call: impl Fn(&RequestContext, I, Option<IdempotencyKey>) -> PreparedCall + Send + Sync + 'static,
     ) -> Operation {
-        let ready = move |app: &App, mut asked: Asked| {
-            let by = asked.once.take();
-            let input = I::read(&mut asked)?;
-            asked.nothing_more()?;
+        let prepare = move |app: &RequestContext, mut request: OperationRequest| {
+            let by = request.idempotency_key.take();
+            let input = I::extract(&mut request)?;
+            request.reject_unread_fields()?;
             Ok(call(app, input, by))
         };
         Operation {
             name: self.name,
             method: self.method,
             path: self.path,
-            needs: self.needs,
-            takes_body: self.described.takes_body(),
-            keyed,
-            only_http: self.only_http,
-            described: self.described,
+            required_scope: self.required_scope,
+            has_body: self.doc.has_body(),
+            idempotent_method,
+            http_only: self.http_only,
+            doc: self.doc,
             job: None,
-            ready: Box::new(ready),
+            prepare: Box::new(prepare),
         }
     }
 }

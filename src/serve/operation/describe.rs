@@ -1,4 +1,4 @@
-//! What an operation says of itself in the OpenAPI document.
+//! An operation's part of the OpenAPI document.
 
 use std::collections::BTreeMap;
 
@@ -10,50 +10,50 @@ use utoipa::openapi::{Content, HeaderBuilder, Ref, RefOr, Required, Response, Sc
 use utoipa::{PartialSchema, ToSchema};
 
 use crate::access::Scope;
-use crate::serve::problem::{PROBLEM, Problem};
+use crate::serve::problem::{PROBLEM_JSON, Problem};
 use crate::serve::wire::MSGPACK;
 
 /// Name of the security scheme.
-pub const TOKEN: &str = "token";
+pub const SECURITY_SCHEME: &str = "token";
 
-/// An operation of the document under way, and the schemas it refers to.
-pub struct Described {
+/// The OpenAPI operation under construction, and the schemas it refers to.
+pub struct OperationDoc {
     operation: Operation,
     /// By status.
     responses: BTreeMap<u16, Response>,
     body: Option<RequestBody>,
     /// By name.
     pub schemas: Vec<(String, RefOr<Schema>)>,
-    /// What its answers lead to.
-    pub leads: Vec<Lead>,
+    /// Links from its responses to other operations.
+    pub links: Vec<ResponseLink>,
 }
 
-/// An answer that tells an id, which stands in the path of others.
-pub struct Lead {
-    /// The answer's.
+/// A response that holds an id used in the path of other operations (OpenAPI link object).
+pub struct ResponseLink {
+    /// Status of the response.
     pub status: u16,
-    /// Of the others, up to the id; those below it too.
+    /// Path of the target operations up to the id; operations below it are targets as well.
     pub path: &'static str,
-    /// Where the id is in the answer, a JSON pointer.
+    /// JSON pointer to the id in the response.
     pub id: &'static str,
 }
 
-impl Described {
-    /// By name, among those of a tag.
-    pub fn new(name: &str, tag: &str) -> Described {
+impl OperationDoc {
+    /// An operation of this name and tag.
+    pub fn new(name: &str, tag: &str) -> OperationDoc {
         let mut operation = Operation::new();
         operation.operation_id = Some(name.into());
         operation.tags = Some(vec![tag.into()]);
-        Described {
+        OperationDoc {
             operation,
             responses: BTreeMap::new(),
             body: None,
             schemas: Vec::new(),
-            leads: Vec::new(),
+            links: Vec::new(),
         }
     }
 
-    /// The operation of the document.
+    /// The OpenAPI operation.
     pub fn operation(&self) -> Operation {
         let mut operation = self.operation.clone();
         operation.request_body = self.body.clone().map(RefOr::T);
@@ -62,43 +62,45 @@ impl Described {
         operation
     }
 
-    /// What a token must allow for it: what is answered without one, or with a weaker one.
-    pub fn needs(&mut self, needs: Option<Scope>) {
-        self.problem(421, "The server is not called so");
-        self.problem(503, "The request's deadline has passed, or storage fails or is damaged");
+    /// Required scope, and the responses to requests that lack it.
+    pub fn require_scope(&mut self, needs: Option<Scope>) {
+        self.problem(421, "Wrong `Host`: the server does not have this name");
+        self.problem(503, "The request's deadline has passed, or storage failed or is damaged");
         let Some(scope) = needs else {
-            self.problem(403, "Not from this page");
+            self.problem(403, "The origin is not allowed");
             self.operation.security = Some(Vec::new());
             return;
         };
-        let about = format!("The token may not {}, or not from this page", scope.name());
-        self.problem(401, "No token, or none that is good");
-        self.problem(403, if scope == Scope::Read { "Not from this page" } else { &about });
-        // A server without tokens asks for none.
-        self.operation.security =
-            Some(vec![SecurityRequirement::default(), SecurityRequirement::new(TOKEN, [scope.name()])]);
+        let about = format!("The token lacks the scope {}, or the origin is not allowed", scope.name());
+        self.problem(401, "The token is missing or invalid");
+        self.problem(403, if scope == Scope::Read { "The origin is not allowed" } else { &about });
+        // A server without tokens needs no authentication.
+        self.operation.security = Some(vec![
+            SecurityRequirement::default(),
+            SecurityRequirement::new(SECURITY_SCHEME, [scope.name()]),
+        ]);
     }
 
-    /// A summary; after an empty line, a description.
+    /// Summary; after an empty line, the description.
     pub fn about(&mut self, text: &str) {
         let (summary, more) = text.split_once("\n\n").map_or((text, None), |(s, more)| (s, Some(more)));
         self.operation.summary = Some(summary.into());
         self.operation.description = more.map(String::from);
     }
 
-    /// A part of the path, text, with an example if there is one.
+    /// A path parameter of type string, with an optional example.
     pub fn path(&mut self, name: &str, example: Option<&str>) {
         let parameter = ParameterBuilder::new().name(name).parameter_in(ParameterIn::Path);
         let parameter = parameter.required(Required::True).schema(Some(String::schema()));
         self.parameter(parameter.example(example.map(Into::into)).build());
     }
 
-    /// A parameter after the `?`, which may be absent.
+    /// An optional query parameter.
     pub fn query<T: PartialSchema>(&mut self, name: &str, about: &str) {
-        self.optional(ParameterIn::Query, name, about, T::schema());
+        self.optional_parameter(ParameterIn::Query, name, about, T::schema());
     }
 
-    /// A header, which may be absent.
+    /// An optional header.
     pub fn header<T: PartialSchema>(&mut self, name: &str, about: &str) {
         let mut schema = T::schema();
         if let RefOr::T(Schema::Object(object)) = &mut schema
@@ -106,16 +108,16 @@ impl Described {
         {
             object.schema_type = SchemaType::Array(vec![one.clone(), Type::Null]);
         }
-        self.optional(ParameterIn::Header, name, about, schema);
+        self.optional_parameter(ParameterIn::Header, name, about, schema);
     }
 
-    /// The header that makes it one that may be repeated.
-    pub fn key(&mut self) {
-        let about = "Repeated under the same key, the request has no further effect and is answered the same";
+    /// The `Idempotency-Key` header.
+    pub fn idempotency_key(&mut self) {
+        let about = "A repeated request with the same key has no further effect and gets the same response";
         self.header::<String>("Idempotency-Key", about);
     }
 
-    /// A body of JSON, which may turn out not to be what is taken.
+    /// A JSON body; a malformed or invalid one is a 400 or a 422.
     pub fn body<T: ToSchema>(&mut self) {
         let schema = self.reference::<T>();
         self.body_of("application/json", schema);
@@ -123,36 +125,36 @@ impl Described {
         self.problem(422, "");
     }
 
-    /// A body of text or bytes.
+    /// A text or binary body.
     pub fn body_of_media(&mut self, kind: &str) {
         let schema = if kind.starts_with("text/") { String::schema() } else { Vec::<u8>::schema() };
         self.body_of(kind, schema);
     }
 
     /// Whether there is a body.
-    pub fn takes_body(&self) -> bool {
+    pub fn has_body(&self) -> bool {
         self.body.is_some()
     }
 
-    /// The media types of its body; msgpack goes wherever JSON does.
+    /// Media types of the body; msgpack is accepted wherever JSON is.
     pub fn body_types(&self) -> Vec<String> {
         let kinds = self.body.iter().flat_map(|b| b.content.keys().cloned());
         let packed = |kind: &String| (kind == "application/json").then(|| MSGPACK.to_string());
         kinds.flat_map(|kind| packed(&kind).into_iter().chain([kind])).collect()
     }
 
-    /// An answer of JSON; what is said of a status already stays, unless there is more to say.
+    /// A JSON response; an existing description stays if `about` is empty.
     pub fn json<T: ToSchema>(&mut self, status: u16, about: &str) {
         let schema = self.reference::<T>();
         self.response(status, about).content.insert("application/json".into(), content(schema));
     }
 
-    /// The document has this schema, whatever refers to it.
+    /// Adds a schema to the document.
     pub fn schema<T: ToSchema>(&mut self) {
         self.reference::<T>();
     }
 
-    /// An answer of text or bytes.
+    /// A text or binary response.
     pub fn media(&mut self, status: u16, about: &str, kinds: &[&str]) {
         for kind in kinds {
             let is_text = kind.starts_with("text/") || *kind == "image/svg+xml";
@@ -161,25 +163,25 @@ impl Described {
         }
     }
 
-    /// An answer of JSON of which nothing is said.
+    /// A JSON response without a schema.
     pub fn any_json(&mut self, status: u16) {
         let any = utoipa::openapi::schema::Object::new();
         let any = content(RefOr::T(Schema::Object(any)));
         self.response(status, "").content.insert("application/json".into(), any);
     }
 
-    /// An answer without a body.
-    pub fn nothing(&mut self, status: u16, about: &str) {
+    /// A response without a body.
+    pub fn empty(&mut self, status: u16, about: &str) {
         self.response(status, about);
     }
 
-    /// A problem it may answer with.
+    /// A problem response.
     pub fn problem(&mut self, status: u16, about: &str) {
         let schema = self.reference::<Problem>();
-        self.response(status, about).content.insert(PROBLEM.into(), content(schema));
+        self.response(status, about).content.insert(PROBLEM_JSON.into(), content(schema));
     }
 
-    /// Where what was made is found.
+    /// The `Location` header of a response.
     pub fn location(&mut self, status: u16, about: &str) {
         let header = HeaderBuilder::new().schema(Some(String::schema())).description(Some(about)).build();
         self.response(status, "").headers.insert("Location".into(), RefOr::T(header));
@@ -193,7 +195,7 @@ impl Described {
         response
     }
 
-    fn optional(&mut self, place: ParameterIn, name: &str, about: &str, schema: RefOr<Schema>) {
+    fn optional_parameter(&mut self, place: ParameterIn, name: &str, about: &str, schema: RefOr<Schema>) {
         let parameter = ParameterBuilder::new().name(name).parameter_in(place).required(Required::False);
         self.parameter(parameter.description(Some(about)).schema(Some(schema)).build());
     }
@@ -206,12 +208,12 @@ impl Described {
         let body = self.body.get_or_insert_with(RequestBody::new);
         body.required = Some(Required::True);
         body.content.insert(kind.into(), content(schema));
-        self.problem(408, "The body takes too long");
+        self.problem(408, "The body arrived too slowly");
         self.problem(413, "");
-        self.problem(415, "A page sends a body of another type");
+        self.problem(415, "A browser sent a body of an undeclared media type");
     }
 
-    /// The schema by name, which the document is to have.
+    /// Adds the schema to the document and refers to it.
     fn reference<T: ToSchema>(&mut self) -> RefOr<Schema> {
         let name = T::name();
         self.schemas.push((name.to_string(), T::schema()));

@@ -1,24 +1,24 @@
-//! Events that come by and by: of a job, of a world.
+//! Server-sent events of a job or a world.
 
 use std::future::Future;
 use std::pin::Pin;
 
-/// One event, written.
-pub struct Told {
-    /// So that it can be gone on from; none for one that everybody is told first.
+/// One serialised event.
+pub struct ServerEvent {
+    /// Id to resume from; none for the initial snapshot.
     pub id: Option<u64>,
     pub name: &'static str,
     /// JSON
     pub data: String,
 }
 
-/// The next event, once it is there; `None` after the last.
-pub type Next<'a> = Pin<Box<dyn Future<Output = Option<Told>> + Send + 'a>>;
+/// The next event; `None` after the last.
+pub type NextEvent<'a> = Pin<Box<dyn Future<Output = Option<ServerEvent>> + Send + 'a>>;
 
-/// Where events come from.
-pub trait Events: Send {
+/// A source of events.
+pub trait EventStream: Send {
     /// Waits for the next event.
-    fn next(&mut self) -> Next<'_>;
-    /// Whether there is more to be told when the server stops.
+    fn next(&mut self) -> NextEvent<'_>;
+    /// Whether a final event follows when the server stops.
     fn has_last_word(&self) -> bool;
 }

@@ -1,30 +1,30 @@
-//! How something a client can ask for is declared: once, beside its function, for every transport.
+//! Declaration of API operations: once, next to the handler, for every transport.
 //!
-//! | file | what it is |
+//! | module | contents |
 //! |---|---|
-//! | `declare` | the declaration: name, method, path, what is taken and answered, the function |
-//! | `describe` | what the declaration says in the OpenAPI document |
-//! | `asked` | what came in, over whatever transport |
-//! | `input` | what functions take: an id, a body, a page, bytes |
-//! | `reply` | what functions give |
-//! | `once` | requests that may be repeated |
-//! | `events` | answers that come by and by |
-//! | `page` | parts of lists |
+//! | `declare` | the declaration: name, method, path, input, responses, handler |
+//! | `describe` | its part of the OpenAPI document |
+//! | `request` | a request, independent of the transport |
+//! | `extractor` | handler inputs: path id, JSON body, page, bytes |
+//! | `response` | handler outputs |
+//! | `idempotency` | idempotent requests |
+//! | `events` | event streams |
+//! | `pagination` | pages of lists |
 
-mod asked;
 mod declare;
 mod describe;
 mod events;
-mod input;
-mod once;
-mod page;
-mod reply;
+mod extractor;
+mod idempotency;
+mod pagination;
+mod request;
+mod response;
 
-pub use asked::{Asked, Sent};
-pub use declare::{ACT, ADMIN, OPEN, Operation, READ, at, delete, get, post, put};
-pub use describe::{Described, Lead, TOKEN};
-pub use events::{Events, Next, Told};
-pub use input::{Body, Bytes, Id, Input, Kept, LastEvent, Raw};
-pub use once::{Keep, Once};
-pub use page::Page;
-pub use reply::{Content, Media, Output, Reply, Whole};
+pub use declare::{ACT, ADMIN, Operation, PUBLIC, READ, delete, get, location, post, put};
+pub use describe::{OperationDoc, ResponseLink, SECURITY_SCHEME};
+pub use events::{EventStream, NextEvent, ServerEvent};
+pub use extractor::{AcceptsBinaryArrays, BodyWithJson, Extractor, JsonBody, LastEventId, PathId, RawBody};
+pub use idempotency::{IdempotencyKey, RecordResponse};
+pub use pagination::Pagination;
+pub use request::{HttpRequestParts, OperationRequest};
+pub use response::{HandlerOutput, MediaBody, OperationResponse, Payload, SerializableValue};

@@ -1,81 +1,85 @@
-//! Designs as jobs: which experiment would tell the most about a question, under what is believed of the world.
+//! Experimental design as a job: the most informative experiments for a question under a distribution of worlds.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::text::json;
-use crate::design::{DesignConfig, design, document, looks, parts};
+use super::json::to_value;
+use crate::design::{DesignConfig, design, document, screening_worlds, training_and_test_tasks};
 use crate::error::Result;
-use crate::estimate::Belief;
-use crate::estimate::belief::PRIOR_DRAWS;
-use crate::job::{New, Outcome, Work};
+use crate::estimate::ParameterSamples;
+use crate::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
+use crate::job::{JobSpec, Work, WorkOutcome};
 use crate::json::from_value;
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Keep, Operation, post};
-use crate::serve::shared::Base;
+use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
 use crate::serve::wire::{DesignIn, JobOut};
 use crate::task::family;
 
-/// What can be designed.
+/// Operations on experimental designs.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("start_design", "/v1/designs", "workflow", ACT)
             .about(
-                "Says which experiments would tell the most about a question under what is believed of the world, and why. \
-                 A job; its\nresult is an `iplw.design/1` document: the batch in order, with expected information and its \
-                 standard error.",
+                "Selects the most informative experiments for a question under a distribution of worlds. A job; its result is \
+                 an\n`iplw.design/1` document: the batch in order, with expected information and its standard error.",
             )
-            .refuses(&[(404, "Unknown task or effect")])
-            .queues(KIND, begin, work),
+            .errors(&[(404, "Unknown task or effect")])
+            .job(KIND, begin, work),
     ]
 }
 
 const KIND: &str = "design";
 
-/// A design with everything decided.
+/// A fully specified design.
 #[derive(Serialize, Deserialize)]
-struct Wanted {
+struct DesignJob {
     task: String,
-    /// A posterior's document; the prior where it is absent.
-    belief: Option<Value>,
+    /// A posterior document. Default: the prior.
+    #[serde(alias = "posterior")]
+    posterior: Option<Value>,
     sets: Vec<Vec<String>>,
     setup: DesignConfig,
 }
 
 /// Queues a design.
-fn begin(app: &App, Body(body): Body<DesignIn>, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(
+    app: &RequestContext,
+    JsonBody(body): JsonBody<DesignIn>,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     app.catalogue.named(&body.task)?;
     let (setup, sets) = (body.config()?, body.sets()?);
-    let wanted = Wanted { task: body.task, belief: body.belief.map(Value::Object), sets, setup };
-    let belief = believed(&wanted)?;
-    looks(&belief, &wanted.setup)?;
-    // What was asked for, without the draws themselves.
-    let about = json!({"source": belief.source(), "draws": belief.draws().len()});
-    let config = json!({"task": wanted.task, "belief": about, "sets": wanted.belief.is_none().then_some(&wanted.sets), "config": json(&wanted.setup)?});
-    let new = New { kind: KIND, config: &config, plan: &json(&wanted)?, seed: wanted.setup.seed };
+    let job = DesignJob { task: body.task, posterior: body.posterior.map(Value::Object), sets, setup };
+    let samples = parameter_samples(&job)?;
+    screening_worlds(&samples, &job.setup)?;
+    // The request without the draws, which are large.
+    let about = json!({"source": samples.source(), "draws": samples.draws().len()});
+    let config = json!({"task": job.task, "posterior": about, "sets": job.posterior.is_none().then_some(&job.sets), "config": to_value(&job.setup)?});
+    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&job)?, seed: job.setup.seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-fn believed(wanted: &Wanted) -> Result<Belief> {
-    match &wanted.belief {
-        Some(document) => Belief::from_value(document.clone()).map_err(|e| e.under("belief")),
+fn parameter_samples(job: &DesignJob) -> Result<ParameterSamples> {
+    match &job.posterior {
+        Some(document) => ParameterSamples::from_value(document.clone()).map_err(|e| e.in_field("posterior")),
         None => {
-            let prior = family(wanted.task.split(':').next().unwrap_or_default())?.prior;
-            Belief::of_sets(prior, &wanted.sets, PRIOR_DRAWS, wanted.setup.seed)
+            let prior = family(job.task.split(':').next().unwrap_or_default())?.prior;
+            ParameterSamples::prior_over_sets(prior, &job.sets, PRIOR_SAMPLE_COUNT, job.setup.seed)
         }
     }
 }
 
-/// The work of a design: begun again, it does everything again, and finds the same.
-fn work(base: &Arc<Base>, wanted: &Value) -> Result<Work> {
-    let wanted: Wanted = from_value(wanted.clone())?;
+/// The work of a design. After a restart it starts over and gives the same result.
+fn work(base: &Arc<CoreState>, job: &Value) -> Result<Work> {
+    let job: DesignJob = from_value(job.clone())?;
     let base = base.clone();
     Ok(Box::new(move |context| {
-        let (training, asked) = parts(&base.catalogue.named(&wanted.task)?.tasks);
-        let found = design(&training, &asked, &believed(&wanted)?, &wanted.setup, context)?;
-        base.metrics.simulated(found.rollouts as u64);
-        Ok(Outcome::Done(json(&document(&found, &wanted.setup))?))
+        let (training, asked) = training_and_test_tasks(&base.catalogue.named(&job.task)?.tasks);
+        let found = design(&training, &asked, &parameter_samples(&job)?, &job.setup, context)?;
+        base.metrics.count_rollouts(found.rollouts as u64);
+        Ok(WorkOutcome::Done(to_value(&document(&found, &job.setup))?))
     }))
 }

@@ -1,39 +1,41 @@
-//! Effects that a world may have beyond gravity and contact.
+//! The library of effects beyond gravity and contact.
 
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::error::Result;
-use crate::serve::app::App;
-use crate::serve::operation::{Operation, Page, READ, get};
-use crate::serve::weight::Weight;
-use crate::serve::wire::Bulk;
+use crate::serve::execution_class::ExecutionClass;
+use crate::serve::operation::{Operation, Pagination, READ, get};
+use crate::serve::request_context::RequestContext;
+use crate::serve::wire::BinaryArrays;
 use crate::world::effect::{Effect, REGISTRY};
 
-/// What can be asked about effects.
+/// Operations on effects.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_effects", "/v1/effects", "tasks", READ)
-            .about("Effects that a world may have beyond gravity and contact, and that a diagnosis may find.")
-            .weighed(|_, _| Weight::Light, list),
+            .about(
+                "Lists the effects beyond gravity and contact that worlds can have and diagnoses can find.",
+            )
+            .classified_handler(|_, _| ExecutionClass::Inline, list),
     ]
 }
 
 /// All effects.
 #[derive(Serialize, ToSchema)]
-struct Effects {
+struct EffectsPage {
     effects: Vec<EffectOut>,
     /// Cursor of the next page, if there is one.
     next: Option<String>,
 }
 
-/// An effect and what it takes.
+/// An effect with its parameters.
 #[derive(Serialize, ToSchema)]
 struct EffectOut {
     name: &'static str,
-    /// What it changes: `motion`, `contact`, `region`, `sensor` or `action`.
+    /// Where it acts: `motion`, `contact`, `region`, `sensor` or `action`.
     acts_on: &'static str,
-    /// In words and symbols, SI.
+    /// Equation in SI units.
     equation: &'static str,
     parameters: Vec<EffectParameterOut>,
 }
@@ -43,25 +45,25 @@ struct EffectOut {
 struct EffectParameterOut {
     name: &'static str,
     unit: &'static str,
-    /// Least and largest value.
+    /// Minimum and maximum.
     bounds: [f64; 2],
-    /// The value at which the effect vanishes.
+    /// Value at which the effect vanishes.
     neutral: f64,
 }
 
-impl Bulk for Effects {}
+impl BinaryArrays for EffectsPage {}
 
-fn list(_: &App, page: Page) -> Result<Effects> {
+fn list(_: &RequestContext, page: Pagination) -> Result<EffectsPage> {
     let seen = page.after("effects")?.unwrap_or(0);
     let mut rows: Vec<(usize, &Effect)> =
-        (1..).zip(REGISTRY.iter().copied()).skip(seen).take(page.fetch()).collect();
-    let next = page.cut("effects", &mut rows, |r| r.0);
-    Ok(Effects { effects: rows.into_iter().map(|(_, e)| e.into()).collect(), next })
+        (1..).zip(REGISTRY.iter().copied()).skip(seen).take(page.fetch_limit()).collect();
+    let next = page.truncate("effects", &mut rows, |r| r.0);
+    Ok(EffectsPage { effects: rows.into_iter().map(|(_, e)| e.into()).collect(), next })
 }
 
 impl From<&Effect> for EffectOut {
     fn from(e: &Effect) -> EffectOut {
-        let parameter = |p: &crate::world::effect::Parameter| EffectParameterOut {
+        let parameter = |p: &crate::world::effect::ParameterDeclaration| EffectParameterOut {
             name: p.name,
             unit: p.unit,
             bounds: p.bounds,
@@ -69,7 +71,7 @@ impl From<&Effect> for EffectOut {
         };
         EffectOut {
             name: e.name,
-            acts_on: e.acts_on().name(),
+            acts_on: e.target().name(),
             equation: e.equation,
             parameters: e.parameters.iter().map(parameter).collect(),
         }

@@ -1,11 +1,9 @@
-//! Estimations as jobs that survive: the workflow, its real world, and what of both is on the disk.
+//! Estimation as a resumable job.
 //!
-//! What is kept, in this order: the round as proposed; every measurement, in one transaction with the counter of
-//! the world it was made in; the round as finished. A job that is begun again resumes from the finished rounds,
-//! takes up the open one as it was proposed, and measures only what is not measured yet. So no interaction is
-//! ever made twice or counted twice: those that the killed process made and kept are used, and those it did not
-//! keep were not counted either, in a world whose counter was not moved on. The result is the same bits, as long as
-//! nobody else acts in the world meanwhile (noise is drawn by the number of the interaction).
+//! Stored in this order: the proposed round; each measurement, in one transaction with the counter of its world; the finished
+//! round. A restarted job resumes after the finished rounds, takes the open round as proposed, and measures only what is
+//! missing. So no interaction is made or counted twice. The result is bit-identical unless others act in the same world
+//! meanwhile, since noise depends on the number of the interaction.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,71 +11,78 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::closed::Closed;
+use super::finished_round::FinishedRound;
+use super::json::{to_json, to_value};
 use super::surface;
-use super::text::{json, text};
-use crate::budget::Endless;
+use crate::budget::Unlimited;
 use crate::error::{Error, Result};
-use crate::estimate::{LatentEstimate, Surface};
+use crate::estimate::{LatentEstimate, PerformanceSurface};
 use crate::experiment::{
-    Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow, ways,
+    EstimateConfig, PendingRound, Proposal, ProposalResult, ResidualKind, Round, StopReason, Workflow,
+    acquisition,
 };
 use crate::explore::Importance;
-use crate::job::{Context, New, Outcome, Work};
+use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Keep, Kept, Operation, post};
-use crate::serve::shared::Base;
-use crate::serve::wire::{Estimation, JobOut, Object, RealChoice, RealIn, effects};
-use crate::session::{Kind, SavedWorld, TaskSet, Tried, World, WorldConfig};
-use crate::store::{Measured, Store};
+use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
+use crate::serve::wire::{EstimationIn, JobOut, JsonObject, RealChoice, RealIn, effects};
+use crate::session::{AttemptResult, SavedWorld, TaskSet, World, WorldConfig, WorldKind};
+use crate::store::{MeasuredOutcomes, Store};
 use crate::task::{Split, Task, ValidAction, split};
 use crate::trajectory::Trajectory;
 use crate::world::{EffectParameter, Engine};
 
-/// What can be asked about the latents of a real world.
+/// Operations on estimations.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("start_iplw", "/v1/iplw", "workflow", ACT)
-            .about("Estimates the latents of a real world: explore in simulation, measure, fit. A job.")
-            .refuses(&[(404, "Unknown task or world")])
-            .leads_to(202, "/v1/iplw/{id}", "/id")
-            .queues(KIND, begin, work),
+            .about("Estimates the latents of a real world in rounds of exploring in simulation, measuring and fitting. A job.")
+            .errors(&[(404, "Unknown task or world")])
+            .links(202, "/v1/iplw/{id}", "/id")
+            .job(KIND, begin, work),
     ]
 }
 
-/// The kind of job.
+/// Kind of an estimation's job.
 pub const KIND: &str = "iplw";
 
-/// An estimation with everything decided.
+/// A fully specified estimation.
 #[derive(Serialize, Deserialize)]
-pub struct Plan {
+pub struct EstimationJob {
     /// A family or one task.
     pub task: String,
     pub setup: EstimateConfig,
-    pub real: Real,
-    /// Id of the surface that says which latents matter.
+    pub real: RealitySource,
+    /// Id of the performance surface, which weights the latents.
     #[serde(default)]
     pub surface: Option<String>,
-    /// Most real interactions of this job.
+    /// Maximum number of real interactions.
     pub budget: Option<u64>,
 }
 
-/// Where measurements come from.
+/// Source of measurements.
 #[derive(Serialize, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case")]
-pub enum Real {
-    /// A world of the server, by id.
+pub enum RealitySource {
+    /// A world of the registry, by id.
     World(String),
-    /// A world of this job alone.
-    Own(Box<SavedWorld>),
-    /// Whoever asks for proposals and tells answers.
-    Asked,
+    /// A world created for this job.
+    #[serde(rename = "own")]
+    Dedicated(Box<SavedWorld>),
+    /// The client's own world, by ask and tell.
+    #[serde(rename = "asked")]
+    AskTell,
 }
 
 /// Queues an estimation.
-fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(
+    app: &RequestContext,
+    BodyWithJson(body, config): BodyWithJson<EstimationIn>,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
     let family = tasks.family.ok_or_else(|| Error::Failed("a built-in task without a family".into()))?;
     let mut setup = EstimateConfig::fast(family.prior);
@@ -87,10 +92,10 @@ fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) ->
     };
     setup.strategy = body.strategy.unwrap_or(setup.strategy);
     if let Some(name) = &body.residual {
-        setup.residual = ResidualKind::from_name(name).map_err(named)?;
+        setup.residual = ResidualKind::from_name(name).map_err(with_request_field)?;
     }
     for name in body.fit.iter().flatten() {
-        setup.cem.fit_along(EffectParameter::parse(name).map_err(named)?);
+        setup.cem.add_free_parameter(EffectParameter::parse(name).map_err(with_request_field)?);
     }
     setup.rounds = whole("rounds", body.rounds, setup.rounds)?;
     setup.actions = whole("actions", body.actions, setup.actions)?;
@@ -104,58 +109,67 @@ fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) ->
         setup.cem.samples = samples;
     }
     setup.seed = body.seed.unwrap_or(0);
-    setup.validate().map_err(named)?;
-    // What cannot be begun is better refused now than failed later.
+    setup.validate().map_err(with_request_field)?;
+    // Validate everything now, rather than fail later in the job.
     if let Some(id) = &body.surface {
         surface::of_family(app.store(), family, id)?;
     }
-    Workflow::new(&explored(&tasks), &setup, Some(Arc::new(Unfound))).map_err(named)?;
+    Workflow::new(&exploration_tasks(&tasks), &setup, Some(Arc::new(PlaceholderImportance)))
+        .map_err(with_request_field)?;
     let seed = setup.seed;
     let real = match (body.world, body.real) {
         (Some(_), Some(_)) => {
-            return Err(Error::input("real", "given beside `world`", "one of world and real"));
+            return Err(Error::input("real", "given together with `world`", "one of world and real"));
         }
         (Some(id), None) => {
             let world = app.worlds().get(&id)?;
-            if world.kind() != Kind::Real {
+            if world.kind() != WorldKind::Real {
                 return Err(Error::input("world", format!("{id:?}"), "a world of kind real"));
             }
-            same_family(&tasks, world.tasks(), "world", &id)?;
-            Real::World(id)
+            check_same_family(&tasks, world.tasks(), "world", &id)?;
+            RealitySource::World(id)
         }
-        (None, Some(RealChoice::AskTell)) => Real::Asked,
-        (None, Some(RealChoice::World(real))) => Real::Own(Box::new(own(tasks, *real, seed)?)),
-        (None, None) => Real::Own(Box::new(own(tasks, RealIn::default(), seed)?)),
+        (None, Some(RealChoice::AskTell)) => RealitySource::AskTell,
+        (None, Some(RealChoice::World(real))) => {
+            RealitySource::Dedicated(Box::new(dedicated_world(tasks, *real, seed)?))
+        }
+        (None, None) => RealitySource::Dedicated(Box::new(dedicated_world(tasks, RealIn::default(), seed)?)),
     };
-    let plan = json(&Plan { task: body.task, setup, real, surface: body.surface, budget: body.budget })?;
-    let new = New { kind: KIND, config: &config, plan: &plan, seed };
+    let plan = to_value(&EstimationJob {
+        task: body.task,
+        setup,
+        real,
+        surface: body.surface,
+        budget: body.budget,
+    })?;
+    let new = JobSpec { kind: KIND, config: &config, plan: &plan, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// The work of a plan.
-fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+/// The work of an estimation.
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    let plan: EstimationJob = from_value(plan.clone())?;
     let base = base.clone();
-    // Held from now on, so that it does not idle out.
+    // The reference keeps the world from expiring.
     let world = match &plan.real {
-        Real::World(id) => Some(base.worlds.get(id, base.now())?),
-        Real::Own(_) | Real::Asked => None,
+        RealitySource::World(id) => Some(base.worlds.get(id, base.now())?),
+        RealitySource::Dedicated(_) | RealitySource::AskTell => None,
     };
     Ok(Box::new(move |context| run(&base, context, &plan, world.as_deref())))
 }
 
 /// The tasks that an estimation explores.
-pub fn explored(tasks: &TaskSet) -> Vec<Task> {
+pub fn exploration_tasks(tasks: &TaskSet) -> Vec<Task> {
     if tasks.tasks.len() > 1 { split(&tasks.tasks, Split::Train) } else { tasks.tasks.to_vec() }
 }
 
-/// A round as it was proposed.
-pub fn asked(text: &str) -> Result<Asked> {
+/// Parses a stored proposed round.
+pub fn asked(text: &str) -> Result<PendingRound> {
     parse(text)
 }
 
-/// Errors unless both are tasks of one family.
-pub fn same_family(tasks: &TaskSet, other: &TaskSet, field: &str, id: &str) -> Result<()> {
+/// Fails unless both task sets belong to one family.
+pub fn check_same_family(tasks: &TaskSet, other: &TaskSet, field: &str, id: &str) -> Result<()> {
     let name = |t: &TaskSet| t.family.map_or_else(|| t.name.clone(), |f| f.name.to_string());
     if name(tasks) == name(other) {
         return Ok(());
@@ -164,30 +178,35 @@ pub fn same_family(tasks: &TaskSet, other: &TaskSet, field: &str, id: &str) -> R
     Err(Error::input(field, value, format!("a world of {}", name(tasks))))
 }
 
-fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> Result<Outcome> {
+fn run(
+    base: &CoreState,
+    context: &JobContext,
+    plan: &EstimationJob,
+    shared: Option<&World>,
+) -> Result<WorkOutcome> {
     let started = Instant::now();
     let (store, job) = (&*base.store, context.number);
     let named = base.catalogue.named(&plan.task)?;
-    let tasks = explored(&named);
+    let tasks = exploration_tasks(&named);
     let importance = importance(store, job, &named, plan, context)?;
-    let mut workflow = resumed(store, job, &tasks, &plan.setup, importance)?;
+    let mut workflow = resume_workflow(store, job, &tasks, &plan.setup, importance)?;
     let spent = || Ok(store.measured(job, 0)?.values().filter(|m| m.is_some()).count() as u64);
-    let own = match &plan.real {
-        Real::Own(saved) => {
+    let dedicated_world = match &plan.real {
+        RealitySource::Dedicated(saved) => {
             let world = World::new(SavedWorld::clone(saved).config(&base.catalogue)?)?;
             Some(world.with_past(spent()?, None))
         }
-        Real::World(_) | Real::Asked => None,
+        RealitySource::World(_) | RealitySource::AskTell => None,
     };
-    let world = shared.or(own.as_ref());
+    let world = shared.or(dedicated_world.as_ref());
     let id = match &plan.real {
-        Real::World(id) => Some(id.as_str()),
-        Real::Own(_) | Real::Asked => None,
+        RealitySource::World(id) => Some(id.as_str()),
+        RealitySource::Dedicated(_) | RealitySource::AskTell => None,
     };
     loop {
         let number = workflow.rounds().len() as u64;
         context.round(number, plan.setup.rounds as u64);
-        if workflow.asked().is_none() {
+        if workflow.pending_round().is_none() {
             let left = [
                 world.and_then(World::remaining),
                 plan.budget.map(|b| b.saturating_sub(spent().unwrap_or(b))),
@@ -196,16 +215,20 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
                 warn_of_budget(&workflow, context);
                 break;
             }
-            if let Some(asked) = workflow.asked() {
-                store.open_round(job, number, &text(asked)?)?;
+            if let Some(asked) = workflow.pending_round() {
+                store.open_round(job, number, &to_json(asked)?)?;
             }
         }
-        let Some(asked) = workflow.asked().cloned() else { break };
+        let Some(asked) = workflow.pending_round().cloned() else { break };
         let first = asked.proposals.first().map_or(0, |p| p.number);
         if let Some(world) = world {
-            let keep = |rows: &Measured, interactions: u64| {
+            let keep = |rows: &MeasuredOutcomes, interactions: u64| {
                 store.put_measured(job, rows, id.map(|id| (id, interactions)), None)?;
-                base.metrics.attempted(Kind::Real, rows.values().filter(|m| m.is_some()).count() as u64, 0);
+                base.metrics.count_attempts(
+                    WorldKind::Real,
+                    rows.values().filter(|m| m.is_some()).count() as u64,
+                    0,
+                );
                 Ok(())
             };
             measure(&workflow, world, &asked.proposals, &store.measured(job, first)?, &keep, context)?;
@@ -213,15 +236,15 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
         let measured = store.measured(job, first)?;
         let total = asked.proposals.len() as u64;
         if (measured.len() as u64) < total {
-            let stage = format!("round {} of {}: waiting for answers", number + 1, plan.setup.rounds);
+            let stage = format!("round {} of {}: waiting for trials", number + 1, plan.setup.rounds);
             context.report(&stage, measured.len() as u64, total)?;
-            return Ok(Outcome::Waiting);
+            return Ok(WorkOutcome::Waiting);
         }
         warn_of_failed(&measured, context);
         let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?.clone();
-        let (known, rollouts) = workflow.known(context)?;
-        base.metrics.simulated(rollouts);
-        store.close_round(job, number, &text(&closed(round, known))?)?;
+        let (known, rollouts) = workflow.latent_estimates(context)?;
+        base.metrics.count_rollouts(rollouts);
+        store.close_round(job, number, &to_json(&finished_round(round, known))?)?;
     }
     if workflow.trials().is_empty() {
         return Err(nothing_measured(plan, world));
@@ -229,67 +252,67 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
     context.round(plan.setup.rounds as u64, plan.setup.rounds as u64);
     let mut report = workflow.report(context)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
-    base.metrics.simulated(report.rollouts);
-    Ok(Outcome::Done(json(&report)?))
+    base.metrics.count_rollouts(report.rollouts);
+    Ok(WorkOutcome::Done(to_value(&report)?))
 }
 
-/// A round as it is kept: its measurements have a table of their own.
-fn closed(round: Round, known: Vec<LatentEstimate>) -> Closed {
+/// A round for storage, without its measurements, which have their own table.
+fn finished_round(round: Round, known: Vec<LatentEstimate>) -> FinishedRound {
     let answered = Some(round.answers.iter().map(|a| a.number).collect());
-    Closed { round: Round { answers: Vec::new(), ..round }, known, answered }
+    FinishedRound { round: Round { answers: Vec::new(), ..round }, known, answered }
 }
 
-/// Tells the job's owner that nothing is left to measure with.
-fn warn_of_budget(workflow: &Workflow, context: &Context) {
-    if workflow.ended() == Some(Stopped::Budget) {
-        context.warn("the budget of real interactions is spent: no more rounds");
+/// Warns in the job's log that the budget is exhausted.
+fn warn_of_budget(workflow: &Workflow, context: &JobContext) {
+    if workflow.ended() == Some(StopReason::Budget) {
+        context.warn("the budget of real interactions is exhausted: no more rounds");
     }
 }
 
-/// Tells the job's owner of proposals that could not be carried out.
-fn warn_of_failed(measured: &Measured, context: &Context) {
+/// Warns in the job's log about proposals that could not be carried out.
+fn warn_of_failed(measured: &MeasuredOutcomes, context: &JobContext) {
     let failed = measured.values().filter(|m| m.is_none()).count();
     if failed > 0 {
         context.warn(&format!("{failed} of {} proposals could not be carried out", measured.len()));
     }
 }
 
-/// What the strategy is told of what matters: nothing, unless it asks or a surface is named.
+/// The importance of latents for strategies that need it: from the named surface or a default one.
 fn importance(
     store: &Store,
     job: i64,
     tasks: &TaskSet,
-    plan: &Plan,
+    plan: &EstimationJob,
     progress: &dyn Progress,
 ) -> Result<Option<Arc<dyn Importance>>> {
     let Some(family) = tasks.family else { return Ok(None) };
-    if plan.surface.is_none() && !ways::needs_importance(&plan.setup.strategy)? {
+    if plan.surface.is_none() && !acquisition::needs_importance(&plan.setup.strategy)? {
         return Ok(None);
     }
-    // The job's own from then on: a surface may be forgotten meanwhile.
-    if let Some(kept) = store.artifact(job, SURFACE)? {
+    // Stored with the job, since the surface can be deleted meanwhile.
+    if let Some(kept) = store.artifact(job, SURFACE_ARTIFACT)? {
         let kept = String::from_utf8(kept).map_err(|e| Error::Failed(format!("a stored surface: {e}")))?;
-        return Ok(Some(Arc::new(Surface::from_json(&kept)?)));
+        return Ok(Some(Arc::new(PerformanceSurface::from_json(&kept)?)));
     }
     let found = surface::importance(store, family, plan.surface.as_deref(), progress)?;
-    store.put_artifact(job, SURFACE, found.to_json().as_bytes())?;
+    store.put_artifact(job, SURFACE_ARTIFACT, found.to_json().as_bytes())?;
     Ok(Some(Arc::new(found)))
 }
 
-/// The artifact that holds the surface an estimation began with.
-const SURFACE: &str = "surface";
+/// Name of the job artifact with its performance surface.
+const SURFACE_ARTIFACT: &str = "surface";
 
-/// Stands in for a surface while a request is checked.
-struct Unfound;
+/// Placeholder for a surface while a request is validated.
+struct PlaceholderImportance;
 
-impl Importance for Unfound {
+impl Importance for PlaceholderImportance {
     fn gradient(&self, _: [f64; 3]) -> [f64; 3] {
         [f64::NAN; 3]
     }
 }
 
-/// The workflow as it stands in the store.
-fn resumed(
+/// Restores the workflow from the store.
+fn resume_workflow(
     store: &Store,
     job: i64,
     tasks: &[Task],
@@ -301,7 +324,7 @@ fn resumed(
     for row in store.rounds(job)? {
         match row.done {
             Some(done) => {
-                let Closed { round: bare, .. } = parse(&done)?;
+                let FinishedRound { round: bare, .. } = parse(&done)?;
                 rounds.push(Round { answers: answers(&bare.proposals, &measured)?, ..bare });
             }
             None => open = Some(asked(&row.asked)?),
@@ -314,19 +337,19 @@ fn resumed(
     })
 }
 
-/// What was measured of these proposals; those that could not be carried out are left out.
-fn answers(proposals: &[Proposal], measured: &Measured) -> Result<Vec<Answer>> {
+/// The measurements of these proposals, without failed ones.
+fn answers(proposals: &[Proposal], measured: &MeasuredOutcomes) -> Result<Vec<ProposalResult>> {
     let found = proposals.iter().filter_map(|p| Some((p.number, measured.get(&p.number)?.as_ref()?)));
-    found.map(|(number, text)| Ok(Answer { number, observed: parse::<Trajectory>(text)? })).collect()
+    found.map(|(number, text)| Ok(ProposalResult { number, observed: parse::<Trajectory>(text)? })).collect()
 }
 
-/// Carries out those proposals that are not `done`, task by task, keeping what every task brings.
+/// Measures the proposals that are not `done`, task by task, storing the results after each task.
 fn measure(
     workflow: &Workflow,
     world: &World,
     proposals: &[Proposal],
-    done: &Measured,
-    keep: &dyn Fn(&Measured, u64) -> Result<()>,
+    done: &MeasuredOutcomes,
+    keep: &dyn Fn(&MeasuredOutcomes, u64) -> Result<()>,
     progress: &dyn Progress,
 ) -> Result<()> {
     let mut by_task: Vec<(&str, Vec<&Proposal>)> = Vec::new();
@@ -341,17 +364,19 @@ fn measure(
         progress.report("measuring the real world", made, total)?;
         let task = workflow.task(id)?;
         let actions: Vec<ValidAction> = of_it.iter().map(|p| p.action_on(task)).collect::<Result<_>>()?;
-        let rows = |results: &[Tried], interactions: u64| {
-            let row = |(p, r): (&&Proposal, &Tried)| Ok((p.number, r.as_ref().ok().map(text).transpose()?));
-            keep(&of_it.iter().zip(results).map(row).collect::<Result<Measured>>()?, interactions)
+        let rows = |results: &[AttemptResult], interactions: u64| {
+            let row = |(p, r): (&&Proposal, &AttemptResult)| {
+                Ok((p.number, r.as_ref().ok().map(to_json).transpose()?))
+            };
+            keep(&of_it.iter().zip(results).map(row).collect::<Result<MeasuredOutcomes>>()?, interactions)
         };
-        world.attempts(task, &actions, Some(&rows), &Endless)?;
+        world.attempts(task, &actions, Some(&rows), &Unlimited)?;
         made += of_it.len() as u64;
     }
     Ok(())
 }
 
-fn nothing_measured(plan: &Plan, world: Option<&World>) -> Error {
+fn nothing_measured(plan: &EstimationJob, world: Option<&World>) -> Error {
     match world {
         Some(world) => Error::Budget {
             limit: [world.budget(), plan.budget].into_iter().flatten().min().unwrap_or(0),
@@ -362,16 +387,16 @@ fn nothing_measured(plan: &Plan, world: Option<&World>) -> Error {
     }
 }
 
-/// The standard real world of the family, but for what is given.
-fn own(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld> {
-    let latents = real.latents.map(|Object(l)| l.checked("real.latents.")).transpose()?;
+/// The family's standard real world with the given changes.
+fn dedicated_world(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld> {
+    let latents = real.latents.map(|JsonObject(l)| l.checked("real.latents.")).transpose()?;
     let config = WorldConfig {
         tasks,
-        kind: Kind::Real,
+        kind: WorldKind::Real,
         engine: Engine::Auto,
         latents: latents.unwrap_or_default(),
         effects: effects(real.damping, real.effects, "real.")?,
-        noise: crate::error::within("real.noise", real.noise.unwrap_or(0.0), 0.0, 1e3)?,
+        noise: crate::error::check_range("real.noise", real.noise.unwrap_or(0.0), 0.0, 1e3)?,
         budget: None,
         sealed: None,
         seed,
@@ -379,8 +404,8 @@ fn own(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld> {
     Ok(SavedWorld::of(&config))
 }
 
-/// The core's errors with the request's names of fields.
-fn named(error: Error) -> Error {
+/// Renames the core's fields in errors to those of the request.
+fn with_request_field(error: Error) -> Error {
     match error {
         Error::NotFound { kind: kind @ ("strategy" | "residual"), id, known } => {
             Error::input(kind, format!("{id:?}"), format!("one of {}", known.join(", ")))

@@ -1,69 +1,69 @@
-//! Jobs of all kinds.
+//! Jobs of all kinds as resources.
 
 use crate::error::{Error, Result};
-use crate::job::{Deleted, Watcher};
-use crate::serve::app::App;
+use crate::job::{DeleteOutcome, Watcher};
 use crate::serve::operation::{
-    ACT, Asked, Content, Described, Events, Id, Input, LastEvent, Next, Operation, Output, Page, READ, Reply,
-    Told, delete, get,
+    ACT, EventStream, Extractor, HandlerOutput, LastEventId, NextEvent, Operation, OperationDoc,
+    OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, ServerEvent, delete, get,
 };
-use crate::serve::problem::Answer;
-use crate::serve::wire::{JobOut, Jobs, LineOut, Log};
+use crate::serve::problem::HandlerResult;
+use crate::serve::request_context::RequestContext;
+use crate::serve::wire::{JobLogPage, JobOut, JobsPage, LogLineOut};
 use crate::store::{JobList, JobState};
 
-/// What can be asked of jobs.
+/// Operations on jobs.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_jobs", "/v1/jobs", "jobs", READ)
             .about(
-                "Jobs, oldest first unless asked otherwise.\n\nResults may be large, those of diagnoses above all: a list that is \
-                 looked at often leaves them out by `results=false`.",
+                "Lists jobs, by default oldest first.\n\nResults can be large, especially of diagnoses; omit them with \
+                 `results=false` when polling.",
             )
-            .leads_to(200, "/v1/jobs/{id}", "/jobs/0/id")
-            .does(list),
+            .links(200, "/v1/jobs/{id}", "/jobs/0/id")
+            .handler(list),
         get("get_job", "/v1/jobs/{id}", "jobs", READ)
-            .about("One job.")
-            .refuses(&[(404, "")])
-            .does(|app, Id(id)| Ok(JobOut::from(app.jobs().get(&id)?))),
+            .about("Returns a job.")
+            .errors(&[(404, "")])
+            .handler(|app, PathId(id)| Ok(JobOut::from(app.jobs().get(&id)?))),
         delete("delete_job", "/v1/jobs/{id}", "jobs", ACT)
-            .about("Cancels a job that has not ended (202); forgets one that has (204).")
-            .answers::<JobOut>(202, "It is told to stop")
-            .answers_nothing(204, "Forgotten")
-            .refuses(&[(404, "")])
-            .does(remove),
+            .about("Cancels a job that has not ended (202), or deletes one that has (204).")
+            .response::<JobOut>(202, "Cancellation requested")
+            .empty_response(204, "Deleted")
+            .errors(&[(404, "")])
+            .handler(remove),
         get("get_job_log", "/v1/jobs/{id}/log", "jobs", READ)
             .about(
-                "What happened to a job, line by line: stages, rounds, warnings, the server's restarts, its end.\n\nThe latest \
-                 1000 lines are kept for as long as the job. To follow it, ask again with `after`.",
+                "Returns a job's log: stages, rounds, warnings, server restarts and its end.\n\nThe latest 1000 lines are kept as \
+                 long as the job. To follow the log, repeat the request with `after`.",
             )
-            .refuses(&[(404, "")])
-            .does(log),
+            .errors(&[(404, "")])
+            .handler(log),
         get("follow_job", "/v1/jobs/{id}/events", "jobs", READ)
             .about(
-                "Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. \
-                 With\n`Last-Event-ID`, only what came after; 204 if nothing ever will.",
+                "Streams a job's progress as server-sent events: `progress`, and `done` at the end, each with the job as data. \
+                 With\n`Last-Event-ID`, only later events; 204 if there will be none.",
             )
-            .answers_media(200, "Events", &["text/event-stream"])
-            .answers_nothing(204, "The job has ended and its last event was seen")
-            .refuses(&[(404, ""), (422, "")])
-            .only_http()
-            .does(events),
+            .media_response(200, "Events", &["text/event-stream"])
+            .empty_response(204, "The job has ended and its last event was received")
+            .errors(&[(404, ""), (422, "")])
+            .http_only()
+            .handler(events),
     ]
 }
 
-/// Which jobs, in which order, and which part of them.
-struct Listed(JobList, Page);
+/// Query parameters of a list of jobs.
+struct JobsQuery(JobList, Pagination);
 
-impl Input for Listed {
-    fn describe(to: &mut Described) {
+impl Extractor for JobsQuery {
+    fn describe(to: &mut OperationDoc) {
         to.query::<String>("order", "`oldest` (default) or `newest` first");
         to.query::<String>("state", "Only jobs in this state");
         to.query::<String>("kind", "Only jobs of this kind: `train`, `evaluate`, ...");
-        to.query::<bool>("results", "With their results, which may be large; `true` if absent");
-        Page::describe(to);
+        to.query::<bool>("results", "Whether to include results, which can be large. Default: `true`");
+        Pagination::describe(to);
     }
 
-    fn read(from: &mut Asked) -> Answer<Listed> {
+    fn extract(from: &mut OperationRequest) -> HandlerResult<JobsQuery> {
         let mut query = from.query()?;
         let mut taken = |name: &str| {
             let at = query.iter().position(|(n, _)| n == name);
@@ -91,40 +91,40 @@ impl Input for Listed {
             }
         };
         let kind = taken("kind");
-        Ok(Listed(JobList { newest, state, kind, bare }, Page::from_query(&query)?))
+        Ok(JobsQuery(JobList { newest, state, kind, bare }, Pagination::from_query(&query)?))
     }
 }
 
-fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
+fn list(app: &RequestContext, JobsQuery(list, page): JobsQuery) -> Result<JobsPage> {
     let kinds = app.jobs().kinds();
     if let Some(unknown) = list.kind.as_ref().filter(|k| !kinds.contains(&k.as_str())) {
         return Err(Error::input("kind", format!("{unknown:?}"), format!("one of {}", kinds.join(", "))));
     }
-    // A cursor goes on with the list it came from.
+    // A cursor is only valid for the list it came from.
     let name = if list.newest { "jobs-newest" } else { "jobs" };
-    let mut all = app.jobs().list(&list, page.after(name)?, page.fetch())?;
-    let next = page.cut(name, &mut all, |j| j.row.number);
-    Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
+    let mut all = app.jobs().list(&list, page.after(name)?, page.fetch_limit())?;
+    let next = page.truncate(name, &mut all, |j| j.row.number);
+    Ok(JobsPage { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }
 
-/// Which part of a log.
-struct Lines {
-    /// Number of the last line seen.
+/// Query parameters of a log.
+struct LogQuery {
+    /// Number of the line to start after.
     after: u64,
-    page: Page,
+    page: Pagination,
 }
 
-impl Input for Lines {
-    fn describe(to: &mut Described) {
+impl Extractor for LogQuery {
+    fn describe(to: &mut OperationDoc) {
         to.query::<u64>("after", "Only lines after this number");
-        Page::describe(to);
+        Pagination::describe(to);
     }
 
-    fn read(from: &mut Asked) -> Answer<Lines> {
+    fn extract(from: &mut OperationRequest) -> HandlerResult<LogQuery> {
         let mut query = from.query()?;
         let given = query.iter().position(|(name, _)| name == "after").map(|at| query.remove(at).1);
         let number = |value: String| {
-            // SQLite counts to 2^63 - 1.
+            // SQLite's integers go up to 2^63 - 1.
             value
                 .parse()
                 .ok()
@@ -132,37 +132,47 @@ impl Input for Lines {
                 .ok_or_else(|| Error::input("after", format!("{value:?}"), "the number of a line, or 0"))
         };
         let after = given.map(number).transpose()?.unwrap_or(0);
-        Ok(Lines { after, page: Page::from_query(&query)? })
+        Ok(LogQuery { after, page: Pagination::from_query(&query)? })
     }
 }
 
-fn log(app: &App, (Id(id), Lines { after, page }): (Id, Lines)) -> Result<Log> {
+fn log(
+    app: &RequestContext,
+    (PathId(id), LogQuery { after, page }): (PathId, LogQuery),
+) -> Result<JobLogPage> {
     let after = page.after("log")?.unwrap_or(0).max(after).min(i64::MAX as u64);
-    let mut lines = app.jobs().log(&id, after, page.fetch())?;
-    let next = page.cut("log", &mut lines, |l| l.number);
-    Ok(Log { lines: lines.into_iter().map(LineOut::from).collect(), next })
+    let mut lines = app.jobs().log(&id, after, page.fetch_limit())?;
+    let next = page.truncate("log", &mut lines, |l| l.number);
+    Ok(JobLogPage { lines: lines.into_iter().map(LogLineOut::from).collect(), next })
 }
 
-fn remove(app: &App, Id(id): Id) -> Result<Reply> {
+fn remove(app: &RequestContext, PathId(id): PathId) -> Result<OperationResponse> {
     Ok(match app.jobs().delete(&id)? {
-        Deleted::Cancelled(job) => (202, JobOut::from(*job)).reply(),
-        Deleted::Forgotten => ().reply(),
+        DeleteOutcome::Cancelled(job) => (202, JobOut::from(*job)).into_response(),
+        DeleteOutcome::Removed => ().into_response(),
     })
 }
 
-fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
+fn events(
+    app: &RequestContext,
+    (PathId(id), LastEventId(seen)): (PathId, LastEventId),
+) -> Result<OperationResponse> {
     let watcher = app.jobs().watch(&id, seen)?;
-    Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(Box::new(watcher))) })
+    Ok(if watcher.exhausted() {
+        ().into_response()
+    } else {
+        OperationResponse::ok(Payload::EventStream(Box::new(watcher)))
+    })
 }
 
-/// `done` for a job that has ended, else `progress`.
-impl Events for Watcher {
-    fn next(&mut self) -> Next<'_> {
+/// `done` for a job that has ended, otherwise `progress`.
+impl EventStream for Watcher {
+    fn next(&mut self) -> NextEvent<'_> {
         Box::pin(async {
             let (id, job) = Watcher::next(self).await?;
             let name = if job.row.state.ended() { "done" } else { "progress" };
             let data = serde_json::to_string(&JobOut::from(job)).ok()?;
-            Some(Told { id: Some(id), name, data })
+            Some(ServerEvent { id: Some(id), name, data })
         })
     }
 

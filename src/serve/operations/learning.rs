@@ -1,63 +1,66 @@
-//! Learning on in a world: random attempts on its training tasks, then further batches for a policy. From the policy
-//! [`UNTRAINED`] this is direct learning, the baseline without a simulation. Begun again, the job makes no attempt twice.
+//! Fine-tuning as a job: trains a policy further on random attempts on a world's training tasks. With the policy [`UNTRAINED`]
+//! this is direct learning, the baseline without simulation. A restarted job makes no attempt twice.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::attempts::Attempts;
-use super::estimation::explored;
-use super::stored::{UNTRAINED, began_with, free_id, load, of_policy, row};
-use super::text::json;
+use super::estimation::exploration_tasks;
+use super::json::to_value;
+use super::policy_store::{UNTRAINED, load, load_for_job, policy_id_for_job, row, with_policy_id};
+use super::rollouts::PersistedRollouts;
 use crate::error::{Error, Result};
 use crate::experiment::transfer::LearnConfig;
 use crate::explore;
-use crate::job::{Context, New, Outcome, Work};
+use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
 use crate::progress::Progress;
 use crate::rng;
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Id, Keep, Kept, Operation, post};
-use crate::serve::shared::Base;
+use crate::serve::operation::{ACT, BodyWithJson, Operation, PathId, RecordResponse, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
 use crate::serve::wire::{JobOut, LearnIn};
 use crate::session::World;
 use crate::store::PolicyRow;
 use crate::task::{Task, ValidAction};
 
-/// Learning in a world.
+/// Operations on fine-tuning.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("learn_policy", "/v1/policies/{id}/learn", "policies", ACT)
             .about(
-                "Lets a policy learn on in a world, from random attempts on its training tasks. A job; its result \
-                 names the new\npolicy. From the policy `untrained`, which is always there, this is direct learning: \
-                 no simulation.",
+                "Trains a policy further in a world, on random attempts on its training tasks. A job; its result names the \
+                 new\npolicy. With the built-in policy `untrained` this is direct learning, without simulation.",
             )
-            .refuses(&[(404, "Unknown policy or world"), (409, "`random`, which cannot learn")])
-            .queues(KIND, begin, work),
+            .errors(&[(404, "Unknown policy or world"), (409, "The policy `random`, which cannot learn")])
+            .job(KIND, begin, work),
     ]
 }
 
 const KIND: &str = "learn";
 
-/// Learning with everything decided.
+/// A fully specified fine-tuning.
 #[derive(Serialize, Deserialize)]
-struct Plan {
+struct LearningJob {
     policy: String,
     world: String,
     /// Valid attempts in the world.
     attempts: usize,
     setup: TrainConfig,
-    /// As asked for; kept with the policy.
+    /// The request, stored with the policy.
     config: Value,
 }
 
-/// Queues learning on.
-fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep<JobOut>) -> Result<JobOut> {
+/// Queues a fine-tuning.
+fn begin(
+    app: &RequestContext,
+    (PathId(id), BodyWithJson(body, asked)): (PathId, BodyWithJson<LearnIn>),
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     let world = app.worlds().get(&body.world)?;
-    let tasks = explored(world.tasks());
+    let tasks = exploration_tasks(world.tasks());
     let seed = body.seed.unwrap_or(0);
     let usual = LearnConfig::paper();
     let paper = TrainConfig::preset(world.tasks().learning());
@@ -75,39 +78,39 @@ fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep
     };
     setup.validate()?;
     let first = if id == UNTRAINED { untrained(&tasks, &setup)? } else { load(app, &id)? };
-    first.fits(&tasks[0]).map_err(|e| match e {
+    first.check_compatible(&tasks[0]).map_err(|e| match e {
         Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
         other => other,
     })?;
     let attempts =
         whole("attempts", body.attempts, (setup.batches * setup.batch_size).min(100_000), 100_000)?;
     if let Some(left) = world.remaining().filter(|left| *left < attempts as u64) {
-        let allowed = format!("at most {left}, what is left of the world's budget");
+        let allowed = format!("at most {left}, the world's remaining budget");
         return Err(Error::input("attempts", attempts, allowed));
     }
-    let config = of_policy(asked, &id);
-    let plan = Plan { policy: id, world: body.world, attempts, setup, config: config.clone() };
-    let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
+    let config = with_policy_id(asked, &id);
+    let plan = LearningJob { policy: id, world: body.world, attempts, setup, config: config.clone() };
+    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&plan)?, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// The work of learning on.
-fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+/// The work of a fine-tuning.
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    let plan: LearningJob = from_value(plan.clone())?;
     let base = base.clone();
-    // Held from now on, so that it does not idle out.
+    // The reference keeps the world from expiring.
     let world = base.worlds.get(&plan.world, base.now())?;
     Ok(Box::new(move |context| run(&base, context, &plan, &world)))
 }
 
-fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Outcome> {
+fn run(base: &CoreState, context: &JobContext, plan: &LearningJob, world: &World) -> Result<WorkOutcome> {
     let (store, job) = (&*base.store, context.number);
-    let tasks = explored(world.tasks());
+    let tasks = exploration_tasks(world.tasks());
     let dqn = match plan.policy.as_str() {
         UNTRAINED => untrained(&tasks, &plan.setup)?,
-        id => began_with(store, job, id, store.weights(id)?)?,
+        id => load_for_job(store, job, id, store.weights(id)?)?,
     };
-    let data = gathered(base, context, plan, world, tasks)?;
+    let data = collect_attempts(base, context, plan, world, tasks)?;
     if data.solving() == 0 {
         return Err(Error::Failed(format!(
             "none of {} attempts in {} solved its task, so there is nothing to learn; ask for more attempts",
@@ -118,7 +121,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
     let (learned, log) = dqn.learn_more(&data, &plan.setup, context)?;
     let weights =
         learned.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
-    let id = free_id(store, context.id)?;
+    let id = policy_id_for_job(store, context.id)?;
     let training = if plan.policy == UNTRAINED { "direct" } else { "learned_on" };
     let stored = PolicyRow {
         id: id.clone(),
@@ -129,21 +132,28 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
         ..row(&id, &learned, weights.len())
     };
     store.put_policy(&stored, &weights, None)?;
-    Ok(Outcome::Done(json!({
+    Ok(WorkOutcome::Done(json!({
         "policy": id,
         "from": plan.policy,
         "loss": log.loss,
         "interactions": data.rows.len(),
         "solving": data.solving(),
         "world_kind": world.kind().name(),
-        "config": json(&plan.setup)?,
+        "config": to_value(&plan.setup)?,
     })))
 }
 
-/// Random attempts, task by task.
-fn gathered(base: &Base, context: &Context, plan: &Plan, world: &World, tasks: Vec<Task>) -> Result<Dataset> {
-    let attempts = Attempts::new(base, context, world, &plan.world)?;
-    let drawn = explore::draw(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
+/// Makes random attempts, task by task.
+fn collect_attempts(
+    base: &CoreState,
+    context: &JobContext,
+    plan: &LearningJob,
+    world: &World,
+    tasks: Vec<Task>,
+) -> Result<Dataset> {
+    let attempts = PersistedRollouts::new(base, context, world, &plan.world)?;
+    let drawn =
+        explore::draw_placeable(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
     let mut rows = Vec::with_capacity(drawn.len());
     for (t, task) in tasks.iter().enumerate() {
         context.report("acting in the world", t as u64, tasks.len() as u64)?;

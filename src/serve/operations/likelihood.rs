@@ -1,7 +1,7 @@
-//! Likelihoods for samplers of one's own: prepared as a job, then asked at as many points as one likes.
+//! Likelihoods for external samplers: prepared as a job, then evaluated at any number of points.
 //!
-//! What was prepared is kept as long as there is room. After that, or after a restart, whoever asks next waits until it is prepared
-//! again, with the same bits; if that takes longer than a request may, it goes on and is there when it is asked for again.
+//! Prepared likelihoods are cached. After eviction or a restart the next request prepares the likelihood again, with the same
+//! bits; if that exceeds the deadline, preparation continues for later requests.
 
 use std::sync::Arc;
 
@@ -9,78 +9,82 @@ use ring::digest::{SHA256, digest};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::given::Given;
-use super::posterior::asked_about;
-use super::text::{json, text};
-use crate::discover::posterior::{Likelihood, PosteriorConfig};
+use super::diagnosis_input::DiagnosisInput;
+use super::json::{to_json, to_value};
+use super::posterior::posterior_data;
+use crate::discover::posterior::{PosteriorConfig, TrialLikelihood};
 use crate::error::{Error, Result};
-use crate::job::{New, Outcome, Work};
+use crate::job::{JobSpec, Work, WorkOutcome};
 use crate::json::from_value;
-use crate::progress::{Progress, Silent};
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Id, Keep, Operation, post};
-use crate::serve::shared::Base;
-use crate::serve::wire::{Densities, JobOut, LikelihoodIn, PointsIn, Starts, StartsIn};
+use crate::progress::{NoProgress, Progress};
+use crate::serve::operation::{ACT, JsonBody, Operation, PathId, RecordResponse, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
+use crate::serve::wire::{ChainStarts, ChainStartsIn, JobOut, LikelihoodIn, LogDensities, PointsIn};
 use crate::store::JobState;
 
-/// What can be asked about how likely trials are.
+/// Operations on likelihoods.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("start_likelihood", "/v1/likelihoods", "workflow", ACT)
             .about(
-                "Prepares the likelihood that posteriors are drawn from, given measured trials, for a sampler of one's own. A job; its \
-                 result\nis an `iplw.likelihood/1` document that names the numbers of a point and what is believed of them.",
+                "Prepares the likelihood of measured trials for an external sampler. A job; its result is an `iplw.likelihood/1` \
+                 document\nwith the parameters of a point and their priors.",
             )
-            .refuses(&[(404, "Unknown job, latent or effect"), (409, "A job without trials")])
-            .leads_to(202, "/v1/likelihoods/{id}", "/id")
-            .queues(KIND, begin, work),
+            .errors(&[(404, "Unknown job, latent or effect"), (409, "A job without trials")])
+            .links(202, "/v1/likelihoods/{id}", "/id")
+            .job(KIND, begin, work),
         post("evaluate_likelihood", "/v1/likelihoods/{id}/evaluate", "workflow", ACT)
             .about(
-                "How likely the trials are at each of many points, and what is believed of each: the sum of the two logarithms is the \
-                 log\nposterior density but for a constant. A point's numbers are the same bits in whatever company it is asked.",
+                "Evaluates log likelihood and log prior at many points; their sum is the log posterior density up to a constant. \
+                 Results\nare bit-identical however points are batched.",
             )
-            .refuses(&[(404, ""), (409, "The job is no likelihood, or not ready"), (413, "")])
-            .computes(evaluate),
+            .errors(&[(404, ""), (409, "The job is not a likelihood, or not ready"), (413, "")])
+            .compute_handler(evaluate),
         post("draw_starts", "/v1/likelihoods/{id}/starts", "workflow", ACT)
-            .about("Points about the fit at which chains may begin: each is possible.")
-            .refuses(&[(404, ""), (409, "The job is no likelihood, or not ready")])
-            .computes(starts),
+            .about("Draws starting points of Markov chains around the fit, each with positive density.")
+            .errors(&[(404, ""), (409, "The job is not a likelihood, or not ready")])
+            .compute_handler(starts),
     ]
 }
 
-/// The kind of job.
+/// Kind of a likelihood's job.
 const KIND: &str = "likelihood";
-/// Points that are asked before it is seen whether there is time for more.
-const TOGETHER: usize = 64;
+/// Points evaluated between checks of the deadline.
+const POINTS_PER_CHUNK: usize = 64;
 
-/// A likelihood with everything decided.
+/// A fully specified likelihood.
 #[derive(Serialize, Deserialize)]
-struct Plan {
-    given: Given,
+struct LikelihoodJob {
+    given: DiagnosisInput,
     config: PosteriorConfig,
-    /// Digest of both: what is kept goes by it, whoever asks.
+    /// Digest of both, the cache key.
     key: String,
 }
 
-fn begin(app: &App, Body(body): Body<LikelihoodIn>, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(
+    app: &RequestContext,
+    JsonBody(body): JsonBody<LikelihoodIn>,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     let (given, wanted, calibrate) = body.parts();
-    let config = wanted.config().map_err(named)?;
+    let config = wanted.config().map_err(with_request_field)?;
     let (job, seed) = (given.job.clone(), config.seed);
-    let (scene, trials, count) = asked_about(app, given, calibrate)?;
+    let (scene, trials, count) = posterior_data(app, given, calibrate)?;
     let shown = json!({
         "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,
     });
-    let given = Given { scene: scene.to_json(), trials, seed };
-    let key = digest(&SHA256, text(&(&given, &config))?.as_bytes());
+    let given = DiagnosisInput { scene: scene.to_json(), trials, seed };
+    let key = digest(&SHA256, to_json(&(&given, &config))?.as_bytes());
     let key = key.as_ref().iter().map(|b| format!("{b:02x}")).collect();
-    let plan = json(&Plan { given, config, key })?;
-    let new = New { kind: KIND, config: &shown, plan: &plan, seed };
+    let plan = to_value(&LikelihoodJob { given, config, key })?;
+    let new = JobSpec { kind: KIND, config: &shown, plan: &plan, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// An error about the only set speaks of the effects.
-fn named(error: Error) -> Error {
+/// Renames the field of an error about the only set to `effects`.
+fn with_request_field(error: Error) -> Error {
     match error {
         Error::Input(mut input) if input.field == "sets[0]" => {
             input.field = "effects".into();
@@ -90,56 +94,63 @@ fn named(error: Error) -> Error {
     }
 }
 
-/// The work of a likelihood: begun again, it does everything again, and finds the same.
-fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+/// The work of a likelihood. After a restart it starts over and gives the same result.
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    let plan: LikelihoodJob = from_value(plan.clone())?;
     let base = base.clone();
-    Ok(Box::new(move |context| Ok(Outcome::Done(prepared(&base, &plan, context)?.document()))))
+    Ok(Box::new(move |context| Ok(WorkOutcome::Done(prepare(&base, &plan, context)?.document()))))
 }
 
-/// What a plan says, prepared unless it is there.
-fn prepared(base: &Base, plan: &Plan, progress: &dyn Progress) -> Result<Arc<Likelihood>> {
+/// The prepared likelihood, from the cache if possible.
+fn prepare(base: &CoreState, plan: &LikelihoodJob, progress: &dyn Progress) -> Result<Arc<TrialLikelihood>> {
     base.likelihoods.get(&plan.key, || {
         let (scene, trials) = plan.given.read()?;
-        let found = Likelihood::new(&scene, &trials, &plan.config, progress)?;
+        let found = TrialLikelihood::new(&scene, &trials, &plan.config, progress)?;
         let bytes = found.bytes();
         Ok((found, bytes))
     })
 }
 
 /// The likelihood that a job prepared.
-fn of_job(app: &App, id: &str) -> Result<Arc<Likelihood>> {
+fn load_likelihood(app: &RequestContext, id: &str) -> Result<Arc<TrialLikelihood>> {
     let row = app.jobs().get(id)?.row;
     if row.kind != KIND {
-        return Err(Error::Refused { reason: format!("{id} is no likelihood, but of kind {}", row.kind) });
+        return Err(Error::Refused { reason: format!("{id} is not a likelihood but of kind {}", row.kind) });
     }
     if row.state != JobState::Succeeded {
-        let reason = format!("{id} is {}; a likelihood can be asked once it has succeeded", row.state.name());
+        let reason =
+            format!("{id} is {}; a likelihood can be evaluated once it has succeeded", row.state.name());
         return Err(Error::Refused { reason });
     }
-    prepared(&app.shared().base, &from_value(row.plan)?, &Silent)
+    prepare(&app.shared().core, &from_value(row.plan)?, &NoProgress)
 }
 
-fn evaluate(app: &App, (Id(id), Body(body)): (Id, Body<PointsIn>)) -> Result<Densities> {
-    let likelihood = of_job(app, &id)?;
+fn evaluate(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<PointsIn>),
+) -> Result<LogDensities> {
+    let likelihood = load_likelihood(app, &id)?;
     let prior_only = body.prior_only;
     let points = body.points(&likelihood.names())?;
     let log_prior = points.iter().map(|p| likelihood.log_prior(p)).collect();
     if prior_only {
-        return Ok(Densities::new(log_prior, None));
+        return Ok(LogDensities::new(log_prior, None));
     }
     let mut found = Vec::with_capacity(points.len());
-    for together in points.chunks(TOGETHER) {
-        app.budget().look()?;
+    for together in points.chunks(POINTS_PER_CHUNK) {
+        app.budget().check()?;
         found.extend(likelihood.log_likelihoods(together)?);
-        app.metrics.simulated((together.len() * likelihood.windows()) as u64);
+        app.metrics.count_rollouts((together.len() * likelihood.segment_count()) as u64);
     }
-    Ok(Densities::new(log_prior, Some(found)))
+    Ok(LogDensities::new(log_prior, Some(found)))
 }
 
-fn starts(app: &App, (Id(id), Body(body)): (Id, Body<StartsIn>)) -> Result<Starts> {
+fn starts(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<ChainStartsIn>),
+) -> Result<ChainStarts> {
     let count = body.count()?;
-    let likelihood = of_job(app, &id)?;
-    let points = likelihood.starts(count, body.seed.unwrap_or(0))?;
-    Ok(Starts::new(likelihood.names(), &points))
+    let likelihood = load_likelihood(app, &id)?;
+    let points = likelihood.initial_points(count, body.seed.unwrap_or(0))?;
+    Ok(ChainStarts::new(likelihood.names(), &points))
 }

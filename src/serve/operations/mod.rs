@@ -1,33 +1,33 @@
-//! What a client can ask for: every operation is declared beside its function, and HTTP's routes, the OpenAPI document,
-//! ZeroMQ's dispatch and the recipes of jobs follow from this list. docs/extending.md tells how to add one.
+//! The API's operations. Each is declared next to its handler; HTTP routes, the OpenAPI document, ZeroMQ dispatch and job
+//! factories derive from this list. See docs/how-to/extend.md for how to add one.
 
-pub mod asked;
-mod attempts;
+mod adhoc;
+pub mod ask_tell;
 mod batch;
 mod branch;
-mod closed;
-mod course;
 mod design;
 mod diagnosis;
+mod diagnosis_input;
 mod effect;
 mod estimation;
 mod evaluation;
-mod given;
+mod finished_round;
+mod history;
 mod job;
+mod json;
 mod learning;
 mod likelihood;
-mod measured;
+mod measurements;
 mod plan;
 mod policy;
+mod policy_store;
 mod posterior;
 mod render;
+mod rollouts;
 mod rounds;
-mod sketch;
-mod stored;
 mod surface;
 mod system;
 mod task;
-mod text;
 mod token;
 mod training;
 mod trials;
@@ -36,23 +36,23 @@ mod world;
 use std::sync::{Arc, LazyLock};
 
 use super::operation::Operation;
-use super::problem::Answer;
-use super::shared::Base;
+use super::problem::HandlerResult;
+use super::state::CoreState;
 use crate::error::Error;
-use crate::job::{Recipe, Recipes};
+use crate::job::{WorkFactories, WorkFactory};
 
-/// A row a file.
-const FILES: [fn() -> Vec<Operation>; 25] = [
-    asked::operations,
+/// The operations of each file.
+const OPERATION_LISTS: [fn() -> Vec<Operation>; 25] = [
+    ask_tell::operations,
     batch::operations,
     branch::operations,
-    course::operations,
+    history::operations,
     design::operations,
     diagnosis::operations,
     effect::operations,
     estimation::operations,
     evaluation::operations,
-    given::operations,
+    diagnosis_input::operations,
     job::operations,
     learning::operations,
     likelihood::operations,
@@ -60,7 +60,7 @@ const FILES: [fn() -> Vec<Operation>; 25] = [
     policy::operations,
     posterior::operations,
     render::operations,
-    sketch::operations,
+    adhoc::operations,
     surface::operations,
     system::operations,
     task::operations,
@@ -72,24 +72,24 @@ const FILES: [fn() -> Vec<Operation>; 25] = [
 
 /// All operations.
 pub static OPERATIONS: LazyLock<Vec<Operation>> =
-    LazyLock::new(|| FILES.iter().flat_map(|operations| operations()).collect());
+    LazyLock::new(|| OPERATION_LISTS.iter().flat_map(|operations| operations()).collect());
 
-/// The operation with this name, of those that ZeroMQ has.
-pub fn operation(name: &str) -> Answer<&'static Operation> {
-    let known = || OPERATIONS.iter().filter(|o| !o.only_http);
+/// The operation with this name, unless it is only available over HTTP.
+pub fn operation(name: &str) -> HandlerResult<&'static Operation> {
+    let known = || OPERATIONS.iter().filter(|o| !o.http_only);
     known().find(|o| o.name == name).ok_or_else(|| {
         let known = known().map(|o| o.name.to_string()).collect();
         Error::NotFound { kind: "operation", id: name.into(), known }.into()
     })
 }
 
-/// How every kind of job is made from its plan.
-pub fn recipes(base: &Arc<Base>) -> Recipes {
+/// Factories that build the work of each kind of job from its stored plan.
+pub fn work_factories(base: &Arc<CoreState>) -> WorkFactories {
     let jobs = OPERATIONS.iter().filter_map(|o| o.job);
     jobs.map(|(kind, make)| {
         let base = base.clone();
-        let recipe: Recipe = Box::new(move |plan| make(&base, plan));
-        (kind, recipe)
+        let factory: WorkFactory = Box::new(move |plan| make(&base, plan));
+        (kind, factory)
     })
     .collect()
 }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_kinds_of_jobs_are_given_once() {
+    fn operation_names_and_job_kinds_are_unique() {
         let names: BTreeSet<&str> = OPERATIONS.iter().map(|o| o.name).collect();
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();

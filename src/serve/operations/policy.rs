@@ -1,63 +1,65 @@
-//! Policies: what there is, weights, acting.
+//! Policies as resources: listing, weights, acting.
 
 use serde_json::json;
 
-use super::stored::{ALWAYS, RANDOM, is_always, load, row, unknown, without_weights};
+use super::policy_store::{BUILT_IN_POLICIES, RANDOM, is_built_in, load, row, unknown, without_weights};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
-use crate::policy::{CHUNK, Dqn, Policy, Random, rank};
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Bytes, Id, Media, Operation, Page, READ, delete, get, post, put};
-use crate::serve::wire::{ActIn, Acted, Policies, PolicyOut, Scored};
+use crate::policy::{CHUNK, Dqn, Policy, RandomPolicy, rank};
+use crate::serve::operation::{
+    ACT, JsonBody, MediaBody, Operation, Pagination, PathId, READ, RawBody, delete, get, post, put,
+};
+use crate::serve::request_context::RequestContext;
+use crate::serve::wire::{ActIn, PoliciesPage, PolicyOut, ProposedActions, ScoredAction};
 use crate::task::{Placement, Task, ValidAction};
 
-/// What can be asked of policies at once.
+/// Operations on policies that need no job.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_policies", "/v1/policies", "policies", READ)
-            .about("Policies, oldest first; replacing its weights makes a policy young again.")
-            .leads_to(200, "/v1/policies/{id}", "/policies/0/id")
-            .does(list),
-        get("get_policy", "/v1/policies/{id}", "policies", READ).about("One policy.").refuses(&[(404, "")]).does(one),
+            .about("Lists policies, oldest first; replacing the weights counts as a new policy.")
+            .links(200, "/v1/policies/{id}", "/policies/0/id")
+            .handler(list),
+        get("get_policy", "/v1/policies/{id}", "policies", READ).about("Returns a policy.").errors(&[(404, "")]).handler(one),
         delete("delete_policy", "/v1/policies/{id}", "policies", ACT)
-            .about("Forgets a policy and its weights.")
-            .refuses(&[(404, ""), (409, "A policy that is always there")])
-            .does(forget),
+            .about("Deletes a policy and its weights.")
+            .errors(&[(404, ""), (409, "A built-in policy")])
+            .handler(forget),
         get("download_weights", "/v1/policies/{id}/weights", "policies", READ)
-            .about("A policy's weights, as safetensors.")
-            .answers_media(200, "", &["application/octet-stream"])
-            .refuses(&[(404, ""), (409, "A policy that has none: `random`, `untrained`")])
-            .does(weights),
+            .about("Returns a policy's weights as safetensors.")
+            .media_response(200, "", &["application/octet-stream"])
+            .errors(&[(404, ""), (409, "A built-in policy, which has no weights")])
+            .handler(weights),
         put("upload_weights", "/v1/policies/{id}/weights", "policies", ACT)
-            .about("Stores weights: makes the policy, or replaces its weights.")
-            .answers::<PolicyOut>(200, "Replaced")
-            .answers::<PolicyOut>(201, "Made")
-            .leads_to(201, "/v1/policies/{id}", "/id")
-            .refuses(&[
-                (409, "A name that is taken"),
+            .about("Uploads weights: creates the policy or replaces its weights.")
+            .response::<PolicyOut>(200, "Replaced")
+            .response::<PolicyOut>(201, "Created")
+            .links(201, "/v1/policies/{id}", "/id")
+            .errors(&[
+                (409, "The name is taken"),
                 (413, ""),
                 (422, "Not the weights of a policy"),
             ])
-            .does(put_weights),
+            .handler(put_weights),
         post("act", "/v1/policies/{id}/act", "policies", ACT)
             .about(
-                "The actions a policy likes best on a task, of those that can be placed.\n\nThe policy `random`, \
-                 always there, likes them in an order drawn once.",
+                "Returns the policy's highest-scoring actions on a task that can be placed.\n\nThe built-in policy `random` has \
+                 a fixed random order.",
             )
-            .refuses(&[(404, "Unknown policy or task"), (409, "`untrained`, which knows nothing yet")])
-            .computes(act),
+            .errors(&[(404, "Unknown policy or task"), (409, "The policy `untrained`")])
+            .compute_handler(act),
     ]
 }
 
-fn list(app: &App, page: Page) -> Result<Policies> {
+fn list(app: &RequestContext, page: Pagination) -> Result<PoliciesPage> {
     let after: i64 = page.after("policies")?.unwrap_or(0);
-    let mut all = app.policies().list(after, page.fetch())?;
-    let next = page.cut("policies", &mut all, |p| p.0);
-    Ok(Policies { policies: all.into_iter().map(|p| PolicyOut::from(p.1)).collect(), next })
+    let mut all = app.policies().list(after, page.fetch_limit())?;
+    let next = page.truncate("policies", &mut all, |p| p.0);
+    Ok(PoliciesPage { policies: all.into_iter().map(|p| PolicyOut::from(p.1)).collect(), next })
 }
 
-fn one(app: &App, Id(id): Id) -> Result<PolicyOut> {
-    if let Some((id, about)) = ALWAYS.iter().find(|p| p.0 == id) {
+fn one(app: &RequestContext, PathId(id): PathId) -> Result<PolicyOut> {
+    if let Some((id, about)) = BUILT_IN_POLICIES.iter().find(|p| p.0 == id) {
         return Ok(PolicyOut {
             id: id.to_string(),
             task: "any".into(),
@@ -72,28 +74,29 @@ fn one(app: &App, Id(id): Id) -> Result<PolicyOut> {
     app.policies().get(&id)?.map(PolicyOut::from).ok_or_else(|| unknown(&id))
 }
 
-fn forget(app: &App, Id(id): Id) -> Result<()> {
-    if is_always(&id) {
-        return Err(Error::Refused {
-            reason: format!("the policy {id} is always there and cannot be deleted"),
-        });
+fn forget(app: &RequestContext, PathId(id): PathId) -> Result<()> {
+    if is_built_in(&id) {
+        return Err(Error::Refused { reason: format!("the policy {id} is built in and cannot be deleted") });
     }
     if app.policies().remove(&id)? { Ok(()) } else { Err(unknown(&id)) }
 }
 
-fn weights(app: &App, Id(id): Id) -> Result<Media> {
+fn weights(app: &RequestContext, PathId(id): PathId) -> Result<MediaBody> {
     let bytes = app.policies().weights(&id)?.ok_or_else(|| without_weights(&id))?;
-    Ok(Media { kind: "application/octet-stream", bytes })
+    Ok(MediaBody { kind: "application/octet-stream", bytes })
 }
 
-fn put_weights(app: &App, (Id(id), Bytes(bytes)): (Id, Bytes)) -> Result<(u16, PolicyOut)> {
+fn put_weights(
+    app: &RequestContext,
+    (PathId(id), RawBody(bytes)): (PathId, RawBody),
+) -> Result<(u16, PolicyOut)> {
     let first = id.chars().next().is_some_and(|c| c.is_ascii_alphanumeric());
     if !(first && id.len() <= 64 && id.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))) {
         let allowed = "1 to 64 letters, digits, `.`, `_` or `-`, the first a letter or digit";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
-    if is_always(&id) {
-        let allowed = "another name: this policy is always there and has no weights to replace";
+    if is_built_in(&id) {
+        let allowed = "another name: this policy is built in and has no weights";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
     let dqn = Dqn::from_safetensors(&bytes).map_err(|e| match e {
@@ -101,21 +104,21 @@ fn put_weights(app: &App, (Id(id), Bytes(bytes)): (Id, Bytes)) -> Result<(u16, P
         other => Error::input("body", other, "the safetensors weights of a policy"),
     })?;
     if let Ok(tasks) = app.catalogue.family(&dqn.card().family) {
-        dqn.fits(&tasks.tasks[0])?;
+        dqn.check_compatible(&tasks.tasks[0])?;
     }
     let (row, new) = app.policies().put(row(&id, &dqn, bytes.len()), &bytes)?;
     Ok((if new { 201 } else { 200 }, row.into()))
 }
 
-/// A policy that scores for as long as it may.
-struct Within<'a> {
+/// A policy that checks a deadline before each batch of scores.
+struct BudgetedPolicy<'a> {
     policy: &'a dyn Policy,
     budget: &'a dyn Budget,
 }
 
-impl Policy for Within<'_> {
+impl Policy for BudgetedPolicy<'_> {
     fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
-        self.budget.look()?;
+        self.budget.check()?;
         self.policy.score(task, actions)
     }
 
@@ -124,26 +127,29 @@ impl Policy for Within<'_> {
     }
 }
 
-/// The actions a policy likes best; `random` likes an order that is the same every time.
-fn act(app: &App, (Id(id), Body(body)): (Id, Body<ActIn>)) -> Result<Acted> {
+/// The highest-scoring actions that can be placed.
+fn act(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<ActIn>),
+) -> Result<ProposedActions> {
     let count = body.count.unwrap_or(1);
     if !(1..=10_000).contains(&count) {
         return Err(Error::input("count", count, "a whole number from 1 to 10000"));
     }
     let task = app.catalogue.task(&body.task)?;
     let policy: Box<dyn Policy> = if id == RANDOM {
-        Box::new(Random { seed: 0 })
+        Box::new(RandomPolicy { seed: 0 })
     } else {
         let dqn = load(app, &id)?;
-        dqn.fits(&task)?;
+        dqn.check_compatible(&task)?;
         Box::new(dqn)
     };
     let actions: Vec<ValidAction> =
         (0..task.actions().count()).map(|i| task.actions().at(i)).collect::<Result<_>>()?;
-    let policy = Within { policy: policy.as_ref(), budget: app.budget() };
+    let policy = BudgetedPolicy { policy: policy.as_ref(), budget: app.budget() };
     let mut best = Vec::new();
     for i in rank(&policy, &task, &actions, CHUNK)? {
-        app.budget().look()?;
+        app.budget().check()?;
         if matches!(task.place(&actions[i]), Placement::Valid(_)) {
             best.push(i);
         }
@@ -155,10 +161,10 @@ fn act(app: &App, (Id(id), Body(body)): (Id, Body<ActIn>)) -> Result<Acted> {
     let scores: Vec<Vec<f32>> =
         chosen.chunks(CHUNK).map(|part| policy.score(&task, part)).collect::<Result<_>>()?;
     let scores = scores.concat();
-    let scored = best.into_iter().zip(chosen).zip(scores).map(|((index, action), score)| Scored {
+    let scored = best.into_iter().zip(chosen).zip(scores).map(|((index, action), score)| ScoredAction {
         index,
         action: action.values().to_vec(),
         score,
     });
-    Ok(Acted { actions: scored.collect() })
+    Ok(ProposedActions { actions: scored.collect() })
 }

@@ -1,105 +1,115 @@
-//! Pictures of worlds.
+//! Rendering of worlds.
 
-use super::attempts::or_as_a_job;
+use super::rollouts::suggest_job;
 use crate::access::Scope;
 use crate::error::{Error, Result};
-use crate::picture::reel::{self, FASTEST, FPS};
-use crate::picture::{Style, animation_svg, end_svg, film_png, filmstrip_svg, scene_svg, svg_to_png_within};
-use crate::serve::app::App;
-use crate::serve::operation::{Asked, Described, Id, Input, Media, Operation, READ, get};
-use crate::serve::problem::Answer;
+use crate::picture::apng::{self, DEFAULT_FPS, MAX_FPS};
+use crate::picture::{
+    Style, animation_png, animation_svg, filmstrip_svg, final_frame_svg, scene_svg, svg_to_png_within,
+};
+use crate::serve::operation::{
+    Extractor, MediaBody, Operation, OperationDoc, OperationRequest, PathId, READ, get,
+};
+use crate::serve::problem::HandlerResult;
+use crate::serve::request_context::RequestContext;
 use crate::session::{Action, World};
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
 
-/// What can be drawn of worlds.
+/// Operations that render worlds.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("render_world", "/v1/worlds/{id}/render", "worlds", READ)
             .about(
-                "Draws the scene, or films the step that was made last (at no interaction) or an action that is attempted for \
-                 it (which is one).",
+                "Renders the scene, the last step (not counted), or an action that is attempted for it (counted as an \
+                 interaction).",
             )
-            .answers_media(200, "The picture", &["image/png", "image/svg+xml", "image/apng"])
-            .refuses(&[
+            .media_response(200, "The image", &["image/png", "image/svg+xml", "image/apng"])
+            .errors(&[
                 (400, ""),
                 (404, ""),
-                (409, "No current task, or no step to film"),
-                (413, "A film too long or too large"),
-                (422, "Also an action that cannot be placed"),
+                (409, "No current task, or no step to render"),
+                (413, "The film is too long or too large"),
+                (422, "Invalid parameters, or an action that cannot be placed"),
                 (429, "The budget is spent"),
             ])
-            .computes(render),
+            .compute_handler(render),
     ]
 }
 
-/// A picture to draw.
-struct Picture {
-    form: Form,
-    view: View,
+/// Query parameters of a render.
+struct RenderQuery {
+    form: ImageFormat,
+    view: RenderView,
     action: Option<Action>,
-    /// Id of the task; the current one if absent.
+    /// Id of the task. Default: the current task.
     task: Option<String>,
     /// px
     width: u32,
-    /// Frames a second, of a film.
+    /// Frames per second of a film.
     fps: u32,
 }
 
-/// What a picture is written as.
+/// Image format.
 #[derive(Clone, Copy, PartialEq)]
-enum Form {
+enum ImageFormat {
     Png,
     Svg,
 }
 
-/// What a picture shows.
+/// Content of the image.
 #[derive(Clone, Copy, PartialEq)]
-enum View {
-    /// The scene as it stands, with the action placed if one is given.
+enum RenderView {
+    /// The initial scene, with the action placed if one is given.
     Scene,
-    /// The scene at the end of what an action brought.
+    /// The final state of the rollout.
     End,
-    /// Moments of it side by side.
+    /// Frames of the rollout side by side.
     Filmstrip,
-    /// All of it as a moving picture: SVG that plays in a browser.
+    /// The rollout as an animated SVG.
     Animation,
-    /// All of it frame by frame: an animated PNG.
+    /// The rollout as an animated PNG.
     Film,
 }
 
 /// Names of the views.
-const VIEWS: [(&str, View); 5] = [
-    ("scene", View::Scene),
-    ("end", View::End),
-    ("filmstrip", View::Filmstrip),
-    ("animation", View::Animation),
-    ("film", View::Film),
+const VIEWS: [(&str, RenderView); 5] = [
+    ("scene", RenderView::Scene),
+    ("end", RenderView::End),
+    ("filmstrip", RenderView::Filmstrip),
+    ("animation", RenderView::Animation),
+    ("film", RenderView::Film),
 ];
 
-impl Input for Picture {
-    fn describe(to: &mut Described) {
+impl Extractor for RenderQuery {
+    fn describe(to: &mut OperationDoc) {
         to.query::<String>("format", "`png` (default) or `svg`; an animation is SVG, a film an animated PNG");
         to.query::<String>("view", "`scene` (default), `end`, `filmstrip`, `animation` or `film`");
         to.query::<String>(
             "action",
-            "`0.5,0.5,0.2`, or the number of a discrete action: placed in the scene, attempted in any other view; without it \
-             they show the last step that could be placed",
+            "`0.5,0.5,0.2`, or the index of a discrete action: placed in the scene, attempted in other views; without it they \
+             show the last valid step",
         );
-        to.query::<String>("task", "Id of the task; the current one if absent");
-        to.query::<u32>("width", "Pixels, 16 to 4096; default 512");
-        to.query::<u32>("fps", "Frames a second of a film, 1 to 60; default 30");
+        to.query::<String>("task", "Id of the task. Default: the current task");
+        to.query::<u32>("width", "Width in pixels, 16 to 4096. Default: 512");
+        to.query::<u32>("fps", "Frames per second of a film, 1 to 60. Default: 30");
     }
 
-    fn read(from: &mut Asked) -> Answer<Picture> {
-        Ok(Picture::from_query(&from.query()?)?)
+    fn extract(from: &mut OperationRequest) -> HandlerResult<RenderQuery> {
+        Ok(RenderQuery::from_query(&from.query()?)?)
     }
 }
 
-impl Picture {
-    fn from_query(pairs: &[(String, String)]) -> Result<Picture> {
-        let mut picture =
-            Picture { form: Form::Png, view: View::Scene, action: None, task: None, width: 512, fps: FPS };
+impl RenderQuery {
+    fn from_query(pairs: &[(String, String)]) -> Result<RenderQuery> {
+        let mut picture = RenderQuery {
+            form: ImageFormat::Png,
+            view: RenderView::Scene,
+            action: None,
+            task: None,
+            width: 512,
+            fps: DEFAULT_FPS,
+        };
         let (mut form, mut fps) = (None, None);
         for (i, (key, value)) in pairs.iter().enumerate() {
             if pairs[..i].iter().any(|(k, _)| k == key) {
@@ -109,8 +119,8 @@ impl Picture {
             match key.as_str() {
                 "format" => {
                     form = Some(match value.as_str() {
-                        "png" => Form::Png,
-                        "svg" => Form::Svg,
+                        "png" => ImageFormat::Png,
+                        "svg" => ImageFormat::Svg,
                         _ => return Err(refuse("png or svg")),
                     });
                 }
@@ -126,7 +136,7 @@ impl Picture {
                 }
                 "fps" => {
                     fps =
-                        Some(whole(value, 1..=FASTEST).ok_or_else(|| refuse("a whole number from 1 to 60"))?);
+                        Some(whole(value, 1..=MAX_FPS).ok_or_else(|| refuse("a whole number from 1 to 60"))?);
                 }
                 _ => {
                     let allowed = "format, view, action, task, width, fps";
@@ -134,76 +144,80 @@ impl Picture {
                 }
             }
         }
-        picture.settled(form, fps)
+        picture.with_defaults(form, fps)
     }
 
-    /// With what follows from the view; errors if anything does not go with it.
-    fn settled(mut self, form: Option<Form>, fps: Option<u32>) -> Result<Picture> {
-        if fps.is_some() && self.view != View::Film {
-            return Err(Error::input("fps", "given", "nothing, but with view=film"));
+    /// Fills in defaults that depend on the view; fails if parameters do not match it.
+    fn with_defaults(mut self, form: Option<ImageFormat>, fps: Option<u32>) -> Result<RenderQuery> {
+        if fps.is_some() && self.view != RenderView::Film {
+            return Err(Error::input("fps", "given", "no fps, except with view=film"));
         }
-        self.fps = fps.unwrap_or(FPS);
+        self.fps = fps.unwrap_or(DEFAULT_FPS);
         self.form = match (self.view, form) {
-            (View::Animation, Some(Form::Png)) => {
+            (RenderView::Animation, Some(ImageFormat::Png)) => {
                 return Err(Error::input("format", "\"png\"", "svg for an animation; view=film is PNG"));
             }
-            (View::Film, Some(Form::Svg)) => {
+            (RenderView::Film, Some(ImageFormat::Svg)) => {
                 return Err(Error::input("format", "\"svg\"", "png for a film; view=animation is SVG"));
             }
-            (View::Animation, None) => Form::Svg,
-            (_, form) => form.unwrap_or(Form::Png),
+            (RenderView::Animation, None) => ImageFormat::Svg,
+            (_, form) => form.unwrap_or(ImageFormat::Png),
         };
-        if let (None, Some(task), true) = (&self.action, &self.task, self.view != View::Scene) {
-            let allowed = "nothing without an `action`: the last step is of the task it was made on";
+        if let (None, Some(task), true) = (&self.action, &self.task, self.view != RenderView::Scene) {
+            let allowed = "no task without an `action`: the last step has its own task";
             return Err(Error::input("task", format!("{task:?}"), allowed));
         }
         Ok(self)
     }
 }
 
-/// Draws; what an action is attempted for is an attempt like any other.
-fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
+/// Renders a view; attempting an action for it counts.
+fn render(app: &RequestContext, (PathId(id), picture): (PathId, RenderQuery)) -> Result<MediaBody> {
     let world = app.worlds().get(&id)?;
     let style = Style { width: picture.width, ..Style::default() };
-    let svg = if picture.view == View::Scene {
+    let svg = if picture.view == RenderView::Scene {
         scene_svg(&world.scene(picture.task.as_deref(), picture.action.as_ref())?, &style)
     } else {
-        let (scene, trajectory) = brought(app, &world, &picture)?;
+        let (scene, trajectory) = trajectory_to_draw(app, &world, &picture)?;
         match picture.view {
-            View::Film => {
-                let bytes = film_png(app.budget(), &scene, &trajectory, &style, picture.fps)?;
-                return Ok(Media { kind: "image/apng", bytes });
+            RenderView::Film => {
+                let bytes = animation_png(app.budget(), &scene, &trajectory, &style, picture.fps)?;
+                return Ok(MediaBody { kind: "image/apng", bytes });
             }
-            View::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
-            View::Animation => animation_svg(&scene, &trajectory, &style),
-            View::End | View::Scene => end_svg(&scene, &trajectory, &style),
+            RenderView::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
+            RenderView::Animation => animation_svg(&scene, &trajectory, &style),
+            RenderView::End | RenderView::Scene => final_frame_svg(&scene, &trajectory, &style),
         }
     };
-    if picture.form == Form::Svg {
-        return Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() });
+    if picture.form == ImageFormat::Svg {
+        return Ok(MediaBody { kind: "image/svg+xml", bytes: svg.into_bytes() });
     }
     let bytes = svg_to_png_within(app.budget(), &svg, picture.width)?;
-    Ok(Media { kind: "image/png", bytes })
+    Ok(MediaBody { kind: "image/png", bytes })
 }
 
-/// What the action brings, or what the last step brought.
-fn brought(app: &App, world: &World, picture: &Picture) -> Result<(Scene, Trajectory)> {
-    let affordable = |scene: &Scene, seconds: f64| match picture.view {
-        View::Film => reel::affordable(scene, seconds, picture.width, picture.fps),
+/// The placed scene and trajectory of the action, or of the last step.
+fn trajectory_to_draw(
+    app: &RequestContext,
+    world: &World,
+    picture: &RenderQuery,
+) -> Result<(Scene, Trajectory)> {
+    let check_size = |scene: &Scene, seconds: f64| match picture.view {
+        RenderView::Film => apng::check_size(scene, seconds, picture.width, picture.fps),
         _ => Ok(()),
     };
     let Some(action) = &picture.action else {
         let (scene, trajectory) = world.last_step(app.budget())?;
         let seconds = trajectory.times.last().zip(trajectory.times.first()).map_or(0.0, |(b, a)| b - a);
-        affordable(&scene, seconds)?;
+        check_size(&scene, seconds)?;
         return Ok((scene, trajectory));
     };
-    app.needs(Scope::Act)?;
-    // Before anything is attempted, by the longest that it can take.
+    app.require_scope(Scope::Act)?;
+    // Check the cost before the attempt, for the maximum duration.
     let scene = world.scene(picture.task.as_deref(), None)?;
-    affordable(&scene, scene.time_step * f64::from(scene.steps))?;
-    let film = world.film(picture.task.as_deref(), action, app.budget()).map_err(or_as_a_job)?;
-    app.metrics.attempted(world.kind(), 1, u64::from(film.1.outcome.steps));
+    check_size(&scene, scene.time_step * f64::from(scene.steps))?;
+    let film = world.record(picture.task.as_deref(), action, app.budget()).map_err(suggest_job)?;
+    app.metrics.count_attempts(world.kind(), 1, u64::from(film.1.outcome.steps));
     Ok(film)
 }
 

@@ -1,44 +1,44 @@
-//! The rounds of an estimation that asks, as far as telling needs them.
+//! Rounds of ask-tell estimations.
 
-use super::estimation::{self, Plan, Real};
+use super::estimation::{self, EstimationJob, RealitySource};
 use crate::error::{Error, Result};
-use crate::experiment::{Asked, Proposal};
+use crate::experiment::{PendingRound, Proposal};
 use crate::job::Job;
 use crate::json::from_value;
-use crate::serve::app::App;
+use crate::serve::request_context::RequestContext;
 use crate::task::{Placement, Scene, Task};
 
 /// The rounds of a job.
-pub struct Rounds {
-    pub last: Option<Last>,
+pub struct JobRounds {
+    pub last: Option<LastRound>,
 }
 
-/// The last round there is.
-pub struct Last {
+/// The last round of a job.
+pub struct LastRound {
     pub number: u64,
-    pub asked: Asked,
-    /// Whether it is not fitted yet.
+    pub asked: PendingRound,
+    /// Whether it is still to be fitted.
     pub open: bool,
 }
 
-impl Rounds {
-    /// Those of the job with this number.
-    pub fn of(app: &App, job: i64) -> Result<Rounds> {
+impl JobRounds {
+    /// Loads the rounds of a job by its number.
+    pub fn of(app: &RequestContext, job: i64) -> Result<JobRounds> {
         let last = app.store().last_round(job)?;
         let last = last.map(|row| {
-            Ok::<_, Error>(Last {
+            Ok::<_, Error>(LastRound {
                 number: row.number,
                 asked: estimation::asked(&row.asked)?,
                 open: row.done.is_none(),
             })
         });
-        Ok(Rounds { last: last.transpose()? })
+        Ok(JobRounds { last: last.transpose()? })
     }
 
-    /// The proposal with this number, of this round or one before.
-    pub fn find(&self, app: &App, job: i64, number: u64, field: &str) -> Result<Proposal> {
+    /// The proposal with this number, of this or an earlier round.
+    pub fn find(&self, app: &RequestContext, job: i64, number: u64, field: &str) -> Result<Proposal> {
         let Some(last) = &self.last else {
-            return Err(refuse("nothing is proposed yet; ask for proposals"));
+            return Err(conflict("there are no proposals yet; list the proposals first"));
         };
         if number < last.first() {
             for row in app.store().rounds(job)? {
@@ -56,40 +56,41 @@ impl Rounds {
     }
 }
 
-impl Last {
+impl LastRound {
     /// Number of its first proposal.
     pub fn first(&self) -> u64 {
         self.asked.proposals.first().map_or(0, |p| p.number)
     }
 }
 
-/// The job, which must be one that asks, and its tasks.
-pub fn asking(app: &App, id: &str) -> Result<(Job, Vec<Task>)> {
+/// The job, which must be an ask-tell estimation, and its tasks.
+pub fn ask_tell_job(app: &RequestContext, id: &str) -> Result<(Job, Vec<Task>)> {
     let job = app.jobs().get(id)?;
-    let plan =
-        (job.row.kind == estimation::KIND).then(|| from_value::<Plan>(job.row.plan.clone())).transpose()?;
+    let plan = (job.row.kind == estimation::KIND)
+        .then(|| from_value::<EstimationJob>(job.row.plan.clone()))
+        .transpose()?;
     match plan {
-        Some(plan) if plan.real == Real::Asked => {
+        Some(plan) if plan.real == RealitySource::AskTell => {
             let tasks = app.catalogue.named(&plan.task)?;
             Ok((job, tasks.tasks.to_vec()))
         }
-        _ => {
-            Err(refuse(format!("{id} does not ask for measurements; start one with \"real\": \"ask_tell\"")))
-        }
+        _ => Err(conflict(format!(
+            "{id} does not accept measurements; start an estimation with \"real\": \"ask_tell\""
+        ))),
     }
 }
 
-/// The scene in which a proposal is carried out.
-pub fn placed(tasks: &[Task], proposal: &Proposal) -> Result<Scene> {
+/// The scene with a proposal's action placed.
+pub fn placed_scene(tasks: &[Task], proposal: &Proposal) -> Result<Scene> {
     let task = tasks.iter().find(|t| t.id == proposal.task);
-    let task = task.ok_or_else(|| Error::Failed(format!("there is no task {} any more", proposal.task)))?;
+    let task = task.ok_or_else(|| Error::Failed(format!("the task {} no longer exists", proposal.task)))?;
     match task.place(&proposal.action_on(task)?) {
         Placement::Valid(scene) => Ok(*scene),
         Placement::Invalid(reason) => Err(Error::Failed(format!("a proposal cannot be placed: {reason}"))),
     }
 }
 
-/// The job is not in the state for it.
-pub fn refuse(reason: impl Into<String>) -> Error {
+/// Error for a request that the job's state does not allow.
+pub fn conflict(reason: impl Into<String>) -> Error {
     Error::Refused { reason: reason.into() }
 }

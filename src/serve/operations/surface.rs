@@ -1,71 +1,78 @@
-//! Performance surfaces: found as jobs, kept, used by estimations whose strategy asks what matters.
+//! Performance surfaces: computed as jobs, stored, and used by estimation strategies that need the importance of latents.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::text::{json, text};
+use super::json::{to_json, to_value};
 use crate::error::{Error, Result};
-use crate::estimate::surface::{Axis, Route};
-use crate::estimate::{Surface, surface::Sensitivity};
+use crate::estimate::surface::{EvaluationMethod, SurfaceAxis};
+use crate::estimate::{PerformanceSurface, surface::LatentSensitivity};
 use crate::experiment::surface::{SurfaceConfig, surface};
-use crate::job::{New, Outcome, Work};
+use crate::job::{JobSpec, Work, WorkOutcome};
 use crate::json::{from_value, parse};
 use crate::picture::surface::surface_svg;
 use crate::progress::Progress;
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, ADMIN, Id, Keep, Kept, Media, Operation, Page, READ, delete, get, post};
-use crate::serve::shared::Base;
-use crate::serve::wire::{JobOut, SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
+use crate::serve::operation::{
+    ACT, ADMIN, BodyWithJson, MediaBody, Operation, Pagination, PathId, READ, RecordResponse, delete, get,
+    post,
+};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
+use crate::serve::wire::{JobOut, SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWithPoints, SurfacesPage};
 use crate::store::{Store, SurfaceRow};
 use crate::task::Family;
 
-/// What can be asked of surfaces.
+/// Operations on performance surfaces.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("find_surface", "/v1/surfaces", "workflow", ACT)
             .about(
-                "Finds out which latents a family's performance depends on. A job; its result names the surface. \
-                 What was found in\nthe same way before is not found again.",
+                "Computes how a family's performance depends on the latents. A job; its result names the surface. A stored \
+                 surface with\nthe same configuration is reused.",
             )
-            .refuses(&[(404, "Unknown family")])
-            .queues(KIND, begin, work),
+            .errors(&[(404, "Unknown family")])
+            .job(KIND, begin, work),
         get("list_surfaces", "/v1/surfaces", "workflow", READ)
-            .about("Surfaces, oldest first.")
-            .leads_to(200, "/v1/surfaces/{id}", "/surfaces/0/id")
-            .does(list),
+            .about("Lists surfaces, oldest first.")
+            .links(200, "/v1/surfaces/{id}", "/surfaces/0/id")
+            .handler(list),
         get("get_surface", "/v1/surfaces/{id}", "workflow", READ)
-            .about("One surface with its points.")
-            .refuses(&[(404, "")])
-            .does(one),
+            .about("Returns a surface with its points.")
+            .errors(&[(404, "")])
+            .handler(one),
         get("draw_surface", "/v1/surfaces/{id}/picture", "workflow", READ)
-            .about("A surface as a heat map.")
-            .answers_media(200, "", &["image/svg+xml"])
-            .refuses(&[(404, "")])
-            .does(draw),
+            .about("Draws a surface as a heat map.")
+            .media_response(200, "", &["image/svg+xml"])
+            .errors(&[(404, "")])
+            .handler(draw),
         delete("delete_surface", "/v1/surfaces/{id}", "workflow", ADMIN)
-            .about("Forgets a surface.")
-            .refuses(&[(404, "")])
-            .does(forget),
+            .about("Deletes a surface.")
+            .errors(&[(404, "")])
+            .handler(forget),
     ]
 }
 
 const KIND: &str = "surface";
 
-/// A surface with everything decided.
+/// A fully specified surface.
 #[derive(Serialize, Deserialize)]
-struct Plan {
+struct SurfaceJob {
     task: String,
     setup: SurfaceConfig,
 }
 
-/// Queues the search for a surface.
-fn begin(app: &App, Kept(body, config): Kept<SurfaceIn>, keep: Keep<JobOut>) -> Result<JobOut> {
+/// Queues the computation of a surface.
+fn begin(
+    app: &RequestContext,
+    BodyWithJson(body, config): BodyWithJson<SurfaceIn>,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     let family = crate::task::family(&body.task)?;
     let route = match &body.route {
-        None => Route::Ideal,
-        Some(name) => Route::from_name(name)
+        None => EvaluationMethod::Ideal,
+        Some(name) => EvaluationMethod::from_name(name)
             .map_err(|_| Error::input("route", format!("{name:?}"), "\"ideal\" or \"dqn\""))?,
     };
     let mut setup = SurfaceConfig::new(family, route)?;
@@ -85,7 +92,7 @@ fn begin(app: &App, Kept(body, config): Kept<SurfaceIn>, keep: Keep<JobOut>) -> 
         (setup.actions, setup.labels) = (actions, actions);
     }
     if let Some(factors) = &body.factors {
-        let axes = factors.iter().map(|f| Axis::of_prior(f, family.prior));
+        let axes = factors.iter().map(|f| SurfaceAxis::from_prior(f, family.prior));
         setup.axes = axes.collect::<Result<_>>().map_err(|e| match e {
             Error::NotFound { id, known, .. } => {
                 Error::input("factors", format!("{id:?}"), format!("some of {}", known.join(", ")))
@@ -100,101 +107,105 @@ fn begin(app: &App, Kept(body, config): Kept<SurfaceIn>, keep: Keep<JobOut>) -> 
     setup.seed = body.seed.unwrap_or(0);
     setup.validate()?;
     let seed = setup.seed;
-    let new = New { kind: KIND, config: &config, plan: &json(&Plan { task: body.task, setup })?, seed };
+    let new = JobSpec {
+        kind: KIND,
+        config: &config,
+        plan: &to_value(&SurfaceJob { task: body.task, setup })?,
+        seed,
+    };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// The work of a search: what was found in the same way before is taken from the store.
-fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+/// The work of a surface; a stored one with the same configuration is reused.
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    let plan: SurfaceJob = from_value(plan.clone())?;
     let base = base.clone();
     Ok(Box::new(move |context| {
         let family = crate::task::family(&plan.task)?;
         let (number, found) = find(&base.store, family, &plan.setup, Some(context.id), context)?;
-        let felt = found.sensitivities(family.prior)?;
-        Ok(Outcome::Done(json!({
+        let sensitivities = found.sensitivities(family.prior)?;
+        Ok(WorkOutcome::Done(json!({
             "surface": id(number),
-            "sensitivities": felt.iter().map(json).collect::<Result<Vec<_>>>()?,
-            "config": json(&plan.setup)?,
+            "sensitivities": sensitivities.iter().map(to_value).collect::<Result<Vec<_>>>()?,
+            "config": to_value(&plan.setup)?,
         })))
     }))
 }
 
-/// The surface found in this way, from the store if it is there.
+/// The surface with this configuration, from the store if possible.
 fn find(
     store: &Store,
     family: &Family,
     setup: &SurfaceConfig,
     job: Option<&str>,
     progress: &dyn Progress,
-) -> Result<(i64, Surface)> {
-    let config = text(setup)?;
+) -> Result<(i64, PerformanceSurface)> {
+    let config = to_json(setup)?;
     if let Some(row) = store.surface_like(family.name, &config)? {
-        return Ok((row.number, Surface::from_json(&row.body)?));
+        return Ok((row.number, PerformanceSurface::from_json(&row.body)?));
     }
     let found = surface(family, setup, progress)?;
     let number = store.put_surface(family.name, &config, &found.to_json(), job)?;
     Ok((number, found))
 }
 
-/// What an estimation's strategy is told of importance: the surface it names, or the one that stands in where it
-/// names none, which is found once and kept.
+/// The surface for an estimation's strategy: the named one, or a default one that is computed once and stored.
 pub fn importance(
     store: &Store,
     family: &Family,
     named: Option<&str>,
     progress: &dyn Progress,
-) -> Result<Surface> {
+) -> Result<PerformanceSurface> {
     match named {
         Some(named) => of_family(store, family, named),
         None => Ok(find(store, family, &SurfaceConfig::quick(family)?, None, progress)?.1),
     }
 }
 
-/// A stored surface, which must be the family's.
-pub fn of_family(store: &Store, family: &Family, named: &str) -> Result<Surface> {
+/// A stored surface of this family.
+pub fn of_family(store: &Store, family: &Family, named: &str) -> Result<PerformanceSurface> {
     let row = row(store, named)?;
     if row.task != family.name {
         let allowed = format!("a surface of {}", family.name);
         return Err(Error::input("surface", format!("{named:?} of {}", row.task), allowed));
     }
-    Surface::from_json(&row.body)
+    PerformanceSurface::from_json(&row.body)
 }
 
-fn list(app: &App, page: Page) -> Result<Surfaces> {
+fn list(app: &RequestContext, page: Pagination) -> Result<SurfacesPage> {
     let after: i64 = page.after("surfaces")?.unwrap_or(0);
-    let mut all = app.store().surfaces(after, page.fetch())?;
-    let next = page.cut("surfaces", &mut all, |s| s.number);
-    let out = |row: &SurfaceRow| about(row, &Surface::from_json(&row.body)?);
-    Ok(Surfaces { surfaces: all.iter().map(out).collect::<Result<_>>()?, next })
+    let mut all = app.store().surfaces(after, page.fetch_limit())?;
+    let next = page.truncate("surfaces", &mut all, |s| s.number);
+    let out = |row: &SurfaceRow| about(row, &PerformanceSurface::from_json(&row.body)?);
+    Ok(SurfacesPage { surfaces: all.iter().map(out).collect::<Result<_>>()?, next })
 }
 
-fn one(app: &App, Id(id): Id) -> Result<SurfaceWhole> {
+fn one(app: &RequestContext, PathId(id): PathId) -> Result<SurfaceWithPoints> {
     let row = row(app.store(), &id)?;
-    let surface = Surface::from_json(&row.body)?;
-    Ok(SurfaceWhole { about: about(&row, &surface)?, surface })
+    let surface = PerformanceSurface::from_json(&row.body)?;
+    Ok(SurfaceWithPoints { about: about(&row, &surface)?, surface })
 }
 
-fn draw(app: &App, Id(id): Id) -> Result<Media> {
-    let svg = surface_svg(&Surface::from_json(&row(app.store(), &id)?.body)?, &[])?;
-    Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() })
+fn draw(app: &RequestContext, PathId(id): PathId) -> Result<MediaBody> {
+    let svg = surface_svg(&PerformanceSurface::from_json(&row(app.store(), &id)?.body)?, &[])?;
+    Ok(MediaBody { kind: "image/svg+xml", bytes: svg.into_bytes() })
 }
 
-fn forget(app: &App, Id(id): Id) -> Result<()> {
+fn forget(app: &RequestContext, PathId(id): PathId) -> Result<()> {
     let gone = number(&id).map_or(Ok(false), |n| app.store().remove_surface(n))?;
     if gone { Ok(()) } else { Err(unknown(&id)) }
 }
 
-fn about(row: &SurfaceRow, surface: &Surface) -> Result<SurfaceOut> {
-    let felt = surface.sensitivities(crate::task::family(&row.task)?.prior)?;
-    let out = |s: Sensitivity| SensitivityOut { factor: s.factor, slope: s.slope, stake: s.stake };
+fn about(row: &SurfaceRow, surface: &PerformanceSurface) -> Result<SurfaceOut> {
+    let sensitivities = surface.sensitivities(crate::task::family(&row.task)?.prior)?;
+    let out = |s: LatentSensitivity| SensitivityOut { factor: s.factor, slope: s.slope, stake: s.stake };
     Ok(SurfaceOut {
         id: id(row.number),
         task: row.task.clone(),
         route: surface.route.name(),
         points: surface.points.len(),
         config: parse(&row.config)?,
-        sensitivities: felt.into_iter().map(out).collect(),
+        sensitivities: sensitivities.into_iter().map(out).collect(),
         job: row.job.clone(),
         version: row.version.clone(),
     })

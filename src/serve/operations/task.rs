@@ -1,72 +1,80 @@
 //! Families and tasks.
 
 use crate::error::{Error, Result};
-use crate::serve::app::App;
-use crate::serve::operation::{Asked, Described, Input, Operation, Page, READ, get};
-use crate::serve::problem::Answer;
-use crate::serve::wire::{Families, FamilyOut, FamilyTasks, TaskOut};
+use crate::serve::operation::{Extractor, Operation, OperationDoc, OperationRequest, Pagination, READ, get};
+use crate::serve::problem::HandlerResult;
+use crate::serve::request_context::RequestContext;
+use crate::serve::wire::{FamiliesPage, FamilyOut, FamilyTasksPage, TaskOut};
 use crate::task::Task;
 
-/// What can be asked about tasks.
+/// Operations on tasks.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_families", "/v1/tasks", "tasks", READ).about("Families of tasks.").does(families),
+        get("list_families", "/v1/tasks", "tasks", READ)
+            .about("Lists the families of tasks.")
+            .handler(families),
         get("list_tasks", "/v1/tasks/{family}", "tasks", READ)
-            .about("Tasks of a family.")
-            .refuses(&[(404, "")])
-            .does(family),
+            .about("Lists the tasks of a family.")
+            .errors(&[(404, "")])
+            .handler(family),
         get("get_task", "/v1/tasks/{family}/{number}", "tasks", READ)
-            .about("One task with its scene.")
-            .refuses(&[(404, "")])
-            .does(task),
+            .about("Returns a task with its scene.")
+            .errors(&[(404, "")])
+            .handler(task),
     ]
 }
 
 /// The `{family}` of the path.
-struct OfFamily(String);
+struct FamilyParam(String);
 
 /// The `{number}` of the path: `17` or `017`.
-struct Number(String);
+struct TaskNumberParam(String);
 
-impl Input for OfFamily {
-    fn describe(to: &mut Described) {
+impl Extractor for FamilyParam {
+    fn describe(to: &mut OperationDoc) {
         to.path("family", Some("bowling"));
     }
 
-    fn read(from: &mut Asked) -> Answer<OfFamily> {
-        from.part("family").map(OfFamily)
+    fn extract(from: &mut OperationRequest) -> HandlerResult<FamilyParam> {
+        from.path_parameter("family").map(FamilyParam)
     }
 }
 
-impl Input for Number {
-    fn describe(to: &mut Described) {
+impl Extractor for TaskNumberParam {
+    fn describe(to: &mut OperationDoc) {
         to.path("number", Some("017"));
     }
 
-    fn read(from: &mut Asked) -> Answer<Number> {
-        from.part("number").map(Number)
+    fn extract(from: &mut OperationRequest) -> HandlerResult<TaskNumberParam> {
+        from.path_parameter("number").map(TaskNumberParam)
     }
 }
 
-fn families(app: &App, page: Page) -> Result<Families> {
+fn families(app: &RequestContext, page: Pagination) -> Result<FamiliesPage> {
     let seen = page.after("families")?.unwrap_or(0);
-    let all = app.catalogue.families().enumerate().skip(seen).take(page.fetch());
+    let all = app.catalogue.families().enumerate().skip(seen).take(page.fetch_limit());
     let mut rows: Vec<_> = all.map(|(i, (f, tasks))| (i + 1, FamilyOut::new(f, tasks))).collect();
-    let next = page.cut("families", &mut rows, |r| r.0);
-    Ok(Families { families: rows.into_iter().map(|r| r.1).collect(), next })
+    let next = page.truncate("families", &mut rows, |r| r.0);
+    Ok(FamiliesPage { families: rows.into_iter().map(|r| r.1).collect(), next })
 }
 
-fn family(app: &App, (OfFamily(name), page): (OfFamily, Page)) -> Result<FamilyTasks> {
+fn family(
+    app: &RequestContext,
+    (FamilyParam(name), page): (FamilyParam, Pagination),
+) -> Result<FamilyTasksPage> {
     app.catalogue.family(&name)?;
     let found = app.catalogue.families().find(|(f, _)| f.name == name);
-    let (family, tasks) = found.ok_or_else(|| Error::Failed("a family came and went".into()))?;
+    let (family, tasks) = found.ok_or_else(|| Error::Failed("a family disappeared".into()))?;
     let seen = page.after(&name)?.unwrap_or(0);
-    let mut rows: Vec<(usize, &Task)> = (1..).zip(tasks).skip(seen).take(page.fetch()).collect();
-    let next = page.cut(&name, &mut rows, |r| r.0);
-    Ok(FamilyTasks::new(family, &tasks[0], rows.into_iter().map(|r| r.1), next))
+    let mut rows: Vec<(usize, &Task)> = (1..).zip(tasks).skip(seen).take(page.fetch_limit()).collect();
+    let next = page.truncate(&name, &mut rows, |r| r.0);
+    Ok(FamilyTasksPage::new(family, &tasks[0], rows.into_iter().map(|r| r.1), next))
 }
 
-fn task(app: &App, (OfFamily(family), Number(number)): (OfFamily, Number)) -> Result<TaskOut> {
+fn task(
+    app: &RequestContext,
+    (FamilyParam(family), TaskNumberParam(number)): (FamilyParam, TaskNumberParam),
+) -> Result<TaskOut> {
     let tasks = app.catalogue.family(&family)?.tasks;
     let found = number.parse::<usize>().ok().and_then(|n| tasks.get(n)).cloned();
     found.map(TaskOut::from).ok_or_else(|| Error::NotFound {

@@ -1,57 +1,61 @@
-//! Tokens: who may do what.
+//! Tokens as resources.
 
-use crate::access::{Kept, Scope, days, digest, fresh, now};
+use crate::access::{HashedToken, Scope, digest, generate, now, parse_duration};
 use crate::error::Result;
-use crate::serve::app::App;
-use crate::serve::operation::{ADMIN, Body, Id, Operation, Page, delete, get, post};
-use crate::serve::wire::{TokenIn, TokenMade, TokenOut, Tokens};
+use crate::serve::operation::{ADMIN, JsonBody, Operation, Pagination, PathId, delete, get, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::wire::{CreatedToken, TokenIn, TokenOut, TokensPage};
 
-/// What can be asked about tokens.
+/// Operations on tokens.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_tokens", "/v1/tokens", "system", ADMIN)
-            .about("Tokens by name: what they allow and until when, never what is presented.")
-            .does(list),
+            .about("Lists tokens by name with scope and expiry, without their secrets.")
+            .handler(list),
         post("make_token", "/v1/tokens", "system", ADMIN)
             .about(
-                "Makes a token, which is shown this once.\n\nIt takes no `Idempotency-Key`: the answer would have \
-                 to be kept. Who has lost it revokes the token and makes another.",
+                "Creates a token. The secret is shown only once.\n\nDoes not accept an `Idempotency-Key`, since the response \
+                 would have to be stored. If it is lost, revoke the token and create another.",
             )
-            .answers::<TokenMade>(201, "")
-            .leads_to(201, "/v1/tokens/{id}", "/name")
-            .refuses(&[(409, "The server asks for no tokens, or has no file to keep one in")])
-            .does(make),
+            .response::<CreatedToken>(201, "")
+            .links(201, "/v1/tokens/{id}", "/name")
+            .errors(&[(409, "The server has authentication disabled, or no file to store tokens in")])
+            .handler(make),
         delete("revoke_token", "/v1/tokens/{id}", "system", ADMIN)
-            .about("Takes a token back, by its name: its bearer is refused from the next request on.")
-            .refuses(&[(404, ""), (409, "A token that was given to the server when it was started")])
-            .does(revoke),
+            .about("Revokes a token by name, effective from the next request.")
+            .errors(&[(404, ""), (409, "A token passed to the server at start")])
+            .handler(revoke),
     ]
 }
 
-/// How long a token is good if nobody says.
-const USUAL: &str = "90d";
+/// Default lifetime of a token.
+const DEFAULT_LIFETIME: &str = "90d";
 
-fn list(app: &App, page: Page) -> Result<Tokens> {
+fn list(app: &RequestContext, page: Pagination) -> Result<TokensPage> {
     let after: Option<String> = page.after("tokens")?;
     let mut all = app.shared().keyring.all();
     all.sort_by(|a, b| a.0.name.cmp(&b.0.name));
     all.retain(|(kept, _)| after.as_ref().is_none_or(|after| kept.name > *after));
-    all.truncate(page.fetch());
-    let next = page.cut("tokens", &mut all, |t| t.0.name.clone());
+    all.truncate(page.fetch_limit());
+    let next = page.truncate("tokens", &mut all, |t| t.0.name.clone());
     let now = now();
-    Ok(Tokens { tokens: all.iter().map(|(kept, fixed)| TokenOut::new(kept, *fixed, now)).collect(), next })
+    Ok(TokensPage {
+        tokens: all.iter().map(|(kept, fixed)| TokenOut::new(kept, *fixed, now)).collect(),
+        next,
+    })
 }
 
-fn make(app: &App, Body(body): Body<TokenIn>) -> Result<(u16, TokenMade)> {
-    Kept::check_name("name", &body.name)?;
-    let scope = Scope::from_name("may", &body.may)?;
-    let (made, token) = (now(), fresh()?);
-    let expires = days("expires", body.expires.as_deref().unwrap_or(USUAL))?.map(|span| made + span);
-    let kept = Kept { name: body.name, scope, digest: digest(token.as_bytes()), made, expires };
+fn make(app: &RequestContext, JsonBody(body): JsonBody<TokenIn>) -> Result<(u16, CreatedToken)> {
+    HashedToken::check_name("name", &body.name)?;
+    let scope = Scope::from_name("scope", &body.scope)?;
+    let (made, token) = (now(), generate()?);
+    let expires = parse_duration("expires", body.expires.as_deref().unwrap_or(DEFAULT_LIFETIME))?
+        .map(|span| made + span);
+    let kept = HashedToken { name: body.name, scope, digest: digest(token.as_bytes()), made, expires };
     app.shared().keyring.add(&kept)?;
-    Ok((201, TokenMade { about: TokenOut::new(&kept, false, made), token }))
+    Ok((201, CreatedToken { about: TokenOut::new(&kept, false, made), token }))
 }
 
-fn revoke(app: &App, Id(name): Id) -> Result<()> {
+fn revoke(app: &RequestContext, PathId(name): PathId) -> Result<()> {
     app.shared().keyring.revoke(&name)
 }

@@ -1,66 +1,72 @@
-//! Training a policy in simulation, as a job.
+//! Training of a policy in simulation, as a job.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::estimation::explored;
-use super::stored::{free_id, row};
-use super::text::json;
+use super::estimation::exploration_tasks;
+use super::json::to_value;
+use super::policy_store::{policy_id_for_job, row};
 use crate::error::{Error, Result};
-use crate::estimate::Belief;
-use crate::job::{Context, New, Outcome, Work};
+use crate::estimate::ParameterSamples;
+use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{
-    Dataset, Dqn, EvaluateConfig, Judge, LabelConfig, Policy, Saturation, TrainConfig, TrainLog, Training,
-    Validation, label, train_saturated, train_validated,
+    Dataset, Dqn, EarlyStopping, EvaluateConfig, LabelConfig, Policy, SimulatedValidator, TrainConfig,
+    TrainLog, TrainingPhysics, Validation, label, train_validated, train_with_early_stopping,
 };
-use crate::serve::app::App;
-use crate::serve::operation::{ACT, Keep, Kept, Operation, post};
-use crate::serve::shared::Base;
-use crate::serve::wire::{JobOut, Object, TrainIn, TrainPresetIn, TrainingIn, effects};
+use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
+use crate::serve::wire::{JobOut, JsonObject, TrainIn, TrainPresetIn, TrainingIn, effects};
 use crate::session::TaskSet;
 use crate::store::PolicyRow;
-use crate::task::{Labels, Split, Task, split};
+use crate::task::{LabelCounts, Split, Task, split};
 use crate::world::Latents;
 
-/// Training.
+/// Operations on training.
 pub fn operations() -> Vec<Operation> {
     vec![
         post("train_policy", "/v1/policies", "policies", ACT)
             .about("Trains a policy in simulation. A job; its result names the policy.")
-            .refuses(&[(404, "Unknown task")])
-            .queues(KIND, begin, work),
+            .errors(&[(404, "Unknown task")])
+            .job(KIND, begin, work),
     ]
 }
 
 const KIND: &str = "train";
-/// Most draws of a belief that a training is kept with.
-const MOST_DRAWS: usize = 10_000;
+/// Maximum number of posterior draws to store with a training.
+const MAX_DRAWS: usize = 10_000;
 
-/// A training with everything decided.
+/// A fully specified training.
 #[derive(Serialize, Deserialize)]
-struct Plan {
+struct TrainingJob {
     task: String,
     /// `fixed`, `randomised` or `believed`.
     training: String,
-    schooling: Training,
+    #[serde(rename = "schooling")]
+    physics: TrainingPhysics,
     labels: LabelConfig,
     setup: TrainConfig,
     #[serde(default)]
     validations: usize,
-    /// Of a training for as long as it helps.
+    /// Early-stopping settings of the preset `saturating`.
     #[serde(default)]
-    until: Option<Saturation>,
-    /// As asked for; kept with the policy.
+    #[serde(rename = "until")]
+    early_stopping: Option<EarlyStopping>,
+    /// The request, stored with the policy.
     config: Value,
 }
 
 /// Queues a training.
-fn begin(app: &App, Kept(mut body, sent): Kept<TrainIn>, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(
+    app: &RequestContext,
+    BodyWithJson(mut body, sent): BodyWithJson<TrainIn>,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
-    let schooling = schooling(&mut body, &tasks)?;
+    let physics = physics(&mut body, &tasks)?;
     let seed = body.seed.unwrap_or(0);
     let whole = |field: &str, value: Option<u64>, default: usize, most: u64| match value {
         None => Ok(default),
@@ -78,92 +84,105 @@ fn begin(app: &App, Kept(mut body, sent): Kept<TrainIn>, keep: Keep<JobOut>) -> 
     };
     setup.validate()?;
     let validations = whole("validations", body.validations, 0, 100)?;
-    let until = if saturating { Some(until(&body, &tasks, &setup)?) } else { None };
+    let early_stopping = if saturating { Some(early_stopping(&body, &tasks, &setup)?) } else { None };
     let labels = LabelConfig::preset(&usual.labels, seed);
-    let training = schooling.name().into();
-    let config = without_draws(sent, &schooling);
+    let training = physics.name().into();
+    let config = without_draws(sent, &physics);
     let asked = config.clone();
-    let plan =
-        Plan { task: body.task, training, schooling, labels, setup, validations, until, config: asked };
-    let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
+    let plan = TrainingJob {
+        task: body.task,
+        training,
+        physics,
+        labels,
+        setup,
+        validations,
+        early_stopping,
+        config: asked,
+    };
+    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&plan)?, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// The physics that labels come from, as it was asked for.
-fn schooling(body: &mut TrainIn, tasks: &TaskSet) -> Result<Training> {
-    if let Some(document) = body.belief.take() {
+/// The requested physics for labelling.
+fn physics(body: &mut TrainIn, tasks: &TaskSet) -> Result<TrainingPhysics> {
+    if let Some(document) = body.posterior.take() {
         let given = [
             ("training", body.training.is_some()),
             ("latents", body.latents.is_some()),
             ("effects", body.effects.is_some()),
         ];
         if let Some((field, _)) = given.iter().find(|(_, given)| *given) {
-            return Err(Error::input(*field, "given beside belief", "one or the other"));
+            return Err(Error::input(*field, "given together with posterior", "one or the other"));
         }
-        let belief = Belief::from_value(Value::Object(document)).map_err(|e| e.under("belief"))?;
-        let draws = belief.draws().len();
-        if draws > MOST_DRAWS {
-            return Err(Error::input("belief", format!("{draws} draws"), format!("at most {MOST_DRAWS}")));
+        let samples =
+            ParameterSamples::from_value(Value::Object(document)).map_err(|e| e.in_field("posterior"))?;
+        let draws = samples.draws().len();
+        if draws > MAX_DRAWS {
+            return Err(Error::input("posterior", format!("{draws} draws"), format!("at most {MAX_DRAWS}")));
         }
-        return Ok(Training::believed(&belief));
+        return Ok(TrainingPhysics::from_posterior(&samples));
     }
-    let given = body.latents.take().map(|Object(l)| l.checked("latents.")).transpose()?;
+    let given = body.latents.take().map(|JsonObject(l)| l.checked("latents.")).transpose()?;
     let effects = effects(None, body.effects.take(), "")?.unwrap_or_default();
     match body.training.unwrap_or(TrainingIn::Fixed) {
         TrainingIn::Fixed => {
             let prior = tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0))).unwrap_or_default();
-            Ok(Training::Fixed { latents: given.unwrap_or_default().or(prior), effects })
+            Ok(TrainingPhysics::Fixed { latents: given.unwrap_or_default().or(prior), effects })
         }
         TrainingIn::Randomised if given.is_some() => {
-            let allowed = "absent: randomised training draws them";
-            Err(Error::input("latents", "given beside `training`: \"randomised\"", allowed))
+            let allowed = "no latents: randomised training draws them";
+            Err(Error::input("latents", "given together with `training`: \"randomised\"", allowed))
         }
-        TrainingIn::Randomised => Ok(Training::paper_randomised(effects)),
+        TrainingIn::Randomised => Ok(TrainingPhysics::paper_randomised(effects)),
     }
 }
 
-/// When a training ends that goes on for as long as it helps.
-fn until(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<Saturation> {
+/// Early-stopping settings of the preset `saturating`.
+fn early_stopping(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<EarlyStopping> {
     for (field, given) in [("batches", body.batches.is_some()), ("validations", body.validations.is_some())] {
         if given {
-            return Err(Error::input(field, "given beside `preset`: \"saturating\"", "one or the other"));
+            return Err(Error::input(
+                field,
+                "given together with `preset`: \"saturating\"",
+                "one or the other",
+            ));
         }
     }
     if tasks.tasks.len() == 1 || tasks.tasks.iter().all(|t| t.split != Split::Validation) {
-        let allowed = "a family with validation tasks, which say when a saturating training ends";
+        let allowed = "a family with validation tasks, which early stopping needs";
         return Err(Error::input("task", format!("{:?}", body.task), allowed));
     }
-    Ok(Saturation::usual(setup))
+    Ok(EarlyStopping::standard(setup))
 }
 
-/// What was asked for, with the number of draws in the place of a belief.
-fn without_draws(mut sent: Value, schooling: &Training) -> Value {
-    if let (Training::Believed { .. }, Some(belief)) = (schooling, sent.get_mut("belief")) {
-        *belief = about(schooling);
+/// The request with a posterior's draws replaced by their number.
+fn without_draws(mut sent: Value, physics: &TrainingPhysics) -> Value {
+    if let (TrainingPhysics::Posterior { .. }, Some(posterior)) = (physics, sent.get_mut("posterior")) {
+        *posterior = about(physics);
     }
     sent
 }
 
-/// The physics that labels came from, for those who read a result: of draws, how many.
-fn about(schooling: &Training) -> Value {
-    match schooling {
-        Training::Believed { draws } => json!({"type": schooling.name(), "draws": draws.len()}),
+/// The labelling physics for a result, with draws replaced by their number.
+fn about(physics: &TrainingPhysics) -> Value {
+    match physics {
+        TrainingPhysics::Posterior { draws } => json!({"type": physics.name(), "draws": draws.len()}),
         other => json!(other),
     }
 }
 
-/// The work of a training: begun again, it does everything again, and finds the same.
-fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+/// The work of a training. After a restart it starts over and gives the same result.
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    let plan: TrainingJob = from_value(plan.clone())?;
     let base = base.clone();
     Ok(Box::new(move |context| {
-        let tasks = explored(&base.catalogue.named(&plan.task)?);
-        let data = label(&tasks, &plan.schooling, &plan.labels, context)?;
-        base.metrics.simulated(data.rows.len() as u64);
-        let (dqn, log) = trained(&base, &plan, &data, context)?;
+        let tasks = exploration_tasks(&base.catalogue.named(&plan.task)?);
+        let data = label(&tasks, &plan.physics, &plan.labels, context)?;
+        base.metrics.count_rollouts(data.rows.len() as u64);
+        let (dqn, log) = train(&base, &plan, &data, context)?;
         let weights =
             dqn.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
-        let id = free_id(&base.store, context.id)?;
+        let id = policy_id_for_job(&base.store, context.id)?;
         let row = PolicyRow {
             id: id.clone(),
             training: plan.training,
@@ -173,47 +192,53 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             ..row(&id, &dqn, weights.len())
         };
         base.store.put_policy(&row, &weights, None)?;
-        Ok(Outcome::Done(json!({
+        Ok(WorkOutcome::Done(json!({
             "policy": id,
             "batches": dqn.card().batches(),
             "loss": log.loss,
-            "validation": json(&log.validation)?,
+            "validation": to_value(&log.validation)?,
             "examples": data.rows.len(),
             "solving": data.solving(),
-            "training": about(&plan.schooling),
-            "labels": json(&plan.labels)?,
-            "config": json(&plan.setup)?,
+            "training": about(&plan.physics),
+            "labels": to_value(&plan.labels)?,
+            "config": to_value(&plan.setup)?,
         })))
     }))
 }
 
-/// Trains for as long as was asked for.
-fn trained(base: &Base, plan: &Plan, data: &Dataset, context: &Context) -> Result<(Dqn, TrainLog)> {
-    let Some(until) = &plan.until else {
+/// Trains with fixed length or early stopping.
+fn train(
+    base: &CoreState,
+    plan: &TrainingJob,
+    data: &Dataset,
+    context: &JobContext,
+) -> Result<(Dqn, TrainLog)> {
+    let Some(early_stopping) = &plan.early_stopping else {
         let validation = validation(base, plan, context)?;
         return train_validated(data, validation.as_ref(), &plan.setup, context);
     };
-    let worlds = plan.schooling.worlds(until.worlds, plan.setup.seed);
+    let worlds = plan.physics.worlds(early_stopping.worlds, plan.setup.seed);
     let evaluate = EvaluateConfig::phyre(plan.setup.seed);
-    let judge = Judge::new(&held_out(base, plan)?, worlds, &evaluate, plan.labels.engine)?;
-    train_saturated(data, &judge, &plan.setup, until, context)
+    let judge =
+        SimulatedValidator::new(&validation_tasks(base, plan)?, worlds, &evaluate, plan.labels.engine)?;
+    train_with_early_stopping(data, &judge, &plan.setup, early_stopping, context)
 }
 
 /// The family's validation tasks.
-fn held_out(base: &Base, plan: &Plan) -> Result<Vec<Task>> {
+fn validation_tasks(base: &CoreState, plan: &TrainingJob) -> Result<Vec<Task>> {
     let family = plan.task.split(':').next().unwrap_or_default();
     Ok(split(&base.catalogue.family(family)?.tasks, Split::Validation))
 }
 
-/// The validation that was asked for: the family's validation tasks, labelled in the training's simulation. Tasks that few
-/// actions solve are not searched longer; it is a look, and not learned from.
-fn validation(base: &Base, plan: &Plan, context: &Context) -> Result<Option<Validation>> {
+/// The requested validation: the family's validation tasks, labelled in the training simulation. Hard tasks get no additional
+/// labels, since the data are not used for learning.
+fn validation(base: &CoreState, plan: &TrainingJob, context: &JobContext) -> Result<Option<Validation>> {
     if plan.validations == 0 {
         return Ok(None);
     }
-    let tasks = held_out(base, plan)?;
-    let labels = Labels { per_task: plan.labels.per_task, enough_solving: 0, stretch: 1 };
-    let data = label(&tasks, &plan.schooling, &LabelConfig::preset(&labels, plan.labels.seed), context)?;
-    base.metrics.simulated(data.rows.len() as u64);
+    let tasks = validation_tasks(base, plan)?;
+    let labels = LabelCounts { per_task: plan.labels.per_task, enough_solving: 0, stretch: 1 };
+    let data = label(&tasks, &plan.physics, &LabelConfig::preset(&labels, plan.labels.seed), context)?;
+    base.metrics.count_rollouts(data.rows.len() as u64);
     Validation::new(&data, plan.validations).map(Some)
 }

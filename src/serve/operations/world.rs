@@ -4,92 +4,92 @@ use std::fmt::{self, Display};
 use std::str::FromStr;
 use std::time::Duration;
 
-use super::attempts::or_as_a_job;
+use super::rollouts::suggest_job;
 use crate::error::{Error, Result};
-use crate::serve::app::App;
+use crate::serve::execution_class::ExecutionClass;
 use crate::serve::operation::{
-    ACT, Asked, Body, Content, Described, Events, Id, Input, Keep, LastEvent, Next, Operation, Page, READ,
-    Raw, Reply, Told, at, delete, get, post,
+    ACT, AcceptsBinaryArrays, EventStream, Extractor, JsonBody, LastEventId, NextEvent, Operation,
+    OperationDoc, OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, RecordResponse,
+    ServerEvent, delete, get, location, post,
 };
-use crate::serve::problem::Answer;
-use crate::serve::weight::Weight;
+use crate::serve::problem::HandlerResult;
+use crate::serve::request_context::RequestContext;
 use crate::serve::wire::{
-    BatchOut, CreateWorld, HappenedOut, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WatchOut,
-    WorldOut, Worlds, drawn,
+    CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, RolloutOut, StepIn, StepOut, WatchStart,
+    WorldEventOut, WorldOut, WorldsPage, drawable_scene,
 };
 use crate::session::{World, WorldList, WorldWatcher};
 
-/// What can be asked of one world.
+/// Operations on one world.
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_worlds", "/v1/worlds", "worlds", READ)
-            .about("Worlds in order of id unless asked otherwise.")
-            .leads_to(200, "/v1/worlds/{id}", "/worlds/0/id")
-            .does(list),
+            .about("Lists worlds, by default in order of id.")
+            .links(200, "/v1/worlds/{id}", "/worlds/0/id")
+            .handler(list),
         post("create_world", "/v1/worlds", "worlds", ACT)
-            .about("Makes a world; it outlives the server, and goes when nobody has used it for a while.")
-            .refuses(&[(404, "Unknown task"), (413, ""), (429, "No room for more worlds")])
-            .leads_to(201, "/v1/worlds/{id}", "/id")
-            .makes(201, at("Where the world is", |w: &WorldOut| format!("/v1/worlds/{}", w.id)), create),
+            .about("Creates a world. It survives restarts and expires when idle.")
+            .errors(&[(404, "Unknown task"), (413, ""), (429, "Too many worlds")])
+            .links(201, "/v1/worlds/{id}", "/id")
+            .create_handler(201, location("URL of the world", |w: &WorldOut| format!("/v1/worlds/{}", w.id)), create),
         get("get_world", "/v1/worlds/{id}", "worlds", READ)
-            .about("One world.")
-            .refuses(&[(404, "")])
-            .weighed(|_, _| Weight::Light, one),
+            .about("Returns a world.")
+            .errors(&[(404, "")])
+            .classified_handler(|_, _| ExecutionClass::Inline, one),
         delete("delete_world", "/v1/worlds/{id}", "worlds", ACT)
-            .about("Forgets a world; the default ones come back when the server restarts.")
-            .refuses(&[(404, "")])
-            .does(|app, Id(id)| app.worlds().remove(&id)),
+            .about("Deletes a world; default worlds are created again when the server restarts.")
+            .errors(&[(404, "")])
+            .handler(|app, PathId(id)| app.worlds().remove(&id)),
         get("watch_world", "/v1/worlds/{id}/events", "worlds", READ)
             .about(
-                "Watches a world: server-sent events, first `world` with the world as it stands and its scene, then what \
-                 happens in it,\n`reset`, `step`, `attempts`, `latents` and at the end `gone`, with what was observed. With \
-                 `Last-Event-ID`, what came after\nand is still kept (`docs/limits.md`); who reads too slowly misses the \
-                 oldest. Nothing that the world hides is told.",
+                "Streams a world's events as server-sent events: first `world` with the world and its scene, then `reset`, \
+                 `step`,\n`attempts` and `latents`, with observations, and finally `gone`. With `Last-Event-ID`, later events \
+                 that are still buffered\n(`docs/reference/limits.md`); slow clients miss the oldest. Hidden properties are not \
+                 included.",
             )
-            .answers_media(200, "Events", &["text/event-stream"])
-            .tells::<WatchOut>()
-            .tells::<HappenedOut>()
-            .refuses(&[(404, ""), (422, "")])
-            .only_http()
-            .does(watch),
+            .media_response(200, "Events", &["text/event-stream"])
+            .event_schema::<WatchStart>()
+            .event_schema::<WorldEventOut>()
+            .errors(&[(404, ""), (422, "")])
+            .http_only()
+            .handler(watch),
         post("reset_world", "/v1/worlds/{id}/reset", "worlds", ACT)
-            .about("Starts an episode. Without a seed, the world's own sequence of tasks goes on.")
-            .refuses(&[(404, "Unknown world or task")])
-            .weighed(|app, (Id(id), _)| weight(app, id), reset),
+            .about("Starts an episode. Without a seed, the world's task sequence continues.")
+            .errors(&[(404, "Unknown world or task")])
+            .classified_handler(|app, (PathId(id), _)| execution_class(app, id), reset),
         post("step_world", "/v1/worlds/{id}/step", "worlds", ACT)
             .about(
-                "Carries out an action. An action that cannot be placed is an outcome (`valid: false`), not an \
-                 attempt.",
+                "Attempts an action. An action that cannot be placed returns `valid: false` and is not counted.",
             )
-            .refuses(&[(404, ""), (409, "Reset the world first"), (429, "The budget is spent")])
-            .weighed(|app, (Id(id), _)| weight(app, id), step),
+            .errors(&[(404, ""), (409, "Reset the world first"), (429, "The budget is exhausted")])
+            .classified_handler(|app, (PathId(id), _)| execution_class(app, id), step),
         post("set_latents", "/v1/worlds/{id}/set_latents", "worlds", ACT)
-            .about("Sets those latent factors that are given.")
-            .refuses(&[(403, "The world is real or sealed"), (404, "")])
-            .does(set_latents),
+            .about("Sets the given latent factors.")
+            .errors(&[(403, "The world is real or sealed"), (404, "")])
+            .handler(set_latents),
         post("rollout_world", "/v1/worlds/{id}/rollout", "worlds", ACT)
-            .about("Attempts many actions at once, leaving the episode as it is.")
-            .refuses(&[
+            .about("Attempts many actions at once, without changing the current episode.")
+            .errors(&[
                 (403, "Interventions in a real or sealed world"),
                 (404, ""),
                 (409, "No current task"),
                 (413, "Too many actions"),
                 (429, "The budget is spent"),
             ])
-            .weighed(size, rollout),
+            .classified_handler(rollout_class, rollout),
     ]
 }
 
-/// In which order, and which part of them.
-struct Listing(bool, Page);
+/// Query parameters of a list of worlds.
+struct WorldsQuery(bool, Pagination);
 
-impl Input for Listing {
-    fn describe(to: &mut Described) {
-        to.query::<String>("order", "`id` (default), or `used`: those used last first");
-        Page::describe(to);
+impl Extractor for WorldsQuery {
+    fn describe(to: &mut OperationDoc) {
+        to.query::<String>("order", "`id` (default), or `used`: most recently used first");
+        Pagination::describe(to);
     }
 
-    fn read(from: &mut Asked) -> Answer<Listing> {
+    fn extract(from: &mut OperationRequest) -> HandlerResult<WorldsQuery> {
         let mut query = from.query()?;
         let order = query.iter().position(|(name, _)| name == "order").map(|at| query.remove(at).1);
         let by_use = match order.as_deref() {
@@ -97,88 +97,95 @@ impl Input for Listing {
             Some("used") => true,
             Some(other) => return Err(Error::input("order", format!("{other:?}"), "id or used").into()),
         };
-        Ok(Listing(by_use, Page::from_query(&query)?))
+        Ok(WorldsQuery(by_use, Pagination::from_query(&query)?))
     }
 }
 
-/// Where a page of worlds by their use ends: when the last of them was used, ns, and its id.
-struct Used(Duration, String);
+/// Cursor of worlds ordered by use: last use, ns, and id of the last world on a page.
+struct LastUseCursor(Duration, String);
 
-impl Display for Used {
+impl Display for LastUseCursor {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{} {}", self.0.as_nanos(), self.1)
     }
 }
 
-impl FromStr for Used {
+impl FromStr for LastUseCursor {
     type Err = ();
 
-    fn from_str(text: &str) -> std::result::Result<Used, ()> {
+    fn from_str(text: &str) -> std::result::Result<LastUseCursor, ()> {
         let (used, id) = text.split_once(' ').ok_or(())?;
-        Ok(Used(Duration::from_nanos(used.parse().map_err(drop)?), id.into()))
+        Ok(LastUseCursor(Duration::from_nanos(used.parse().map_err(drop)?), id.into()))
     }
 }
 
-fn list(app: &App, Listing(by_use, page): Listing) -> Result<Worlds> {
-    // A cursor goes on with the list it came from.
+fn list(app: &RequestContext, WorldsQuery(by_use, page): WorldsQuery) -> Result<WorldsPage> {
+    // A cursor is only valid for the list it came from.
     let (mut all, next);
     if by_use {
-        let after = page.after("worlds-used")?.map(|Used(used, id)| (used, id));
-        all = app.worlds().list(&WorldList::ByUse { after }, page.fetch())?;
-        next = page.cut("worlds-used", &mut all, |w| Used(w.used, w.id.clone()));
+        let after = page.after("worlds-used")?.map(|LastUseCursor(used, id)| (used, id));
+        all = app.worlds().list(&WorldList::ByUse { after }, page.fetch_limit())?;
+        next = page.truncate("worlds-used", &mut all, |w| LastUseCursor(w.used, w.id.clone()));
     } else {
         let after = page.after("worlds")?.unwrap_or_default();
-        all = app.worlds().list(&WorldList::ById { after }, page.fetch())?;
-        next = page.cut("worlds", &mut all, |w| w.id.clone());
+        all = app.worlds().list(&WorldList::ById { after }, page.fetch_limit())?;
+        next = page.truncate("worlds", &mut all, |w| w.id.clone());
     }
     let now = app.now();
-    Ok(Worlds { worlds: all.iter().map(|w| WorldOut::of(w, now)).collect(), next })
+    Ok(WorldsPage { worlds: all.iter().map(|w| WorldOut::of(w, now)).collect(), next })
 }
 
-fn create(app: &App, Body(body): Body<CreateWorld>, keep: Keep<WorldOut>) -> Result<WorldOut> {
-    let id = app.worlds().fresh_id();
+fn create(
+    app: &RequestContext,
+    JsonBody(body): JsonBody<CreateWorld>,
+    keep: RecordResponse<WorldOut>,
+) -> Result<WorldOut> {
+    let id = app.worlds().new_id();
     let config = body.config(&app.catalogue)?;
     let out = |w: &World| WorldOut::new(&id, app.owner(), w.describe());
     let world = app.worlds().make(&id, config, &|w| keep(&out(w)))?;
     Ok(out(&world))
 }
 
-fn one(app: &App, Id(id): Id) -> Result<WorldOut> {
+fn one(app: &RequestContext, PathId(id): PathId) -> Result<WorldOut> {
     app.worlds().get(&id)?;
     Ok(WorldOut::of(&app.worlds().look(&id)?, app.now()))
 }
 
-fn watch(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
+fn watch(
+    app: &RequestContext,
+    (PathId(id), LastEventId(seen)): (PathId, LastEventId),
+) -> Result<OperationResponse> {
     let listed = app.worlds().look(&id)?;
-    // From before the look, so that nothing is missed.
+    // Subscribe before reading the state, so that no event is missed.
     let watcher = listed.world.watch(seen);
     let tasks = &listed.world.tasks().tasks;
-    let first = WatchOut {
+    let first = WatchStart {
         task: listed.world.describe().current.unwrap_or_else(|| tasks[0].id.clone()),
-        scene: drawn(&listed.world.scene(None, None)?),
+        scene: drawable_scene(&listed.world.scene(None, None)?),
         world: WorldOut::of(&listed, app.now()),
     };
     let data =
-        serde_json::to_string(&first).map_err(|e| Error::Failed(format!("a world cannot be told: {e}")))?;
-    let first = Some(Told { id: None, name: "world", data });
-    Ok(Reply::of(Content::Events(Box::new(Watch { first, watcher }))))
+        serde_json::to_string(&first).map_err(|e| Error::Failed(format!("cannot serialise a world: {e}")))?;
+    let first = Some(ServerEvent { id: None, name: "world", data });
+    Ok(OperationResponse::ok(Payload::EventStream(Box::new(WorldEventStream { first, watcher }))))
 }
 
-/// A world as it stands, and then what happens in it.
-struct Watch {
-    first: Option<Told>,
+/// The state of a world, followed by its events.
+struct WorldEventStream {
+    first: Option<ServerEvent>,
     watcher: WorldWatcher,
 }
 
-impl Events for Watch {
-    fn next(&mut self) -> Next<'_> {
+impl EventStream for WorldEventStream {
+    fn next(&mut self) -> NextEvent<'_> {
         Box::pin(async {
             if let Some(first) = self.first.take() {
                 return Some(first);
             }
-            let event = HappenedOut::from(self.watcher.next().await?);
+            let event = WorldEventOut::from(self.watcher.next().await?);
             let data = serde_json::to_string(&event).ok()?;
-            Some(Told { id: Some(event.number), name: event.what, data })
+            Some(ServerEvent { id: Some(event.number), name: event.what, data })
         })
     }
 
@@ -187,37 +194,57 @@ impl Events for Watch {
     }
 }
 
-fn reset(app: &App, (Id(id), Body(body)): (Id, Body<ResetIn>)) -> Result<ResetOut> {
+fn reset(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<ResetIn>),
+) -> Result<ResetOut> {
     let world = app.worlds().get(&id)?;
     Ok(world.reset(&body.into())?.into())
 }
 
-fn step(app: &App, (Id(id), Body(body)): (Id, Body<StepIn>)) -> Result<StepOut> {
+fn step(app: &RequestContext, (PathId(id), JsonBody(body)): (PathId, JsonBody<StepIn>)) -> Result<StepOut> {
     let world = app.worlds().get(&id)?;
-    let step = world.step(&body.action.into(), app.budget()).map_err(or_as_a_job)?;
-    app.metrics.attempted(world.kind(), u64::from(step.invalid.is_none()), u64::from(step.steps));
+    let step = world.step(&body.action.into(), app.budget()).map_err(suggest_job)?;
+    app.metrics.count_attempts(world.kind(), u64::from(step.invalid.is_none()), u64::from(step.steps));
     Ok(step.into())
 }
 
-fn set_latents(app: &App, (Id(id), Body(body)): (Id, Body<LatentsIn>)) -> Result<WorldOut> {
+fn set_latents(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<LatentsIn>),
+) -> Result<WorldOut> {
     let world = app.worlds().get(&id)?;
     world.set_latents(body.checked("")?)?;
     Ok(WorldOut::of(&app.worlds().look(&id)?, app.now()))
 }
 
-/// Trajectories come as arrays where those are wanted apart.
-fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)) -> Result<BatchOut> {
+/// Attempts many actions; trajectories are binary arrays if the client accepts them.
+fn rollout(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body), AcceptsBinaryArrays(raw)): (
+        PathId,
+        JsonBody<RolloutIn>,
+        AcceptsBinaryArrays,
+    ),
+) -> Result<RolloutOut> {
     let world = app.worlds().get(&id)?;
     let batch = body.batch()?;
-    let rolled = world.rollout(&batch, app.budget()).map_err(or_as_a_job)?;
-    app.metrics.attempted(world.kind(), rolled.valid, rolled.steps());
-    Ok(BatchOut::new(rolled, batch.trajectories, raw))
+    let rolled = world.rollout(&batch, app.budget()).map_err(suggest_job)?;
+    app.metrics.count_attempts(world.kind(), rolled.valid, rolled.steps());
+    Ok(RolloutOut::new(rolled, batch.trajectories, raw))
 }
 
-fn size(_: &App, (_, Body(body), _): &(Id, Body<RolloutIn>, Raw)) -> Weight {
-    if body.trajectories == Some(true) { Weight::Large } else { Weight::Heavy }
+fn rollout_class(
+    _: &RequestContext,
+    (_, JsonBody(body), _): &(PathId, JsonBody<RolloutIn>, AcceptsBinaryArrays),
+) -> ExecutionClass {
+    if body.trajectories == Some(true) { ExecutionClass::Streaming } else { ExecutionClass::Compute }
 }
 
-fn weight(app: &App, id: &str) -> Weight {
-    if app.worlds().get(id).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Heavy }
+fn execution_class(app: &RequestContext, id: &str) -> ExecutionClass {
+    if app.worlds().get(id).is_ok_and(|w| w.runs_inline()) {
+        ExecutionClass::Inline
+    } else {
+        ExecutionClass::Compute
+    }
 }

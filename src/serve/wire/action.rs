@@ -1,4 +1,4 @@
-//! An action: a vector, or a number.
+//! Actions on the wire: a vector, or the index of a discrete action.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use crate::session::Action;
 
-/// An action vector (each number from 0 to 1), or the number of a discrete action.
+/// An action vector (each component from 0 to 1), or the index of a discrete action.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[schema(example = json!([0.5, 0.5, 0.2]))]
 #[serde(untagged)]
@@ -28,7 +28,7 @@ impl From<ActionIn> for Action {
 
 impl<'de> Deserialize<'de> for ActionIn {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
-        // Not derived: an untagged enum's errors name neither the place nor what is allowed.
+        // Not derived: the errors of an untagged enum name neither the position nor the allowed values.
         deserializer.deserialize_any(ActionVisitor)
     }
 }
@@ -39,7 +39,7 @@ impl<'de> Visitor<'de> for ActionVisitor {
     type Value = ActionIn;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("an array of numbers from 0 to 1, or the whole number of a discrete action")
+        f.write_str("an array of numbers from 0 to 1, or the index of a discrete action")
     }
 
     fn visit_u64<E>(self, index: u64) -> std::result::Result<ActionIn, E> {

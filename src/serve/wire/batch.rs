@@ -1,64 +1,64 @@
-//! Batches: many worlds in one request.
+//! Batches: vector environments, many worlds in one request.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::action::ActionIn;
-use super::array::{Array, Data};
-use super::bulk::Bulk;
+use super::array::{Array, ArrayData};
+use super::binary_arrays::BinaryArrays;
 use super::episode::{SplitIn, end_name};
+use super::json_object::JsonObject;
 use super::physics::{EffectIn, LatentsIn};
-use super::strict::Object;
-use super::world::{CreateWorld, WorldKind, WorldOut};
+use super::world::{CreateWorld, WorldKindIn, WorldOut};
 use crate::error::{Error, Result};
-use crate::session::{Autoreset, Reset, Start, Turned};
+use crate::session::{Autoreset, BatchStepResult, EpisodeStart, Reset};
 use crate::task::Scene;
 
-/// Worlds to make, alike but for their seeds; otherwise as one world.
+/// Worlds to create, identical except for their seeds.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreateWorlds {
-    /// How many, 1 to 4096.
+    /// Number of worlds, 1 to 4096.
     pub count: u64,
-    /// One for each world; `seed`, `seed` + 1, ... if absent.
+    /// One per world. Default: `seed`, `seed` + 1, ...
     pub seeds: Option<Vec<u64>>,
     /// A family (`bowling`) or one task (`bowling:017`).
     pub task: Option<String>,
     /// An `iplw.scene/1` document with `action` and `goal`.
     #[schema(value_type = Option<Object>)]
-    pub scene: Option<Object<Scene>>,
-    /// `sim` if absent.
-    pub kind: Option<WorldKind>,
+    pub scene: Option<JsonObject<Scene>>,
+    /// Default: `sim`.
+    pub kind: Option<WorldKindIn>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
     /// Latent factors.
     #[schema(value_type = Option<LatentsIn>)]
-    pub latents: Option<Object<LatentsIn>>,
+    pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects beyond gravity and contact.
     #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<Object<EffectIn>>>,
-    /// Kept share of velocity per second, in (0, 1].
+    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    /// Fraction of velocity kept per second, in (0, 1].
     pub damping: Option<f64>,
     /// Standard deviation of observation noise, m; real worlds only.
     pub noise: Option<f64>,
-    /// Most valid attempts in each world; real worlds only.
+    /// Maximum number of valid attempts per world; real worlds only.
     pub budget: Option<u64>,
-    /// Whether latents and effects are kept secret; default true for real, false for sim.
+    /// Whether latents and effects are hidden. Default: true for real, false for sim.
     pub sealed: Option<bool>,
     /// Seed of the first world.
     pub seed: Option<u64>,
 }
 
-/// The worlds made.
+/// The created worlds.
 #[derive(Serialize, ToSchema)]
-pub struct WorldsMade {
-    /// Their ids, in the order of the seeds.
+pub struct CreatedWorlds {
+    /// Ids in the order of the seeds.
     pub worlds: Vec<String>,
-    /// The first of them.
+    /// The first world.
     pub world: WorldOut,
 }
 
-/// Worlds by id, different ones.
+/// Distinct worlds by id.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WorldIds {
@@ -69,22 +69,22 @@ pub struct WorldIds {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ResetWorlds {
-    /// Ids, different ones.
+    /// Distinct ids.
     pub worlds: Vec<String>,
-    /// One for each world: starts its sequence of tasks anew.
+    /// One per world: restarts its task sequence.
     pub seeds: Option<Vec<Option<u64>>>,
-    /// One for each world: id of the task; drawn from the world's sequence where `null`.
+    /// One per world: id of the task, or `null` for the next of its task sequence.
     pub tasks: Option<Vec<Option<String>>>,
-    /// Part of the family to draw from; `train` if absent.
+    /// Split to draw from. Default: `train`.
     pub split: Option<SplitIn>,
-    /// One for each world: whether it is reset at all.
+    /// One per world: whether to reset it.
     pub mask: Option<Vec<bool>>,
 }
 
-/// The starts of episodes, in the order of the worlds. What was not reset has zeros and `null`.
+/// The new episodes, in the order of the worlds. Worlds that were not reset have zeros and `null`.
 #[derive(Serialize, ToSchema)]
-pub struct WorldsReset {
-    /// A row for each world.
+pub struct ResetWorldsOut {
+    /// One row per world.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<Vec<f64>>, required = true)]
     pub observation: Option<Array>,
@@ -92,22 +92,22 @@ pub struct WorldsReset {
     pub split: Vec<Option<SplitIn>>,
 }
 
-/// One action in each of many worlds. If any of them is refused, nothing is done in any.
+/// One action per world. If any is rejected, nothing is done.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StepWorlds {
-    /// Ids, different ones.
+    /// Distinct ids.
     pub worlds: Vec<String>,
-    /// One for each world: a vector, or the number of a discrete action.
+    /// One per world: a vector, or the index of a discrete action.
     pub actions: Vec<ActionIn>,
-    /// What becomes of a world whose episode has ended; `disabled` if absent.
+    /// How to handle finished episodes. Default: `disabled`.
     pub autoreset: Option<AutoresetIn>,
-    /// Part of the family that such resets draw from; the one of the world's last reset if absent.
+    /// Split that automatic resets draw from. Default: the split of the world's last reset.
     pub split: Option<SplitIn>,
 }
 
-/// As Gymnasium's `AutoresetMode`: `disabled` (stepping it again is refused), `next_step` (the next step resets it and
-/// ignores the action) or `same_step` (reset in the step that ended it).
+/// Gymnasium's `AutoresetMode`: `disabled` (stepping a finished episode is an error), `next_step` (the next step resets the
+/// world and ignores the action) or `same_step` (reset in the step that ended the episode).
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AutoresetIn {
@@ -116,10 +116,10 @@ pub enum AutoresetIn {
     SameStep,
 }
 
-/// What the actions brought, in the order of the worlds.
+/// Results of the steps, in the order of the worlds.
 #[derive(Serialize, ToSchema)]
-pub struct WorldsStepped {
-    /// A row for each world; with `same_step`, of the new episode where one began.
+pub struct StepWorldsOut {
+    /// One row per world; with `same_step`, of the new episode where one started.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<Vec<f64>>, required = true)]
     pub observation: Option<Array>,
@@ -145,11 +145,11 @@ pub struct WorldsStepped {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<u32>, required = true)]
     pub steps: Option<Array>,
-    /// Begun contacts between movable bodies.
+    /// Number of contacts between movable bodies.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<u32>, required = true)]
     pub collisions: Option<Array>,
-    /// Time steps that bodies spent on a surface, summed.
+    /// Time steps that bodies spent on a surface, summed over bodies.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<u32>, required = true)]
     pub rolling_steps: Option<Array>,
@@ -157,45 +157,49 @@ pub struct WorldsStepped {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<u64>, required = true)]
     pub interactions: Option<Array>,
-    /// Whether the world was reset instead, its action ignored (`next_step`).
+    /// Whether the world was reset and its action ignored (`next_step`).
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
     pub reset: Option<Array>,
-    /// Id of the task that `observation` is of.
+    /// Id of the task of `observation`.
     pub task: Vec<String>,
-    /// Part of the family of the episode that began; `null` where none did.
+    /// Split of the new episode; `null` where none started.
     pub split: Vec<Option<SplitIn>>,
     /// Why the action could not be placed; `null` where it could.
     pub reason: Vec<Option<String>>,
     /// `horizon`, `goal` or `diverged`; `null` where nothing was simulated.
     pub end: Vec<Option<&'static str>>,
-    /// With `same_step`: a row for each world, of the final state where an episode ended, else zeros.
+    /// With `same_step`: one row per world, the final state where an episode ended, otherwise zeros.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<f64>>>)]
     pub final_observation: Option<Array>,
-    /// With `same_step`: id of the task whose episode ended, else `null`.
+    /// With `same_step`: id of the task whose episode ended, otherwise `null`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub final_task: Option<Vec<Option<String>>>,
 }
 
-/// Most worlds in a request.
-const MOST: u64 = 4096;
+/// Maximum number of worlds in a request.
+const MAX_WORLDS_PER_BATCH: u64 = 4096;
 
 impl CreateWorlds {
-    /// What each of them is made from, and their seeds.
+    /// The common configuration, and the seeds.
     pub fn parts(self) -> Result<(CreateWorld, Vec<u64>)> {
-        if !(1..=MOST).contains(&self.count) {
-            return Err(Error::input("count", self.count, format!("a whole number from 1 to {MOST}")));
+        if !(1..=MAX_WORLDS_PER_BATCH).contains(&self.count) {
+            return Err(Error::input(
+                "count",
+                self.count,
+                format!("a whole number from 1 to {MAX_WORLDS_PER_BATCH}"),
+            ));
         }
         let first = self.seed.unwrap_or(0);
         let seeds = match self.seeds {
             None => (0..self.count).map(|i| first.wrapping_add(i)).collect(),
             Some(seeds) if self.seed.is_none() => {
-                one_each("seeds", &seeds, self.count as usize)?;
+                check_one_each("seeds", &seeds, self.count as usize)?;
                 seeds
             }
             Some(_) => {
-                return Err(Error::input("seed", first, "absent beside `seeds`"));
+                return Err(Error::input("seed", first, "no `seed` together with `seeds`"));
             }
         };
         let world = CreateWorld {
@@ -216,25 +220,25 @@ impl CreateWorlds {
 }
 
 impl WorldIds {
-    /// The ids; errors if there are none.
+    /// The ids; fails if there are none.
     pub fn checked(self) -> Result<Vec<String>> {
-        some(&self.worlds)?;
+        check_world_count(&self.worlds)?;
         Ok(self.worlds)
     }
 }
 
 impl ResetWorlds {
-    /// The ids, and what each world is reset to, if it is.
+    /// The ids, and the reset of each world that the mask selects.
     pub fn parts(self) -> Result<(Vec<String>, Vec<Option<Reset>>)> {
-        let n = some(&self.worlds)?;
+        let n = check_world_count(&self.worlds)?;
         if let Some(seeds) = &self.seeds {
-            one_each("seeds", seeds, n)?;
+            check_one_each("seeds", seeds, n)?;
         }
         if let Some(tasks) = &self.tasks {
-            one_each("tasks", tasks, n)?;
+            check_one_each("tasks", tasks, n)?;
         }
         if let Some(mask) = &self.mask {
-            one_each("mask", mask, n)?;
+            check_one_each("mask", mask, n)?;
         }
         let mut tasks = self.tasks.unwrap_or_default();
         let split = self.split.map(|s| s.into());
@@ -252,68 +256,73 @@ impl ResetWorlds {
 }
 
 impl StepWorlds {
-    /// The ids, checked to be there and to have an action each.
+    /// Checks that there are worlds, with one action each.
     pub fn checked(&self) -> Result<()> {
-        let n = some(&self.worlds)?;
-        one_each("actions", &self.actions, n)
+        let n = check_world_count(&self.worlds)?;
+        check_one_each("actions", &self.actions, n)
     }
 }
 
-fn some(worlds: &[String]) -> Result<usize> {
+fn check_world_count(worlds: &[String]) -> Result<usize> {
     match worlds.len() as u64 {
-        1..=MOST => Ok(worlds.len()),
-        0 => Err(Error::input("worlds", "empty", "one id or more")),
-        asked => Err(Error::TooLarge { what: "worlds", asked, limit: MOST, advice: "send several batches" }),
+        1..=MAX_WORLDS_PER_BATCH => Ok(worlds.len()),
+        0 => Err(Error::input("worlds", "empty", "at least one id")),
+        asked => Err(Error::TooLarge {
+            what: "worlds",
+            asked,
+            limit: MAX_WORLDS_PER_BATCH,
+            advice: "send several batches",
+        }),
     }
 }
 
-fn one_each<T>(field: &str, values: &[T], n: usize) -> Result<()> {
+fn check_one_each<T>(field: &str, values: &[T], n: usize) -> Result<()> {
     if values.len() == n {
         return Ok(());
     }
-    Err(Error::input(field, format!("{} values", values.len()), format!("{n}, one for each world")))
+    Err(Error::input(field, format!("{} values", values.len()), format!("{n}, one per world")))
 }
 
-impl WorldsReset {
-    /// Starts in the order of the worlds, `features` numbers an observation.
-    pub fn new(starts: Vec<Option<Start>>, features: usize) -> WorldsReset {
+impl ResetWorldsOut {
+    /// From episodes in the order of the worlds, with observations of length `features`.
+    pub fn new(starts: Vec<Option<EpisodeStart>>, features: usize) -> ResetWorldsOut {
         let (mut rows, mut task, mut split) = (Vec::new(), Vec::new(), Vec::new());
         for start in starts {
             task.push(start.as_ref().map(|s| s.task.clone()));
             split.push(start.as_ref().map(|s| s.split.into()));
             rows.push(start.map_or_else(|| vec![0.0; features], |s| s.observation));
         }
-        WorldsReset { observation: Some(Array::rows(rows)), task, split }
+        ResetWorldsOut { observation: Some(Array::rows(rows)), task, split }
     }
 }
 
-impl WorldsStepped {
-    /// What was brought, in the order of the worlds, and each world's counter.
-    pub fn new(turned: Vec<Turned>, interactions: Vec<u64>, autoreset: Autoreset) -> WorldsStepped {
+impl StepWorldsOut {
+    /// From step results and counters in the order of the worlds.
+    pub fn new(turned: Vec<BatchStepResult>, interactions: Vec<u64>, autoreset: Autoreset) -> StepWorldsOut {
         let n = turned.len();
         let steps = || turned.iter().map(|t| t.step.as_ref());
-        let flags = |of: fn(&crate::session::Step) -> bool, without: bool| {
-            Some(Array::line(Data::Bool(steps().map(|s| s.map_or(without, of)).collect())))
+        let flags = |of: fn(&crate::session::StepResult) -> bool, without: bool| {
+            Some(Array::line(ArrayData::Bool(steps().map(|s| s.map_or(without, of)).collect())))
         };
-        let counts = |of: fn(&crate::session::Step) -> u32| {
-            Some(Array::line(Data::U4(steps().map(|s| s.map_or(0, of)).collect())))
+        let counts = |of: fn(&crate::session::StepResult) -> u32| {
+            Some(Array::line(ArrayData::U4(steps().map(|s| s.map_or(0, of)).collect())))
         };
         let reward = steps().map(|s| s.map_or(0.0, |s| s.reward)).collect();
         let same_step = autoreset == Autoreset::SameStep;
         let reason = steps().map(|s| s.and_then(|s| s.invalid.clone())).collect();
         let end = steps().map(|s| s.and_then(|s| s.end).map(end_name)).collect();
-        let out = WorldsStepped {
+        let out = StepWorldsOut {
             observation: None,
-            reward: Some(Array::line(Data::F8(reward))),
+            reward: Some(Array::line(ArrayData::F8(reward))),
             terminated: flags(|s| s.terminated, false),
-            truncated: Some(Array::line(Data::Bool(vec![false; n]))),
+            truncated: Some(Array::line(ArrayData::Bool(vec![false; n]))),
             valid: flags(|s| s.invalid.is_none(), true),
             solved: flags(|s| s.solved, false),
             steps: counts(|s| s.steps),
             collisions: counts(|s| s.collisions),
             rolling_steps: counts(|s| s.rolling_steps),
-            interactions: Some(Array::line(Data::U8(interactions))),
-            reset: Some(Array::line(Data::Bool(steps().map(|s| s.is_none()).collect()))),
+            interactions: Some(Array::line(ArrayData::U8(interactions))),
+            reset: Some(Array::line(ArrayData::Bool(steps().map(|s| s.is_none()).collect()))),
             task: Vec::new(),
             split: turned.iter().map(|t| t.start.as_ref().map(|s| s.split.into())).collect(),
             reason,
@@ -338,7 +347,7 @@ impl WorldsStepped {
             rows.push(now.0);
             task.push(now.1);
         }
-        WorldsStepped {
+        StepWorldsOut {
             observation: Some(Array::rows(rows)),
             task,
             final_observation: same_step.then(|| Array::rows(final_rows)),
@@ -358,14 +367,14 @@ impl From<AutoresetIn> for Autoreset {
     }
 }
 
-impl Bulk for WorldsReset {
-    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+impl BinaryArrays for ResetWorldsOut {
+    fn take_arrays(&mut self) -> Vec<(&'static str, Array)> {
         self.observation.take().map(|a| ("observation", a)).into_iter().collect()
     }
 }
 
-impl Bulk for WorldsStepped {
-    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+impl BinaryArrays for StepWorldsOut {
+    fn take_arrays(&mut self) -> Vec<(&'static str, Array)> {
         let all = [
             ("observation", &mut self.observation),
             ("reward", &mut self.reward),
@@ -384,4 +393,4 @@ impl Bulk for WorldsStepped {
     }
 }
 
-impl Bulk for WorldsMade {}
+impl BinaryArrays for CreatedWorlds {}

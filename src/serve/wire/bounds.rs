@@ -1,21 +1,21 @@
-//! How much a document holds, counted before it is read: a value of two bytes takes dozens once it is, an object of seven takes
-//! hundreds, so that 16 MiB of them would take gigabytes.
+//! Limits the number of values in a document before parsing it: a value of two bytes takes dozens of bytes in memory and an
+//! object of seven takes hundreds, so 16 MiB of input could take gigabytes.
 
 use rmp::Marker;
 
 use crate::error::{Error, Result};
 
-/// Most values of a document, and numbers of an array: tens of megabytes in memory.
-pub const MOST_VALUES: usize = 1 << 20;
-/// Values that an object is worth: room for eleven fields is made at once.
-const OBJECT: usize = 16;
-/// Bytes of an array within msgpack that are worth a value.
-const PACKED: usize = 4;
+/// Maximum number of values in a document or array: tens of megabytes in memory.
+pub const MAX_VALUES: usize = 1 << 20;
+/// An object counts as this many values: serde_json reserves space for eleven fields at once.
+const VALUES_PER_OBJECT: usize = 16;
+/// Bytes of a binary array in msgpack that count as one value.
+const PACKED_BYTES_PER_VALUE: usize = 4;
 
-/// Errors if JSON holds more values than are taken.
+/// Fails if a JSON text holds too many values.
 pub fn json(text: &str) -> Result<()> {
-    // Each takes a byte at least, and one to tell it from the next.
-    if text.len() <= 2 * MOST_VALUES / OBJECT {
+    // Each value takes at least one byte and a separator.
+    if text.len() <= 2 * MAX_VALUES / VALUES_PER_OBJECT {
         return Ok(());
     }
     let (mut values, mut quoted, mut escaped) = (1usize, false, false);
@@ -27,14 +27,14 @@ pub fn json(text: &str) -> Result<()> {
             _ if quoted => {}
             b',' => values += 1,
             b'[' => values += 4,
-            b'{' => values += OBJECT,
+            b'{' => values += VALUES_PER_OBJECT,
             _ => {}
         }
     }
-    few(values)
+    check_value_count(values)
 }
 
-/// The same for msgpack; one that ends too soon is counted up to its end.
+/// Fails if a msgpack document holds too many values; truncated input is counted up to its end.
 pub fn msgpack(mut bytes: &[u8]) -> Result<()> {
     let mut values = 0usize;
     while let Some((marker, rest)) = bytes.split_first() {
@@ -46,7 +46,7 @@ pub fn msgpack(mut bytes: &[u8]) -> Result<()> {
         };
         let marker = Marker::from_u8(*marker);
         let is_map = matches!(marker, Marker::FixMap(_) | Marker::Map16 | Marker::Map32);
-        values += if is_map { 1 + OBJECT } else { 1 };
+        values += if is_map { 1 + VALUES_PER_OBJECT } else { 1 };
         let skipped = match marker {
             Marker::FixStr(n) => usize::from(n),
             Marker::Str8 | Marker::Bin8 => number(1),
@@ -56,7 +56,7 @@ pub fn msgpack(mut bytes: &[u8]) -> Result<()> {
             Marker::U16 | Marker::I16 => 2,
             Marker::U32 | Marker::I32 | Marker::F32 => 4,
             Marker::U64 | Marker::I64 | Marker::F64 => 8,
-            // Of what holds others, only the head is passed over.
+            // For containers skip only the header; the items are counted next.
             Marker::Array16 | Marker::Map16 => 2,
             Marker::Array32 | Marker::Map32 => 4,
             Marker::FixExt1 => 2,
@@ -72,23 +72,23 @@ pub fn msgpack(mut bytes: &[u8]) -> Result<()> {
                 } else {
                     4
                 });
-                values = values.saturating_add(length / PACKED);
+                values = values.saturating_add(length / PACKED_BYTES_PER_VALUE);
                 length.saturating_add(1)
             }
             _ => 0,
         };
         bytes = bytes.get(skipped..).unwrap_or_default();
     }
-    few(values)
+    check_value_count(values)
 }
 
-/// Errors if so many are more than are taken.
-pub fn few(values: usize) -> Result<()> {
-    if values <= MOST_VALUES {
+/// Fails if there are too many values.
+pub fn check_value_count(values: usize) -> Result<()> {
+    if values <= MAX_VALUES {
         return Ok(());
     }
-    let advice = "send them in parts (an object counts as 16)";
-    Err(Error::TooLarge { what: "values", asked: values as u64, limit: MOST_VALUES as u64, advice })
+    let advice = "split the request (an object counts as 16 values)";
+    Err(Error::TooLarge { what: "values", asked: values as u64, limit: MAX_VALUES as u64, advice })
 }
 
 #[cfg(test)]
@@ -100,33 +100,33 @@ mod tests {
         matches!(result, Err(Error::TooLarge { .. }))
     }
 
-    /// Megabytes of small values took gigabytes.
+    /// Regression: megabytes of small values took gigabytes of memory.
     #[test]
-    fn many_small_values_are_refused_and_long_text_is_not() {
+    fn rejects_many_small_values_but_accepts_long_text() {
         let json_of = |item: &str, n: usize| format!("[{}]", vec![item; n].join(","));
-        assert!(refused(json(&json_of("0", MOST_VALUES + 1))));
-        assert!(refused(json(&json_of("{\"a\":0}", MOST_VALUES / 16))));
-        assert!(refused(json(&json_of("[]", MOST_VALUES / 4))));
-        assert!(json(&json_of("0", MOST_VALUES - 10)).is_ok());
+        assert!(refused(json(&json_of("0", MAX_VALUES + 1))));
+        assert!(refused(json(&json_of("{\"a\":0}", MAX_VALUES / 16))));
+        assert!(refused(json(&json_of("[]", MAX_VALUES / 4))));
+        assert!(json(&json_of("0", MAX_VALUES - 10)).is_ok());
         let quoted = json!({"csv": "0,[{\"\\,".repeat(500_000)}).to_string();
-        assert!(quoted.len() > 4 * MOST_VALUES && json(&quoted).is_ok());
+        assert!(quoted.len() > 4 * MAX_VALUES && json(&quoted).is_ok());
         let packed = |value: &Value| rmp_serde::to_vec(value).unwrap();
-        assert!(refused(msgpack(&packed(&json!(vec![0; MOST_VALUES + 1])))));
-        assert!(refused(msgpack(&packed(&json!(vec![json!({"a": 0}); MOST_VALUES / 18 + 1])))));
-        assert!(msgpack(&packed(&json!(vec![0.5; MOST_VALUES - 1]))).is_ok());
-        assert!(msgpack(&packed(&json!({"csv": "\u{1}".repeat(4 * MOST_VALUES)}))).is_ok());
-        let raw = [&[0xc9][..], &(8 * MOST_VALUES as u32).to_be_bytes(), &[78]].concat();
-        assert!(refused(msgpack(&raw)), "an array within");
+        assert!(refused(msgpack(&packed(&json!(vec![0; MAX_VALUES + 1])))));
+        assert!(refused(msgpack(&packed(&json!(vec![json!({"a": 0}); MAX_VALUES / 18 + 1])))));
+        assert!(msgpack(&packed(&json!(vec![0.5; MAX_VALUES - 1]))).is_ok());
+        assert!(msgpack(&packed(&json!({"csv": "\u{1}".repeat(4 * MAX_VALUES)}))).is_ok());
+        let raw = [&[0xc9][..], &(8 * MAX_VALUES as u32).to_be_bytes(), &[78]].concat();
+        assert!(refused(msgpack(&raw)), "a nested binary array");
     }
 
-    /// Every kind of value is passed over as a whole: what follows it is counted.
+    /// Skips exactly the bytes of each kind of value.
     #[test]
-    fn what_is_counted_is_what_there_is() {
+    fn counts_every_kind_of_msgpack_value() {
         let count = |bytes: &[u8]| {
             let mut with = bytes.to_vec();
-            with.extend(std::iter::repeat_n(0xc0, MOST_VALUES));
+            with.extend(std::iter::repeat_n(0xc0, MAX_VALUES));
             match msgpack(&with) {
-                Err(Error::TooLarge { asked, .. }) => asked as usize - MOST_VALUES,
+                Err(Error::TooLarge { asked, .. }) => asked as usize - MAX_VALUES,
                 other => panic!("{other:?}"),
             }
         };

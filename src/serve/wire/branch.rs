@@ -6,51 +6,51 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::action::ActionIn;
-use super::asked::TrackOut;
-use super::bulk::Bulk;
+use super::ask_tell::TrackOut;
+use super::binary_arrays::BinaryArrays;
 use super::episode::end_name;
 use super::intervention::{InterventionIn, interventions};
+use super::json_object::JsonObject;
 use super::rollout::ContactsOut;
-use super::strict::Object;
 use crate::error::Result;
-use crate::session::{Asked, Branched, Snapshot};
+use crate::session::{BranchResult, Snapshot, SnapshotRequest};
 use crate::task::Intervention;
 use crate::trajectory::{Track, Trajectory};
 
-/// The moment to make a snapshot of.
+/// The moment to take a snapshot of.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SnapshotIn {
-    /// The last step's, with the latents that it was made with, if absent.
+    /// Default: the action of the last step, with its latents.
     pub action: Option<ActionIn>,
-    /// Id of the task; the current one if absent.
+    /// Id of the task. Default: the current task.
     pub task: Option<String>,
-    /// s since the start; the nearest time step.
+    /// s since the start, rounded to the nearest time step.
     pub at: f64,
-    /// What is done on the way, up to then.
+    /// Interventions up to that moment.
     #[schema(value_type = Option<Vec<InterventionIn>>)]
-    pub interventions: Option<Vec<Object<InterventionIn>>>,
-    /// Whether the rollout ends with the goal; default true.
+    pub interventions: Option<Vec<JsonObject<InterventionIn>>>,
+    /// Whether the rollout ends when the goal is reached. Default: true.
     pub stop: Option<bool>,
 }
 
 /// A moment in a rollout.
 #[derive(Serialize, ToSchema)]
 pub struct SnapshotOut {
-    /// An `iplw.snapshot/1` document: to be kept as long as one likes, and to be given to a branch.
+    /// An `iplw.snapshot/1` document to pass to `branch_world`; valid as long as the world exists.
     #[schema(value_type = Object)]
     pub snapshot: Snapshot,
     /// s since the start
     pub at: f64,
-    /// The same in time steps.
+    /// The same moment in time steps.
     pub step: u32,
-    /// States then, by name of the body; of those that are in the scene.
-    pub bodies: BTreeMap<String, StateOut>,
+    /// States of the bodies in the scene at that moment, by name.
+    pub bodies: BTreeMap<String, BodyStateOut>,
 }
 
 /// The state of a body.
 #[derive(Serialize, ToSchema)]
-pub struct StateOut {
+pub struct BodyStateOut {
     /// m
     pub position: [f64; 2],
     /// rad
@@ -61,26 +61,26 @@ pub struct StateOut {
     pub angular_velocity: f64,
 }
 
-/// Another course from a snapshot on.
+/// A branch from a snapshot.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BranchIn {
-    /// As it was answered; of this world.
+    /// A snapshot of this world, as returned by `snapshot_world`.
     #[schema(value_type = Object)]
-    pub snapshot: Object<Snapshot>,
-    /// What is done from then on, in this order where moments are the same; nothing makes the uninterrupted rollout.
+    pub snapshot: JsonObject<Snapshot>,
+    /// Interventions at or after the snapshot; simultaneous ones apply in this order. None: the uninterrupted rollout.
     #[schema(value_type = Option<Vec<InterventionIn>>)]
-    pub interventions: Option<Vec<Object<InterventionIn>>>,
+    pub interventions: Option<Vec<JsonObject<InterventionIn>>>,
 }
 
-/// A rollout with something else done in it, from its start.
+/// The branched rollout, from its start.
 #[derive(Serialize, ToSchema)]
 pub struct BranchOut {
     /// Engine that ran.
     pub engine: &'static str,
     /// Valid attempts in this world so far.
     pub interactions: u64,
-    /// Moment of the snapshot, s since the start.
+    /// Time of the snapshot, s since the start.
     pub at: f64,
     pub solved: Option<bool>,
     /// Simulated time steps.
@@ -90,14 +90,14 @@ pub struct BranchOut {
     pub contacts: ContactsOut,
     /// Observation times, s.
     pub t: Vec<f64>,
-    /// By body name, a state for each time; `null` while the body is not in the scene.
+    /// By body name, one state per time; `null` while the body is not in the scene.
     pub bodies: BTreeMap<String, TrackOut>,
 }
 
 impl SnapshotIn {
-    /// What is asked for.
-    pub fn asked(self) -> Result<Asked> {
-        Ok(Asked {
+    /// Converts the request.
+    pub fn request(self) -> Result<SnapshotRequest> {
+        Ok(SnapshotRequest {
             action: self.action.map(Into::into),
             task: self.task,
             stop: self.stop.unwrap_or(true),
@@ -108,9 +108,9 @@ impl SnapshotIn {
 }
 
 impl BranchIn {
-    /// The snapshot, and what is done from it on.
+    /// The snapshot, and the interventions from it on.
     pub fn parts(self) -> Result<(Snapshot, Vec<Intervention>)> {
-        let Object(snapshot) = self.snapshot;
+        let JsonObject(snapshot) = self.snapshot;
         let given = self.interventions.unwrap_or_default();
         let changes = interventions(given, Some(snapshot.at), "interventions")?;
         Ok((snapshot, changes))
@@ -118,11 +118,11 @@ impl BranchIn {
 }
 
 impl SnapshotOut {
-    /// A snapshot with the last states of the rollout up to it.
+    /// A snapshot with the final states of the rollout up to it.
     pub fn new(snapshot: Snapshot, reached: &Trajectory) -> SnapshotOut {
         let state = |track: &Track| {
             let k = track.len().checked_sub(1)?;
-            let state = StateOut {
+            let state = BodyStateOut {
                 position: [track.x[k], track.y[k]],
                 angle: track.angle[k],
                 velocity: [track.vx[k], track.vy[k]],
@@ -136,9 +136,9 @@ impl SnapshotOut {
 }
 
 impl BranchOut {
-    /// A branch from a moment.
-    pub fn new(at: f64, branched: Branched) -> BranchOut {
-        let Branched { engine, interactions, trajectory: t } = branched;
+    /// A branch from time `at`.
+    pub fn new(at: f64, branched: BranchResult) -> BranchOut {
+        let BranchResult { engine, interactions, trajectory: t } = branched;
         BranchOut {
             engine,
             interactions,
@@ -153,5 +153,5 @@ impl BranchOut {
     }
 }
 
-impl Bulk for SnapshotOut {}
-impl Bulk for BranchOut {}
+impl BinaryArrays for SnapshotOut {}
+impl BinaryArrays for BranchOut {}

@@ -1,4 +1,4 @@
-//! Designs to make.
+//! Requests for experimental designs.
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -8,52 +8,51 @@ use super::world::engine;
 use crate::design::{Costs, DesignConfig, Question};
 use crate::error::{Error, Result};
 
-/// Tasks on which experiments are looked for, what is asked, and what is believed of the world: the `belief` of a posterior or, if it is
-/// not given, the family's prior with one of the `sets` of effects each.
+/// An experimental design to compute: the tasks, the question, and the distribution of worlds, either a posterior (`posterior`) or
+/// the family's prior with `sets` of effects.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DesignIn {
-    /// A family, of which the training tasks are meant, or one task, `bowling:017`.
+    /// A family (its training tasks are used) or one task, `bowling:017`.
     pub task: String,
-    /// `latents` (how large they are, and effects' parameters; the default), `effects` (which of the belief's sets the world has) or
-    /// `success` (whether what is planned for the test tasks solves them).
+    /// `latents` (default: values of latents and effect parameters), `effects` (which set of effects the world has) or `success`
+    /// (whether plans solve the test tasks).
     pub question: Option<String>,
-    /// An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read.
+    /// An `iplw.posterior/2` document of equally weighted draws; only `columns`, `effects` and `discrepancy` are read.
     #[schema(value_type = Option<Object>)]
-    pub belief: Option<Map<String, Value>>,
-    /// Of the prior: sets of effects that the world may have, as large as they usually are; equally likely, up to 20. Default: one
-    /// that is empty.
+    pub posterior: Option<Map<String, Value>>,
+    /// With the prior: up to 20 equally likely sets of effects of typical size. Default: one empty set.
     pub sets: Option<Vec<Vec<String>>>,
-    /// Standard deviation with which a position is seen, m; default 0.005.
+    /// Standard deviation of observed positions, m. Default: 0.005.
     pub noise: Option<f64>,
-    /// Experiments to choose, together, up to 20; default 1.
+    /// Number of experiments to choose jointly, up to 20. Default: 1.
     pub batch: Option<u64>,
-    /// What they cost: those are chosen that tell most for it. With a budget and without `batch`, as many as it pays for, up to 20.
+    /// Costs, to maximise information per cost. With a budget but no `batch`: as many experiments as it pays for, up to 20.
     pub costs: Option<CostsIn>,
-    /// Random actions that are looked at, up to 2000; default 400.
+    /// Number of random candidate actions, up to 2000. Default: 400.
     pub candidates: Option<u64>,
-    /// So many of the best are looked at closely, up to 100; default 24.
+    /// Number of best candidates to evaluate precisely, up to 100. Default: 24.
     pub shortlist: Option<u64>,
-    /// Worlds in which the best are looked at, 8 to 256; default 128.
+    /// Number of sampled worlds for the precise evaluation, 8 to 256. Default: 128.
     pub worlds: Option<u64>,
-    /// Copies of an action whose spread counts as noise, 2 to 8; default 4.
+    /// Number of perturbed copies per action, whose spread counts as noise, 2 to 8. Default: 4.
     pub copies: Option<u64>,
-    /// Most that a component of an action is moved in a copy, up to 1; default 0.002.
+    /// Maximum perturbation of an action component, up to 1. Default: 0.002.
     pub perturb: Option<f64>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
     pub seed: Option<u64>,
 }
 
-/// What experiments cost, in the unit of the budget: minutes, say.
+/// Costs of experiments, in any unit, such as minutes.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CostsIn {
-    /// Every experiment; default 1.
+    /// Cost of an experiment. Default: 1.
     pub trial: Option<f64>,
-    /// What it costs more to set a task up, once for every task of the batch; default 0.
+    /// Additional cost of setting up a task, once per task of the batch. Default: 0.
     pub setup: Option<f64>,
-    /// Most that the batch may cost; default: as much as its size asks for.
+    /// Maximum cost of the batch. Default: unlimited.
     pub budget: Option<f64>,
 }
 
@@ -66,7 +65,7 @@ impl CostsIn {
 }
 
 impl DesignIn {
-    /// How the design is searched for.
+    /// The configuration of the search.
     pub fn config(&self) -> Result<DesignConfig> {
         let question = Question::from_name(self.question.as_deref().unwrap_or("latents"))?;
         let usual = DesignConfig::standard(question, self.seed.unwrap_or(0));
@@ -97,10 +96,12 @@ impl DesignIn {
         Ok(config)
     }
 
-    /// Sets of effects of the prior; an error where a belief says which there are.
+    /// Sets of effects of the prior; an error together with a posterior, which has its own.
     pub fn sets(&self) -> Result<Vec<Vec<String>>> {
-        match (&self.belief, &self.sets) {
-            (Some(_), Some(_)) => Err(Error::input("sets", "given beside belief", "one or the other")),
+        match (&self.posterior, &self.sets) {
+            (Some(_), Some(_)) => {
+                Err(Error::input("sets", "given together with posterior", "one or the other"))
+            }
             (_, Some(sets)) if sets.is_empty() || sets.len() > 20 => {
                 Err(Error::input("sets", format!("{} sets", sets.len()), "1 to 20 sets of effects"))
             }

@@ -1,4 +1,4 @@
-//! What to diagnose.
+//! Requests for diagnoses, and the trials of one.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,37 +8,37 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
-use super::asked::TrackOut;
-use super::bulk::Bulk;
-use super::strict::Object;
-use crate::reality::{File, Reading, Trial};
+use super::ask_tell::TrackOut;
+use super::binary_arrays::BinaryArrays;
+use super::json_object::JsonObject;
+use crate::reality::{TrackFile, TrackParseOptions, Trial};
 use crate::task::Scene;
-use crate::task::ball::{Ball, GRAVITY};
+use crate::task::ball::{BallScene, STANDARD_GRAVITY_M_S2};
 
-/// Measured trials, and the simulation they are held against: `scene` (or `ball`) and `trials`, or the `job` that
-/// measured them.
+/// Measured trials and the simulation to compare them with: `scene` (or `ball`) and `trials`, or the `job` that measured
+/// them.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DiagnosisIn {
-    /// An `iplw.scene/1` document: the base model; `calibrate` names the latents to estimate along.
+    /// An `iplw.scene/1` document: the base model; its `calibrate` lists the latents to estimate, too.
     #[schema(value_type = Option<Object>)]
-    pub scene: Option<Object<Scene>>,
-    /// Instead of a scene, where one ball flies.
+    pub scene: Option<JsonObject<Scene>>,
+    /// A single ball, instead of a scene.
     #[schema(value_type = Option<BallIn>)]
-    pub ball: Option<Object<BallIn>>,
-    /// Trials as CSV: `trial,t,body,x,y` and optionally `setting,angle,vx,vy,omega`; or, of one body, tracks as tracking
-    /// programs write them.
+    pub ball: Option<JsonObject<BallIn>>,
+    /// Trials as CSV: `trial,t,body,x,y` and optionally `setting,angle,vx,vy,omega`; or tracks of one body as exported by
+    /// tracking software.
     #[schema(value_type = Option<TrialsIn>)]
     pub trials: Option<TrialsIn>,
-    /// What the trials do not say of themselves.
+    /// Units and options for reading the trials.
     #[schema(value_type = Option<ReadingIn>)]
-    pub reading: Option<Object<ReadingIn>>,
-    /// Id of an estimation: its trials so far are diagnosed.
+    pub reading: Option<JsonObject<ReadingIn>>,
+    /// Id of an estimation, to use its trials so far.
     pub job: Option<String>,
     pub seed: Option<u64>,
 }
 
-/// The text of a file, or the texts of several by name: each of one trial, unless a column says otherwise.
+/// The text of one file, or the texts of several by name; a file is one trial unless it has a `trial` column.
 #[derive(Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum TrialsIn {
@@ -46,32 +46,32 @@ pub enum TrialsIn {
     Several(BTreeMap<String, String>),
 }
 
-/// The trials that a diagnosis was given.
+/// The trials of a diagnosis.
 #[derive(Serialize, ToSchema)]
-pub struct GivenTrials {
+pub struct DiagnosisTrials {
     /// An `iplw.scene/1` document: the base model.
     #[schema(value_type = Object)]
     pub scene: Scene,
-    /// In the order in which they were given.
-    pub trials: Vec<GivenOut>,
+    /// In the order of the request.
+    pub trials: Vec<DiagnosisTrialOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
 
-/// One of them.
+/// A trial of a diagnosis.
 #[derive(Serialize, ToSchema)]
-pub struct GivenOut {
-    /// Its name.
+pub struct DiagnosisTrialOut {
+    /// Name of the trial.
     pub trial: String,
-    /// The setting of the scene that it was measured in, if there are any.
+    /// Setting of the scene, if it has settings.
     pub setting: Option<String>,
     /// Times, s.
     pub t: Vec<f64>,
-    /// By name of the body, a state for each time.
+    /// By body name, one state per time.
     pub bodies: BTreeMap<String, TrackOut>,
 }
 
-/// A ball, and a floor if there is one.
+/// A ball and optionally a floor.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BallIn {
@@ -79,67 +79,69 @@ pub struct BallIn {
     pub radius: f64,
     /// kg
     pub mass: Option<f64>,
-    /// m/s^2, downwards; 9.81 if absent.
+    /// m/s^2, downwards. Default: 9.81.
     pub gravity: Option<f64>,
     /// Height of the floor's surface, m.
     pub floor: Option<f64>,
 }
 
-/// Units, and the track to read, where the files do not say.
+/// Units, and the track to read, if the files do not state them.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReadingIn {
-    /// Pictures a second: times are numbers of pictures.
+    /// Frames per second; times are then frame numbers.
     pub fps: Option<f64>,
-    /// m: coordinates are in pixels.
+    /// m per pixel; coordinates are then in pixels.
     pub metres_per_pixel: Option<f64>,
     /// m, cm, mm, um, km, in, ft.
     pub length_unit: Option<String>,
     /// s, ms, us, min.
     pub time_unit: Option<String>,
-    /// Whether y is counted downwards, as in pictures.
+    /// Whether y points down, as in images.
     pub y_down: Option<bool>,
-    /// Which track, or body, of files that hold several.
+    /// The track or body to read from files with several.
     pub track: Option<String>,
 }
 
 impl TrialsIn {
-    /// As files; `name` is that of an only one.
-    pub fn files(self, name: &str) -> Vec<File> {
+    /// As files; a single text is called `name`.
+    pub fn files(self, name: &str) -> Vec<TrackFile> {
         match self {
-            TrialsIn::One(text) => vec![File { name: name.into(), text }],
-            TrialsIn::Several(texts) => texts.into_iter().map(|(name, text)| File { name, text }).collect(),
+            TrialsIn::One(text) => vec![TrackFile { name: name.into(), text }],
+            TrialsIn::Several(texts) => {
+                texts.into_iter().map(|(name, text)| TrackFile { name, text }).collect()
+            }
         }
     }
 }
 
-impl From<Trial> for GivenOut {
-    fn from(trial: Trial) -> GivenOut {
+impl From<Trial> for DiagnosisTrialOut {
+    fn from(trial: Trial) -> DiagnosisTrialOut {
         let Trial { name, setting, observed, .. } = trial;
         let bodies = observed.bodies.iter().map(|track| (track.name.clone(), track.into())).collect();
-        GivenOut { trial: name, setting, t: observed.times, bodies }
+        DiagnosisTrialOut { trial: name, setting, t: observed.times, bodies }
     }
 }
 
-impl Bulk for GivenTrials {}
+impl BinaryArrays for DiagnosisTrials {}
 
-impl From<BallIn> for Ball {
-    fn from(ball: BallIn) -> Ball {
+impl From<BallIn> for BallScene {
+    fn from(ball: BallIn) -> BallScene {
         let BallIn { radius, mass, gravity, floor } = ball;
-        Ball { radius, mass, gravity: gravity.unwrap_or(GRAVITY), floor }
+        BallScene { radius, mass, gravity: gravity.unwrap_or(STANDARD_GRAVITY_M_S2), floor }
     }
 }
 
-impl From<ReadingIn> for Reading {
-    fn from(said: ReadingIn) -> Reading {
+impl From<ReadingIn> for TrackParseOptions {
+    fn from(said: ReadingIn) -> TrackParseOptions {
         let ReadingIn { fps, metres_per_pixel, length_unit, time_unit, y_down, track } = said;
-        Reading { fps, metres_per_pixel, length_unit, time_unit, y_down, track }
+        TrackParseOptions { fps, metres_per_pixel, length_unit, time_unit, y_down, track }
     }
 }
 
 impl<'de> Deserialize<'de> for TrialsIn {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        // Not derived: an untagged enum's errors name neither the place nor what is allowed.
+        // Not derived: the errors of an untagged enum name neither the position nor the allowed values.
         deserializer.deserialize_any(TrialsVisitor)
     }
 }

@@ -1,28 +1,28 @@
-//! An episode: Gymnasium's reset and step.
+//! Episodes: Gymnasium's reset and step.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::action::ActionIn;
-use super::array::{Array, Data};
-use super::bulk::Bulk;
-use crate::session::{Reset, Start, Step};
+use super::array::{Array, ArrayData};
+use super::binary_arrays::BinaryArrays;
+use crate::session::{EpisodeStart, Reset, StepResult};
 use crate::task::Split;
-use crate::trajectory::End;
+use crate::trajectory::Termination;
 
-/// What to reset to; everything may be absent.
+/// Options of a reset; all are optional.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ResetIn {
-    /// Starts the world's sequence of tasks anew.
+    /// Restarts the world's task sequence.
     pub seed: Option<u64>,
-    /// Id of the task; drawn from the sequence if absent.
+    /// Id of the task. Default: the next of the task sequence.
     pub task: Option<String>,
-    /// Part of the family to draw from; `train` if absent.
+    /// Split to draw from. Default: `train`.
     pub split: Option<SplitIn>,
 }
 
-/// Part of a family.
+/// Split of a family's tasks.
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SplitIn {
@@ -34,14 +34,14 @@ pub enum SplitIn {
 /// The start of an episode.
 #[derive(Serialize, ToSchema)]
 pub struct ResetOut {
-    /// Each from 0 to 1, as the world's `observation_space` names them.
+    /// Values from 0 to 1; the world's `observation_space` names them.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<f64>, required = true)]
     pub observation: Option<Array>,
     pub info: ResetInfo,
 }
 
-/// What else there is to know after a reset.
+/// Gymnasium's info of a reset.
 #[derive(Serialize, ToSchema)]
 pub struct ResetInfo {
     pub task: String,
@@ -55,7 +55,7 @@ pub struct StepIn {
     pub action: ActionIn,
 }
 
-/// Gymnasium's tuple.
+/// Gymnasium's result of a step.
 #[derive(Serialize, ToSchema)]
 pub struct StepOut {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -69,10 +69,10 @@ pub struct StepOut {
     pub info: StepInfo,
 }
 
-/// What else there is to know after a step.
+/// Gymnasium's info of a step.
 #[derive(Serialize, ToSchema)]
 pub struct StepInfo {
-    /// Whether the action could be placed; if not, it was no attempt and the episode goes on.
+    /// Whether the action could be placed; if not, it is not counted and the episode continues.
     pub valid: bool,
     /// Why it could not be placed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -83,9 +83,9 @@ pub struct StepInfo {
     pub task: String,
     /// Valid attempts in this world so far.
     pub interactions: u64,
-    /// Begun contacts between movable bodies.
+    /// Number of contacts between movable bodies.
     pub collisions: u32,
-    /// Time steps that bodies spent on a surface, summed.
+    /// Time steps that bodies spent on a surface, summed over bodies.
     pub rolling_steps: u32,
     /// `horizon`, `goal` or `diverged`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -118,19 +118,19 @@ impl From<ResetIn> for Reset {
     }
 }
 
-impl From<Start> for ResetOut {
-    fn from(start: Start) -> ResetOut {
+impl From<EpisodeStart> for ResetOut {
+    fn from(start: EpisodeStart) -> ResetOut {
         ResetOut {
-            observation: Some(Array::line(Data::F8(start.observation))),
+            observation: Some(Array::line(ArrayData::F8(start.observation))),
             info: ResetInfo { task: start.task, split: start.split.into() },
         }
     }
 }
 
-impl From<Step> for StepOut {
-    fn from(step: Step) -> StepOut {
+impl From<StepResult> for StepOut {
+    fn from(step: StepResult) -> StepOut {
         StepOut {
-            observation: Some(Array::line(Data::F8(step.observation))),
+            observation: Some(Array::line(ArrayData::F8(step.observation))),
             reward: step.reward,
             terminated: step.terminated,
             truncated: false,
@@ -149,24 +149,24 @@ impl From<Step> for StepOut {
     }
 }
 
-/// The word for how a rollout ended.
-pub fn end_name(end: End) -> &'static str {
+/// Wire name of a rollout's termination.
+pub fn end_name(end: Termination) -> &'static str {
     match end {
-        End::Horizon => "horizon",
-        End::Goal => "goal",
-        End::Diverged => "diverged",
-        End::Blocked { .. } => "blocked",
+        Termination::Horizon => "horizon",
+        Termination::Goal => "goal",
+        Termination::Diverged => "diverged",
+        Termination::Blocked { .. } => "blocked",
     }
 }
 
-impl Bulk for ResetOut {
-    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+impl BinaryArrays for ResetOut {
+    fn take_arrays(&mut self) -> Vec<(&'static str, Array)> {
         self.observation.take().map(|a| ("observation", a)).into_iter().collect()
     }
 }
 
-impl Bulk for StepOut {
-    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+impl BinaryArrays for StepOut {
+    fn take_arrays(&mut self) -> Vec<(&'static str, Array)> {
         self.observation.take().map(|a| ("observation", a)).into_iter().collect()
     }
 }

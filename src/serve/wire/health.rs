@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
+use super::binary_arrays::BinaryArrays;
 
 /// Whether the server answers.
 #[derive(Serialize, ToSchema)]
@@ -14,4 +14,4 @@ pub struct Health {
     pub version: &'static str,
 }
 
-impl Bulk for Health {}
+impl BinaryArrays for Health {}

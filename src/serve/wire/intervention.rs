@@ -3,30 +3,30 @@
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::strict::Object;
+use super::json_object::JsonObject;
 use crate::error::{Error, Result};
 use crate::task::Intervention;
 use crate::task::scene::{Body, Static};
 
-/// Something done in the middle of a rollout: at a moment `at`, s since the start (the nearest time step), of which the
-/// observation still shows the state before.
+/// A change during a rollout at time `at`, s since the start, rounded to the nearest time step. The observation at that time
+/// shows the state before the change.
 #[derive(Clone, Deserialize, ToSchema)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum InterventionIn {
-    /// A blow: the velocity changes by impulse / mass at once.
+    /// Applies an impulse: the velocity changes by impulse / mass.
     Impulse {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
         /// Name of a body.
         body: String,
         /// N s; at most 400 m/s times the body's mass.
         impulse: [f64; 2],
-        /// Where it acts, m, which also turns the body; at the centre of mass if absent.
+        /// Point of application, m, which also changes the angular velocity. Default: the centre of mass.
         point: Option<[f64; 2]>,
     },
-    /// A body is put somewhere, or given another velocity; what is absent stays.
+    /// Sets a body's pose or velocity; absent values stay unchanged.
     Set {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
         /// Name of a body.
         body: String,
@@ -39,33 +39,33 @@ pub enum InterventionIn {
         /// rad/s
         angular_velocity: Option<f64>,
     },
-    /// A body comes in, with the density and surface that it says.
+    /// Adds a body with its own density and surface coefficients.
     Add {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
-        /// As `bodies` of an `iplw.scene/1` document has them.
+        /// A body as in `bodies` of an `iplw.scene/1` document.
         #[schema(value_type = Value)]
-        body: Object<Body>,
+        body: JsonObject<Body>,
     },
-    /// Something that never moves comes in.
+    /// Adds a static object.
     AddStatic {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
-        /// As `statics` of an `iplw.scene/1` document has them.
+        /// A static as in `statics` of an `iplw.scene/1` document.
         #[serde(rename = "static")]
         #[schema(value_type = Value)]
-        fixed: Object<Static>,
+        fixed: JsonObject<Static>,
     },
-    /// A body or a static is taken away.
+    /// Removes a body or a static.
     Remove {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
         /// Name of a body or a static.
         body: String,
     },
-    /// Those latent factors that are given become others.
+    /// Changes the given latent factors.
     Latents {
-        /// s; a branch's own moment if absent.
+        /// s. Default: the time of the branch.
         at: Option<f64>,
         /// kg/m^2
         density: Option<f64>,
@@ -75,11 +75,11 @@ pub enum InterventionIn {
 }
 
 impl InterventionIn {
-    /// The intervention, at `moment` if it does not say when.
+    /// The intervention; `moment` is the default of its time.
     pub fn at(self, moment: Option<f64>) -> Result<Intervention> {
         let when = |at: Option<f64>| {
             at.or(moment)
-                .ok_or_else(|| Error::input("at", "missing", "a moment, s since the start of the rollout"))
+                .ok_or_else(|| Error::input("at", "missing", "a time, s since the start of the rollout"))
         };
         Ok(match self {
             InterventionIn::Impulse { at, body, impulse, point } => {
@@ -88,8 +88,8 @@ impl InterventionIn {
             InterventionIn::Set { at, body, position, angle, velocity, angular_velocity } => {
                 Intervention::Set { at: when(at)?, body, position, angle, velocity, angular_velocity }
             }
-            InterventionIn::Add { at, body: Object(body) } => Intervention::Add { at: when(at)?, body },
-            InterventionIn::AddStatic { at, fixed: Object(fixed) } => {
+            InterventionIn::Add { at, body: JsonObject(body) } => Intervention::Add { at: when(at)?, body },
+            InterventionIn::AddStatic { at, fixed: JsonObject(fixed) } => {
                 Intervention::AddStatic { at: when(at)?, fixed }
             }
             InterventionIn::Remove { at, body } => Intervention::Remove { at: when(at)?, body },
@@ -100,14 +100,14 @@ impl InterventionIn {
     }
 }
 
-/// Interventions, at `moment` if they do not say when; errors are about `field`.
+/// Converts interventions; `moment` is the default of their time. Errors name `field`.
 pub fn interventions(
-    given: Vec<Object<InterventionIn>>,
+    given: Vec<JsonObject<InterventionIn>>,
     moment: Option<f64>,
     field: &str,
 ) -> Result<Vec<Intervention>> {
-    let one = |(k, Object(own)): (usize, Object<InterventionIn>)| {
-        own.at(moment).map_err(|e| e.under(&format!("{field}[{k}]")))
+    let one = |(k, JsonObject(own)): (usize, JsonObject<InterventionIn>)| {
+        own.at(moment).map_err(|e| e.in_field(&format!("{field}[{k}]")))
     };
     given.into_iter().enumerate().map(one).collect()
 }

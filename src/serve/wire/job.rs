@@ -1,4 +1,4 @@
-//! Jobs and their events; the request of an estimation.
+//! Jobs and their events; requests for estimations.
 
 use std::fmt;
 
@@ -10,48 +10,46 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Type};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::bulk::Bulk;
+use super::binary_arrays::BinaryArrays;
+use super::json_object::JsonObject;
 use super::physics::{EffectIn, LatentsIn};
-use super::strict::Object;
 use crate::job::{Figure, Job};
 use crate::serve::problem::Problem;
 
-/// An estimation to run. The real world is `world` (its interactions are counted there), one made for this job from
-/// `real`, or, with `"real": "ask_tell"`, whoever carries out `/v1/iplw/{id}/proposals` and sends what was measured
-/// to `/v1/iplw/{id}/trials`; without either, the family's standard one.
+/// An estimation to run. The real world is `world` (interactions are counted there), one created for this job from `real`, or,
+/// with `"real": "ask_tell"`, the client's own: it carries out `/v1/iplw/{id}/proposals` and submits measurements to
+/// `/v1/iplw/{id}/trials`. Default: the family's standard real world.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Estimation {
-    /// A family (`bowling`: its training tasks are explored) or one task.
+pub struct EstimationIn {
+    /// A family (its training tasks are explored) or one task.
     pub task: String,
     /// Id of a real world of that family.
     pub world: Option<String>,
-    /// A real world for this job alone, or `ask_tell`.
+    /// A real world to create for this job, or `ask_tell`.
     pub real: Option<RealChoice>,
-    /// `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default); or, of what is drawn as known, `probing` (what
-    /// tells most of latents and parameters) or `success` (what tells most of whether plans work), a minute a round.
+    /// `mixed` (default), `collisions`, `rolling`, `random`, `gradient`, `informative`; or, based on posterior draws and taking
+    /// about a minute per round, `probing` (most information on parameters) or `success` (on whether plans work).
     pub strategy: Option<String>,
-    /// Id of the family's performance surface, for `gradient` and `informative`; `gradient` finds a small one itself
-    /// if none is named.
+    /// Id of the family's performance surface, for `gradient` and `informative`; `gradient` computes a small one by default.
     pub surface: Option<String>,
-    /// `trajectory` (the default): simulated from the start to the end; `shooting`: anew from where things were seen,
-    /// a stretch at a time, which bears noise, chance in collisions and a simulation that is not quite the world.
+    /// `trajectory` (default): simulate from start to end; `shooting` (multiple shooting): simulate segments from observed
+    /// states, which is robust to noise, chaotic collisions and small model errors.
     pub residual: Option<String>,
-    /// Parameters of effects that the simulation is given and that are fitted along with the latents:
-    /// `linear_drag.c`, `wind.ax`.
+    /// Effect parameters to estimate together with the latents: `linear_drag.c`, `wind.ax`.
     pub fit: Option<Vec<String>>,
-    /// Most rounds of exploring, measuring and fitting; default 5.
+    /// Maximum number of rounds of exploring, measuring and fitting. Default: 5.
     pub rounds: Option<u64>,
-    /// Real interactions a round; default 10.
+    /// Real interactions per round. Default: 10.
     pub actions: Option<u64>,
     /// Latent samples per iteration of the search.
     pub samples: Option<u64>,
     pub seed: Option<u64>,
-    /// Most real interactions in all.
+    /// Maximum number of real interactions.
     pub budget: Option<u64>,
 }
 
-/// `ask_tell`, or a world to be made.
+/// `ask_tell`, or a world to create.
 pub enum RealChoice {
     AskTell,
     World(Box<RealIn>),
@@ -71,36 +69,36 @@ impl ToSchema for RealChoice {
     }
 }
 
-/// A real world, where it differs from the family's standard one.
+/// A real world; absent fields are those of the family's standard real world.
 #[derive(Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RealIn {
-    /// Kept share of velocity per second, in (0, 1].
+    /// Fraction of velocity kept per second, in (0, 1].
     pub damping: Option<f64>,
     #[schema(value_type = Option<LatentsIn>)]
-    pub latents: Option<Object<LatentsIn>>,
+    pub latents: Option<JsonObject<LatentsIn>>,
     #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<Object<EffectIn>>>,
+    pub effects: Option<Vec<JsonObject<EffectIn>>>,
     /// Standard deviation of observation noise, m.
     pub noise: Option<f64>,
 }
 
-/// Long work.
+/// An asynchronous job.
 #[derive(Serialize, ToSchema)]
 pub struct JobOut {
     pub id: String,
     /// `iplw`, `diagnose`, `surface`, `train`, `learn` or `evaluate`.
     pub kind: String,
-    /// `queued`, `running`, `waiting` (for answers to its proposals), `succeeded`, `failed` or `cancelled`.
+    /// `queued`, `running`, `waiting` (for submitted trials), `succeeded`, `failed` or `cancelled`.
     pub state: &'static str,
     pub progress: ProgressOut,
-    /// What was asked for.
+    /// The request, without large data.
     #[schema(value_type = Object)]
     pub config: Value,
-    /// When succeeded.
+    /// Result, if succeeded.
     #[schema(value_type = Option<Object>)]
     pub result: Option<Value>,
-    /// When failed: why.
+    /// Error, if failed.
     #[schema(value_type = Option<Problem>)]
     pub error: Option<Value>,
     pub seed: u64,
@@ -108,33 +106,33 @@ pub struct JobOut {
     pub version: String,
 }
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Serialize, ToSchema)]
 pub struct ProgressOut {
     pub stage: String,
     pub done: u64,
     pub total: u64,
-    /// Seconds left at the rate so far: of all rounds for an estimation (once one is finished), else of the stage;
-    /// `null` while not known.
+    /// Estimated remaining seconds: of all rounds for an estimation (after the first), otherwise of the stage; `null` while
+    /// unknown.
     pub eta_s: Option<f64>,
-    /// In events: what the work told since the event before. `loss`: binary cross-entropy, nats, the mean of the batches
-    /// since the last one told; `validation`: AUCCESS on tasks not learned from.
+    /// In events: metrics since the previous event. `loss`: mean binary cross-entropy of the batches since then, nats;
+    /// `validation`: AUCCESS on validation tasks.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<FigureOut>,
 }
 
-/// A figure on the way.
+/// A metric reported during a job.
 #[derive(Serialize, ToSchema)]
 pub struct FigureOut {
     pub name: &'static str,
-    /// Units of the stage that were done.
+    /// Completed units of the stage.
     pub at: u64,
     pub value: f64,
 }
 
 /// All jobs.
 #[derive(Serialize, ToSchema)]
-pub struct Jobs {
+pub struct JobsPage {
     pub jobs: Vec<JobOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
@@ -142,7 +140,7 @@ pub struct Jobs {
 
 impl<'de> Deserialize<'de> for RealChoice {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        // Not derived: an untagged enum's errors name neither the place nor what is allowed.
+        // Not derived: the errors of an untagged enum name neither the position nor the allowed values.
         deserializer.deserialize_any(RealVisitor)
     }
 }
@@ -197,5 +195,5 @@ impl From<Figure> for FigureOut {
     }
 }
 
-impl Bulk for JobOut {}
-impl Bulk for Jobs {}
+impl BinaryArrays for JobOut {}
+impl BinaryArrays for JobsPage {}

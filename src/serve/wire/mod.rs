@@ -1,66 +1,71 @@
-//! What stands on the wire: JSON bodies in and out, as plain structs apart from the core's.
+//! Request and response bodies, as plain structs separate from the core types.
 //!
-//! Requests refuse unknown fields and turn into core types by conversions that name what is wrong; answers are
-//! made from core types by `From`.
+//! Requests reject unknown fields and convert into core types with errors that name the field; responses convert from core
+//! types by `From`.
 
 mod action;
+mod adhoc;
 mod array;
-mod asked;
+mod ask_tell;
 mod batch;
+mod binary_arrays;
 pub mod bounds;
 mod branch;
-mod bulk;
-mod course;
 mod design;
 mod diagnosis;
 mod episode;
-mod form;
+mod format;
 mod health;
+mod history;
 mod intervention;
 mod job;
+mod json_object;
 mod likelihood;
 mod log;
-pub mod pack;
+pub mod msgpack;
 mod physics;
 mod plan;
 mod policy;
 mod posterior;
 mod rollout;
-mod sketch;
 mod space;
-mod strict;
 mod surface;
 mod task;
 mod token;
-mod watched;
+mod watch;
 mod world;
 
-pub use array::{Array, Data, lists};
-pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialOut, Trials};
-pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped};
+pub use adhoc::{PlaceIn, PlacementsOut, SimulateIn, SimulationOut};
+pub use array::{Array, ArrayData, to_nested_lists};
+pub use ask_tell::{
+    ProposalOut, Proposals, SubmissionQuery, SubmissionStatus, TrialIn, TrialOut, TrialsPage,
+    TrialsSubmission,
+};
+pub use batch::{
+    CreateWorlds, CreatedWorlds, ResetWorlds, ResetWorldsOut, StepWorlds, StepWorldsOut, WorldIds,
+};
+pub use binary_arrays::BinaryArrays;
 pub use branch::{BranchIn, BranchOut, SnapshotIn, SnapshotOut};
-pub use bulk::Bulk;
-pub use course::{Course, RoundOut};
 pub use design::DesignIn;
-pub use diagnosis::{DiagnosisIn, GivenOut, GivenTrials};
+pub use diagnosis::{DiagnosisIn, DiagnosisTrialOut, DiagnosisTrials};
 pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
-pub use form::{Form, MSGPACK};
+pub use format::{MSGPACK, WireFormat};
 pub use health::Health;
-pub use job::{Estimation, JobOut, Jobs, RealChoice, RealIn};
-pub use likelihood::{Densities, LikelihoodIn, PointsIn, Starts, StartsIn};
-pub use log::{LineOut, Log};
+pub use history::{EstimationHistory, RoundOut};
+pub use job::{EstimationIn, JobOut, JobsPage, RealChoice, RealIn};
+pub use json_object::JsonObject;
+pub use likelihood::{ChainStarts, ChainStartsIn, LikelihoodIn, LogDensities, PointsIn};
+pub use log::{JobLogPage, LogLineOut};
 pub use physics::{LatentsIn, effects};
-pub use plan::{Believing, PlanIn};
+pub use plan::{ParameterSource, PlanIn};
 pub use policy::{
-    ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainPresetIn,
-    TrainingIn,
+    ActIn, EvaluateIn, LearnIn, PoliciesPage, PolicyOut, ProposedActions, RankingIn, ScoredAction, TrainIn,
+    TrainPresetIn, TrainingIn,
 };
 pub use posterior::PosteriorIn;
-pub use rollout::{BatchOut, RolloutIn};
-pub use sketch::{PlaceIn, Places, SimulateIn, Simulated};
-pub use strict::Object;
-pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
-pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
-pub use token::{TokenIn, TokenMade, TokenOut, Tokens};
-pub use watched::{HappenedOut, WatchOut, drawn};
-pub use world::{CreateWorld, WorldOut, Worlds};
+pub use rollout::{RolloutIn, RolloutOut};
+pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWithPoints, SurfacesPage};
+pub use task::{FamiliesPage, FamilyOut, FamilyTasksPage, TaskOut};
+pub use token::{CreatedToken, TokenIn, TokenOut, TokensPage};
+pub use watch::{WatchStart, WorldEventOut, drawable_scene};
+pub use world::{CreateWorld, WorldOut, WorldsPage};

@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::strict::Object;
+use super::json_object::JsonObject;
 use crate::error::{Error, Result};
 use crate::task::scene::EffectTerm;
 use crate::world::{Latents, effect};
 
-/// Latent factors; any of them.
+/// Latent factors; all are optional.
 #[derive(Clone, Copy, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LatentsIn {
     /// kg/m^2
     pub density: Option<f64>,
-    /// Another name for `density`.
+    /// Alias of `density`.
     pub mass: Option<f64>,
     /// Surface coefficient.
     pub friction: Option<f64>,
@@ -24,18 +24,18 @@ pub struct LatentsIn {
     pub restitution: Option<f64>,
 }
 
-/// An effect by name.
+/// An effect with its parameters.
 #[derive(Clone, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EffectIn {
-    /// `linear_drag`, ...: `iplw effects` lists them.
+    /// `linear_drag`, ...; `iplw effects` lists all.
     pub name: String,
-    /// Values in the effect's units; those absent leave the effect neutral.
+    /// Values in the effect's units; absent ones have their neutral value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
 }
 
-/// Latent factors in force; absent where bodies keep the scene's own.
+/// Active latent factors; absent where bodies have the scene's own values.
 #[derive(Serialize, ToSchema)]
 pub struct LatentsOut {
     /// kg/m^2
@@ -48,7 +48,7 @@ pub struct LatentsOut {
 }
 
 impl LatentsIn {
-    /// The latents given; an error calls its field as the user did, after `prefix`.
+    /// Validates the latents; errors name the user's field after `prefix`.
     pub fn checked(self, prefix: &str) -> Result<Latents> {
         latents(self, prefix)
     }
@@ -59,7 +59,7 @@ fn latents(given: LatentsIn, prefix: &str) -> Result<Latents> {
         return Err(Error::input(
             format!("{prefix}mass"),
             mass,
-            "only one of mass and density, which mean the same",
+            "only one of mass and density, which are the same factor",
         ));
     }
     let latents = Latents {
@@ -79,10 +79,10 @@ fn latents(given: LatentsIn, prefix: &str) -> Result<Latents> {
     Ok(latents)
 }
 
-/// Damping and effects together; `None` if neither was given. `prefix` is put before an error's field.
+/// Combines damping and effects; `None` if neither was given. Errors name the field after `prefix`.
 pub fn effects(
     damping: Option<f64>,
-    given: Option<Vec<Object<EffectIn>>>,
+    given: Option<Vec<JsonObject<EffectIn>>>,
     prefix: &str,
 ) -> Result<Option<Vec<EffectTerm>>> {
     if damping.is_none() && given.is_none() {
@@ -91,35 +91,35 @@ pub fn effects(
     let mut terms = Vec::new();
     if let Some(kept) = damping {
         if !(kept > 0.0 && kept <= 1.0) {
-            let allowed = "a kept share of velocity per second in (0, 1]";
+            let allowed = "a fraction of velocity kept per second, in (0, 1]";
             return Err(Error::input(format!("{prefix}damping"), kept, allowed));
         }
         if kept < 1.0 {
             let term = effect::damping(kept);
             effect::resolve(&term, "").map_err(|_| {
-                Error::input(format!("{prefix}damping"), kept, "a larger share: this one leaves no motion")
+                Error::input(format!("{prefix}damping"), kept, "a larger fraction: this one stops all motion")
             })?;
             terms.push(term);
         }
     }
-    for (i, Object(e)) in given.into_iter().flatten().enumerate() {
+    for (i, JsonObject(e)) in given.into_iter().flatten().enumerate() {
         let term = EffectTerm { name: e.name, parameters: e.parameters };
         effect::resolve(&term, format_args!("{prefix}effects[{i}]"))?;
         terms.push(term);
     }
-    if terms.len() > MOST_EFFECTS {
+    if terms.len() > MAX_EFFECTS {
         let value = format!("{} effects", terms.len());
         return Err(Error::input(
             format!("{prefix}effects"),
             value,
-            format!("at most {MOST_EFFECTS} effects"),
+            format!("at most {MAX_EFFECTS} effects"),
         ));
     }
     Ok(Some(terms))
 }
 
-/// Most effects of a world.
-const MOST_EFFECTS: usize = 32;
+/// Maximum number of effects of a world.
+const MAX_EFFECTS: usize = 32;
 
 impl From<Latents> for LatentsOut {
     fn from(l: Latents) -> LatentsOut {

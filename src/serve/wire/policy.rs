@@ -4,43 +4,41 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
+use super::binary_arrays::BinaryArrays;
 use super::episode::SplitIn;
+use super::json_object::JsonObject;
 use super::physics::{EffectIn, LatentsIn};
-use super::strict::Object;
 use crate::store::PolicyRow;
 
-/// A policy to train in simulation: one (`latents`, and `effects`), one drawn for every rollout (`training`), or what is known
-/// (`belief`).
+/// A policy to train in simulation: in a fixed one (`latents` and `effects`), with domain randomisation (`training`), or in draws
+/// from a posterior (`posterior`).
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainIn {
     /// A family (its training tasks are used) or one task.
     pub task: String,
-    /// `fixed` (the default): one simulation; `randomised`: every rollout draws its latents.
+    /// `fixed` (default): one simulation; `randomised`: random latents for every rollout.
     pub training: Option<TrainingIn>,
-    /// An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws, what they
-    /// carry without a name included. Stands in the place of
+    /// An `iplw.posterior/2` document: every action is labelled in one of its draws, including their discrepancy fields. Replaces
     /// `training`, `latents` and `effects`.
     #[schema(value_type = Option<Object>)]
-    pub belief: Option<Map<String, Value>>,
-    /// Of the fixed simulation; those absent are the family's prior mean. An estimate goes here.
+    pub posterior: Option<Map<String, Value>>,
+    /// Latents of the fixed simulation, such as an estimate. Default: the family's prior mean.
     #[schema(value_type = Option<LatentsIn>)]
-    pub latents: Option<Object<LatentsIn>>,
+    pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects of the simulation.
     #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<Object<EffectIn>>>,
-    /// How long: `paper` (the default), so many `batches`; `saturating`, stretches of the family's own number of batches until
-    /// AUCCESS on its validation tasks, tried in the same simulation, grows no more. The best weights are kept; what
-    /// was found after each stretch is told as `validation`. It takes 1000 labels a task and batches of 64, or the family's
-    /// own if they are more.
+    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    /// Training length. `paper` (default): a fixed number of `batches`. `saturating`: early stopping on AUCCESS of the validation
+    /// tasks in the same simulation, keeping the best weights and reporting `validation`; uses at least 1000 labels per task and
+    /// batches of 64.
     pub preset: Option<TrainPresetIn>,
-    /// Updates; the family's own number if absent.
+    /// Number of updates. Default: the family's.
     pub batches: Option<u64>,
-    /// Examples per update; the family's own number if absent.
+    /// Examples per update. Default: the family's.
     pub batch_size: Option<u64>,
-    /// How often AUCCESS on labelled actions of validation tasks is looked at along the way, in the same simulation, up to 100;
-    /// default 0. Told in the job's events (`validation`) and result.
+    /// Number of evaluations of AUCCESS on validation tasks during training, up to 100; reported in events and result as
+    /// `validation`. Default: 0.
     pub validations: Option<u64>,
     pub seed: Option<u64>,
 }
@@ -53,7 +51,7 @@ pub enum TrainingIn {
     Randomised,
 }
 
-/// How long a policy is trained.
+/// Training length of a policy.
 #[derive(Clone, Copy, PartialEq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TrainPresetIn {
@@ -65,53 +63,53 @@ pub enum TrainPresetIn {
 #[derive(Serialize, ToSchema)]
 pub struct PolicyOut {
     pub id: String,
-    /// Family it scores actions of; `any` for those that are always there.
+    /// Family whose actions it scores; `any` for built-in policies.
     pub task: String,
     /// `fixed`, `randomised`, `believed`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`.
     pub training: String,
-    /// What it is and how it came about.
+    /// Description.
     pub about: String,
-    /// What it was trained with.
+    /// Configuration of its training.
     #[schema(value_type = Object)]
     pub config: Value,
     /// Id of the job that trained it.
     pub job: Option<String>,
     /// Version of the program that stored it.
     pub version: String,
-    /// Size of its weights.
+    /// Size of its weights, bytes.
     pub bytes: u64,
 }
 
 /// All policies.
 #[derive(Serialize, ToSchema)]
-pub struct Policies {
+pub struct PoliciesPage {
     pub policies: Vec<PolicyOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
 
-/// Which actions to propose.
+/// Request for actions.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActIn {
     /// Id of the task.
     pub task: String,
-    /// How many, up to 10,000; default 1.
+    /// Number of actions, up to 10,000. Default: 1.
     pub count: Option<u64>,
 }
 
-/// Proposed actions, best first; all of them can be placed.
+/// The highest-ranked actions that can be placed, best first.
 #[derive(Serialize, ToSchema)]
-pub struct Acted {
-    pub actions: Vec<Scored>,
+pub struct ProposedActions {
+    pub actions: Vec<ScoredAction>,
 }
 
 /// A discrete action and its score.
 #[derive(Serialize, ToSchema)]
-pub struct Scored {
+pub struct ScoredAction {
     pub index: usize,
     pub action: Vec<f64>,
-    /// The higher, the likelier to solve the task.
+    /// Higher scores are more likely to solve the task.
     pub score: f32,
 }
 
@@ -121,39 +119,39 @@ pub struct Scored {
 pub struct EvaluateIn {
     /// Id of a world of the policy's family; attempts are counted there.
     pub world: String,
-    /// Part of the family; default `test`.
+    /// Split to evaluate. Default: `test`.
     pub split: Option<SplitIn>,
-    /// Most valid attempts a task, 1 to 100 (the default).
+    /// Maximum number of valid attempts per task, 1 to 100. Default: 100.
     pub attempts: Option<u64>,
-    /// Decides which 10,000 discrete actions are ranked.
+    /// Seed that selects the 10,000 discrete actions to rank.
     pub seed: Option<u64>,
-    /// For the policy `ranked`, which lives with the client: its order of actions, instead of a split.
+    /// For the policy `ranked`: the client's ranking of actions, instead of a split.
     pub ranking: Option<Vec<RankingIn>>,
 }
 
-/// A task's actions in the order in which they are to be tried.
+/// A ranking of a task's actions.
 #[derive(Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RankingIn {
     /// Id of a task of the world.
     pub task: String,
-    /// Action vectors, best first; more than 100 are of use where some cannot be placed.
+    /// Action vectors, best first; give more than 100 if some cannot be placed.
     pub actions: Vec<Vec<f64>>,
 }
 
-/// Learning on in a world.
+/// Fine-tuning of a policy in a world.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnIn {
     /// Id of a world of the policy's family; attempts are counted there.
     pub world: String,
-    /// Random valid attempts to learn from; default: as many as the batches hold.
+    /// Number of random valid attempts to learn from. Default: batches times batch size.
     pub attempts: Option<u64>,
-    /// Updates; default 125.
+    /// Number of updates. Default: 125.
     pub batches: Option<u64>,
-    /// Examples per update, half of them solving; default 32.
+    /// Examples per update, half of them solving. Default: 32.
     pub batch_size: Option<u64>,
-    /// Adam's step size at the start; default 0.0005.
+    /// Adam's initial learning rate. Default: 0.0005.
     pub learning_rate: Option<f64>,
     pub seed: Option<u64>,
 }
@@ -173,6 +171,6 @@ impl From<PolicyRow> for PolicyOut {
     }
 }
 
-impl Bulk for Acted {}
-impl Bulk for Policies {}
-impl Bulk for PolicyOut {}
+impl BinaryArrays for ProposedActions {}
+impl BinaryArrays for PoliciesPage {}
+impl BinaryArrays for PolicyOut {}

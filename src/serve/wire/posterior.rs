@@ -1,4 +1,4 @@
-//! What is to be known, and from which trials.
+//! Requests for posteriors.
 
 use std::collections::BTreeMap;
 
@@ -6,57 +6,58 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::diagnosis::{BallIn, DiagnosisIn, ReadingIn, TrialsIn};
-use super::strict::Object;
-use crate::discover::posterior::Wanted;
+use super::json_object::JsonObject;
+use crate::discover::posterior::PosteriorOptions;
 use crate::task::Scene;
 use crate::world::Engine;
 
-/// Measured trials, the simulation they are of, and what is to be known: latents and parameters of effects.
+/// Measured trials, their simulation, and the parameters to infer: latents and effect parameters.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosteriorIn {
-    /// An `iplw.scene/1` document; `calibrate` names the latents to be known.
+    /// An `iplw.scene/1` document; its `calibrate` lists the latents to infer.
     #[schema(value_type = Option<Object>)]
-    pub scene: Option<Object<Scene>>,
-    /// Instead of a scene, where one ball flies.
+    pub scene: Option<JsonObject<Scene>>,
+    /// A single ball, instead of a scene.
     #[schema(value_type = Option<BallIn>)]
-    pub ball: Option<Object<BallIn>>,
+    pub ball: Option<JsonObject<BallIn>>,
     /// Trials as CSV, as for a diagnosis.
     #[schema(value_type = Option<TrialsIn>)]
     pub trials: Option<TrialsIn>,
-    /// What the trials do not say of themselves.
+    /// Units and options for reading the trials.
     #[schema(value_type = Option<ReadingIn>)]
-    pub reading: Option<Object<ReadingIn>>,
-    /// Id of an estimation: its trials so far are asked.
+    pub reading: Option<JsonObject<ReadingIn>>,
+    /// Id of an estimation, to use its trials so far.
     pub job: Option<String>,
-    /// Sets of effects by name, each a model of its own, weighed by how it predicts trials from the others; `[]` is the scene as it
-    /// is, which is the default.
+    /// Sets of effects, one model each, weighted by cross-validated predictive density. Default: one empty set.
     pub sets: Option<Vec<Vec<String>>>,
-    /// Latents to be known, in place of the scene's `calibrate`.
+    /// Latents to infer, instead of the scene's `calibrate`.
     pub calibrate: Option<Vec<String>>,
-    /// Mean and standard deviation by latent; else 1 and 0.5, for restitution 0.5 and 0.25.
+    /// Mean and standard deviation by latent. Default: 1 and 0.5; restitution 0.5 and 0.25.
     pub prior: Option<BTreeMap<String, [f64; 2]>>,
     /// `smc` (sequential Monte Carlo) or `mcmc` (Markov chains).
     pub method: Option<String>,
-    /// Draws in all; 1024 if absent.
+    /// Total number of draws. Default: 1024.
     pub draws: Option<usize>,
-    /// Whether what trials share and the model lacks is allowed for; true if absent.
+    /// Whether to account for model discrepancy shared by the trials. Default: true.
     pub discrepancy: Option<bool>,
+    /// Whether a likely discrepancy field is simulated and sampled with the parameters: wider, more honest intervals, for minutes of
+    /// CPU time instead of seconds. Requires `discrepancy`. Default: false.
+    pub sample_discrepancy: Option<bool>,
     pub seed: Option<u64>,
 }
 
 impl PosteriorIn {
-    /// The trials and their scene, what is wanted, and the latents that are to be known in place of the scene's.
-    pub fn parts(self) -> (DiagnosisIn, Wanted, Option<Vec<String>>) {
+    /// The dataset, the posterior options, and the latents that override the scene's `calibrate`.
+    pub fn parts(self) -> (DiagnosisIn, PosteriorOptions, Option<Vec<String>>) {
         let PosteriorIn { scene, ball, trials, reading, job, seed, .. } = self;
-        let wanted = Wanted {
+        let wanted = PosteriorOptions {
             sets: self.sets.unwrap_or_default(),
             prior: self.prior.unwrap_or_default(),
             method: self.method,
             draws: self.draws,
             discrepancy: self.discrepancy,
-            // Minutes of a server's processors for one request: on the command line only.
-            follow: false,
+            sample_discrepancy: self.sample_discrepancy.unwrap_or(false),
             engine: Engine::Auto,
             seed: seed.unwrap_or(0),
         };

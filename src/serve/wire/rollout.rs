@@ -1,4 +1,4 @@
-//! A batch of attempts in one world.
+//! Batches of rollouts in one world.
 
 use std::collections::BTreeMap;
 
@@ -6,53 +6,53 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::action::ActionIn;
-use super::array::{Array, Data};
-use super::bulk::Bulk;
+use super::array::{Array, ArrayData};
+use super::binary_arrays::BinaryArrays;
 use super::intervention::{InterventionIn, interventions};
-use super::strict::Object;
+use super::json_object::JsonObject;
 use crate::error::Result;
-use crate::session::{Action, Batch, Rolled, Tried};
+use crate::session::{Action, AttemptResult, RolloutRequest, RolloutResults};
 use crate::trajectory::Trajectory;
 
-/// A batch of attempts outside any episode.
+/// A batch of rollouts outside any episode.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RolloutIn {
     /// At most 4096.
     pub actions: Vec<ActionIn>,
-    /// Id of the task; the current one if absent.
+    /// Id of the task. Default: the current task.
     pub task: Option<String>,
-    /// Whether results carry the observed trajectory; default false.
+    /// Whether results contain trajectories. Default: false.
     pub trajectories: Option<bool>,
-    /// Whether a rollout ends with the goal; default true, and always true in a real world.
+    /// Whether rollouts end when the goal is reached. Default: true; always true in a real world.
     pub stop: Option<bool>,
-    /// What is done in the middle of rollouts: a list for each action, or one for all of them. Not in a real or sealed world.
+    /// Interventions during the rollouts: one list per action, or one for all. Not in real or sealed worlds.
     #[schema(value_type = Option<Vec<Vec<InterventionIn>>>)]
-    pub interventions: Option<Vec<Vec<Object<InterventionIn>>>>,
+    pub interventions: Option<Vec<Vec<JsonObject<InterventionIn>>>>,
 }
 
-/// What a batch brought.
+/// Results of a batch of rollouts.
 #[derive(Serialize, ToSchema)]
-pub struct BatchOut {
+pub struct RolloutOut {
     /// Engine that ran.
     pub engine: &'static str,
     pub task: String,
     /// Valid attempts in this world so far.
     pub interactions: u64,
     /// In the order of the actions.
-    pub results: Vec<ResultOut>,
-    /// Trajectories, if they were asked for with raw arrays, which are more: `t` (action, time), s, and `states`
-    /// (action, body, time, 3), m, m and rad, both NaN after the end and while a body is not in the scene; and `length` (action), their samples.
+    pub results: Vec<RolloutResultOut>,
+    /// Trajectories as binary arrays: `t` (action, time), s; `states` (action, body, time, 3), m, m and rad; `length` (action),
+    /// number of samples. `t` and `states` are NaN after the end, `states` also while a body is not in the scene.
     #[serde(skip)]
     pub arrays: Vec<(&'static str, Array)>,
-    /// With raw arrays: names of the bodies, in their order.
+    /// With binary arrays: names of the bodies, in the order of `states`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bodies: Option<Vec<String>>,
 }
 
-/// What one action brought.
+/// Result of one action.
 #[derive(Serialize, ToSchema)]
-pub struct ResultOut {
+pub struct RolloutResultOut {
     pub valid: bool,
     /// Why the action could not be placed.
     pub reason: Option<String>,
@@ -64,17 +64,17 @@ pub struct ResultOut {
     /// Observation times, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub t: Option<Vec<f64>>,
-    /// By body name, a state for each time; `null` while an intervention has the body out of the scene.
+    /// By body name, one state per time; `null` while the body is not in the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bodies: Option<BTreeMap<String, BodyTrack>>,
 }
 
-/// Counts that the paper's action groups are made from.
+/// Contact counts, which define the paper's action groups.
 #[derive(Serialize, ToSchema)]
 pub struct ContactsOut {
-    /// Begun contacts between movable bodies.
+    /// Number of contacts between movable bodies.
     pub collisions: u32,
-    /// Time steps that bodies spent on a surface, summed.
+    /// Time steps that bodies spent on a surface, summed over bodies.
     pub rolling_steps: u32,
 }
 
@@ -90,12 +90,12 @@ pub struct BodyTrack {
 }
 
 impl RolloutIn {
-    /// What is asked for.
-    pub fn batch(self) -> Result<Batch> {
+    /// Converts the request.
+    pub fn batch(self) -> Result<RolloutRequest> {
         let batch = self;
         let lists = batch.interventions.unwrap_or_default().into_iter().enumerate();
         let lists = lists.map(|(i, own)| interventions(own, None, &format!("interventions[{i}]")));
-        Ok(Batch {
+        Ok(RolloutRequest {
             interventions: lists.collect::<Result<_>>()?,
             actions: batch.actions.into_iter().map(Action::from).collect(),
             task: batch.task,
@@ -105,17 +105,17 @@ impl RolloutIn {
     }
 }
 
-impl BatchOut {
-    /// A batch's results, with trajectories if they were asked for: as lists, or as `raw` arrays.
-    pub fn new(rolled: Rolled, trajectories: bool, raw: bool) -> BatchOut {
+impl RolloutOut {
+    /// From a batch's results, with trajectories on request: as lists, or as binary arrays if `raw`.
+    pub fn new(rolled: RolloutResults, trajectories: bool, raw: bool) -> RolloutOut {
         let (mut arrays, mut bodies) = (Vec::new(), None);
         if trajectories && raw {
             let (names, pieces) = stacked(&rolled.results);
             (arrays, bodies) = (pieces, Some(names));
         }
         let result = |r: std::result::Result<Trajectory, String>| match r {
-            Ok(trajectory) => ResultOut::of(trajectory, trajectories && !raw),
-            Err(reason) => ResultOut {
+            Ok(trajectory) => RolloutResultOut::of(trajectory, trajectories && !raw),
+            Err(reason) => RolloutResultOut {
                 valid: false,
                 reason: Some(reason),
                 solved: None,
@@ -125,7 +125,7 @@ impl BatchOut {
                 bodies: None,
             },
         };
-        BatchOut {
+        RolloutOut {
             engine: rolled.engine,
             task: rolled.task,
             interactions: rolled.interactions,
@@ -136,16 +136,16 @@ impl BatchOut {
     }
 }
 
-impl Bulk for BatchOut {
-    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+impl BinaryArrays for RolloutOut {
+    fn take_arrays(&mut self) -> Vec<(&'static str, Array)> {
         std::mem::take(&mut self.arrays)
     }
 }
 
-/// Names of the bodies, and the trajectories as `t`, `states` and `length`.
-fn stacked(results: &[Tried]) -> (Vec<String>, Vec<(&'static str, Array)>) {
+/// Stacks trajectories into the arrays `t`, `states` and `length`; also returns the body names.
+fn stacked(results: &[AttemptResult]) -> (Vec<String>, Vec<(&'static str, Array)>) {
     let trajectories = || results.iter().map(|r| r.as_ref().ok());
-    // Of all that is ever in any of them: interventions let bodies in.
+    // The union over all rollouts, since interventions can add bodies.
     let mut names: Vec<String> = Vec::new();
     for track in trajectories().flatten().flat_map(|t| &t.bodies) {
         if !names.contains(&track.name) {
@@ -168,15 +168,15 @@ fn stacked(results: &[Tried]) -> (Vec<String>, Vec<(&'static str, Array)>) {
     }
     let length = trajectories().map(|t| t.map_or(0, |t| t.times.len() as u32)).collect();
     let arrays = vec![
-        ("t", Array::of(vec![n, most], Data::F8(t))),
-        ("states", Array::of(vec![n, names.len(), most, 3], Data::F8(states))),
-        ("length", Array::line(Data::U4(length))),
+        ("t", Array::of(vec![n, most], ArrayData::F8(t))),
+        ("states", Array::of(vec![n, names.len(), most, 3], ArrayData::F8(states))),
+        ("length", Array::line(ArrayData::U4(length))),
     ];
     (names, arrays)
 }
 
-impl ResultOut {
-    fn of(trajectory: Trajectory, samples: bool) -> ResultOut {
+impl RolloutResultOut {
+    fn of(trajectory: Trajectory, samples: bool) -> RolloutResultOut {
         let contacts =
             ContactsOut { collisions: trajectory.collisions, rolling_steps: trajectory.rolling_steps };
         let (solved, steps) = (trajectory.outcome.solved, trajectory.outcome.steps);
@@ -187,6 +187,6 @@ impl ResultOut {
         } else {
             (None, None)
         };
-        ResultOut { valid: true, reason: None, solved, steps, contacts, t, bodies }
+        RolloutResultOut { valid: true, reason: None, solved, steps, contacts, t, bodies }
     }
 }

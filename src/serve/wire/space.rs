@@ -1,21 +1,21 @@
-//! Spaces of actions and of observations.
+//! Action and observation spaces.
 
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::task::ActionSpace;
 
-/// Actions: vectors in the unit cube, or numbers of discrete actions.
+/// Actions: vectors in the unit cube, or indices of discrete actions.
 #[derive(Serialize, ToSchema)]
 pub struct ActionSpaceOut {
-    /// Numbers in an action vector, each from 0 to 1.
+    /// Length of an action vector, whose components are from 0 to 1.
     pub dimension: usize,
     /// Number of discrete actions.
     pub count: usize,
     pub components: Vec<ComponentOut>,
 }
 
-/// What one number of an action sets: `low` at 0, `high` at 1, SI.
+/// The quantity that an action component sets: `low` at 0, `high` at 1, SI units.
 #[derive(Serialize, ToSchema)]
 pub struct ComponentOut {
     pub target: String,
@@ -36,7 +36,7 @@ pub struct ObservationSpaceOut {
 
 impl From<&ActionSpace> for ActionSpaceOut {
     fn from(space: &ActionSpace) -> ActionSpaceOut {
-        let component = |c: &crate::task::action::Component| ComponentOut {
+        let component = |c: &crate::task::action::ActionComponent| ComponentOut {
             target: c.target.clone(),
             set: serde_json::json!(c.set),
             low: c.low,

@@ -1,26 +1,25 @@
-//! Performance surfaces: how well what is learned at some latents does in a related environment.
+//! Performance surfaces: how the success of policies depends on the latents assumed in training.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
-use crate::estimate::surface::Surface;
+use super::binary_arrays::BinaryArrays;
+use crate::estimate::surface::PerformanceSurface;
 
-/// A surface to find.
+/// A performance surface to compute.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceIn {
     /// A family.
     pub task: String,
-    /// `ideal` (the default): actions that solve in the simulation are tried first, no learning; `dqn`: a policy is
-    /// trained at every point.
+    /// `ideal` (default): tries actions that solve the simulation, without learning; `dqn`: trains a policy at every point.
     pub route: Option<String>,
-    /// Design points, 3 to 5000; default 40.
+    /// Number of design points, 3 to 5000. Default: 40.
     pub points: Option<u64>,
-    /// Actions sampled per task (ideal) or labelled per training task (dqn); default: the family's own.
+    /// Actions sampled per task (`ideal`) or labelled per training task (`dqn`). Default: the family's.
     pub actions: Option<u64>,
-    /// What is varied: two or three of `density`, `friction`, `restitution`; default friction and restitution.
+    /// Factors to vary: two or three of `density`, `friction`, `restitution`. Default: friction and restitution.
     pub factors: Option<Vec<String>>,
     pub seed: Option<u64>,
 }
@@ -29,24 +28,24 @@ pub struct SurfaceIn {
 #[derive(Serialize, ToSchema)]
 pub struct SurfaceOut {
     pub id: String,
-    /// Family it is about.
+    /// Family.
     pub task: String,
     /// `ideal` or `dqn`.
     pub route: &'static str,
-    /// Number of points it rests on.
+    /// Number of points.
     pub points: usize,
-    /// How it was found.
+    /// Configuration of its computation.
     #[schema(value_type = Object)]
     pub config: Value,
-    /// Slopes over what the prior holds likely.
+    /// Mean slopes under the prior.
     pub sensitivities: Vec<SensitivityOut>,
-    /// Id of the job that found it.
+    /// Id of the job that computed it.
     pub job: Option<String>,
-    /// Version of the program that found it.
+    /// Version of the program that computed it.
     pub version: String,
 }
 
-/// How much performance depends on one latent.
+/// Sensitivity of performance to one latent.
 #[derive(Serialize, ToSchema)]
 pub struct SensitivityOut {
     pub factor: String,
@@ -58,20 +57,20 @@ pub struct SensitivityOut {
 
 /// A surface with its points: `iplw.surface/1`, as `iplw surface` writes it.
 #[derive(Serialize, ToSchema)]
-pub struct SurfaceWhole {
+pub struct SurfaceWithPoints {
     #[serde(flatten)]
     pub about: SurfaceOut,
     #[schema(value_type = Object)]
-    pub surface: Surface,
+    pub surface: PerformanceSurface,
 }
 
 /// All surfaces.
 #[derive(Serialize, ToSchema)]
-pub struct Surfaces {
+pub struct SurfacesPage {
     pub surfaces: Vec<SurfaceOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
 
-impl Bulk for SurfaceWhole {}
-impl Bulk for Surfaces {}
+impl BinaryArrays for SurfaceWithPoints {}
+impl BinaryArrays for SurfacesPage {}

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
+use super::binary_arrays::BinaryArrays;
 use super::episode::SplitIn;
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
 use crate::session::observation;
@@ -11,7 +11,7 @@ use crate::task::{self, Family, Scene, Split, Task};
 
 /// All families.
 #[derive(Serialize, ToSchema)]
-pub struct Families {
+pub struct FamiliesPage {
     pub families: Vec<FamilyOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
@@ -23,7 +23,7 @@ pub struct FamilyOut {
     pub name: &'static str,
     /// One sentence.
     pub about: &'static str,
-    /// Id under which Gymnasium makes the environment.
+    /// Id of the Gymnasium environment.
     pub gymnasium: &'static str,
     /// Number of tasks.
     pub tasks: usize,
@@ -31,7 +31,7 @@ pub struct FamilyOut {
     pub action_space: Option<ActionSpaceOut>,
 }
 
-/// Numbers of tasks.
+/// Number of tasks per split.
 #[derive(Serialize, ToSchema)]
 pub struct SplitCounts {
     pub train: usize,
@@ -41,9 +41,9 @@ pub struct SplitCounts {
 
 /// The tasks of a family.
 #[derive(Serialize, ToSchema)]
-pub struct FamilyTasks {
+pub struct FamilyTasksPage {
     pub name: &'static str,
-    pub tasks: Vec<TaskRow>,
+    pub tasks: Vec<TaskSummary>,
     pub action_space: ActionSpaceOut,
     pub observation_space: ObservationSpaceOut,
     /// Cursor of the next page, if there is one.
@@ -52,10 +52,10 @@ pub struct FamilyTasks {
 
 /// A task without its scene.
 #[derive(Serialize, ToSchema)]
-pub struct TaskRow {
+pub struct TaskSummary {
     pub id: String,
     pub split: SplitIn,
-    pub certificate: Option<Certificate>,
+    pub certificate: Option<CertificateOut>,
 }
 
 /// A task with its scene.
@@ -66,17 +66,17 @@ pub struct TaskOut {
     /// An `iplw.scene/1` document.
     #[schema(value_type = Object)]
     pub scene: Scene,
-    pub certificate: Option<Certificate>,
+    pub certificate: Option<CertificateOut>,
 }
 
 /// Evidence that a task can be solved.
 #[derive(Serialize, ToSchema)]
-pub struct Certificate {
-    /// An action that solves the task and still does when perturbed.
+pub struct CertificateOut {
+    /// An action that solves the task, also when perturbed.
     pub action: Vec<f64>,
     /// Seed of the search.
     pub seed: u64,
-    /// Share of valid actions that solve it in the family's real world.
+    /// Fraction of valid actions that solve it in the family's real world.
     pub solving_share: f64,
     /// The same without the real world's unmodelled effects.
     pub solving_share_undamped: f64,
@@ -96,27 +96,27 @@ impl FamilyOut {
     }
 }
 
-/// How many tasks are in each part.
+/// Counts the tasks of each split.
 fn split_counts(tasks: &[Task]) -> SplitCounts {
     let count = |split: Split| tasks.iter().filter(|t| t.split == split).count();
     SplitCounts { train: count(Split::Train), validation: count(Split::Validation), test: count(Split::Test) }
 }
 
-impl FamilyTasks {
-    /// Some of a family's tasks, the first of all of them, and the cursor of those after these.
+impl FamilyTasksPage {
+    /// A page of a family's tasks; `first` is the family's first task and `next` the cursor of the next page.
     pub fn new<'a>(
         family: &'static Family,
         first: &Task,
         tasks: impl Iterator<Item = &'a Task>,
         next: Option<String>,
-    ) -> FamilyTasks {
+    ) -> FamilyTasksPage {
         let names = observation::names(&first.scene);
-        let row = |t: &Task| TaskRow {
+        let row = |t: &Task| TaskSummary {
             id: t.id.clone(),
             split: t.split.into(),
-            certificate: t.certificate.as_ref().map(Certificate::from),
+            certificate: t.certificate.as_ref().map(CertificateOut::from),
         };
-        FamilyTasks {
+        FamilyTasksPage {
             name: family.name,
             tasks: tasks.map(row).collect(),
             next,
@@ -136,14 +136,14 @@ impl From<Task> for TaskOut {
             id: t.id,
             split: t.split.into(),
             scene: t.scene,
-            certificate: t.certificate.as_ref().map(Certificate::from),
+            certificate: t.certificate.as_ref().map(CertificateOut::from),
         }
     }
 }
 
-impl From<&task::Certificate> for Certificate {
-    fn from(c: &task::Certificate) -> Certificate {
-        Certificate {
+impl From<&task::Certificate> for CertificateOut {
+    fn from(c: &task::Certificate) -> CertificateOut {
+        CertificateOut {
             action: c.action.clone(),
             seed: c.seed,
             solving_share: c.solving_share,
@@ -152,6 +152,6 @@ impl From<&task::Certificate> for Certificate {
     }
 }
 
-impl Bulk for Families {}
-impl Bulk for FamilyTasks {}
-impl Bulk for TaskOut {}
+impl BinaryArrays for FamiliesPage {}
+impl BinaryArrays for FamilyTasksPage {}
+impl BinaryArrays for TaskOut {}

@@ -1,70 +1,70 @@
-//! Tokens: of each what may be shown, which its hash is not.
+//! Tokens, without their hashes.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
-use crate::access::{Kept, Scope, written};
+use super::binary_arrays::BinaryArrays;
+use crate::access::{HashedToken, Scope, format_time};
 
-/// A token to make.
+/// A token to create.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TokenIn {
-    /// Whose it is: worlds, jobs and policies made with it belong to this name.
+    /// Owner: worlds, jobs and policies created with the token belong to this name.
     pub name: String,
     /// `read`, `act` or `admin`.
-    pub may: String,
-    /// How long it is good: `30d`, `12h`, `15m`, `90s`, or `never`; 90 days if absent.
+    pub scope: String,
+    /// Lifetime: `30d`, `12h`, `15m`, `90s` or `never`. Default: 90 days.
     pub expires: Option<String>,
 }
 
-/// A token as it is known.
+/// A token, without its secret.
 #[derive(Serialize, ToSchema)]
 pub struct TokenOut {
     pub name: String,
     /// `read`, `act` or `admin`.
-    pub may: &'static str,
-    /// When it was made; absent where that is not known.
+    pub scope: &'static str,
+    /// Creation time; absent if unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub made: Option<String>,
-    /// When it ends; never, if absent.
+    /// Expiry time; absent if it never expires.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expires: Option<String>,
-    /// Whether it has ended.
+    /// Whether it has expired.
     pub expired: bool,
-    /// Whether it was given to the server when it was started, and cannot be revoked while it runs.
+    /// Whether it was passed to the server at start and cannot be revoked while it runs.
     pub fixed: bool,
 }
 
-/// A token that was made, with what is shown this once.
+/// A new token with its secret, which is shown only once.
 #[derive(Serialize, ToSchema)]
-pub struct TokenMade {
+pub struct CreatedToken {
     #[serde(flatten)]
     pub about: TokenOut,
-    /// What its bearer presents. Nothing of it is kept but its hash.
+    /// The bearer token. The server stores only its hash.
     pub token: String,
 }
 
 /// A page of tokens.
 #[derive(Serialize, ToSchema)]
-pub struct Tokens {
+pub struct TokensPage {
     pub tokens: Vec<TokenOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
 
-impl Bulk for TokenMade {}
-impl Bulk for Tokens {}
+impl BinaryArrays for CreatedToken {}
+impl BinaryArrays for TokensPage {}
 
 impl TokenOut {
-    /// What is shown of a token at a moment, s since 1970.
-    pub fn new(kept: &Kept, fixed: bool, now: u64) -> TokenOut {
+    /// From a stored token at Unix time `now`, s.
+    pub fn new(kept: &HashedToken, fixed: bool, now: u64) -> TokenOut {
         TokenOut {
             name: kept.name.clone(),
-            may: Scope::name(kept.scope),
-            made: (kept.made > 0).then(|| written(kept.made)),
-            expires: kept.expires.map(written),
-            expired: kept.ended(now),
+            scope: Scope::name(kept.scope),
+            made: (kept.made > 0).then(|| format_time(kept.made)),
+            expires: kept.expires.map(format_time),
+            expired: kept.is_expired(now),
             fixed,
         }
     }

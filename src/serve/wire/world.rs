@@ -1,20 +1,20 @@
-//! A world: what it is made from, and how it shows itself.
+//! Worlds: creation and description.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::bulk::Bulk;
+use super::binary_arrays::BinaryArrays;
+use super::json_object::JsonObject;
 use super::physics::{EffectIn, LatentsIn, LatentsOut, effects};
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
-use super::strict::Object;
 use crate::error::{Error, Result};
-use crate::session::{Catalogue, Description, Kind, Listed, TaskSet, WorldConfig};
+use crate::session::{Catalogue, ListedWorld, TaskSet, WorldConfig, WorldDescription, WorldKind};
 use crate::task::Scene;
 use crate::world::Engine;
 
-/// A world to make; one of `task` and `scene` is needed.
+/// A world to create. Requires either `task` or `scene`.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreateWorld {
@@ -22,34 +22,33 @@ pub struct CreateWorld {
     pub task: Option<String>,
     /// An `iplw.scene/1` document with `action` and `goal`.
     #[schema(value_type = Option<Object>)]
-    pub scene: Option<Object<Scene>>,
-    /// `sim` if absent.
-    pub kind: Option<WorldKind>,
+    pub scene: Option<JsonObject<Scene>>,
+    /// Default: `sim`.
+    pub kind: Option<WorldKindIn>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
-    /// Latent factors; those absent are the family's prior mean (sim) or its standard truth (real).
+    /// Latent factors. Default: the family's prior mean (sim) or standard true values (real).
     #[schema(value_type = Option<LatentsIn>)]
-    pub latents: Option<Object<LatentsIn>>,
-    /// Effects beyond gravity and contact; a real world of a family has that family's if neither this nor
-    /// `damping` is given.
+    pub latents: Option<JsonObject<LatentsIn>>,
+    /// Effects beyond gravity and contact. Default without `damping`: none (sim) or the family's standard effects (real).
     #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<Object<EffectIn>>>,
-    /// Kept share of velocity per second, in (0, 1]; short for the effect `linear_drag`.
+    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    /// Fraction of velocity kept per second, in (0, 1]; shorthand for the effect `linear_drag`.
     pub damping: Option<f64>,
     /// Standard deviation of observation noise, m; real worlds only.
     pub noise: Option<f64>,
-    /// Most valid attempts; real worlds only.
+    /// Maximum number of valid attempts; real worlds only.
     pub budget: Option<u64>,
-    /// Whether latents and effects are kept secret; default true for real, false for sim.
+    /// Whether latents and effects are hidden. Default: true for real, false for sim.
     pub sealed: Option<bool>,
-    /// Seed of unseeded resets and of noise.
+    /// Seed of the task sequence and of noise.
     pub seed: Option<u64>,
 }
 
 /// Simulated or real.
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum WorldKind {
+pub enum WorldKindIn {
     Sim,
     Real,
 }
@@ -58,33 +57,33 @@ pub enum WorldKind {
 #[derive(Serialize, ToSchema)]
 pub struct WorldOut {
     pub id: String,
-    /// Name of the token it was made with; `null` for those that are always there, and where there are no tokens.
+    /// Name of the token that created it; `null` for default worlds and without authentication.
     pub owner: Option<String>,
-    /// For how long nobody has used it, whole s. To list worlds or to watch one is no use.
+    /// Idle time, whole s. Listing and watching do not count as use.
     pub idle_s: u64,
     /// Family, task or custom scene.
     pub task: String,
-    pub kind: WorldKind,
+    pub kind: WorldKindIn,
     pub engine: &'static str,
     pub sealed: bool,
     /// `null` if sealed.
     pub latents: Option<LatentsOut>,
     /// `null` if sealed.
     pub effects: Option<Vec<EffectIn>>,
-    /// Valid attempts so far: steps, rollouts, films and jobs.
+    /// Valid attempts so far: steps, rollouts, renders and jobs.
     pub interactions: u64,
     pub budget: Option<u64>,
-    /// Budget not yet spent.
+    /// Remaining budget.
     pub remaining: Option<u64>,
     pub seed: u64,
     pub action_space: ActionSpaceOut,
     pub observation_space: ObservationSpaceOut,
-    pub state: StateOut,
+    pub state: EpisodeStateOut,
 }
 
-/// Where the current episode stands.
+/// State of the current episode.
 #[derive(Serialize, ToSchema)]
-pub struct StateOut {
+pub struct EpisodeStateOut {
     /// Id of the current task.
     pub task: Option<String>,
     /// `new`, `ready` or `done`.
@@ -95,26 +94,26 @@ pub struct StateOut {
 
 /// All worlds.
 #[derive(Serialize, ToSchema)]
-pub struct Worlds {
+pub struct WorldsPage {
     pub worlds: Vec<WorldOut>,
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
 
 impl CreateWorld {
-    /// The configuration asked for.
+    /// Converts the request.
     pub fn config(self, catalogue: &Catalogue) -> Result<WorldConfig> {
         let tasks = match (self.task, self.scene) {
             (Some(task), None) => catalogue.named(&task)?,
-            (None, Some(scene)) => TaskSet::custom(scene.0).map_err(|e| e.under("scene"))?,
+            (None, Some(scene)) => TaskSet::custom(scene.0).map_err(|e| e.in_field("scene"))?,
             (Some(_), Some(_)) => {
-                return Err(Error::input("scene", "given beside `task`", "one of task and scene"));
+                return Err(Error::input("scene", "given together with `task`", "one of task and scene"));
             }
             (None, None) => return Err(Error::input("task", "missing", "one of task and scene")),
         };
         Ok(WorldConfig {
             tasks,
-            kind: self.kind.map_or(Kind::Sim, Kind::from),
+            kind: self.kind.map_or(WorldKind::Sim, WorldKind::from),
             engine: engine(self.engine.as_deref())?,
             latents: self.latents.map(|o| o.0).unwrap_or_default().checked("latents.")?,
             effects: effects(self.damping, self.effects, "")?,
@@ -126,7 +125,7 @@ impl CreateWorld {
     }
 }
 
-/// The engine named, or `auto`.
+/// The engine by name. Default: `auto`.
 pub fn engine(name: Option<&str>) -> Result<Engine> {
     let Some(name) = name else { return Ok(Engine::Auto) };
     Engine::from_name(name).map_err(|e| match e {
@@ -137,33 +136,33 @@ pub fn engine(name: Option<&str>) -> Result<Engine> {
     })
 }
 
-impl From<WorldKind> for Kind {
-    fn from(kind: WorldKind) -> Kind {
+impl From<WorldKindIn> for WorldKind {
+    fn from(kind: WorldKindIn) -> WorldKind {
         match kind {
-            WorldKind::Sim => Kind::Sim,
-            WorldKind::Real => Kind::Real,
+            WorldKindIn::Sim => WorldKind::Sim,
+            WorldKindIn::Real => WorldKind::Real,
         }
     }
 }
 
-impl From<Kind> for WorldKind {
-    fn from(kind: Kind) -> WorldKind {
+impl From<WorldKind> for WorldKindIn {
+    fn from(kind: WorldKind) -> WorldKindIn {
         match kind {
-            Kind::Sim => WorldKind::Sim,
-            Kind::Real => WorldKind::Real,
+            WorldKind::Sim => WorldKindIn::Sim,
+            WorldKind::Real => WorldKindIn::Real,
         }
     }
 }
 
 impl WorldOut {
-    /// One of a list, at a moment.
-    pub fn of(listed: &Listed, now: Duration) -> WorldOut {
+    /// From a listed world at time `now`.
+    pub fn of(listed: &ListedWorld, now: Duration) -> WorldOut {
         let idle_s = now.saturating_sub(listed.used).as_secs();
         WorldOut { idle_s, ..WorldOut::new(&listed.id, listed.owner.as_deref(), listed.world.describe()) }
     }
 
-    /// One that is in use.
-    pub fn new(id: &str, owner: Option<&str>, d: Description) -> WorldOut {
+    /// From a world that is in use now.
+    pub fn new(id: &str, owner: Option<&str>, d: WorldDescription) -> WorldOut {
         let features = d.features.len();
         WorldOut {
             id: id.into(),
@@ -185,10 +184,10 @@ impl WorldOut {
                 low: vec![0.0; features],
                 high: vec![1.0; features],
             },
-            state: StateOut { task: d.current, phase: d.phase.name(), episodes: d.episodes },
+            state: EpisodeStateOut { task: d.current, phase: d.phase.name(), episodes: d.episodes },
         }
     }
 }
 
-impl Bulk for WorldOut {}
-impl Bulk for Worlds {}
+impl BinaryArrays for WorldOut {}
+impl BinaryArrays for WorldsPage {}

@@ -1,34 +1,34 @@
-//! A message's frames: a msgpack header, then the bytes of each array it lists.
+//! Frames of a message: a msgpack header, then the bytes of each array that it lists.
 
 use rmp::encode as put;
 use rmpv::ValueRef as Packed;
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
-use crate::serve::operation::{Asked, Content, Once, Reply};
-use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::pack::{self, Path, name};
-use crate::serve::wire::{Array, Data, bounds, lists};
+use crate::serve::operation::{IdempotencyKey, OperationRequest, OperationResponse, Payload};
+use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::wire::msgpack::{self, ValuePath, name};
+use crate::serve::wire::{Array, ArrayData, bounds, to_nested_lists};
 
-/// A request as it was sent.
-pub struct Request {
+/// A parsed request.
+pub struct ZmqRequest {
     pub op: String,
-    pub asked: Asked,
-    /// How long it may take, s, as it was sent.
+    pub operation_request: OperationRequest,
+    /// Timeout chosen by the client, s, unparsed.
     pub deadline: Option<String>,
-    /// What it is called in the log, as it was sent.
+    /// Request id chosen by the client, unvalidated.
     pub request_id: Option<String>,
-    /// W3C's, as it was sent.
+    /// W3C trace context, unparsed.
     pub traceparent: Option<String>,
-    /// The id in `args.request`, as msgpack: what `cancel` is about.
-    pub about: Option<Vec<u8>>,
+    /// `args.request` as msgpack: the request that `cancel` refers to.
+    pub cancel_target: Option<Vec<u8>>,
 }
 
-/// The version of the protocol.
-const VERSION: u64 = 1;
+/// Version of the protocol.
+const PROTOCOL_VERSION: u64 = 1;
 
-/// Reads a request: its id as msgpack (nil if even that cannot be read), and the request or what is wrong with it.
-pub fn read(frames: Vec<Vec<u8>>) -> (Vec<u8>, Result<Request>) {
+/// Parses a request. Returns its id as msgpack (nil if it cannot be read), and the request or the error.
+pub fn read(frames: Vec<Vec<u8>>) -> (Vec<u8>, Result<ZmqRequest>) {
     let mut frames = frames.into_iter();
     let head = frames.next().unwrap_or_default();
     let mut id = None;
@@ -37,12 +37,12 @@ pub fn read(frames: Vec<Vec<u8>>) -> (Vec<u8>, Result<Request>) {
     (id.unwrap_or(NIL.to_vec()), request)
 }
 
-/// An id that is none.
+/// msgpack nil: no id.
 pub const NIL: [u8; 1] = [0xc0];
-/// Longest id, bytes.
-const MOST_ID: usize = 256;
+/// Maximum size of an id, bytes.
+const MAX_ID_BYTES: usize = 256;
 
-/// The fields of the first frame but the id.
+/// Fields of the header without the id.
 #[derive(Default)]
 struct Header<'a> {
     v: Option<Packed<'a>>,
@@ -54,24 +54,24 @@ struct Header<'a> {
     deadline: Option<Packed<'a>>,
     request_id: Option<Packed<'a>>,
     traceparent: Option<Packed<'a>>,
-    /// One that there is not.
+    /// An unknown field.
     unknown: Option<(Packed<'a>, Packed<'a>)>,
 }
 
 impl<'a> Header<'a> {
-    /// Field by field, so that whoever is at fault after the id is answered under it.
+    /// Parses field by field, so that errors after the id can be answered with the id.
     fn read(mut bytes: &'a [u8], id: &mut Option<Vec<u8>>) -> Result<Header<'a>> {
         bounds::msgpack(bytes)?;
-        let Some(entries) = pack::map(&mut bytes) else {
-            return Err(Error::input("", "no map", "a msgpack map as the first frame"));
+        let Some(entries) = msgpack::map(&mut bytes) else {
+            return Err(Error::input("", "not a map", "a msgpack map as the first frame"));
         };
         let mut header = Header::default();
         for _ in 0..entries {
-            let key = pack::read(&mut bytes)?;
-            let value = pack::read(&mut bytes)?;
+            let key = msgpack::read(&mut bytes)?;
+            let value = msgpack::read(&mut bytes)?;
             let field = match name(&key) {
                 Some("id") => {
-                    *id = Some(identity(&value)?);
+                    *id = Some(parse_id(&value)?);
                     continue;
                 }
                 Some("v") => &mut header.v,
@@ -91,17 +91,17 @@ impl<'a> Header<'a> {
             };
             *field = Some(value).filter(|v| *v != Packed::Nil);
         }
-        pack::end(bytes)?;
+        msgpack::end(bytes)?;
         Ok(header)
     }
 
-    fn request(self, named: bool, frames: Vec<Vec<u8>>) -> Result<Request> {
+    fn request(self, named: bool, frames: Vec<Vec<u8>>) -> Result<ZmqRequest> {
         if !named {
-            return Err(Error::input("id", "missing", ID));
+            return Err(Error::input("id", "missing", ALLOWED_ID));
         }
         match self.v {
-            Some(v) if v.as_u64() == Some(VERSION) => {}
-            v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
+            Some(v) if v.as_u64() == Some(PROTOCOL_VERSION) => {}
+            v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{PROTOCOL_VERSION}"))),
         }
         if let Some((key, value)) = &self.unknown {
             let allowed =
@@ -109,15 +109,16 @@ impl<'a> Header<'a> {
             return Err(Error::input(name(key).unwrap_or_default(), value, allowed));
         }
         let op = match &self.op {
-            Some(op) => name(op).map(String::from).ok_or_else(|| Error::input("op", op, OP))?,
-            None => return Err(Error::input("op", "missing", OP)),
+            Some(op) => name(op).map(String::from).ok_or_else(|| Error::input("op", op, ALLOWED_OP))?,
+            None => return Err(Error::input("op", "missing", ALLOWED_OP)),
         };
-        let (mut fields, mut about) = (Map::new(), None);
+        let (mut fields, mut cancel_target) = (Map::new(), None);
         match self.args {
             Some(Packed::Map(args)) if op == "cancel" => {
-                about = args.iter().find(|(key, _)| name(key) == Some("request")).map(|(_, id)| packed(id));
+                cancel_target =
+                    args.iter().find(|(key, _)| name(key) == Some("request")).map(|(_, id)| packed(id));
             }
-            Some(args) => match pack::json(&args, &Path::Top("args"))? {
+            Some(args) => match msgpack::json(&args, &ValuePath::Top("args"))? {
                 Value::Object(args) => fields = args,
                 other => return Err(Error::input("args", other, "a map")),
             },
@@ -133,74 +134,78 @@ impl<'a> Header<'a> {
             Some(key) => {
                 let key = name(key).ok_or_else(|| Error::input("key", key, "text"))?;
                 let args = serde_json::to_vec(&fields).unwrap_or_default();
-                let asked = [op.as_bytes(), b"\n", &args].into_iter().chain(frames.iter().map(Vec::as_slice));
-                let asked: Vec<&[u8]> = asked.collect();
-                Some(Once::new(key.into(), &asked).map_err(|e| e.named("key"))?)
+                let parts = [op.as_bytes(), b"\n", &args].into_iter().chain(frames.iter().map(Vec::as_slice));
+                let parts: Vec<&[u8]> = parts.collect();
+                Some(IdempotencyKey::new(key.into(), &parts).map_err(|e| e.with_field("key"))?)
             }
         };
         let request_id = text("request_id", self.request_id)?;
         let traceparent = text("traceparent", self.traceparent)?;
-        let arrays = self.arrays.map(|arrays| described(&arrays)).transpose()?.unwrap_or_default();
-        let bytes = placed(&mut fields, arrays, frames)?;
+        let arrays = self.arrays.map(|arrays| parse_array_specs(&arrays)).transpose()?.unwrap_or_default();
+        let bytes = insert_arrays(&mut fields, arrays, frames)?;
         let deadline = self.deadline.map(|d| d.to_string());
-        let asked = Asked::fields(fields, bytes, once, raw);
-        Ok(Request { op, asked, deadline, request_id, traceparent, about })
+        let operation_request = OperationRequest::from_fields(fields, bytes, once, raw);
+        Ok(ZmqRequest { op, operation_request, deadline, request_id, traceparent, cancel_target })
     }
 }
 
-const ID: &str = "a whole number from 0, text or bytes, up to 256 bytes";
-const OP: &str = "the name of an operation";
+const ALLOWED_ID: &str = "a whole number from 0, text or bytes, up to 256 bytes";
+const ALLOWED_OP: &str = "the name of an operation";
 
-/// A field that is text, if it is there.
-fn text(field: &str, given: Option<Packed>) -> Result<Option<String>> {
+/// An optional text field.
+fn text(field: &str, value: Option<Packed>) -> Result<Option<String>> {
     let one =
-        |given: Packed| name(&given).map(String::from).ok_or_else(|| Error::input(field, &given, "text"));
-    given.map(one).transpose()
+        |value: Packed| name(&value).map(String::from).ok_or_else(|| Error::input(field, &value, "text"));
+    value.map(one).transpose()
 }
 
 /// A request's id, as msgpack.
-fn identity(given: &Packed) -> Result<Vec<u8>> {
-    let packed = packed(given);
-    let known = match given {
+fn parse_id(value: &Packed) -> Result<Vec<u8>> {
+    let packed = packed(value);
+    let is_valid = match value {
         Packed::Integer(n) => n.is_u64(),
         Packed::String(_) | Packed::Binary(_) => true,
         _ => false,
     };
-    if known && packed.len() <= MOST_ID { Ok(packed) } else { Err(Error::input("id", given, ID)) }
+    if is_valid && packed.len() <= MAX_ID_BYTES {
+        Ok(packed)
+    } else {
+        Err(Error::input("id", value, ALLOWED_ID))
+    }
 }
 
 fn packed(value: &Packed) -> Vec<u8> {
     let mut out = Vec::new();
-    pack::write(&mut out, value);
+    msgpack::write(&mut out, value);
     out
 }
 
-/// Name, dtype and shape of an array that follows.
-type Described = (String, String, Vec<usize>);
+/// Name, dtype and shape of an array in a further frame.
+type ArraySpec = (String, String, Vec<usize>);
 
-fn described(value: &Packed) -> Result<Vec<Described>> {
+fn parse_array_specs(value: &Packed) -> Result<Vec<ArraySpec>> {
     let Packed::Array(items) = value else {
         return Err(Error::input("arrays", value, "a list of maps with name, dtype and shape"));
     };
     let one = |(i, item): (usize, &Packed)| {
         let of = format!("arrays[{i}]");
-        let field = |wanted: &str| match item {
-            Packed::Map(entries) => entries.iter().find(|(key, _)| name(key) == Some(wanted)).map(|e| &e.1),
+        let field = |key: &str| match item {
+            Packed::Map(entries) => entries.iter().find(|(k, _)| name(k) == Some(key)).map(|e| &e.1),
             _ => None,
         };
-        let text = |wanted: &str| {
-            let found = field(wanted).unwrap_or(&Packed::Nil);
-            name(found).map(String::from).ok_or_else(|| Error::input(format!("{of}.{wanted}"), found, "text"))
+        let text = |key: &str| {
+            let found = field(key).unwrap_or(&Packed::Nil);
+            name(found).map(String::from).ok_or_else(|| Error::input(format!("{of}.{key}"), found, "text"))
         };
-        Ok((text("name")?, text("dtype")?, pack::shape_of(field("shape").unwrap_or(&Packed::Nil), &of)?))
+        Ok((text("name")?, text("dtype")?, msgpack::shape_of(field("shape").unwrap_or(&Packed::Nil), &of)?))
     };
     items.iter().enumerate().map(one).collect()
 }
 
-/// Puts arrays where their names say, as the lists they stand for; what is left is a body of bytes.
-fn placed(
+/// Inserts arrays at their names, as lists; returns the binary body, if there is one.
+fn insert_arrays(
     fields: &mut Map<String, Value>,
-    arrays: Vec<Described>,
+    arrays: Vec<ArraySpec>,
     frames: Vec<Vec<u8>>,
 ) -> Result<Option<Vec<u8>>> {
     if arrays.len() != frames.len() {
@@ -214,19 +219,19 @@ fn placed(
             body = Some(bytes);
             continue;
         }
-        place(fields, &name, lists(&format!("arrays[{i}]"), &dtype, &shape, &bytes)?)?;
+        insert_at(fields, &name, to_nested_lists(&format!("arrays[{i}]"), &dtype, &shape, &bytes)?)?;
     }
     Ok(body)
 }
 
-/// Most names of a dotted path: no field is so deep, and what is built from one is also dropped level by level.
-const MOST_NAMES: usize = 16;
+/// Maximum segments of a dotted path. Fields are never deeper; nested values are also dropped recursively.
+const MAX_PATH_SEGMENTS: usize = 16;
 
-/// Puts a value at a dotted path.
-fn place(mut fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()> {
-    if path.split('.').count() > MOST_NAMES {
+/// Inserts a value at a dotted path.
+fn insert_at(mut fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()> {
+    if path.split('.').count() > MAX_PATH_SEGMENTS {
         let shown: String = path.chars().take(64).collect();
-        let allowed = format!("the path of a field in args, at most {MOST_NAMES} names");
+        let allowed = format!("the path of a field in args, at most {MAX_PATH_SEGMENTS} names");
         return Err(Error::input("arrays.name", format!("{shown:?}.."), allowed));
     }
     let (above, last) = path.rsplit_once('.').unwrap_or(("", path));
@@ -241,67 +246,67 @@ fn place(mut fields: &mut Map<String, Value>, path: &str, value: Value) -> Resul
     Ok(())
 }
 
-/// An answer, written.
-pub struct Written {
-    /// What HTTP's body would be, but for the arrays, as msgpack; nil if it has none.
+/// A serialised response.
+pub struct ZmqResponse {
+    /// The result without its arrays, as msgpack; nil if it is empty.
     result: Vec<u8>,
-    arrays: pack::Arrays,
+    arrays: msgpack::Arrays,
 }
 
-/// Writes an answer, arrays apart if `raw`. Bytes are one array, `body`.
-pub fn written(reply: Reply, raw: bool) -> Answer<Written> {
+/// Serialises a response, with separate arrays if `raw`. A binary body becomes one array, `body`.
+pub fn serialize(reply: OperationResponse, raw: bool) -> HandlerResult<ZmqResponse> {
     let (result, arrays) = match reply.content {
-        Content::Nothing => (NIL.to_vec(), Vec::new()),
-        Content::Json(json) => (pack::from_json(&json).map_err(Problem::unwritable)?, Vec::new()),
-        Content::Value(mut value) => {
-            let arrays = if raw { value.bulk() } else { Vec::new() };
-            (value.packed().map_err(Problem::unwritable)?, arrays)
+        Payload::Nothing => (NIL.to_vec(), Vec::new()),
+        Payload::Json(json) => (msgpack::from_json(&json).map_err(Problem::serialization)?, Vec::new()),
+        Payload::Value(mut value) => {
+            let arrays = if raw { value.take_arrays() } else { Vec::new() };
+            (value.to_msgpack().map_err(Problem::serialization)?, arrays)
         }
         // An empty map.
-        Content::Media(media) => (vec![0x80], vec![("body", Array::line(Data::Bytes(media.bytes)))]),
-        // Declared as something that only HTTP has.
-        Content::Events(_) => return Err(Problem::defect()),
+        Payload::MediaBody(media) => (vec![0x80], vec![("body", Array::line(ArrayData::Bytes(media.bytes)))]),
+        // Such operations are declared as HTTP only.
+        Payload::EventStream(_) => return Err(Problem::internal()),
     };
-    Ok(Written { result, arrays })
+    Ok(ZmqResponse { result, arrays })
 }
 
-impl Written {
-    /// A plain answer of this protocol's own.
-    pub fn plain(answer: &Value) -> Answer<Written> {
-        let result = pack::packed(answer).map_err(Problem::unwritable)?;
-        Ok(Written { result, arrays: Vec::new() })
+impl ZmqResponse {
+    /// A response of the protocol itself.
+    pub fn plain(answer: &Value) -> HandlerResult<ZmqResponse> {
+        let result = msgpack::packed(answer).map_err(Problem::serialization)?;
+        Ok(ZmqResponse { result, arrays: Vec::new() })
     }
 
     /// Its frames.
     pub fn frames(self, id: &[u8], request_id: &str) -> Vec<Vec<u8>> {
         let of = |array: &Array| array.shape().iter().map(|n| Packed::from(*n as u64)).collect();
-        let told = self.arrays.iter().map(|(name, array)| {
+        let specs = self.arrays.iter().map(|(name, array)| {
             Packed::Map(vec![
                 ("name".into(), (*name).into()),
                 ("dtype".into(), array.dtype().into()),
                 ("shape".into(), Packed::Array(of(array))),
             ])
         });
-        let told = Packed::Array(told.collect());
-        let mut head = opening(id, request_id, true, 6);
+        let specs = Packed::Array(specs.collect());
+        let mut head = response_header(id, request_id, true, 6);
         field(&mut head, "result", &self.result);
-        field(&mut head, "arrays", &packed(&told));
+        field(&mut head, "arrays", &packed(&specs));
         std::iter::once(head).chain(self.arrays.into_iter().map(|(_, array)| array.into_bytes())).collect()
     }
 }
 
-/// The frame of a refusal.
-pub fn refusal(id: &[u8], request_id: &str, problem: &Problem) -> Vec<Vec<u8>> {
-    let mut head = opening(id, request_id, false, 5);
-    // Plain fields of text and numbers: that they can be written is tested.
-    field(&mut head, "problem", &pack::packed(problem).unwrap_or(NIL.to_vec()));
+/// Frames of an error response.
+pub fn error_frames(id: &[u8], request_id: &str, problem: &Problem) -> Vec<Vec<u8>> {
+    let mut head = response_header(id, request_id, false, 5);
+    // A problem has only text and numbers; tests cover its serialisation.
+    field(&mut head, "problem", &msgpack::packed(problem).unwrap_or(NIL.to_vec()));
     vec![head]
 }
 
-fn opening(id: &[u8], request_id: &str, ok: bool, fields: u32) -> Vec<u8> {
+fn response_header(id: &[u8], request_id: &str, ok: bool, fields: u32) -> Vec<u8> {
     let mut head = Vec::with_capacity(512);
     let _ = put::write_map_len(&mut head, fields);
-    field(&mut head, "v", &[VERSION as u8]);
+    field(&mut head, "v", &[PROTOCOL_VERSION as u8]);
     field(&mut head, "id", id);
     field(&mut head, "ok", &[if ok { 0xc3 } else { 0xc2 }]);
     let _ = put::write_str(&mut head, "request_id");
@@ -309,7 +314,7 @@ fn opening(id: &[u8], request_id: &str, ok: bool, fields: u32) -> Vec<u8> {
     head
 }
 
-/// A field of a map, whose value is msgpack already.
+/// Writes a map entry whose value is msgpack already.
 fn field(head: &mut Vec<u8>, name: &str, packed: &[u8]) {
     let _ = put::write_str(head, name);
     head.extend_from_slice(packed);
@@ -322,12 +327,12 @@ mod tests {
 
     fn placed_at(path: &str, fields: Value) -> Result<Value> {
         let Value::Object(mut fields) = fields else { unreachable!() };
-        place(&mut fields, path, json!([1]))?;
+        insert_at(&mut fields, path, json!([1]))?;
         Ok(fields.into())
     }
 
     #[test]
-    fn arrays_stand_where_their_names_say() {
+    fn inserts_arrays_at_dotted_paths() {
         assert_eq!(placed_at("a", json!({})).unwrap(), json!({"a": [1]}));
         assert_eq!(
             placed_at("a.b.c", json!({"a": {"x": 0}})).unwrap(),
@@ -337,9 +342,9 @@ mod tests {
         assert!(placed_at("a.b", json!({"a": 1})).unwrap_err().to_string().contains("`a.b`"));
     }
 
-    /// A name of nothing but dots went as deep as it was long, and took the process down.
+    /// Regression: a name of 65535 dots built a value as deep, and dropping it overflowed the stack.
     #[test]
-    fn a_name_of_many_dots_is_refused() {
+    fn rejects_deeply_dotted_name() {
         let mut head =
             b"\x85\xa1v\x01\xa2id\x07\xa2op\xa4ping\xa4args\x80\xa6arrays\x91\x83\xa4name\xda\xff\xff"
                 .to_vec();
@@ -347,10 +352,10 @@ mod tests {
         head.extend(b"\xa5dtype\xa3|u1\xa5shape\x91\x01");
         let (id, request) = read(vec![head, vec![1]]);
         assert_eq!(id, [7]);
-        let told = request.err().unwrap().to_string();
+        let message = request.err().unwrap().to_string();
         assert!(
-            told.contains("`arrays.name`") && told.contains("at most 16 names") && told.len() < 300,
-            "{told}"
+            message.contains("`arrays.name`") && message.contains("at most 16 names") && message.len() < 300,
+            "{message}"
         );
     }
 }

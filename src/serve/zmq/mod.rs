@@ -1,13 +1,13 @@
-//! ZeroMQ: a ROUTER to which DEALERs connect, over TCP or a Unix socket. docs/zeromq.md tells clients the protocol.
+//! ZeroMQ server: a ROUTER for DEALER clients, over TCP or a Unix socket. docs/zeromq.md describes the protocol.
 //!
-//! | file | what it does |
+//! | module | responsibility |
 //! |---|---|
-//! | `zmtp` | bytes on the connection: handshake, frames, limits |
-//! | `message` | a message's frames: header and arrays |
-//! | `peer` | one client: what it asks, in which order, what is under way |
+//! | `zmtp` | the wire protocol: handshake, frames, limits |
+//! | `message` | frames of a message: header and arrays |
+//! | `peer` | one client: its requests, their order, cancellation |
 //!
-//! ZMTP is spoken here and not by a library: the `zeromq` crate (0.7.0) reserves whatever length a frame announces, so
-//! that a dozen bytes from anybody end the process, and it drops clients that send heartbeats.
+//! ZMTP is implemented here because the `zeromq` crate (0.7.0) allocates the length that a frame announces, so that a dozen bytes
+//! from anybody end the process, and because it disconnects clients that send heartbeats.
 
 pub mod message;
 mod peer;
@@ -24,12 +24,12 @@ use tokio::net::TcpListener;
 use tokio::net::UnixListener;
 
 use super::client::Client;
-use super::shared::Shared;
+use super::state::AppState;
 use crate::access::{digest, now};
 use crate::error::{Error, Result};
-use peer::{Reading, Writing};
+use peer::{ReadHalf, WriteHalf};
 
-/// A place that clients connect to.
+/// A bound address.
 pub struct Endpoint {
     listener: Listener,
     address: String,
@@ -38,19 +38,19 @@ pub struct Endpoint {
 enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]
-    /// With what removes its socket in the end.
-    Unix(UnixListener, #[expect(dead_code)] Socket),
+    /// With the guard that removes the socket file.
+    Unix(UnixListener, #[expect(dead_code)] SocketFile),
 }
 
-/// How long a connection may take to say what it is.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time that a connection has to complete the handshake.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
 
 impl Endpoint {
-    /// Listens at `tcp://HOST:PORT` (`*` or 0 takes a free port, `*` as host all interfaces) or `ipc://PATH`.
+    /// Binds `tcp://HOST:PORT` (port `*` or 0 chooses a free one, host `*` is all interfaces) or `ipc://PATH`.
     pub async fn bind(address: &str) -> Result<Endpoint> {
         let unbound = |e: io::Error| Error::Io {
             path: address.to_string(),
-            message: format!("cannot listen there: {e}; give another address"),
+            message: format!("cannot listen on this address: {e}; choose another"),
         };
         if let Some(place) = address.strip_prefix("tcp://") {
             let (host, port) = place.rsplit_once(':').ok_or_else(|| refuse(address))?;
@@ -64,7 +64,7 @@ impl Endpoint {
         #[cfg(unix)]
         if let Some(path) = address.strip_prefix("ipc://").filter(|p| !p.is_empty()) {
             let path = PathBuf::from(path);
-            // A socket that nobody answers at was left behind.
+            // A socket without a listener was left by an earlier process.
             let left = std::os::unix::net::UnixStream::connect(&path)
                 .is_err_and(|e| e.kind() == io::ErrorKind::ConnectionRefused);
             if left {
@@ -72,19 +72,19 @@ impl Endpoint {
             }
             let listener = UnixListener::bind(&path).map_err(unbound)?;
             return Ok(Endpoint {
-                listener: Listener::Unix(listener, Socket(path)),
+                listener: Listener::Unix(listener, SocketFile(path)),
                 address: address.into(),
             });
         }
         Err(refuse(address))
     }
 
-    /// Where it listens, as clients connect.
+    /// The bound address, as clients connect to it.
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// The address of the network it listens at; none for a socket in the file system.
+    /// The bound IP address; `None` for a Unix socket.
     pub fn ip(&self) -> Option<IpAddr> {
         match &self.listener {
             Listener::Tcp(listener) => listener.local_addr().ok().map(|at| at.ip()),
@@ -93,29 +93,29 @@ impl Endpoint {
         }
     }
 
-    /// Serves until the server stops; then ends what is under way.
-    pub async fn run(self, shared: Arc<Shared>) {
+    /// Serves until the server stops, then finishes the requests in flight.
+    pub async fn run(self, shared: Arc<AppState>) {
         let mut stopping = shared.stopping.subscribe();
         loop {
             tokio::select! {
                 _ = stopping.wait_for(|s| *s) => break,
                 accepted = self.listener.accept() => match accepted {
-                    Ok((client, from, to)) => meet(&shared, client, from, to),
+                    Ok((client, from, to)) => accept_peer(&shared, client, from, to),
                     Err(e) => {
-                        tracing::warn!("a connection to {} could not be taken: {e}", self.address);
+                        tracing::warn!("a connection to {} could not be accepted: {e}", self.address);
                         tokio::time::sleep(Duration::from_millis(100)).await;
                     }
                 },
             }
         }
-        while shared.zmq.all() > 0 {
+        while shared.zmq_connections.total() > 0 {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     }
 }
 
 impl Listener {
-    async fn accept(&self) -> io::Result<(Client, Reading, Writing)> {
+    async fn accept(&self) -> io::Result<(Client, ReadHalf, WriteHalf)> {
         match self {
             Listener::Tcp(listener) => {
                 let (stream, at) = listener.accept().await?;
@@ -132,44 +132,45 @@ impl Listener {
     }
 }
 
-/// Serves a connection in a task of its own; hangs up where its client, or all of them, have too many.
-fn meet(shared: &Arc<Shared>, at: Client, from: Reading, mut to: Writing) {
-    let Ok(mut place) = shared.zmq.enter(&at) else { return };
+/// Serves a connection in its own task; closes it if the client's or the total limit is reached.
+fn accept_peer(shared: &Arc<AppState>, at: Client, from: ReadHalf, mut to: WriteHalf) {
+    let Ok(mut permit) = shared.zmq_connections.acquire(&at) else { return };
     let shared = shared.clone();
     tokio::spawn(async move {
-        let greeted = tokio::time::timeout(PATIENCE, zmtp::handshake(from, &mut to)).await;
+        let greeted = tokio::time::timeout(HANDSHAKE_TIMEOUT, zmtp::handshake(from, &mut to)).await;
         match greeted {
             Ok(Ok((receiver, token))) => {
                 let token = token.as_deref().map(digest);
-                let known = shared.keyring.who(token.as_ref(), now()).ok().filter(|who| who.name.is_some());
-                if let Some(who) = known {
-                    let client = Client::of(&who, &at);
-                    if shared.zmq.of(&client) >= shared.limits.client_connections {
+                let principal =
+                    shared.keyring.authenticate(token.as_ref(), now()).ok().filter(|who| who.name.is_some());
+                if let Some(who) = principal {
+                    let client = Client::identify(&who, &at);
+                    if shared.zmq_connections.count(&client) >= shared.limits.client_connections {
                         return;
                     }
-                    place.pass(&client);
+                    permit.transfer(&client);
                 }
                 peer::serve(shared, at, token, receiver, to).await;
             }
-            Ok(Err(e)) => tracing::info!("a connection that does not speak ZMTP: {e}"),
-            Err(_) => tracing::info!("a connection that said nothing"),
+            Ok(Err(e)) => tracing::info!("ZMTP handshake failed: {e}"),
+            Err(_) => tracing::info!("ZMTP handshake timed out"),
         }
-        drop(place);
+        drop(permit);
     });
 }
 
-/// A socket in the file system, removed when dropped.
+/// A socket file, removed when dropped.
 #[cfg(unix)]
-struct Socket(PathBuf);
+struct SocketFile(PathBuf);
 
 #[cfg(unix)]
-impl Drop for Socket {
+impl Drop for SocketFile {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
 fn refuse(address: &str) -> Error {
-    let allowed = "tcp://127.0.0.1:5555 (port 0 or * takes a free one) or ipc:///path/of/a/socket";
+    let allowed = "tcp://127.0.0.1:5555 (port 0 or * chooses a free one) or ipc:///path/of/a/socket";
     Error::input("--zmq", format!("{address:?}"), allowed)
 }

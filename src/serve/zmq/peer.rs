@@ -1,4 +1,4 @@
-//! One client: its requests as they come, each answered once, those that share a world in their order.
+//! One client: its concurrent requests, each answered once; requests that share a resource run in order.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,33 +10,33 @@ use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::{Semaphore, oneshot, watch};
 
-use super::message::{self, NIL, Request, Written, written};
-use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
-use crate::access::{Digest, Scope, Who, now};
-use crate::serve::app::App;
+use super::message::{self, NIL, ZmqRequest, ZmqResponse, serialize};
+use super::zmtp::{self, MAX_FRAMES, MAX_MESSAGE_BYTES, Received, Receiver};
+use crate::access::{Digest, Principal, Scope, now};
 use crate::serve::client::Client;
-use crate::serve::leave::Leave;
-use crate::serve::log::{RequestLine, given_id, slug, trace};
+use crate::serve::deadline::RequestDeadline;
+use crate::serve::execution_class::ExecutionClass;
+use crate::serve::log::{RequestLine, parse_traceparent, slug, valid_request_id};
 use crate::serve::operation::Operation;
 use crate::serve::operations::operation;
-use crate::serve::problem::{Answer, Problem};
-use crate::serve::shared::Shared;
-use crate::serve::weight::Weight;
+use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::request_context::RequestContext;
+use crate::serve::state::AppState;
 
-/// Requests of one client under way at a time; more are told to come back.
-const MOST_UNDER_WAY: usize = 128;
-/// Largest message of a client that is not known, bytes: enough to tell it so.
-const MOST_UNKNOWN: usize = 64 * 1024;
-/// How long a client may take to read an answer.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Maximum requests of one client in flight; more are answered with 429.
+const MAX_IN_FLIGHT_REQUESTS: usize = 128;
+/// Maximum message of an unauthenticated client, bytes: enough to answer it with 401.
+const MAX_UNAUTHENTICATED_MESSAGE_BYTES: usize = 64 * 1024;
+/// Time that a client has to read a response.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Answers a client until it hangs up or the server stops, and ends what is under way.
+/// Serves a client until it disconnects or the server stops, then cancels its requests.
 pub async fn serve(
-    shared: Arc<Shared>,
+    shared: Arc<AppState>,
     at: Client,
     token: Option<Digest>,
-    mut receiver: Receiver<Reading>,
-    to: Writing,
+    mut receiver: Receiver<ReadHalf>,
+    to: WriteHalf,
 ) {
     let mut stopping = shared.stopping.subscribe();
     let peer = Arc::new(Peer {
@@ -44,13 +44,17 @@ pub async fn serve(
         at,
         token,
         to: tokio::sync::Mutex::new(Some(to)),
-        places: Arc::new(Semaphore::new(MOST_UNDER_WAY)),
-        under_way: Mutex::default(),
+        permits: Arc::new(Semaphore::new(MAX_IN_FLIGHT_REQUESTS)),
+        in_flight: Mutex::default(),
         last: Mutex::default(),
     });
     let left = loop {
-        // Nothing large is kept for somebody who is not known.
-        receiver.at_most(if peer.who().is_ok() { MOST_BYTES } else { MOST_UNKNOWN });
+        // Large messages of unauthenticated clients are not buffered.
+        receiver.set_max_bytes(if peer.who().is_ok() {
+            MAX_MESSAGE_BYTES
+        } else {
+            MAX_UNAUTHENTICATED_MESSAGE_BYTES
+        });
         let received = tokio::select! {
             received = receiver.receive() => received,
             _ = stopping.wait_for(|s| *s) => break false,
@@ -61,61 +65,61 @@ pub async fn serve(
             Ok(Some(Received::Ping(context))) => peer.pong(&context).await,
             Ok(None) => break true,
             Err(e) => {
-                tracing::info!("a ZeroMQ client was hung up on: {e}");
+                tracing::info!("a ZeroMQ connection was closed: {e}");
                 break true;
             }
         }
     };
     if left {
-        // Nobody sees what would be simulated.
-        lock(&peer.under_way).values().for_each(|flight| flight.leave.end());
+        // Nobody receives the results.
+        lock(&peer.in_flight).values().for_each(|flight| flight.deadline.cancel());
     }
-    // A client that sent its last wish and hung up has it carried out.
-    let _ = peer.places.acquire_many(MOST_UNDER_WAY as u32).await;
+    // Requests that were sent before the disconnect are completed.
+    let _ = peer.permits.acquire_many(MAX_IN_FLIGHT_REQUESTS as u32).await;
 }
 
-/// The halves of a connection.
-pub type Reading = Box<dyn AsyncRead + Send + Unpin>;
-/// See [`Reading`].
-pub type Writing = Box<dyn AsyncWrite + Send + Unpin>;
+/// Receiving half of a connection.
+pub type ReadHalf = Box<dyn AsyncRead + Send + Unpin>;
+/// Sending half of a connection.
+pub type WriteHalf = Box<dyn AsyncWrite + Send + Unpin>;
 
 struct Peer {
-    shared: Arc<Shared>,
-    /// Where the client is.
+    shared: Arc<AppState>,
+    /// Client at the peer address.
     at: Client,
-    /// What the client showed when it connected.
+    /// Digest of the token from the handshake.
     token: Option<Digest>,
-    /// `None` once the client did not read.
-    to: tokio::sync::Mutex<Option<Writing>>,
-    places: Arc<Semaphore>,
+    /// `None` after a write failed.
+    to: tokio::sync::Mutex<Option<WriteHalf>>,
+    permits: Arc<Semaphore>,
     /// By id.
-    under_way: Mutex<HashMap<Vec<u8>, Flight>>,
-    /// The latest request of each name, which the next of that name waits for.
+    in_flight: Mutex<HashMap<Vec<u8>, InFlightRequest>>,
+    /// The latest request of each resource; the next one waits for it.
     last: Mutex<HashMap<String, watch::Receiver<()>>>,
 }
 
-/// A request under way.
-struct Flight {
+/// A request in flight.
+struct InFlightRequest {
     cancel: Option<oneshot::Sender<()>>,
-    /// Set once nobody waits for it.
-    dropped: Arc<AtomicBool>,
-    /// Ended, so that a simulation stops in the middle.
-    leave: Arc<Leave>,
+    /// Set when the request is cancelled.
+    is_cancelled: Arc<AtomicBool>,
+    /// Cancelled to stop a running simulation.
+    deadline: Arc<RequestDeadline>,
 }
 
 impl Peer {
-    /// Who asks, now: a token may end while its bearer is connected.
-    fn who(&self) -> Answer<Who> {
-        self.shared.keyring.who(self.token.as_ref(), now()).map_err(Problem::unauthorized)
+    /// Authenticates again for each request: a token may expire during a connection.
+    fn who(&self) -> HandlerResult<Principal> {
+        self.shared.keyring.authenticate(self.token.as_ref(), now()).map_err(Problem::unauthorized)
     }
 
-    /// Where the answer to a message that came now goes.
-    fn address(&self, id: Vec<u8>, delimited: bool) -> Address {
+    /// Reply address of a message received now.
+    fn address(&self, id: Vec<u8>, delimited: bool) -> ReplyAddress {
         let (request_id, since) = (self.shared.request_id(), Instant::now());
-        Address { id, request_id, traceparent: None, delimited, since }
+        ReplyAddress { id, request_id, traceparent: None, delimited, since }
     }
 
-    /// Takes a message: answers it at once, or sees to it that it is answered.
+    /// Handles a message: answers it at once, or starts a task that does.
     async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
         if delimited {
@@ -124,12 +128,12 @@ impl Peer {
         let (id, mut request) = message::read(frames);
         let mut to = self.address(id, delimited);
         if let Ok(request) = &mut request {
-            to.is_called(request);
+            to.set_request_id(request);
         }
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
-                "ping" => self.answer(&to, "ping", Written::plain(&json!({"pong": true}))).await,
+                "ping" => self.answer(&to, "ping", ZmqResponse::plain(&json!({"pong": true}))).await,
                 "cancel" => {
                     let cancelled = self.cancel(&request);
                     self.answer(&to, "cancel", cancelled).await;
@@ -142,55 +146,61 @@ impl Peer {
         }
     }
 
-    /// The server as this client sees it, for one request.
-    fn app(&self, operation: &Operation, request: &Request) -> Answer<App> {
+    /// The request context.
+    fn app(&self, operation: &Operation, request: &ZmqRequest) -> HandlerResult<RequestContext> {
         let who = match self.who() {
             Ok(who) => who,
-            Err(_) if operation.needs.is_none() => Who { name: None, scope: Scope::Read },
+            Err(_) if operation.required_scope.is_none() => Principal { name: None, scope: Scope::Read },
             Err(problem) => return Err(problem),
         };
-        let span = self.shared.span("deadline", request.deadline.as_deref())?;
-        Ok(App::new(&self.shared, who, &self.at, span))
+        let span = self.shared.request_timeout("deadline", request.deadline.as_deref())?;
+        Ok(RequestContext::new(&self.shared, who, &self.at, span))
     }
 
-    async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+    async fn start(self: &Arc<Self>, operation: &'static Operation, request: ZmqRequest, to: ReplyAddress) {
         let app = match self.app(operation, &request) {
             Ok(app) => Arc::new(app),
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
-        let Ok(place) = self.places.clone().try_acquire_owned() else {
-            return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
+        let Ok(permit) = self.permits.clone().try_acquire_owned() else {
+            return self.answer(&to, operation.name, Err(Problem::busy(MAX_IN_FLIGHT_REQUESTS))).await;
         };
-        let alone = self.places.available_permits() == MOST_UNDER_WAY - 1;
-        let (raw, names) = (request.asked.raw, request.asked.names());
-        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&app, request.asked)));
-        let call = match ready.unwrap_or_else(|_| Err(Problem::defect())) {
+        let alone = self.permits.available_permits() == MAX_IN_FLIGHT_REQUESTS - 1;
+        let (raw, names) = (request.operation_request.raw, request.operation_request.resource_ids());
+        let ready = catch_unwind(AssertUnwindSafe(|| {
+            operation.authorize(&app).and_then(|allowed| allowed.prepare(&app, request.operation_request))
+        }));
+        let call = match ready.unwrap_or_else(|_| Err(Problem::internal())) {
             Ok(call) => call,
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
-        let weight = call.weight;
-        let work = move |app: &App| written((call.work)(app)?, raw);
-        if alone && weight == Weight::Light {
-            let guarded = |app: &App| {
-                catch_unwind(AssertUnwindSafe(|| work(app))).unwrap_or_else(|_| Err(Problem::defect()))
+        let weight = call.class;
+        let work = move |app: &RequestContext| serialize((call.work)(app)?, raw);
+        if alone && weight == ExecutionClass::Inline {
+            let guarded = |app: &RequestContext| {
+                catch_unwind(AssertUnwindSafe(|| work(app))).unwrap_or_else(|_| Err(Problem::internal()))
             };
-            let answer = app.run_light(guarded).await;
+            let answer = app.run_inline(guarded).await;
             return self.answer(&to, operation.name, answer).await;
         }
         let (cancel, cancelled) = oneshot::channel();
-        let dropped = Arc::new(AtomicBool::new(false));
+        let is_cancelled = Arc::new(AtomicBool::new(false));
         let twice = {
-            let mut under_way = lock(&self.under_way);
-            let twice = under_way.contains_key(&to.id);
+            let mut in_flight = lock(&self.in_flight);
+            let twice = in_flight.contains_key(&to.id);
             if !twice {
-                let (dropped, leave) = (dropped.clone(), app.leave().clone());
-                let flight = Flight { cancel: Some(cancel), dropped, leave };
-                under_way.insert(to.id.clone(), flight);
+                let (cancelled_flag, deadline) = (is_cancelled.clone(), app.deadline().clone());
+                let flight = InFlightRequest { cancel: Some(cancel), is_cancelled: cancelled_flag, deadline };
+                in_flight.insert(to.id.clone(), flight);
             }
             twice
         };
         if twice {
-            let e = crate::error::Error::input("id", "of a request under way", "an id of its own");
+            let e = crate::error::Error::input(
+                "id",
+                "the id of a request in progress",
+                "an id that is not in use",
+            );
             return self.answer(&to, operation.name, Err(Problem::malformed(e))).await;
         }
         let (before, turn) = self.queue(names);
@@ -198,13 +208,13 @@ impl Peer {
         tokio::spawn(async move {
             let work = async {
                 for mut earlier in before {
-                    // An error says that it is over.
+                    // An error means that the sender was dropped: the earlier request has ended.
                     while earlier.changed().await.is_ok() {}
                 }
-                let alive = move |app: &App| {
-                    // Those that wait for this one wait for the work, also if nobody wants its answer any more.
+                let alive = move |app: &RequestContext| {
+                    // Held until the work ends, even after cancellation: the next request of the resource waits for it.
                     let _turn = turn;
-                    if dropped.load(Ordering::SeqCst) {
+                    if is_cancelled.load(Ordering::SeqCst) {
                         return Err(Problem::cancelled());
                     }
                     work(app)
@@ -216,13 +226,13 @@ impl Peer {
                 Ok(()) = cancelled => Err(Problem::cancelled()),
                 answer = work => answer,
             };
-            lock(&peer.under_way).remove(&to.id);
+            lock(&peer.in_flight).remove(&to.id);
             peer.answer(&to, operation.name, answer).await;
-            drop(place);
+            drop(permit);
         });
     }
 
-    /// Puts a request in line behind those of the same names: what to wait for, and what to drop when done.
+    /// Queues a request behind those of the same resources: receivers to wait for, and the sender to drop when it ends.
     fn queue(&self, names: Vec<String>) -> (Vec<watch::Receiver<()>>, watch::Sender<()>) {
         let (turn, over) = watch::channel(());
         let mut last = lock(&self.last);
@@ -232,26 +242,26 @@ impl Peer {
         let before = names
             .into_iter()
             .filter_map(|name| last.insert(name, over.clone()))
-            // One that names the same twice does not wait for itself.
+            // A request that names a resource twice does not wait for itself.
             .filter(|earlier| earlier.has_changed().is_ok() && !earlier.same_channel(&over))
             .collect();
         (before, turn)
     }
 
-    fn cancel(&self, request: &Request) -> Answer<Written> {
-        let id = request.about.as_ref().filter(|id| **id != NIL).ok_or_else(|| {
-            let e = crate::error::Error::input("args.request", "missing", "the id of a request under way");
+    fn cancel(&self, request: &ZmqRequest) -> HandlerResult<ZmqResponse> {
+        let id = request.cancel_target.as_ref().filter(|id| **id != NIL).ok_or_else(|| {
+            let e = crate::error::Error::input("args.request", "missing", "the id of a request in progress");
             Problem::malformed(e)
         })?;
-        let cancelled = lock(&self.under_way).get_mut(id).and_then(|flight| {
-            flight.dropped.store(true, Ordering::SeqCst);
+        let cancelled = lock(&self.in_flight).get_mut(id).and_then(|flight| {
+            flight.is_cancelled.store(true, Ordering::SeqCst);
             flight.cancel.take()?.send(()).ok()
         });
-        Written::plain(&json!({"cancelled": cancelled.is_some()}))
+        ZmqResponse::plain(&json!({"cancelled": cancelled.is_some()}))
     }
 
     async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
-        let known = self.who();
+        let authenticated = self.who();
         let delimited = frames.first().is_some_and(Vec::is_empty);
         if delimited {
             frames.remove(0);
@@ -259,76 +269,76 @@ impl Peer {
         frames.truncate(1);
         let id = frames.pop().map_or(NIL.to_vec(), |head| message::read(vec![head]).0);
         let detail = format!(
-            "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
+            "a message may have at most {MAX_MESSAGE_BYTES} bytes in at most {MAX_FRAMES} frames; split it"
         );
-        let refused = known.err().unwrap_or_else(|| Problem::too_large(detail));
+        let refused = authenticated.err().unwrap_or_else(|| Problem::too_large(detail));
         self.answer(&self.address(id, delimited), "none", Err(refused)).await;
     }
 
     async fn pong(&self, context: &[u8]) {
         if let Some(to) = self.to.lock().await.as_mut() {
-            let _ = tokio::time::timeout(PATIENCE, zmtp::pong(to, context)).await;
+            let _ = tokio::time::timeout(WRITE_TIMEOUT, zmtp::pong(to, context)).await;
         }
     }
 
-    /// Takes a request down in the log and in the metrics.
-    fn note(&self, to: &Address, name: &'static str, status: u16, refused: Option<&Problem>) {
+    /// Logs a request and updates the metrics.
+    fn note(&self, to: &ReplyAddress, name: &'static str, status: u16, refused: Option<&Problem>) {
         let seconds = to.since.elapsed().as_secs_f64();
         let who = self.who().ok();
         self.shared.log.request(&RequestLine {
             request: &to.request_id,
             transport: "zmq",
             operation: name,
-            who: who.as_ref().and_then(Who::owner),
+            who: who.as_ref().and_then(Principal::owner),
             status,
             problem: refused.map(|p| slug(&p.kind)),
             seconds,
-            trace: to.traceparent.as_deref().and_then(trace),
+            trace: to.traceparent.as_deref().and_then(parse_traceparent),
         });
-        self.shared.base.metrics.took("zmq", name, status, seconds);
+        self.shared.core.metrics.observe_duration("zmq", name, status, seconds);
     }
 
-    async fn answer(&self, to: &Address, name: &'static str, answer: Answer<Written>) {
+    async fn answer(&self, to: &ReplyAddress, name: &'static str, answer: HandlerResult<ZmqResponse>) {
         let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
-        self.shared.base.metrics.answered("ZMQ", name, status);
+        self.shared.core.metrics.count_response("ZMQ", name, status);
         self.note(to, name, status, answer.as_ref().err());
         let mut frames = match answer {
-            Ok(written) => written.frames(&to.id, &to.request_id),
-            Err(problem) => message::refusal(&to.id, &to.request_id, &problem),
+            Ok(response) => response.frames(&to.id, &to.request_id),
+            Err(problem) => message::error_frames(&to.id, &to.request_id, &problem),
         };
         if to.delimited {
             frames.insert(0, Vec::new());
         }
         let mut writing = self.to.lock().await;
         if let Some(open) = writing.as_mut() {
-            let sent = tokio::time::timeout(PATIENCE, zmtp::send(open, &frames)).await;
+            let sent = tokio::time::timeout(WRITE_TIMEOUT, zmtp::send(open, &frames)).await;
             if !matches!(sent, Ok(Ok(()))) {
-                // Half a message may have gone out: nothing after it would be understood.
+                // Part of a message may have been sent: the connection cannot be used any more.
                 *writing = None;
             }
         }
     }
 }
 
-/// Where an answer goes.
-struct Address {
+/// Where a response goes.
+struct ReplyAddress {
     /// As msgpack.
     id: Vec<u8>,
-    /// Given or made.
+    /// From the client or generated.
     request_id: String,
-    /// W3C's, as it was sent.
+    /// W3C trace context.
     traceparent: Option<String>,
-    /// When its request came.
+    /// Time of receipt.
     since: Instant,
-    /// Whether the client puts an empty frame in front, as a REQ does.
+    /// Whether the client is a REQ socket, which sends an empty delimiter frame first.
     delimited: bool,
 }
 
-impl Address {
-    /// What the request calls itself, if it can be called so, and what it is a part of.
-    fn is_called(&mut self, request: &mut Request) {
-        if let Some(given) = request.request_id.take().filter(|id| given_id(id).is_some()) {
-            self.request_id = given;
+impl ReplyAddress {
+    /// Takes over the client's request id, if valid, and its trace context.
+    fn set_request_id(&mut self, request: &mut ZmqRequest) {
+        if let Some(request_id) = request.request_id.take().filter(|id| valid_request_id(id).is_some()) {
+            self.request_id = request_id;
         }
         self.traceparent = request.traceparent.take();
     }

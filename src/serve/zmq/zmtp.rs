@@ -1,74 +1,75 @@
-//! ZMTP 3.1, the server's side of a ROUTER: greeting, READY, frames, PING (rfc.zeromq.org/spec/37).
+//! ZMTP 3.1, server side of a ROUTER: greeting, READY, frames, PING (rfc.zeromq.org/spec/37).
 //!
-//! Security is NULL, or PLAIN (rfc.zeromq.org/spec/24) whose password is a token. A token in the handshake is shown once a
-//! connection, by libzmq itself after every reconnection, and before anything large is taken; a field of each message would
-//! be checked only after that message had been read.
+//! Security is NULL, or PLAIN (rfc.zeromq.org/spec/24) with a token as the password. The handshake presents the token once a
+//! connection, after a reconnection libzmq repeats it, and it is checked before large messages are read; a field of each message
+//! would be checked only after reading it.
 //!
-//! *Differences from the source.* No CURVE, and no older protocol than 3.0. What a peer may send is bounded:
-//! a message has at most [`MOST_BYTES`] and [`MOST_FRAMES`]; more is read and dropped, so that it can be answered.
+//! *Differences from the source.* No CURVE, and no protocol before 3.0. Messages are bounded by [`MAX_MESSAGE_BYTES`] and
+//! [`MAX_FRAMES`]; larger ones are read and discarded, so that they can be answered.
 //!
-//! Ours and no library's: the `zeromq` crate (0.7.0, its source read) reserves whatever length a frame announces and knows
-//! no largest message, so that a dozen bytes from anybody end the process. Once it bounds both, this file can go.
+//! The `zeromq` crate (0.7.0) is not used: it allocates the length that a frame announces and has no maximum message size, so that
+//! a dozen bytes from anybody end the process. This file can be replaced once the crate bounds both.
 
 use std::io::{self, ErrorKind};
 
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 
-/// Largest message, bytes.
-pub const MOST_BYTES: usize = 16 * 1024 * 1024;
-/// Most frames of a message.
-pub const MOST_FRAMES: usize = 256;
-/// How much of a message above the limit is read and dropped before the connection is, bytes.
-const DRAINED: usize = 8 * MOST_BYTES;
+/// Maximum size of a message, bytes.
+pub const MAX_MESSAGE_BYTES: usize = 16 * 1024 * 1024;
+/// Maximum frames of a message.
+pub const MAX_FRAMES: usize = 256;
+/// Amount of an oversized message that is read and discarded before the connection is closed, bytes.
+const MAX_DRAINED_BYTES: usize = 8 * MAX_MESSAGE_BYTES;
 
 /// The receiving half of a connection.
 pub struct Receiver<R> {
     from: BufReader<R>,
-    /// Largest message that is taken, bytes.
-    most: usize,
+    /// Maximum size of an accepted message, bytes.
+    max_bytes: usize,
 }
 
-/// What a peer sent.
+/// Data received from a peer.
 #[derive(Debug, PartialEq)]
 pub enum Received {
     /// Frames of one message.
     Message(Vec<Vec<u8>>),
-    /// A message above the limits; its first frames as far as they were within them.
+    /// An oversized message: its first frames, as far as they are within the limits.
     TooLarge(Vec<Vec<u8>>),
-    /// The body of a PONG to be sent.
+    /// Context to be echoed in a PONG.
     Ping(Vec<u8>),
 }
 
-/// Exchanges greetings and what the mechanism wants, by which a client shows its token; an error ends the connection.
+/// Performs the handshake; returns the token of PLAIN. An error ends the connection.
 ///
-/// The mechanism is the client's choice: the second half of our greeting repeats it, so that a client without a token is
-/// met, and told what it lacks in answer to its request. Whether a token is good is not said here either.
+/// The client chooses the mechanism and the greeting repeats it, so that a client without a token can connect and is answered
+/// with 401. The token itself is not checked here.
 pub async fn handshake<R, W>(from: R, to: &mut W) -> io::Result<(Receiver<R>, Option<Vec<u8>>)>
 where
     R: AsyncRead + Unpin,
     W: AsyncWrite + Unpin,
 {
-    let mut receiver = Receiver { from: BufReader::with_capacity(64 * 1024, from), most: MOST_BYTES };
+    let mut receiver =
+        Receiver { from: BufReader::with_capacity(64 * 1024, from), max_bytes: MAX_MESSAGE_BYTES };
     to.write_all(&greeting()).await?;
     let mut theirs = [0; 64];
-    // Whoever speaks something else is noticed at the first byte.
+    // Other protocols are detected by the first byte.
     receiver.from.read_exact(&mut theirs[..1]).await?;
     if theirs[0] != 0xff {
-        return Err(bad("no greeting"));
+        return Err(protocol_error("not a ZMTP greeting"));
     }
     receiver.from.read_exact(&mut theirs[1..]).await?;
     if theirs[9] & 1 == 0 || theirs[10] < 3 {
-        return Err(bad("a version before 3.0"));
+        return Err(protocol_error("a version before 3.0"));
     }
     let name = &theirs[12..32];
     let plain = match name.iter().position(|b| *b == 0).map(|end| &name[..end]) {
         Some(b"NULL") => false,
         Some(b"PLAIN") => true,
-        _ => return Err(bad("a mechanism other than NULL and PLAIN")),
+        _ => return Err(protocol_error("a mechanism other than NULL and PLAIN")),
     };
-    let mut rest = [0; 64 - SIGNED];
+    let mut rest = [0; 64 - SIGNATURE_BYTES];
     rest[..20].copy_from_slice(name);
-    // As a server, which only PLAIN tells from a client.
+    // The as-server flag, which only PLAIN uses.
     rest[20] = u8::from(plain);
     to.write_all(&rest).await?;
     to.flush().await?;
@@ -77,8 +78,8 @@ where
         command(to, &ready()).await?;
     }
     let greeted = receiver.command().await?;
-    let told = greeted.strip_prefix(if plain { &b"\x08INITIATE"[..] } else { b"\x05READY" });
-    match told.and_then(|p| value_of(p, "Socket-Type")) {
+    let properties = greeted.strip_prefix(if plain { &b"\x08INITIATE"[..] } else { b"\x05READY" });
+    match properties.and_then(|p| property_value(p, "Socket-Type")) {
         Some(b"DEALER" | b"REQ" | b"ROUTER") => {
             if plain {
                 command(to, &ready()).await?;
@@ -86,10 +87,10 @@ where
             Ok((receiver, token))
         }
         Some(_) => {
-            refuse(to, "a ROUTER is here: connect a DEALER").await?;
-            Err(bad("a socket type that does not go with ROUTER"))
+            refuse(to, "this is a ROUTER: connect a DEALER").await?;
+            Err(protocol_error("a socket type that cannot connect to a ROUTER"))
         }
-        None => Err(bad("no READY")),
+        None => Err(protocol_error("no READY")),
     }
 }
 
@@ -113,12 +114,12 @@ async fn refuse<W: AsyncWrite + Unpin>(to: &mut W, reason: &str) -> io::Result<(
 }
 
 impl<R: AsyncRead + Unpin> Receiver<R> {
-    /// From now on messages of more bytes are read and dropped.
-    pub fn at_most(&mut self, bytes: usize) {
-        self.most = bytes;
+    /// Messages of more bytes are discarded from now on.
+    pub fn set_max_bytes(&mut self, bytes: usize) {
+        self.max_bytes = bytes;
     }
 
-    /// PLAIN's first half (RFC 24): HELLO with a name and a password, which is the token; then WELCOME.
+    /// First part of PLAIN (RFC 24): HELLO with a name and a password, which is the token; then WELCOME.
     async fn hello<W: AsyncWrite + Unpin>(&mut self, to: &mut W) -> io::Result<Vec<u8>> {
         let body = self.command().await?;
         let parts = body.strip_prefix(b"\x05HELLO").and_then(|rest| {
@@ -126,7 +127,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
             let (length, rest) = rest.get(usize::from(*length)..)?.split_first()?;
             rest.get(..usize::from(*length)).filter(|token| token.len() == rest.len())
         });
-        let token = parts.ok_or_else(|| bad("no HELLO"))?.to_vec();
+        let token = parts.ok_or_else(|| protocol_error("no HELLO"))?.to_vec();
         command(to, b"\x07WELCOME").await?;
         Ok(token)
     }
@@ -135,14 +136,14 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
     async fn command(&mut self) -> io::Result<Vec<u8>> {
         let (flags, length) = self.head().await?;
         if flags & COMMAND == 0 || length > 4096 {
-            return Err(bad("no READY"));
+            return Err(protocol_error("no READY"));
         }
         self.body(length as usize).await
     }
 }
 
 impl<R: AsyncRead + Unpin> Receiver<R> {
-    /// The next thing the peer sent; `None` at its end. What breaks the protocol is an error.
+    /// The next message or PING; `None` at the end of the stream. Protocol violations are errors.
     pub async fn receive(&mut self) -> io::Result<Option<Received>> {
         let (mut frames, mut bytes, mut too_large) = (Vec::new(), 0usize, false);
         loop {
@@ -152,10 +153,10 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
             let (flags, length) = self.head().await?;
             if flags & COMMAND != 0 {
                 if flags & MORE != 0 || length > 4096 {
-                    return Err(bad("a command of more than 4096 bytes"));
+                    return Err(protocol_error("a command of more than 4096 bytes"));
                 }
                 let body = self.body(length as usize).await?;
-                // Of other commands nothing is expected; PONG answers a ping that nobody sent.
+                // Other commands are ignored; PONG would answer a PING, and none is sent.
                 match body.strip_prefix(b"\x04PING") {
                     Some(rest) if frames.is_empty() && !too_large => {
                         return Ok(Some(Received::Ping(rest.get(2..).unwrap_or_default().to_vec())));
@@ -165,10 +166,10 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
             }
             let total = usize::try_from(length).ok().and_then(|n| bytes.checked_add(n));
             bytes = match total {
-                Some(total) if total <= DRAINED => total,
-                _ => return Err(bad("a message far above the limit")),
+                Some(total) if total <= MAX_DRAINED_BYTES => total,
+                _ => return Err(protocol_error("a message far above the size limit")),
             };
-            too_large |= bytes > self.most || frames.len() >= MOST_FRAMES;
+            too_large |= bytes > self.max_bytes || frames.len() >= MAX_FRAMES;
             if too_large {
                 let dropped =
                     tokio::io::copy(&mut (&mut self.from).take(length), &mut tokio::io::sink()).await?;
@@ -188,7 +189,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
     async fn head(&mut self) -> io::Result<(u8, u64)> {
         let flags = self.from.read_u8().await?;
         if flags & !(MORE | LONG | COMMAND) != 0 {
-            return Err(bad("a frame with unknown flags"));
+            return Err(protocol_error("a frame with unknown flags"));
         }
         let length = if flags & LONG != 0 {
             self.from.read_u64().await?
@@ -198,7 +199,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
         Ok((flags, length))
     }
 
-    /// Memory grows with what arrives, not with what is announced.
+    /// Memory grows with the bytes received, not with the announced length.
     async fn body(&mut self, length: usize) -> io::Result<Vec<u8>> {
         if let Some(body) = self.from.buffer().get(..length) {
             let body = body.to_vec();
@@ -218,7 +219,7 @@ pub async fn send<W: AsyncWrite + Unpin>(to: &mut W, frames: &[impl AsRef<[u8]>]
         let frame = frame.as_ref();
         let more = if i + 1 < frames.len() { MORE } else { 0 };
         together.extend_from_slice(&frame_head(more, frame.len()));
-        if frame.len() <= TOGETHER {
+        if frame.len() <= COALESCE_BYTES {
             together.extend_from_slice(frame);
         } else {
             to.write_all(&together).await?;
@@ -240,14 +241,14 @@ pub async fn pong<W: AsyncWrite + Unpin>(to: &mut W, context: &[u8]) -> io::Resu
 const MORE: u8 = 1;
 const LONG: u8 = 2;
 const COMMAND: u8 = 4;
-/// Frames up to this size go out in one piece with their neighbours, bytes.
-const TOGETHER: usize = 64 * 1024;
+/// Frames up to this size are written together with their neighbours, bytes.
+const COALESCE_BYTES: usize = 64 * 1024;
 
-/// Bytes of a greeting before the mechanism: signature and version.
-const SIGNED: usize = 12;
+/// Size of the greeting before the mechanism: signature and version, bytes.
+const SIGNATURE_BYTES: usize = 12;
 
-fn greeting() -> [u8; SIGNED] {
-    let mut greeting = [0; SIGNED];
+fn greeting() -> [u8; SIGNATURE_BYTES] {
+    let mut greeting = [0; SIGNATURE_BYTES];
     (greeting[0], greeting[9]) = (0xff, 0x7f);
     (greeting[10], greeting[11]) = (3, 1);
     greeting
@@ -271,13 +272,13 @@ fn property(out: &mut Vec<u8>, name: &str, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-/// The value of a property, names being told apart without regard to case.
-fn value_of<'a>(mut properties: &'a [u8], wanted: &str) -> Option<&'a [u8]> {
+/// Value of a property; names are case-insensitive.
+fn property_value<'a>(mut properties: &'a [u8], key: &str) -> Option<&'a [u8]> {
     while let Some((length, rest)) = properties.split_first() {
         let (name, rest) = rest.split_at_checked(*length as usize)?;
         let (size, rest) = rest.split_first_chunk::<4>()?;
         let (value, rest) = rest.split_at_checked(u32::from_be_bytes(*size) as usize)?;
-        if name.eq_ignore_ascii_case(wanted.as_bytes()) {
+        if name.eq_ignore_ascii_case(key.as_bytes()) {
             return Some(value);
         }
         properties = rest;
@@ -285,7 +286,7 @@ fn value_of<'a>(mut properties: &'a [u8], wanted: &str) -> Option<&'a [u8]> {
     None
 }
 
-fn bad(what: &str) -> io::Error {
+fn protocol_error(what: &str) -> io::Error {
     io::Error::new(ErrorKind::InvalidData, what)
 }
 
@@ -298,12 +299,12 @@ mod tests {
     }
 
     async fn receive(bytes: &[u8]) -> io::Result<Option<Received>> {
-        Receiver { from: BufReader::new(bytes), most: MOST_BYTES }.receive().await
+        Receiver { from: BufReader::new(bytes), max_bytes: MAX_MESSAGE_BYTES }.receive().await
     }
 
     #[test]
-    fn what_is_sent_is_received() {
-        let frames = [vec![], vec![7; 255], vec![8; 256], vec![9; TOGETHER + 1], vec![1]];
+    fn message_round_trip() {
+        let frames = [vec![], vec![7; 255], vec![8; 256], vec![9; COALESCE_BYTES + 1], vec![1]];
         run(async {
             let mut sent = Vec::new();
             send(&mut sent, &frames).await.unwrap();
@@ -316,15 +317,15 @@ mod tests {
     }
 
     #[test]
-    fn too_much_is_dropped_or_refused_and_pings_are_seen() {
+    fn bounds_messages_and_reports_pings() {
         run(async {
             let mut sent = Vec::new();
-            send(&mut sent, &[vec![5; 3], vec![0; MOST_BYTES]]).await.unwrap();
+            send(&mut sent, &[vec![5; 3], vec![0; MAX_MESSAGE_BYTES]]).await.unwrap();
             assert_eq!(receive(&sent).await.unwrap(), Some(Received::TooLarge(vec![vec![5; 3]])));
             let announced = [&[LONG][..], &(1u64 << 62).to_be_bytes()].concat();
             assert!(receive(&announced).await.is_err());
             let mut many = Vec::new();
-            send(&mut many, &vec![vec![1]; MOST_FRAMES + 1]).await.unwrap();
+            send(&mut many, &vec![vec![1]; MAX_FRAMES + 1]).await.unwrap();
             assert!(matches!(receive(&many).await.unwrap(), Some(Received::TooLarge(_))));
             let ping = [&[COMMAND, 9][..], b"\x04PING\x00\x00hi"].concat();
             assert_eq!(receive(&ping).await.unwrap(), Some(Received::Ping(b"hi".to_vec())));

@@ -1,37 +1,38 @@
-//! Statements of the paper that experiments check, as data: which arm of an experiment is said to do better than which.
+//! Claims of the paper that experiments check, as data: which arm of an experiment is expected to perform
+//! better than which.
 
-/// What is checked for a family.
+/// The claims checked for a family.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Claims {
-    /// About estimates, in the comparison of strategies.
-    pub estimates: &'static [Nearer],
-    /// About jump starts, in studies of transfer.
-    pub jump_starts: &'static [Ahead],
-    /// Whether the comparison of strategies also fits all trials so far in place of the last round's: five times the
-    /// work, an hour where rollouts are long.
+    /// Claims about estimation error, in the comparison of strategies.
+    pub estimates: &'static [EstimateClaim],
+    /// Claims about jump starts, in transfer studies.
+    pub jump_starts: &'static [JumpStartClaim],
+    /// Whether the comparison of strategies also fits all trials so far instead of only the last round's:
+    /// five times the work, an hour where rollouts are long.
     pub all_trials: bool,
 }
 
-/// The estimates of one strategy are said to be nearer the truth than another's.
+/// The estimates of one strategy are expected to be closer to the truth than another's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nearer {
-    /// For people.
+pub struct EstimateClaim {
+    /// Text shown to users.
     pub text: &'static str,
-    /// Name of the strategy that is said to be nearer.
+    /// Name of the strategy expected to be closer.
     pub better: &'static str,
-    /// Name of the other.
+    /// Name of the other strategy.
     pub worse: &'static str,
     /// Latent factors over which the errors are averaged.
     pub factors: &'static [&'static str],
 }
 
-/// Policies of one row of a study are said to start ahead of another's.
+/// The policies of one row of a study are expected to start with a better score than another's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ahead {
-    /// For people.
+pub struct JumpStartClaim {
+    /// Text shown to users.
     pub text: &'static str,
-    /// Name of the row that is said to be ahead.
+    /// Name of the row expected to be better.
     pub better: &'static str,
-    /// Name of the other.
+    /// Name of the other row.
     pub worse: &'static str,
 }

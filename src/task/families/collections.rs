@@ -1,23 +1,22 @@
-//! Collections of families that come with the program, and are taken in when they are asked for by name.
+//! Optional collections of built-in families, loaded by name.
 //!
-//! They do not stand beside bowling and basketball by themselves: each family brings two worlds and a hundred tasks, which who does
-//! not want them would wait for.
+//! They are not loaded by default: each family brings two worlds and a hundred tasks, which slows the start.
 
-use super::certified::Certified;
+use super::certificate::CertifiedTasks;
 use super::family::Family;
-use super::file::parse;
+use super::family_file::parse;
 use crate::error::Result;
 
-/// Families that belong together: a folder beside this file, of `NAME.toml` and `NAME.certified.json` each.
+/// A collection: a folder next to this file, of `NAME.toml` and `NAME.certified.json` each.
 pub struct Collection {
     pub name: &'static str,
-    /// One sentence.
+    /// One-sentence description.
     pub about: &'static str,
     /// Each family's file and its certified tasks.
     files: &'static [(&'static str, &'static str)],
 }
 
-/// The files of a folder by the names of families.
+/// The embedded files of a folder, by family name.
 macro_rules! files {
     ($folder:literal: $($name:literal),+ $(,)?) => {
         &[$((
@@ -31,7 +30,7 @@ macro_rules! files {
 pub static COLLECTIONS: [Collection; 2] = [
     Collection {
         name: "levels",
-        about: "ten families that are solved by who knows friction, restitution or density",
+        about: "ten families whose solutions depend on friction, restitution or density",
         files: files![
             "levels":
             "carom", "chute", "cradle", "hurdle", "jar", "scales", "seesaw", "shunt", "spin", "uphill",
@@ -39,7 +38,7 @@ pub static COLLECTIONS: [Collection; 2] = [
     },
     Collection {
         name: "phyre",
-        about: "PHYRE-B's 25 templates of one ball, written anew",
+        about: "PHYRE-B's 25 single-ball templates, reimplemented",
         files: files![
             "phyre":
             "phyre_00", "phyre_01", "phyre_02", "phyre_03", "phyre_04", "phyre_05", "phyre_06", "phyre_07",
@@ -50,16 +49,16 @@ pub static COLLECTIONS: [Collection; 2] = [
 ];
 
 impl Collection {
-    /// Its families, as a folder's would be read.
+    /// Parses its families.
     pub fn families(&self) -> Result<Vec<Family>> {
         self.files
             .iter()
-            .map(|(text, certified)| parse(text)?.with(Certified::from_json(certified)?))
+            .map(|(text, certified)| parse(text)?.with_tasks(CertifiedTasks::from_json(certified)?))
             .collect()
     }
 }
 
-/// The collection of a name, if there is one.
+/// The collection named `name`, if any.
 pub fn collection(name: &str) -> Option<&'static Collection> {
     COLLECTIONS.iter().find(|c| c.name == name)
 }
@@ -69,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_family_is_well_formed_and_no_name_stands_twice() {
+    fn families_are_well_formed_with_unique_names() {
         let mut names = Vec::new();
         for collection in &COLLECTIONS {
             let families = collection.families().unwrap_or_else(|e| panic!("{}: {e}", collection.name));

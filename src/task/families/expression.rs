@@ -1,19 +1,20 @@
-//! Arithmetic over named numbers, as families of tasks say how one number follows from others: `x1 + d1 / 2 + gap`.
+//! Arithmetic expressions over named numbers, for a family's derived values: `x1 + d1 / 2 + gap`.
 //!
-//! `+ - * /`, comparisons (1 if they hold, else 0), `and`, `or`, `not`, parentheses, `pi` and [`FUNCTIONS`]. No loops, no
-//! assignments, nothing outside: an expression ends, and gives the same bits everywhere (`libm`, no fused products).
+//! `+ - * /`, comparisons (1 if true, else 0), `and`, `or`, `not`, parentheses, `pi` and [`FUNCTIONS`]. There
+//! are no loops, assignments or side effects: evaluation terminates, and results have the same bits on every
+//! machine (`libm`, no fused products).
 
 use crate::error::{Error, Result};
 
-/// An expression whose names have been looked up.
+/// A parsed expression with resolved names.
 #[derive(Clone, Debug)]
-pub struct Expression(Term);
+pub struct Expression(ExpressionNode);
 
-/// Most bytes of an expression; bounds how deep it can be, too.
-const MOST_BYTES: usize = 400;
-/// Most parentheses, calls and signs within each other.
-const DEEPEST: usize = 40;
-/// What may be called, with the number of arguments; `min` and `max` take two or more.
+/// Maximum length of an expression, bytes; also bounds its depth.
+const MAX_EXPRESSION_BYTES: usize = 400;
+/// Maximum nesting of parentheses, calls and signs.
+const MAX_DEPTH: usize = 40;
+/// Functions by name, with their number of arguments; `min` and `max` take two or more.
 const FUNCTIONS: [(&str, Function); 8] = [
     ("min", Function::Two(f64::min)),
     ("max", Function::Two(f64::max)),
@@ -32,71 +33,71 @@ enum Function {
 }
 
 #[derive(Clone, Debug)]
-enum Term {
+enum ExpressionNode {
     Number(f64),
     /// Index of a name.
     Name(usize),
-    One(fn(f64) -> f64, Box<Term>),
-    Two(fn(f64, f64) -> f64, Box<[Term; 2]>),
+    One(fn(f64) -> f64, Box<ExpressionNode>),
+    Two(fn(f64, f64) -> f64, Box<[ExpressionNode; 2]>),
 }
 
 impl Expression {
-    /// Parses `text`, the value of `field`, over `names`; the error says where it stops being one.
+    /// Parses `text`, the value of `field`, over `names`; an error names the position.
     pub fn parse(field: &str, text: &str, names: &[String]) -> Result<Expression> {
         let refuse = |why: String| Error::input(field, format!("{text:?}"), format!("an expression ({why})"));
-        if text.len() > MOST_BYTES {
-            return Err(refuse(format!("at most {MOST_BYTES} bytes, this has {}", text.len())));
+        if text.len() > MAX_EXPRESSION_BYTES {
+            return Err(refuse(format!("at most {MAX_EXPRESSION_BYTES} bytes, this has {}", text.len())));
         }
         let mut parser = Parser { text, at: 0, names, depth: 0 };
-        let term = parser.either().map_err(refuse)?;
+        let term = parser.disjunction().map_err(refuse)?;
         parser.skip();
         match parser.rest() {
             "" => Ok(Expression(term)),
-            _ => Err(refuse(parser.wanted("an operator or the end"))),
+            _ => Err(refuse(parser.expected("an operator or the end"))),
         }
     }
 
-    /// A number that follows from nothing.
+    /// A constant expression.
     pub fn number(value: f64) -> Expression {
-        Expression(Term::Number(value))
+        Expression(ExpressionNode::Number(value))
     }
 
-    /// How much there is to compute: numbers, names and operations.
+    /// Its cost: number of constants, names and operations.
     pub fn size(&self) -> usize {
         self.0.size()
     }
 
-    /// What it gives for values of the names it was parsed over; not finite where it has none.
+    /// Evaluates the expression; the result is not finite where it is undefined.
     pub fn value(&self, values: &[f64]) -> f64 {
         self.0.value(values)
     }
 }
 
-impl Term {
+impl ExpressionNode {
     fn size(&self) -> usize {
         match self {
-            Term::Number(_) | Term::Name(_) => 1,
-            Term::One(_, a) => 1 + a.size(),
-            Term::Two(_, ab) => 1 + ab[0].size() + ab[1].size(),
+            ExpressionNode::Number(_) | ExpressionNode::Name(_) => 1,
+            ExpressionNode::One(_, a) => 1 + a.size(),
+            ExpressionNode::Two(_, ab) => 1 + ab[0].size() + ab[1].size(),
         }
     }
 
     fn value(&self, values: &[f64]) -> f64 {
         match self {
-            Term::Number(v) => *v,
-            Term::Name(i) => values.get(*i).copied().unwrap_or(f64::NAN),
-            Term::One(f, a) => f(a.value(values)),
-            Term::Two(f, ab) => f(ab[0].value(values), ab[1].value(values)),
+            ExpressionNode::Number(v) => *v,
+            ExpressionNode::Name(i) => values.get(*i).copied().unwrap_or(f64::NAN),
+            ExpressionNode::One(f, a) => f(a.value(values)),
+            ExpressionNode::Two(f, ab) => f(ab[0].value(values), ab[1].value(values)),
         }
     }
 }
 
-/// An operator and what it does.
+/// An operator and its function.
 type Operator = (&'static str, fn(f64, f64) -> f64);
 
 const OR: [Operator; 1] = [("or", |a, b| truth(a != 0.0 || b != 0.0))];
 const AND: [Operator; 1] = [("and", |a, b| truth(a != 0.0 && b != 0.0))];
-/// Longer ones first: `<=` begins with `<`.
+/// Longer ones first: `<=` starts with `<`.
 const COMPARED: [Operator; 6] = [
     ("<=", |a, b| truth(a <= b)),
     (">=", |a, b| truth(a >= b)),
@@ -112,7 +113,7 @@ fn truth(holds: bool) -> f64 {
     f64::from(u8::from(holds))
 }
 
-/// By recursive descent; each level binds tighter than the one before.
+/// A recursive-descent parser; each level binds tighter than the previous one.
 struct Parser<'a> {
     text: &'a str,
     at: usize,
@@ -120,10 +121,10 @@ struct Parser<'a> {
     depth: usize,
 }
 
-type Parsed = std::result::Result<Term, String>;
+type Parsed = std::result::Result<ExpressionNode, String>;
 
 impl Parser<'_> {
-    fn either(&mut self) -> Parsed {
+    fn disjunction(&mut self) -> Parsed {
         self.chain(&OR, |p| p.chain(&AND, Self::negated))
     }
 
@@ -133,39 +134,43 @@ impl Parser<'_> {
             return self.compared();
         }
         self.at += "not".len();
-        Ok(Term::One(|a| truth(a == 0.0), Box::new(self.negated()?)))
+        Ok(ExpressionNode::One(|a| truth(a == 0.0), Box::new(self.negated()?)))
     }
 
-    /// One comparison, not a chain: `a < b < c` would not mean what it says.
+    /// One comparison, not a chain: `a < b < c` would not have its mathematical meaning.
     fn compared(&mut self) -> Parsed {
         let left = self.chain(&SUMS, |p| p.chain(&PRODUCTS, Self::signed))?;
         let Some(compare) = self.operator(&COMPARED) else { return Ok(left) };
         let right = self.chain(&SUMS, |p| p.chain(&PRODUCTS, Self::signed))?;
-        Ok(Term::Two(compare, Box::new([left, right])))
+        Ok(ExpressionNode::Two(compare, Box::new([left, right])))
     }
 
     fn chain(&mut self, operators: &[Operator], next: fn(&mut Self) -> Parsed) -> Parsed {
         let mut left = next(self)?;
         while let Some(operator) = self.operator(operators) {
-            left = Term::Two(operator, Box::new([left, next(self)?]));
+            left = ExpressionNode::Two(operator, Box::new([left, next(self)?]));
         }
         Ok(left)
     }
 
     fn signed(&mut self) -> Parsed {
         self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(format!("at most {DEEPEST} parentheses, calls and signs within each other"));
+        if self.depth > MAX_DEPTH {
+            return Err(format!("at most {MAX_DEPTH} parentheses, calls and signs within each other"));
         }
-        let term = if self.takes("-") { Term::One(|a| -a, Box::new(self.signed()?)) } else { self.one()? };
+        let term = if self.consume("-") {
+            ExpressionNode::One(|a| -a, Box::new(self.signed()?))
+        } else {
+            self.primary()?
+        };
         self.depth -= 1;
         Ok(term)
     }
 
-    fn one(&mut self) -> Parsed {
-        if self.takes("(") {
-            let inner = self.either()?;
-            return if self.takes(")") { Ok(inner) } else { Err(self.wanted("`)`")) };
+    fn primary(&mut self) -> Parsed {
+        if self.consume("(") {
+            let inner = self.disjunction()?;
+            return if self.consume(")") { Ok(inner) } else { Err(self.expected("`)`")) };
         }
         let word = self.word().to_string();
         if word.is_empty() {
@@ -176,8 +181,8 @@ impl Parser<'_> {
             return self.call(*function);
         }
         let found = match self.names.iter().position(|n| *n == word) {
-            Some(index) => Term::Name(index),
-            None if word == "pi" => Term::Number(std::f64::consts::PI),
+            Some(index) => ExpressionNode::Name(index),
+            None if word == "pi" => ExpressionNode::Number(std::f64::consts::PI),
             None => {
                 let functions = FUNCTIONS.map(|f| f.0).join(", ");
                 let names = self.names.join(", ");
@@ -189,22 +194,22 @@ impl Parser<'_> {
     }
 
     fn call(&mut self, function: Function) -> Parsed {
-        if !self.takes("(") {
-            return Err(self.wanted("`(`"));
+        if !self.consume("(") {
+            return Err(self.expected("`(`"));
         }
-        let mut arguments = vec![self.either()?];
-        while self.takes(",") {
-            arguments.push(self.either()?);
+        let mut arguments = vec![self.disjunction()?];
+        while self.consume(",") {
+            arguments.push(self.disjunction()?);
         }
-        if !self.takes(")") {
-            return Err(self.wanted("`,` or `)`"));
+        if !self.consume(")") {
+            return Err(self.expected("`,` or `)`"));
         }
         let several = arguments.len();
         match function {
-            Function::One(f) if several == 1 => Ok(Term::One(f, Box::new(arguments.remove(0)))),
+            Function::One(f) if several == 1 => Ok(ExpressionNode::One(f, Box::new(arguments.remove(0)))),
             Function::Two(f) if several >= 2 => {
-                let folded = arguments.into_iter().reduce(|a, b| Term::Two(f, Box::new([a, b])));
-                folded.ok_or_else(|| self.wanted("arguments"))
+                let folded = arguments.into_iter().reduce(|a, b| ExpressionNode::Two(f, Box::new([a, b])));
+                folded.ok_or_else(|| self.expected("arguments"))
             }
             Function::One(_) => Err(format!("one argument before character {}, not {several}", self.at)),
             Function::Two(_) => Err(format!("two arguments before character {}, not {several}", self.at)),
@@ -225,9 +230,9 @@ impl Parser<'_> {
         match self.rest()[..end].parse::<f64>() {
             Ok(v) if v.is_finite() => {
                 self.at += end;
-                Ok(Term::Number(v))
+                Ok(ExpressionNode::Number(v))
             }
-            _ => Err(self.wanted("a number, a name or `(`")),
+            _ => Err(self.expected("a number, a name or `(`")),
         }
     }
 
@@ -241,14 +246,14 @@ impl Parser<'_> {
         Some(found.1)
     }
 
-    fn takes(&mut self, sign: &str) -> bool {
+    fn consume(&mut self, sign: &str) -> bool {
         self.skip();
         let there = self.rest().starts_with(sign);
         self.at += if there { sign.len() } else { 0 };
         there
     }
 
-    /// The name that begins here, or nothing.
+    /// The name at the current position, or an empty string.
     fn word(&self) -> &str {
         let rest = self.rest();
         let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len());
@@ -263,7 +268,7 @@ impl Parser<'_> {
         &self.text[self.at..]
     }
 
-    fn wanted(&self, what: &str) -> String {
+    fn expected(&self, what: &str) -> String {
         format!("{what} at character {}", self.text[..self.at].chars().count() + 1)
     }
 }
@@ -277,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn values_known_by_hand() {
+    fn evaluates_known_values() {
         let check = |text: &str, wanted: f64| {
             let found = Expression::parse("f", text, &names()).unwrap().value(&[3.0, 0.5, 7.0]);
             assert_eq!(found.to_bits(), wanted.to_bits(), "{text}: {found} != {wanted}");
@@ -301,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_expression_is_refused_where_it_stops() {
+    fn rejects_invalid_expressions_with_position() {
         let deep = format!("{}1{}", "(".repeat(60), ")".repeat(60));
         let long = "1 + ".repeat(200) + "1";
         for (text, wanted) in [

@@ -1,17 +1,18 @@
-//! Families of a folder: each `*.toml` with the file of its certified tasks beside it.
+//! Reads families from a folder: each `*.toml` with the file of its certified tasks next to it.
 
 use std::path::{Path, PathBuf};
 
-use super::certified::Certified;
+use super::certificate::CertifiedTasks;
 use super::family::Family;
-use super::file::{MOST_BYTES, parse_beside};
+use super::family_file::{MAX_FILE_BYTES, parse_beside};
 use crate::error::{Error, Result};
 
-/// Most bytes of a file of certified tasks: a thousand tasks of sixteen components are a third of it.
-const MOST_CERTIFIED: usize = 1 << 20;
+/// Maximum size of a file of certified tasks, bytes: three times that of a thousand tasks of sixteen
+/// components.
+const MAX_CERTIFIED_BYTES: usize = 1 << 20;
 
-/// Most bytes of a file of scenes.
-const MOST_SCENES: usize = 64 << 20;
+/// Maximum size of a file of scenes, bytes.
+const MAX_SCENES_BYTES: usize = 64 << 20;
 
 /// Every family of a folder, in order of file name.
 pub fn read_families(folder: &Path) -> Result<Vec<Family>> {
@@ -25,11 +26,11 @@ pub fn read_families(folder: &Path) -> Result<Vec<Family>> {
 
 /// A family without its certified tasks.
 pub fn read_family(path: &Path) -> Result<Family> {
-    let beside = |file: &str| text(&path.with_file_name(file), MOST_SCENES);
-    parse_beside(&text(path, MOST_BYTES)?, &beside).map_err(|e| e.at(path.display()))
+    let beside = |file: &str| text(&path.with_file_name(file), MAX_SCENES_BYTES);
+    parse_beside(&text(path, MAX_FILE_BYTES)?, &beside).map_err(|e| e.in_file(path.display()))
 }
 
-/// Where the certified tasks of a family's file are: `NAME.certified.json` beside `NAME.toml`.
+/// Path of the certified tasks of a family's file: `NAME.certified.json` next to `NAME.toml`.
 pub fn certified_beside(path: &Path) -> PathBuf {
     path.with_extension("certified.json")
 }
@@ -39,18 +40,19 @@ fn read_certified(path: &Path) -> Result<Family> {
     let beside = certified_beside(path);
     if !beside.is_file() {
         let value = format!("without {}", beside.display());
-        let allowed = format!("certified tasks beside it: `iplw tasks check {}` makes them", path.display());
-        return Err(Error::input("", value, allowed).at(path.display()));
+        let allowed =
+            format!("certified tasks next to it; `iplw tasks check {}` creates them", path.display());
+        return Err(Error::input("", value, allowed).in_file(path.display()));
     }
-    let certified = Certified::from_json(&text(&beside, MOST_CERTIFIED)?);
-    certified.and_then(|c| family.with(c)).map_err(|e| e.at(beside.display()))
+    let certified = CertifiedTasks::from_json(&text(&beside, MAX_CERTIFIED_BYTES)?);
+    certified.and_then(|c| family.with_tasks(c)).map_err(|e| e.in_file(beside.display()))
 }
 
 fn text(path: &Path, most: usize) -> Result<String> {
     let size = std::fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
     if size > most as u64 {
         let error = Error::input("", format!("{size} bytes"), format!("at most {most} bytes"));
-        return Err(error.at(path.display()));
+        return Err(error.in_file(path.display()));
     }
     std::fs::read_to_string(path).map_err(|e| Error::io(path, e))
 }

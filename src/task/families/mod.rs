@@ -1,44 +1,49 @@
-//! Families of tasks: everything that is particular to one stands in its file, and everything else iterates
+//! Families of tasks: everything specific to a family is in its file, and all other code iterates over
 //! [`families`].
 //!
-//! A family is one TOML file (scenes, goal, action space, what is hidden, priors, presets, which statements of the paper
-//! are checked for it), its certified tasks beside it, and one row here. A list of scenes in a file may stand for what is
-//! drawn. Files of users are taken in by [`take_in`]. See `docs/extending.md`.
+//! A family is one TOML file (scenes, goal, action space, hidden physics, priors, presets, claims of the
+//! paper to check), its certified tasks next to it, and one row here. A file of scenes may replace the
+//! sampled candidates. [`register_families`] adds users' families. See `docs/how-to/extend.md`.
+//!
+//! The registry is the one process-wide state of the core: it is filled once, on first use or by
+//! [`register_families`], and never changes after that. `folder` is the one file that reads from disk.
 
-mod certified;
+mod candidate_sampler;
+mod candidate_source;
+mod certificate;
 mod claims;
 mod collections;
-mod draw;
 mod expression;
 mod family;
-mod file;
+mod family_file;
 mod folder;
-mod listed;
 mod presets;
 mod real;
-mod source;
+mod scene_list;
 mod template;
 #[cfg(test)]
 mod tests;
 
 use std::sync::OnceLock;
 
-pub use certified::{Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Selection};
-pub use claims::{Ahead, Claims, Nearer};
+pub use candidate_sampler::CandidateDraws;
+pub use certificate::{
+    CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, CertifiedRow, CertifiedTasks, Selection, SolvingShareBin,
+};
+pub use claims::{Claims, EstimateClaim, JumpStartClaim};
 pub use collections::{COLLECTIONS, Collection, collection};
-pub use draw::Draws;
 pub use family::Family;
-pub use file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
+pub use family_file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
 pub use folder::{certified_beside, read_families, read_family};
-pub use presets::{Labels, Learning};
+pub use presets::{LabelCounts, Learning};
 pub use real::RealPhysics;
 
 use crate::error::{Error, Result};
 
-/// The family that commands take if none is named.
+/// The default family of commands.
 pub const DEFAULT_FAMILY: &str = "bowling";
 
-/// Each name: `NAME.toml` and `NAME.certified.json`.
+/// The embedded files of each name: `NAME.toml` and `NAME.certified.json`.
 macro_rules! built_in {
     ($($name:literal),+ $(,)?) => {
         [$((include_str!(concat!($name, ".toml")), include_str!(concat!($name, ".certified.json")))),+]
@@ -48,16 +53,16 @@ macro_rules! built_in {
 /// Every built-in family.
 static BUILT_IN: [(&str, &str); 2] = built_in!["bowling", "basketball"];
 
-/// Families last as long as the program: they are read when they are first asked for, and do not change after that.
+/// Parsed on first use; immutable after that.
 static FAMILIES: OnceLock<Vec<&'static Family>> = OnceLock::new();
 
-/// Every family: the built-in ones, then those that were taken in.
+/// Every family: the built-in ones, then the registered ones.
 pub fn families() -> &'static [&'static Family] {
     FAMILIES.get_or_init(built_in)
 }
 
-/// Takes families in, beside the built-in ones. Once, before anything asks for families.
-pub fn take_in(own: Vec<Family>) -> Result<()> {
+/// Registers additional families. Must be called at most once, before the first call of [`families`].
+pub fn register_families(own: Vec<Family>) -> Result<()> {
     let mut all = built_in();
     for family in own {
         if all.iter().any(|f| f.name == family.name) {
@@ -69,7 +74,7 @@ pub fn take_in(own: Vec<Family>) -> Result<()> {
         }
         all.push(Box::leak(Box::new(family)));
     }
-    let late = || Error::Failed("families can only be taken in before the first one is asked for".into());
+    let late = || Error::Failed("families can only be registered before the first one is used".into());
     FAMILIES.set(all).map_err(|_| late())
 }
 
@@ -84,7 +89,7 @@ pub fn family(name: &str) -> Result<&'static Family> {
 
 fn built_in() -> Vec<&'static Family> {
     let read = |(text, certified): &(&str, &str)| -> Result<Family> {
-        parse_family(text)?.with(Certified::from_json(certified)?)
+        parse_family(text)?.with_tasks(CertifiedTasks::from_json(certified)?)
     };
     let one = |row| -> &'static Family {
         Box::leak(Box::new(read(row).expect("the families in the crate are well-formed: tested")))

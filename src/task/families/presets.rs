@@ -1,48 +1,45 @@
-//! How policies of a family are trained and their actions labelled if nobody says otherwise. Every way in (HTTP,
-//! ZeroMQ, command line, experiments) takes them from here; what stands for tasks of no family is
-//! [`Learning::STANDARD`].
+//! Default training and labelling settings of a family's policies, for all interfaces (HTTP, ZeroMQ, command
+//! line, experiments). Tasks without a family use [`Learning::STANDARD`].
 
-/// Training of a policy.
+/// Training settings of a policy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Learning {
-    /// Updates.
+    /// Number of updates.
     pub batches: usize,
-    /// Examples per update, an even number: half of them solving.
+    /// Examples per update, an even number: half of them solving actions.
     pub batch_size: usize,
-    /// Labelled actions of a training on its own.
-    pub labels: Labels,
-    /// Labelled actions where policies are compared: more than the batches can use rank unseen tasks better (0.61 to
-    /// 0.65 AUCCESS on bowling from 250 to 800).
-    pub study_labels: Labels,
+    /// Labelled actions for a single training run.
+    pub labels: LabelCounts,
+    /// Labelled actions for comparisons of policies: more than the updates need, which improves the
+    /// ranking of unseen tasks (see docs/calibration.md).
+    pub study_labels: LabelCounts,
 }
 
-/// How many actions of each task are labelled.
+/// Number of actions labelled for each task.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Labels {
+pub struct LabelCounts {
     /// Valid actions of each task.
     pub per_task: usize,
-    /// A task with fewer solving actions than this gets further ones...
+    /// A task with fewer solving actions than this gets more labels ...
     pub enough_solving: usize,
     /// ... until it has this many times `per_task`.
     pub stretch: usize,
 }
 
 impl Learning {
-    /// 1000 batches of 16, as in the paper's bowling. 300 labels leave 20 to 30 solving actions for a task of which 1
-    /// in 10 solves; rarer ones are searched five times as long.
+    /// 1000 batches of 16, as in the paper's bowling experiment. 300 labels contain 20 to 30 solving
+    /// actions of a task of which one in 10 solves; rarer ones are sampled up to five times as much.
     pub const STANDARD: Learning = Learning {
         batches: 1000,
         batch_size: 16,
-        labels: Labels { per_task: 300, enough_solving: 15, stretch: 5 },
-        study_labels: Labels { per_task: 800, enough_solving: 15, stretch: 2 },
+        labels: LabelCounts { per_task: 300, enough_solving: 15, stretch: 5 },
+        study_labels: LabelCounts { per_task: 800, enough_solving: 15, stretch: 2 },
     };
 
-    /// The same for a training that goes on for as long as it helps: it sees a label often, so it takes more of them, and
-    /// batches that are large enough not to shake what was learned. On bowling with the true physics 300 labels a task and batches
-    /// of 16 are best after 1000 batches (AUCCESS on validation tasks 0.87, then falling to 0.70); 1000 labels and batches of 64
-    /// go on to 0.98 after 7000.
+    /// The settings for training until saturation: labels are reused often, so there are more of them,
+    /// and batches are larger to reduce gradient noise (chosen in docs/calibration.md).
     pub fn saturating(&self) -> Learning {
-        let labels = Labels { per_task: self.labels.per_task.max(1000), ..self.labels };
+        let labels = LabelCounts { per_task: self.labels.per_task.max(1000), ..self.labels };
         Learning { batch_size: self.batch_size.max(64), labels, ..*self }
     }
 }

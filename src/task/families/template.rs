@@ -1,14 +1,14 @@
-//! A scene in which numbers may be expressions: `iplw.scene/1` as it is, with `"= x1 + d1"` wherever a number may stand.
+//! Scene templates: an `iplw.scene/1` document in which `"= x1 + d1"` may replace any number.
 //!
-//! What a scene may hold is said by [`Scene`] alone, so that a new shape or goal can be in families at once.
+//! [`Scene`] alone defines the valid fields, so new shapes and goals can be used in families at once.
 
 use serde_json::{Map, Number, Value};
 
 use super::expression::Expression;
-use crate::error::{Error, Input, Result};
+use crate::error::{Error, InvalidInput, Result};
 use crate::task::scene::{FORMAT, Scene};
 
-/// The scene of a family's candidates.
+/// The scene template of a family's candidates.
 #[derive(Debug)]
 pub struct Template(Node);
 
@@ -20,33 +20,33 @@ enum Node {
     Fields(Vec<(String, Node)>),
 }
 
-/// What begins an expression.
+/// Prefix of an expression.
 const MARK: char = '=';
 
 impl Template {
-    /// Reads the table `scene`; expressions are over `names`. Errors name the path.
+    /// Parses the table `scene`; expressions are over `names`. Errors name the path.
     pub fn new(table: &toml::Table, names: &[String]) -> Result<Template> {
         Ok(Template(fields("scene", table, names)?))
     }
 
-    /// The scene for values of the names: read, and not yet validated. `name` is its name if it says none.
+    /// The scene for the values of the names, not yet validated. `name` is its default name.
     pub fn fill(&self, name: &str, values: &[f64]) -> Result<Scene> {
         let mut scene = self.0.fill(values);
         if let Value::Object(fields) = &mut scene {
             fields.entry("format").or_insert_with(|| FORMAT.into());
             fields.entry("name").or_insert_with(|| name.into());
         }
-        crate::json::from_value(scene).map_err(|e| in_a_file(e.under("scene")))
+        crate::json::from_value(scene).map_err(|e| reword_for_toml(e.in_field("scene")))
     }
 }
 
-/// The error of a field, without a word of JSON, which the file is not.
-fn in_a_file(error: Error) -> Error {
+/// Rewords the error of a field for TOML files.
+fn reword_for_toml(error: Error) -> Error {
     match error {
         Error::Input(input) => {
             let allowed =
                 input.allowed.replace("valid JSON of this format", &format!("what {FORMAT} allows"));
-            Error::Input(Input { allowed, ..input })
+            Error::Input(InvalidInput { allowed, ..input })
         }
         other => other,
     }
@@ -57,7 +57,7 @@ fn fields(path: &str, table: &toml::Table, names: &[String]) -> Result<Node> {
         Ok((key.clone(), node(&format!("{path}.{key}"), value, names)?))
     };
     let fields: Vec<(String, Node)> = table.iter().map(of).collect::<Result<_>>()?;
-    // What is fixed throughout is copied whole.
+    // Subtrees without expressions are stored as one value.
     if !fields.iter().all(|(_, node)| matches!(node, Node::Fixed(_))) {
         return Ok(Node::Fields(fields));
     }
@@ -101,7 +101,8 @@ impl Node {
     }
 }
 
-/// A number; whole ones such that they may stand for a count, too. Null for what is not finite: refused where it stands.
+/// A JSON number; whole numbers become integers so that they can be counts. Non-finite values become null,
+/// which the parser rejects.
 fn number(v: f64) -> Value {
     let whole = v.fract() == 0.0 && v.abs() <= 9e15 && v.to_bits() != (-0.0f64).to_bits();
     if whole { (v as i64).into() } else { Number::from_f64(v).map_or(Value::Null, Value::Number) }
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_filled_in_and_everything_else_is_the_scenes() {
+    fn fills_expressions_and_keeps_other_fields() {
         let scene = template(TEXT).unwrap().fill("drop", &[0.3, 4.0]).unwrap();
         assert_eq!((scene.name.as_str(), scene.steps), ("drop", 40));
         assert_eq!(scene.bodies[0].shape.disc_radius(), Some(0.15));

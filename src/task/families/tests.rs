@@ -1,28 +1,29 @@
-//! What holds for every family's file, and what is refused in one.
+//! Properties of every built-in family's file, and the errors of invalid files.
 
 use super::*;
 
-/// Each number of every scene of the grid, as they were when the families were code: 4,690 and 66 scenes.
+/// Golden: the numbers of all scenes of the grids, 4,690 and 66 scenes, are those of the first
+/// implementation.
 #[test]
-fn candidates_of_the_papers_families_are_the_same_bits() {
+fn candidates_of_the_papers_families_are_unchanged() {
     let found = ["bowling", "basketball"].map(|name| {
         let family = family(name).unwrap();
         let scenes: Vec<String> = family.candidates(CANDIDATE_SEED).map(|s| s.to_json()).collect();
         assert_eq!(scenes.len(), family.draws(CANDIDATE_SEED).unwrap().candidates.len());
-        let digest = scenes.iter().fold(0, |sum, scene| crate::rng::derive(sum, scene, 0));
+        let digest = scenes.iter().fold(0, |sum, scene| crate::rng::derive_seed(sum, scene, 0));
         format!("{name}: {} {digest:016x}", scenes.len())
     });
     assert_eq!(found, ["bowling: 4690 cbd816c20d093ef1", "basketball: 66 8602e0f9b41d3d11"]);
 }
 
 #[test]
-fn built_in_families_are_read_with_their_tasks_and_have_a_default() {
+fn built_in_families_parse_with_their_tasks() {
     for (text, certified) in BUILT_IN {
         let family = parse_family(text).unwrap();
         let name = family.name;
-        let found = Certified::from_json(certified).unwrap();
+        let found = CertifiedTasks::from_json(certified).unwrap();
         assert_eq!(found.to_json(), certified.replace("\r\n", "\n"), "{name}");
-        assert!(family.with(found).unwrap_or_else(|e| panic!("{name}: {e}")).tasks().len() >= 3);
+        assert!(family.with_tasks(found).unwrap_or_else(|e| panic!("{name}: {e}")).tasks().len() >= 3);
     }
     assert!(family(DEFAULT_FAMILY).is_ok());
 }
@@ -69,15 +70,15 @@ sample = 50
 bins = [{ from = 0.1, to = 1, tasks = 3 }]
 "#;
 
-/// A family that is refused, and what the error says.
-fn refused(text: &str, wanted: &str) {
+/// Asserts that a family is rejected, and that the error contains a text.
+fn assert_rejected(text: &str, wanted: &str) {
     let error = parse_family(text).map(|f| f.name).expect_err(wanted).to_string();
     assert!(error.contains(wanted), "{error:?} does not say {wanted:?}");
     assert_eq!(error.lines().count(), 1, "{error}");
 }
 
 #[test]
-fn what_is_wrong_in_a_file_is_named() {
+fn errors_name_the_invalid_field() {
     let family = parse_family(SMALL).unwrap();
     assert_eq!(family.candidates(0).count(), 5);
     assert_eq!(family.prior, [(1.0, 0.5), (0.5, 0.25), (0.5, 0.25)]);
@@ -109,7 +110,7 @@ fn what_is_wrong_in_a_file_is_named() {
         ("[1, 2]", "[1, \"2\"]", "`candidates.parameters.n[1]` is \"2\"; allowed: a number"),
         ("step = 0.5", "step = 0", "`candidates.parameters.m` is"),
         ("step = 0.5", "step = 1e-9", "`candidates.parameters.m` is"),
-        ("gap = \"", "n = \"", "`candidates.values.n` is \"n\"; allowed: a name that is not taken"),
+        ("gap = \"", "n = \"", "`candidates.values.n` is \"n\"; allowed: a name that is not in use"),
         (
             "w + n",
             "w + q",
@@ -128,7 +129,7 @@ fn what_is_wrong_in_a_file_is_named() {
         ("damping = 0.9", "damping = 0", "`real.damping` is 0"),
         ("sample = 50", "sample = 0", "`tasks.sample` is 0; allowed: a whole number from 10"),
         ("from = 0.1", "from = 2", "`tasks.bins[0].from` is 2; allowed: a number from 0 to 1"),
-        ("tasks = 3", "tasks = 4", "`tasks.bins` is 4 in all, while train, validation and test are 3"),
+        ("tasks = 3", "tasks = 4", "`tasks.bins` is 4 in total, but train, validation and test are 3"),
         ("[real]", "[prior]\ndensity = [1, 0]\n[real]", "`prior.density[1]` is 0"),
         (
             "[real]",
@@ -137,24 +138,24 @@ fn what_is_wrong_in_a_file_is_named() {
         ),
     ] {
         assert!(SMALL.contains(from), "{from}");
-        refused(&SMALL.replacen(from, to, 1), wanted);
+        assert_rejected(&SMALL.replacen(from, to, 1), wanted);
     }
 }
 
 #[test]
-fn what_is_no_file_or_too_large_is_refused() {
-    refused("", "missing field `format`");
-    refused(&SMALL.replace("[real]", "[[real]]"), "real");
-    refused(&"a".repeat(2 << 20), "at most 1048576 bytes");
+fn rejects_malformed_and_oversized_files() {
+    assert_rejected("", "missing field `format`");
+    assert_rejected(&SMALL.replace("[real]", "[[real]]"), "real");
+    assert_rejected(&"a".repeat(2 << 20), "at most 1048576 bytes");
     let list = ["1"; 30_000].join(", ");
-    refused(
+    assert_rejected(
         &SMALL.replace("[1, 2]", &format!("[{list}]")).replace("{ low = 1, high = 2 }", &format!("[{list}]")),
         "a larger grid",
     );
 }
 
 #[test]
-fn certified_tasks_of_another_family_are_refused() {
+fn rejects_certified_tasks_of_another_family() {
     let family = || parse_family(SMALL).unwrap();
     let row = |candidate| CertifiedRow {
         candidate,
@@ -165,18 +166,18 @@ fn certified_tasks_of_another_family_are_refused() {
             solving_share_undamped: 0.5,
         },
     };
-    let good = Certified {
+    let good = CertifiedTasks {
         format: CERTIFIED_FORMAT.into(),
         family: "drop".into(),
         digest: family().digest.clone(),
         rows: vec![row(0), row(2), row(4)],
     };
-    let tasks = family().with(good.clone()).unwrap().tasks();
+    let tasks = family().with_tasks(good.clone()).unwrap().tasks();
     assert_eq!((tasks.len(), tasks[2].id.as_str()), (3, "drop:002"));
-    let check = |change: &dyn Fn(&mut Certified), wanted: &str| {
+    let check = |change: &dyn Fn(&mut CertifiedTasks), wanted: &str| {
         let mut bad = good.clone();
         change(&mut bad);
-        let error = family().with(bad).map(|f| f.name).expect_err(wanted).to_string();
+        let error = family().with_tasks(bad).map(|f| f.name).expect_err(wanted).to_string();
         assert!(error.contains(wanted), "{error}");
     };
     check(&|c| c.digest = "0".into(), "`digest` is \"0\"");
@@ -185,7 +186,7 @@ fn certified_tasks_of_another_family_are_refused() {
     check(&|c| c.rows[1].candidate = 5, "`rows[1].candidate` is 5; allowed: a number below 5");
     check(&|c| c.rows[2].certificate.action = vec![1.5], "`rows[2].action[0]` is 1.5");
 
-    // What tasks do not depend on may change; what they do may not.
+    // Fields that do not affect the tasks may change; others may not.
     let digest = |from: &str, to: &str| parse_family(&SMALL.replace(from, to)).unwrap().digest.clone();
     assert_eq!(digest("about = ", "# a note\nabout  =  "), good.digest);
     for (from, to) in

@@ -1,26 +1,26 @@
-//! Several convex shapes that are one rigid thing.
+//! Compound shapes: several convex shapes that make one rigid object.
 //!
-//! Where pieces overlap their mass counts twice, as in Box2D and Pymunk.
+//! The mass of overlapping pieces counts twice, as in Box2D and Pymunk.
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
 use super::rectangle::Rectangle;
-use crate::error::{Error, Result, within};
-use crate::task::limits::{FAR, vector};
-use crate::task::solid::{Pieces, Solid};
+use super::shape_geometry::{Moments, ShapeGeometry};
+use crate::error::{Error, Result, check_range};
+use crate::task::limits::{MAX_LENGTH_M, check_vector};
+use crate::task::solid::{ConvexPieces, Solid};
 
-/// Several convex shapes that are one rigid thing.
+/// Several convex shapes that make one rigid object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Compound<S> {
     /// At least one.
-    pub pieces: Vec<Piece<S>>,
+    pub pieces: Vec<CompoundPiece<S>>,
 }
 
-/// A shape somewhere in the compound's frame.
+/// A convex shape at a pose in the compound's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Piece<S> {
+pub struct CompoundPiece<S> {
     /// Convex and bounded.
     #[serde(flatten)]
     pub shape: S,
@@ -32,17 +32,17 @@ pub struct Piece<S> {
     pub angle: f64,
 }
 
-/// Most pieces: engines look at each pair of pieces of two things.
-const MOST: usize = 32;
+/// Maximum number of pieces: engines visit each pair of pieces of two objects.
+const MAX_PIECES: usize = 32;
 
-impl<S: AsRef<dyn Form>> Piece<S> {
+impl<S: AsRef<dyn ShapeGeometry>> CompoundPiece<S> {
     fn validate(&self, movable: bool) -> Result<()> {
-        vector("position", self.position, FAR)?;
-        within("angle", self.angle, -1e6, 1e6)?;
+        check_vector("position", self.position, MAX_LENGTH_M)?;
+        check_range("angle", self.angle, -1e6, 1e6)?;
         let shape = self.shape.as_ref();
         shape.validate(movable)?;
         match shape.solid() {
-            Solid::Bounded(Pieces(pieces)) if pieces.len() == 1 => Ok(()),
+            Solid::Bounded(ConvexPieces(pieces)) if pieces.len() == 1 => Ok(()),
             _ => Err(Error::input("type", "not a single bounded piece", "a bounded convex shape")),
         }
     }
@@ -55,27 +55,27 @@ impl<S: AsRef<dyn Form>> Piece<S> {
     }
 }
 
-impl<S: AsRef<dyn Form> + From<Rectangle>> Form for Compound<S> {
+impl<S: AsRef<dyn ShapeGeometry> + From<Rectangle>> ShapeGeometry for Compound<S> {
     fn validate(&self, movable: bool) -> Result<()> {
         let n = self.pieces.len();
-        if !(1..=MOST).contains(&n) {
-            return Err(Error::input("pieces", format!("{n} pieces"), format!("1 to {MOST} pieces")));
+        if !(1..=MAX_PIECES).contains(&n) {
+            return Err(Error::input("pieces", format!("{n} pieces"), format!("1 to {MAX_PIECES} pieces")));
         }
         let mut pieces = self.pieces.iter().enumerate();
-        pieces.try_for_each(|(i, p)| p.validate(movable).map_err(|e| e.under(&format!("pieces[{i}]"))))
+        pieces.try_for_each(|(i, p)| p.validate(movable).map_err(|e| e.in_field(&format!("pieces[{i}]"))))
     }
 
     fn solid(&self) -> Solid {
-        let bounded = |p: &Piece<S>| match p.shape.as_ref().solid().placed(p.position, p.angle) {
-            Solid::Bounded(Pieces(pieces)) => pieces,
+        let bounded = |p: &CompoundPiece<S>| match p.shape.as_ref().solid().placed(p.position, p.angle) {
+            Solid::Bounded(ConvexPieces(pieces)) => pieces,
             Solid::HalfPlane { .. } => Vec::new(),
         };
-        Solid::Bounded(Pieces(self.pieces.iter().flat_map(bounded).collect()))
+        Solid::Bounded(ConvexPieces(self.pieces.iter().flat_map(bounded).collect()))
     }
 
-    /// Steiner: what each piece adds by standing away from the common centre.
+    /// Parallel-axis theorem over the pieces.
     fn moments(&self) -> Moments {
-        let parts: Vec<Moments> = self.pieces.iter().map(Piece::moments).collect();
+        let parts: Vec<Moments> = self.pieces.iter().map(CompoundPiece::moments).collect();
         let area: f64 = parts.iter().map(|p| p.area).sum();
         let centre: [f64; 2] = [0, 1].map(|k| parts.iter().map(|p| p.area * p.centre[k]).sum::<f64>() / area);
         let about = |p: &Moments| {
@@ -85,9 +85,9 @@ impl<S: AsRef<dyn Form> + From<Rectangle>> Form for Compound<S> {
         Moments { area, centre, second: parts.iter().map(about).sum::<f64>() / area }
     }
 
-    /// An L of a lying and a standing box, the latter turned on its side.
+    /// An L of a horizontal and a vertical box, the latter rotated.
     fn sample() -> Compound<S> {
-        let piece = |half_width, half_height, position, angle| Piece {
+        let piece = |half_width, half_height, position, angle| CompoundPiece {
             shape: Rectangle { half_width, half_height }.into(),
             position,
             angle,
@@ -102,7 +102,7 @@ mod tests {
     use crate::task::scene::Shape;
 
     #[test]
-    fn pieces_are_read_with_and_without_a_place_and_refused_by_path() {
+    fn parses_pieces_and_rejects_invalid_ones_by_path() {
         let check = |pieces: &str, wanted: std::result::Result<usize, &str>| {
             let json = format!(r#"{{"type": "compound", "pieces": [{pieces}]}}"#);
             let said = serde_json::from_str::<Shape>(&json).map_err(|e| e.to_string()).and_then(|shape| {

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
+use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::Result;
-use crate::task::limits::length;
-use crate::task::solid::{Pieces, Solid};
+use crate::task::limits::check_length;
+use crate::task::solid::{ConvexPieces, Solid};
 
 /// A disc about the origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,18 +15,18 @@ pub struct Disc {
     pub radius: f64,
 }
 
-impl Form for Disc {
+impl ShapeGeometry for Disc {
     fn validate(&self, _: bool) -> Result<()> {
-        length("radius", self.radius)
+        check_length("radius", self.radius)
     }
 
     fn solid(&self) -> Solid {
-        Solid::Bounded(Pieces::one(vec![[0.0, 0.0]], self.radius))
+        Solid::Bounded(ConvexPieces::one(vec![[0.0, 0.0]], self.radius))
     }
 
     fn moments(&self) -> Moments {
         let square = self.radius * self.radius;
-        // pi r r, in this order: goldens hold the last bit.
+        // pi r r, in this order: golden results depend on the last bit.
         let area = std::f64::consts::PI * self.radius * self.radius;
         Moments { area, centre: [0.0; 2], second: square / 2.0 }
     }

@@ -1,33 +1,33 @@
-//! Everything below a line: ground that never ends; statics only.
+//! A half space: unbounded ground; for statics only.
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
-use crate::error::{Error, Result, within};
-use crate::task::limits::{FAR, vector};
+use super::shape_geometry::{Moments, ShapeGeometry};
+use crate::error::{Error, Result, check_range};
+use crate::task::limits::{MAX_LENGTH_M, check_vector};
 use crate::task::solid::Solid;
 
-/// Everything below the line `normal . p = offset`.
+/// The half space below the line `normal . p = offset`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Halfspace {
-    /// Unit vector out of it.
+    /// Outward unit normal.
     pub normal: [f64; 2],
     /// m
     pub offset: f64,
 }
 
-/// By how much the normal's length may differ from 1.
-const ROUNDING: f64 = 1e-3;
+/// Tolerance of the normal's length.
+const NORMAL_LENGTH_TOLERANCE: f64 = 1e-3;
 
-impl Form for Halfspace {
+impl ShapeGeometry for Halfspace {
     fn validate(&self, _: bool) -> Result<()> {
-        vector("normal", self.normal, 1.1)?;
+        check_vector("normal", self.normal, 1.1)?;
         let size = (self.normal[0].powi(2) + self.normal[1].powi(2)).sqrt();
-        if (size - 1.0).abs() > ROUNDING {
+        if (size - 1.0).abs() > NORMAL_LENGTH_TOLERANCE {
             return Err(Error::input("normal", format!("{:?}", self.normal), "a vector of length 1"));
         }
-        within("offset", self.offset, -FAR, FAR).map(drop)
+        check_range("offset", self.offset, -MAX_LENGTH_M, MAX_LENGTH_M).map(drop)
     }
 
     fn solid(&self) -> Solid {

@@ -1,32 +1,33 @@
 //! The registry of shapes: a shape is one file and one row here.
 //!
-//! Nothing else names a shape in order to find out what it is like: engines, goals, pictures, observations and
-//! policies ask for its [`Solid`], its bounds or its moments.
+//! No other module matches on shapes: engines, goals, pictures, observations and policies use a shape's
+//! [`Solid`], bounds or moments.
 
 mod compound;
 mod disc;
-mod form;
 mod halfspace;
 mod polygon;
 mod rectangle;
 mod segment;
+mod shape_geometry;
 
 use serde::{Deserialize, Serialize};
 
-pub use compound::{Compound, Piece};
+pub use compound::{Compound, CompoundPiece};
 pub use disc::Disc;
-use form::Form;
-pub use form::Moments;
 pub use halfspace::Halfspace;
 pub use polygon::Polygon;
 pub use rectangle::Rectangle;
-pub use segment::Segment;
+pub use segment::SegmentShape;
+pub use shape_geometry::Moments;
+use shape_geometry::ShapeGeometry;
 
-use super::geometry::Bounds;
-use super::solid::{Pieces, Solid};
+use super::geometry::Aabb;
+use super::solid::{ConvexPieces, Solid};
 use crate::error::{Error, Result};
 
-/// Makes of each row: its variant, its name in JSON (`type`), its sample, and the way to its [`Form`].
+/// Generates for each row: its variant, its name in JSON (`type`), its sample, and the conversion to
+/// [`ShapeGeometry`].
 macro_rules! shapes {
     ($($name:literal $variant:ident($form:ty)),+ $(,)?) => {
         /// A shape; lengths in m, frame of its owner.
@@ -44,14 +45,14 @@ macro_rules! shapes {
                 }
             }
 
-            /// One of each, of about a metre: what holds for every shape is tested on these.
+            /// One of each, of about a metre, for tests of all shapes.
             pub fn samples() -> Vec<Shape> {
                 vec![$(Shape::$variant(<$form>::sample())),+]
             }
         }
 
-        impl AsRef<dyn Form> for Shape {
-            fn as_ref(&self) -> &(dyn Form + 'static) {
+        impl AsRef<dyn ShapeGeometry> for Shape {
+            fn as_ref(&self) -> &(dyn ShapeGeometry + 'static) {
                 match self {
                     $(Shape::$variant(form) => form),+
                 }
@@ -70,41 +71,41 @@ shapes! {
     "disc" Disc(Disc),
     "box" Box(Rectangle),
     "polygon" Polygon(Polygon),
-    "segment" Segment(Segment),
+    "segment" Segment(SegmentShape),
     "halfspace" Halfspace(Halfspace),
     "compound" Compound(Compound<Shape>),
 }
 
 impl Shape {
-    /// What it is made of, owner's frame.
+    /// The solid geometry, owner's frame.
     pub fn solid(&self) -> Solid {
         self.as_ref().solid()
     }
 
-    /// Its pieces, owner's frame; `None` for what has no end, and never moves.
-    pub fn pieces(&self) -> Option<Pieces> {
+    /// The convex pieces, owner's frame; `None` for a half space.
+    pub fn pieces(&self) -> Option<ConvexPieces> {
         match self.solid() {
             Solid::Bounded(pieces) => Some(pieces),
             Solid::HalfPlane { .. } => None,
         }
     }
 
-    /// The smallest axis-aligned box around it, owner's frame; `None` for what has no end.
-    pub fn bounds(&self) -> Option<Bounds> {
+    /// The axis-aligned bounding box, owner's frame; `None` for a half space.
+    pub fn bounds(&self) -> Option<Aabb> {
         self.solid().bounds()
     }
 
-    /// The radius, m, of a disc about its owner's origin; `None` for anything else.
+    /// The radius, m, of a disc about its owner's origin; `None` for other shapes.
     pub fn disc_radius(&self) -> Option<f64> {
         self.pieces()?.disc_radius()
     }
 
-    /// How its mass is spread.
+    /// Mass moments for uniform density.
     pub fn moments(&self) -> Moments {
         self.as_ref().moments()
     }
 
-    /// Checks every value; errors name the field below `shape`. What moves must be bounded.
+    /// Checks every value; errors name the field below `shape`. A movable body must have a bounded shape.
     pub fn validate(&self, movable: bool) -> Result<()> {
         if movable && self.pieces().is_none() {
             let bounded: Vec<&str> =
@@ -113,7 +114,7 @@ impl Shape {
             let allowed = format!("{} or {last} for a movable body", others.join(", "));
             return Err(Error::input("shape.type", format!("{:?}", self.name()), allowed));
         }
-        self.as_ref().validate(movable).map_err(|e| e.under("shape"))
+        self.as_ref().validate(movable).map_err(|e| e.in_field("shape"))
     }
 }
 
@@ -135,9 +136,9 @@ mod tests {
         }
     }
 
-    /// Area, centre and second moment against sums over a fine grid of points that lie in the pieces.
+    /// Area, centre and second moment against sums over a fine grid of points inside the pieces.
     #[test]
-    fn moments_are_those_of_the_pieces() {
+    fn moments_match_numerical_integration() {
         for shape in Shape::samples() {
             let Some(pieces) = shape.pieces() else {
                 assert!(shape.moments().area.is_infinite());
@@ -149,9 +150,9 @@ mod tests {
             for i in 0..n * n {
                 let at = |k: usize, j: i32| b[k] + (f64::from(j) + 0.5) * cell[k];
                 let p = [at(0, i % n), at(1, i / n)];
-                let point = Pieces::one(vec![p], 0.0);
+                let point = ConvexPieces::one(vec![p], 0.0);
                 let within = pieces.0.iter().any(|c| c.points.len() > 2 && polygon_contains(&c.points, p));
-                if within || pieces.gap_to(&point) < 0.0 {
+                if within || pieces.signed_distance_to(&point) < 0.0 {
                     count += 1.0;
                     sum = [sum[0] + p[0], sum[1] + p[1]];
                     squares += p[0] * p[0] + p[1] * p[1];
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_end_does_not_move() {
+    fn rejects_movable_half_space() {
         let ground: Shape = Halfspace::sample().into();
         let error = ground.validate(true).unwrap_err().to_string();
         assert!(error.contains("\"halfspace\"") && error.contains("disc, box, polygon"), "{error}");

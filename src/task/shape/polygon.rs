@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
+use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::{Error, Result};
 use crate::task::geometry::signed_area;
-use crate::task::limits::{FAR, vector};
-use crate::task::solid::{Pieces, Solid};
+use crate::task::limits::{MAX_LENGTH_M, check_vector};
+use crate::task::solid::{ConvexPieces, Solid};
 
 /// A convex polygon, anywhere in its owner's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,15 +16,15 @@ pub struct Polygon {
     pub vertices: Vec<[f64; 2]>,
 }
 
-/// Fewest and most corners.
-const CORNERS: [usize; 2] = [3, 32];
-/// Smallest area of a triangle of corners, m^2: less is a line.
-const FLAT: f64 = 1e-12;
+/// Minimum and maximum number of corners.
+const CORNER_COUNT_RANGE: [usize; 2] = [3, 32];
+/// Smallest area of a triangle of corners, m^2; smaller counts as collinear.
+const MIN_TRIANGLE_AREA_M2: f64 = 1e-12;
 
-impl Form for Polygon {
+impl ShapeGeometry for Polygon {
     fn validate(&self, _: bool) -> Result<()> {
         let (vertices, n) = (&self.vertices, self.vertices.len());
-        let [fewest, most] = CORNERS;
+        let [fewest, most] = CORNER_COUNT_RANGE;
         if !(fewest..=most).contains(&n) {
             return Err(Error::input(
                 "vertices",
@@ -33,12 +33,13 @@ impl Form for Polygon {
             ));
         }
         for (i, v) in vertices.iter().enumerate() {
-            vector(&format!("vertices[{i}]"), *v, FAR)?;
+            check_vector(&format!("vertices[{i}]"), *v, MAX_LENGTH_M)?;
         }
         for i in 0..n {
             let (a, b) = (vertices[i], vertices[(i + 1) % n]);
-            // Every other corner, not only the next: a star turns the same way at each corner too.
-            if (2..n).any(|k| signed_area(&[a, b, vertices[(i + k) % n]]) <= FLAT) {
+            // All corners are tested, not only the next: a self-intersecting star also turns the
+            // same way at each corner.
+            if (2..n).any(|k| signed_area(&[a, b, vertices[(i + k) % n]]) <= MIN_TRIANGLE_AREA_M2) {
                 let allowed = "corners of a convex polygon, counter-clockwise, no three on a line";
                 return Err(Error::input(format!("vertices[{}]", (i + 1) % n), format!("{b:?}"), allowed));
             }
@@ -47,7 +48,7 @@ impl Form for Polygon {
     }
 
     fn solid(&self) -> Solid {
-        Solid::Bounded(Pieces::one(self.vertices.clone(), 0.0))
+        Solid::Bounded(ConvexPieces::one(self.vertices.clone(), 0.0))
     }
 
     /// Green's theorem over the triangles from the origin.

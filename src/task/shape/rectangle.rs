@@ -1,13 +1,13 @@
-//! A box about the origin, its sides along the axes.
+//! A box about the origin, with sides along the axes.
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
+use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::Result;
-use crate::task::limits::length;
-use crate::task::solid::{Pieces, Solid};
+use crate::task::limits::check_length;
+use crate::task::solid::{ConvexPieces, Solid};
 
-/// A box about the origin, its sides along the axes.
+/// A box about the origin, with sides along the axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rectangle {
@@ -17,15 +17,15 @@ pub struct Rectangle {
     pub half_height: f64,
 }
 
-impl Form for Rectangle {
+impl ShapeGeometry for Rectangle {
     fn validate(&self, _: bool) -> Result<()> {
-        length("half_width", self.half_width)?;
-        length("half_height", self.half_height)
+        check_length("half_width", self.half_width)?;
+        check_length("half_height", self.half_height)
     }
 
     fn solid(&self) -> Solid {
         let (w, h) = (self.half_width, self.half_height);
-        Solid::Bounded(Pieces::one(vec![[-w, -h], [w, -h], [w, h], [-w, h]], 0.0))
+        Solid::Bounded(ConvexPieces::one(vec![[-w, -h], [w, -h], [w, h], [-w, h]], 0.0))
     }
 
     fn moments(&self) -> Moments {

@@ -1,16 +1,16 @@
-//! A line with rounded ends.
+//! A line segment with rounded ends (a capsule).
 
 use serde::{Deserialize, Serialize};
 
-use super::form::{Form, Moments};
-use crate::error::{Error, Result, within};
-use crate::task::limits::{FAR, NEAR, length, vector};
-use crate::task::solid::{Pieces, Solid};
+use super::shape_geometry::{Moments, ShapeGeometry};
+use crate::error::{Error, Result, check_range};
+use crate::task::limits::{MAX_LENGTH_M, MIN_LENGTH_M, check_length, check_vector};
+use crate::task::solid::{ConvexPieces, Solid};
 
-/// A line with rounded ends; what moves needs a radius.
+/// A line segment with rounded ends; a movable one needs a positive radius.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Segment {
+pub struct SegmentShape {
     /// m
     pub from: [f64; 2],
     /// m
@@ -20,29 +20,29 @@ pub struct Segment {
     pub radius: f64,
 }
 
-impl Segment {
+impl SegmentShape {
     fn length(&self) -> f64 {
         ((self.to[0] - self.from[0]).powi(2) + (self.to[1] - self.from[1]).powi(2)).sqrt()
     }
 }
 
-impl Form for Segment {
+impl ShapeGeometry for SegmentShape {
     fn validate(&self, movable: bool) -> Result<()> {
-        vector("from", self.from, FAR)?;
-        vector("to", self.to, FAR)?;
-        if self.length() < NEAR {
-            let allowed = format!("a point {NEAR} m or more from `from`");
+        check_vector("from", self.from, MAX_LENGTH_M)?;
+        check_vector("to", self.to, MAX_LENGTH_M)?;
+        if self.length() < MIN_LENGTH_M {
+            let allowed = format!("a point {MIN_LENGTH_M} m or more from `from`");
             return Err(Error::input("to", format!("{:?}", self.to), allowed));
         }
         if movable {
-            length("radius", self.radius)
+            check_length("radius", self.radius)
         } else {
-            within("radius", self.radius, 0.0, FAR).map(drop)
+            check_range("radius", self.radius, 0.0, MAX_LENGTH_M).map(drop)
         }
     }
 
     fn solid(&self) -> Solid {
-        Solid::Bounded(Pieces::one(vec![self.from, self.to], self.radius))
+        Solid::Bounded(ConvexPieces::one(vec![self.from, self.to], self.radius))
     }
 
     /// A rectangle and two half discs, each half disc's centroid at 4 r / 3 pi beyond the end.
@@ -61,7 +61,7 @@ impl Form for Segment {
         }
     }
 
-    fn sample() -> Segment {
-        Segment { from: [-0.4, 0.1], to: [0.6, 0.3], radius: 0.2 }
+    fn sample() -> SegmentShape {
+        SegmentShape { from: [-0.4, 0.1], to: [0.6, 0.3], radius: 0.2 }
     }
 }

@@ -1,48 +1,51 @@
-//! A tilted camera: everything is seen turned by `angle` about the origin, counter-clockwise.
+//! Camera tilt: the image is rotated by `angle` about the origin, counter-clockwise.
 //!
 //! Source: the roll of a pinhole camera (Hartley and Zisserman, Multiple View Geometry, section 6.1). A
-//! camera rolled clockwise sees the world turned counter-clockwise: angle > 0. Valid for a camera that looks
-//! square on.
+//! camera rolled clockwise sees the world rotated counter-clockwise: angle > 0. Valid for a camera
+//! perpendicular to the plane of motion.
 //!
-//! Signature: gravity seems to pull aslant, as wind across it would, but floors and walls, and the line
-//! between things at rest, are turned as well, and bodies seem to rise or sink along a level floor.
-//!
-//! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift
-//! of everything.
+//! Differences from the source: the rotation is about the scene's origin, not the image centre; the
+//! difference is a common shift.
 
-use super::{Act, Constants, Effect, Parameter, Search, Sensor, Shown, Surroundings, amplitude, constants};
+use super::{
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, SearchStrategy, Sensor,
+    SimulationContext, amplitude, constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "camera_tilt",
+    summary: "Camera tilt: the image is rotated about the origin.",
+    signature: "Gravity seems tilted, like a wind across it, but floors, walls and the line between \
+        objects at rest are rotated as well, and bodies seem to rise or sink along a level floor.",
     equation: "seen = true turned by angle about the origin, counter-clockwise",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "angle",
         unit: "rad",
         bounds: [-3.2, 3.2],
         neutral: 0.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    act: Act::Sensor(&CameraTilt),
-    holds: &[],
+    kind: EffectKind::Sensor(&CameraTilt),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: Some("hang a plumb line in the picture"),
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: Some("hang a plumb line in the picture"),
+    search: SearchStrategy::FromNeutral,
 };
 
 struct CameraTilt;
 
 impl Sensor for CameraTilt {
-    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
         constants(&[libm::cos(parameters[0]), libm::sin(parameters[0]), parameters[0]])
     }
 
-    fn show(&self, constants: &Constants, state: Shown) -> Shown {
+    fn measure(&self, constants: &Constants, state: Measurement) -> Measurement {
         let [cos, sin, angle] = [constants[0], constants[1], constants[2]];
         let turned = |x: f64, y: f64| (x * cos - y * sin, y * cos + x * sin);
         let ((x, y), (vx, vy)) = (turned(state.x, state.y), turned(state.vx, state.vy));
-        Shown { x, y, vx, vy, angle: state.angle + angle, ..state }
+        Measurement { x, y, vx, vy, angle: state.angle + angle, ..state }
     }
 }

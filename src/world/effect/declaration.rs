@@ -1,38 +1,43 @@
-//! What an effect's file declares beside its law.
+//! Declarations of effects: parameters, equation, and metadata for estimation and diagnosis.
 
 use std::f64::consts::PI;
 
-use super::law::Act;
+use super::law::EffectKind;
 use crate::task::scene::EffectTerm;
 
-/// One effect: what it is called, what it takes, what it does, and what whoever looks for causes should know of it.
+/// An effect: name, parameters, law, and metadata for the diagnosis.
 pub struct Effect {
     /// Name in scenes and reports.
     pub name: &'static str,
+    /// Description in one sentence.
+    pub summary: &'static str,
+    /// Observable signature: how the effect shows in trajectories, and how it differs from similar effects.
+    pub signature: &'static str,
     /// The law in words and symbols.
     pub equation: &'static str,
-    /// Parameters in the order of the values that `act` is given.
-    pub parameters: &'static [Parameter],
-    /// What it does.
-    pub act: Act,
-    /// Effects that it is for some values of its parameters, or in a limit: they are tried in its place.
-    pub holds: &'static [&'static Effect],
-    /// Whether it is a force against the velocity, wherever a body is.
+    /// Parameters in the order of the values that `kind` takes.
+    pub parameters: &'static [ParameterDeclaration],
+    /// The law, by kind.
+    pub kind: EffectKind,
+    /// Effects that are special cases of this one; the search tries them instead.
+    pub special_cases: &'static [&'static Effect],
+    /// Whether it is a force against the velocity, at any position.
     pub opposes_motion: bool,
-    /// Standard deviation of each amplitude from launch to launch where that has a reason of its own (a ball's spin, a breath
-    /// of air), in the amplitudes' units; none where it has not. Every launch may have so much of it without its naming
-    /// anything.
-    pub differs: &'static [f64],
-    /// Whether a contact changes what it depends on (a ball's spin): after one its size is another.
-    pub renewed: bool,
-    /// What tells it from effects that look the same in any launch: a look at the instrument.
-    pub check: Option<&'static str>,
-    /// How a search for causes tries it.
-    pub search: Search,
+    /// Plausible between-trial standard deviation of each amplitude, in its unit, where it has a physical
+    /// cause (a ball's spin, air movements); empty where it has none. Between-trial variation up to this
+    /// size is not evidence for the effect.
+    pub between_trial_sd: &'static [f64],
+    /// Whether a contact changes what its amplitude depends on (a ball's spin), so that it is independent
+    /// before and after a contact.
+    pub reset_by_contact: bool,
+    /// A check of the instrument that distinguishes it from effects with the same trajectories.
+    pub instrument_check: Option<&'static str>,
+    /// How the model search starts it.
+    pub search: SearchStrategy,
 }
 
-/// A parameter of an effect.
-pub struct Parameter {
+/// The declaration of an effect's parameter.
+pub struct ParameterDeclaration {
     /// Name in scenes and reports.
     pub name: &'static str,
     /// SI unit.
@@ -41,178 +46,183 @@ pub struct Parameter {
     pub bounds: [f64; 2],
     /// Value at which the effect vanishes.
     pub neutral: f64,
-    /// What it is to the effect.
-    pub role: Role,
-    /// How far from the neutral value it usually is in scenes of some metres, where nothing else is known of it.
-    pub size: f64,
-    /// Standard deviation of what may be believed of it before anything was measured, about the neutral value: weak, but it
-    /// rules out a wind as strong as gravity. Infinite for shapes of which nothing is known.
-    pub plausible: f64,
-    /// Difference for derivatives by it: far above rounding, far below what changes a path's shape; for edges in
-    /// space wide enough that some path crosses what is between.
-    pub step: f64,
+    /// Its role in the effect.
+    pub role: ParameterRole,
+    /// Typical deviation from the neutral value in scenes of some metres, without other information.
+    pub typical_size: f64,
+    /// Prior standard deviation about the neutral value: weak, but excludes for example a wind as strong
+    /// as gravity. Infinite for shape parameters without prior information.
+    pub prior_sd: f64,
+    /// Finite-difference step: far above rounding errors and far below the scale of the effect; for edges
+    /// of a region wide enough that some trajectory crosses the strip in between.
+    pub fd_step: f64,
 }
 
-/// What a parameter is to its effect.
+/// The role of a parameter in its effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// The effect vanishes when all of these are neutral: it is what a test of the effect tests.
+pub enum ParameterRole {
+    /// The effect vanishes when all amplitudes are neutral; significance tests test them.
     Amplitude,
-    /// It only shapes what the amplitudes scale.
-    Shape(Shape),
+    /// Shapes the effect without scaling it.
+    Shape(ShapeParameter),
 }
 
-/// What a parameter shapes.
+/// The quantity that a shape parameter stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    /// A coordinate of a place, m.
+pub enum ShapeParameter {
+    /// A coordinate of a position, m.
     Place,
-    /// An edge of the region within which the effect acts, m: the lower (`end` 0) or upper (1) one along an axis
-    /// (0 for x, 1 for y). A path feels it only where it crosses it.
+    /// An edge of the region within which the effect acts, m: the lower (`end` 0) or upper (1) one along
+    /// an axis (0 for x, 1 for y). Only trajectories that cross it depend on it.
     Edge { axis: usize, end: usize },
     /// A velocity, m/s.
     Velocity,
-    /// The time after which what swings with the clock comes again, s.
+    /// The period of an oscillation in time, s.
     Period,
-    /// Where in its period it is at the start of the clock, rad.
+    /// The phase of an oscillation at time 0, rad.
     Phase,
-    /// A time on the clock, s.
+    /// A time, s.
     Time,
-    /// How wide what it acts within is, in the unit of the place, velocity or time that this is about.
+    /// A width, in the unit of the position, velocity or time that it belongs to.
     Width,
-    /// A power in a formula.
+    /// An exponent.
     Power,
 }
 
-/// How a search for causes tries an effect.
+/// How the model search starts an effect.
 #[derive(Clone, Copy)]
-pub enum Search {
-    /// Not at all: the effect is no cause, but a way to write one down, or one that positions do not tell.
-    Never,
-    /// Downhill from the neutral values, by small steps off them.
-    Downhill,
-    /// From these values, best guesses first: for parameters that no way downhill from nothing leads to.
-    From(fn(&Span) -> Vec<Vec<f64>>),
+pub enum SearchStrategy {
+    /// The search does not try it: the effect only writes an empirical force, or positions do not
+    /// identify it.
+    Excluded,
+    /// A local search from the neutral values.
+    FromNeutral,
+    /// Local searches from these starting values, best guesses first: for effects that a search from
+    /// neutral values does not reach.
+    FromStarts(fn(&DataRange) -> Vec<Vec<f64>>),
 }
 
-/// What data span, for places to start a search from.
+/// The ranges of the data, for starting values.
 #[derive(Clone, Copy, Debug)]
-pub struct Span {
+pub struct DataRange {
     /// x_min, y_min, x_max, y_max of observed positions, m
     pub area: [f64; 4],
     /// Latest time on a trial's clock, s
     pub duration: f64,
     /// Typical speed, m/s
     pub speed: f64,
-    /// Usual time between observations, s
+    /// Typical time between observations, s
     pub interval: f64,
 }
 
-/// What an effect acts on.
+/// The part of the simulation that an effect changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ActsOn {
-    /// Whatever moves.
+pub enum EffectTarget {
+    /// The motion of bodies.
     Motion,
-    /// What touches.
+    /// Contacts.
     Contact,
-    /// Whatever moves within a region.
+    /// The motion of bodies within a region.
     Region,
-    /// What is seen.
+    /// Measurements.
     Sensor,
-    /// What is placed.
+    /// Placements by actions.
     Action,
 }
 
-/// An amplitude of a usual and of a plausible size, and the step for derivatives by it; the rest of the row is still to be
-/// said.
-pub(super) const fn amplitude(size: f64, plausible: f64, step: f64) -> Parameter {
-    Parameter {
+/// An amplitude with its typical size, prior standard deviation and finite-difference step; the caller fills
+/// the other fields.
+pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> ParameterDeclaration {
+    ParameterDeclaration {
         name: "",
         unit: "",
         bounds: [0.0; 2],
         neutral: 0.0,
-        role: Role::Amplitude,
-        size,
-        plausible,
-        step,
+        role: ParameterRole::Amplitude,
+        typical_size: size,
+        prior_sd,
+        fd_step,
     }
 }
 
-/// As [`amplitude`], for what only shapes the effect; of where and when nothing is known.
-pub(super) const fn shape(shape: Shape, size: f64, step: f64) -> Parameter {
-    Parameter { role: Role::Shape(shape), ..amplitude(size, f64::INFINITY, step) }
+/// As [`amplitude`], for a shape parameter with a flat prior.
+pub(super) const fn shape(shape: ShapeParameter, size: f64, fd_step: f64) -> ParameterDeclaration {
+    ParameterDeclaration { role: ParameterRole::Shape(shape), ..amplitude(size, f64::INFINITY, fd_step) }
 }
 
 /// As [`shape`], for an edge.
-pub(super) const fn edge(axis: usize, end: usize, size: f64, step: f64) -> Parameter {
-    shape(Shape::Edge { axis, end }, size, step)
+pub(super) const fn edge(axis: usize, end: usize, size: f64, fd_step: f64) -> ParameterDeclaration {
+    shape(ShapeParameter::Edge { axis, end }, size, fd_step)
 }
 
-impl ActsOn {
+impl EffectTarget {
     /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
-            ActsOn::Motion => "motion",
-            ActsOn::Contact => "contact",
-            ActsOn::Region => "region",
-            ActsOn::Sensor => "sensor",
-            ActsOn::Action => "action",
+            EffectTarget::Motion => "motion",
+            EffectTarget::Contact => "contact",
+            EffectTarget::Region => "region",
+            EffectTarget::Sensor => "sensor",
+            EffectTarget::Action => "action",
         }
     }
 }
 
 impl Effect {
-    /// What it acts on.
-    pub fn acts_on(&self) -> ActsOn {
-        match self.act {
-            Act::Motion(_) if self.parameters.iter().any(Parameter::is_edge) => ActsOn::Region,
-            Act::Motion(_) => ActsOn::Motion,
-            Act::Contact(_) => ActsOn::Contact,
-            Act::Sensor(_) => ActsOn::Sensor,
-            Act::Action(_) => ActsOn::Action,
+    /// The part of the simulation that it changes.
+    pub fn target(&self) -> EffectTarget {
+        match self.kind {
+            EffectKind::Motion(_) if self.parameters.iter().any(ParameterDeclaration::is_edge) => {
+                EffectTarget::Region
+            }
+            EffectKind::Motion(_) => EffectTarget::Motion,
+            EffectKind::Contact(_) => EffectTarget::Contact,
+            EffectKind::Sensor(_) => EffectTarget::Sensor,
+            EffectKind::Action(_) => EffectTarget::Action,
         }
     }
 
-    /// The effect with these values, one a parameter, in a rollout that starts at `clock` s of the clock that they
-    /// are of.
-    pub fn at_clock(&self, values: &[f64], clock: f64) -> EffectTerm {
+    /// The effect with these values, one per parameter, for a rollout that starts at time `clock` (s) of
+    /// the clock that the values refer to.
+    pub fn term_at_clock(&self, values: &[f64], clock: f64) -> EffectTerm {
         let mut values = values.to_vec();
-        let of = |shape| self.parameters.iter().position(|p| p.role == Role::Shape(shape));
-        if let (true, Some(period), Some(phase)) = (clock != 0.0, of(Shape::Period), of(Shape::Phase)) {
+        let of = |shape| self.parameters.iter().position(|p| p.role == ParameterRole::Shape(shape));
+        if let (true, Some(period), Some(phase)) =
+            (clock != 0.0, of(ShapeParameter::Period), of(ShapeParameter::Phase))
+        {
             values[phase] = (values[phase] + 2.0 * PI * clock / values[period]).rem_euclid(2.0 * PI);
         }
-        if let Some(time) = of(Shape::Time) {
+        if let Some(time) = of(ShapeParameter::Time) {
             values[time] -= clock;
         }
         let parameters = self.parameters.iter().zip(values).map(|(p, v)| (p.name.to_string(), v)).collect();
         EffectTerm { name: self.name.to_string(), parameters }
     }
 
-    /// Whether `other` is one of those it holds.
-    pub fn holds(&self, other: &Effect) -> bool {
-        self.holds.iter().any(|held| held.name == other.name)
+    /// Whether `other` is a special case of this effect.
+    pub fn has_special_case(&self, other: &Effect) -> bool {
+        self.special_cases.iter().any(|held| held.name == other.name)
     }
 }
 
-/// Deviation of a parameter's weak prior, in usual sizes: drag of 0.3 +- 0.3 /s, which served every estimate with the
-/// drag fitted along.
-const WEAK: f64 = 0.6;
+/// Standard deviation of a parameter's weak prior, in typical sizes; for linear drag 0.3 +- 0.3 /s.
+const PRIOR_SD_PER_TYPICAL_SIZE: f64 = 0.6;
 
-impl Parameter {
-    /// Whether the effect vanishes by it, rather than being shaped by it.
+impl ParameterDeclaration {
+    /// Whether it scales the effect, rather than shaping it.
     pub fn is_amplitude(&self) -> bool {
-        self.role == Role::Amplitude
+        self.role == ParameterRole::Amplitude
     }
 
-    /// Whether it is an edge in space.
+    /// Whether it is an edge of a region.
     pub fn is_edge(&self) -> bool {
-        matches!(self.role, Role::Shape(Shape::Edge { .. }))
+        matches!(self.role, ParameterRole::Shape(ShapeParameter::Edge { .. }))
     }
 
-    /// Mean and standard deviation of what is believed of it where nothing is known: about the neutral value, or to
-    /// the side of it that is allowed.
-    pub fn prior(&self) -> (f64, f64) {
-        let deviation = WEAK * self.size;
+    /// Mean and standard deviation of a weak prior: centred on the neutral value, or shifted to its
+    /// allowed side.
+    pub fn weak_prior(&self) -> (f64, f64) {
+        let deviation = PRIOR_SD_PER_TYPICAL_SIZE * self.typical_size;
         let [low, high] = self.bounds;
         let mean = match self.neutral {
             neutral if neutral == low => neutral + deviation,

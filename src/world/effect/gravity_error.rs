@@ -1,65 +1,70 @@
-//! Gravity is not what the scene says: dv/dt = dg along gravity.
+//! Gravity error: dv/dt = dg along gravity.
 //!
-//! Source: plain: the scene's g is one place's, local g differs by 0.5 % over the Earth, and a tilted table
-//! or an immersed body (buoyancy: dg = -g rho_fluid / rho_body) by any amount. Valid where the error is
-//! uniform.
-//!
-//! Signature: free flight stays a parabola along gravity of another curvature; fall times scale as sqrt(g /
-//! (g + dg)) at any height, and weight on the floor changes too (friction stops sliding things sooner). An
-//! error of the length scale also changes the curvature, but sideways motion as well.
+//! Source: elementary: local g differs by 0.5 % over the Earth, and a tilted table or an immersed body
+//! (buoyancy: dg = -g rho_fluid / rho_body) changes it by any amount. Valid for a uniform error.
 //!
 //! Integrator: exact, v + dg dt.
 //!
-//! Differences from the source: none. In a scene without gravity there is no direction, and no effect.
+//! Differences from the source: none. Without gravity there is no direction, and no effect.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
-    Surroundings, amplitude, constants,
+    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "gravity_error",
+    summary: "Gravity error: gravity is stronger or weaker than in the scene.",
+    signature: "Free flight remains a parabola along gravity with another curvature; fall times scale as \
+        sqrt(g / (g + dg)) at any height, and the weight on the floor changes as well (friction \
+        stops sliding objects sooner). An error of the length scale also changes the curvature, but \
+        sideways motion as well.",
     equation: "a = dg g/|g|, g being the scene's gravity: dg > 0 pulls harder",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "dg",
         unit: "m/s^2",
         bounds: [-100.0, 100.0],
         neutral: 0.0,
         ..amplitude(1.0, 0.5, 1e-2)
     }],
-    act: Act::Motion(&GravityError),
-    holds: &[],
+    kind: EffectKind::Motion(&GravityError),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::FromNeutral,
 };
 
 struct GravityError;
 
-impl Motion for GravityError {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
-        let [gx, gy] = around.gravity;
+impl MotionLaw for GravityError {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
+        let [gx, gy] = context.gravity;
         let g = (gx * gx + gy * gy).sqrt();
         if g > 0.0 {
-            let gained = parameters[0] * around.time_step;
+            let gained = parameters[0] * context.time_step;
             constants(&[gained * (gx / g), gained * (gy / g)])
         } else {
             constants(&[])
         }
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         [body.vx + constants[0], body.vy + constants[1], body.omega]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+    fn kick_lanes(
+        &self,
+        constants: &[[f64; LANES]; MAX_PARAMETERS],
+        bodies: &mut MotionStateLanes,
+        _dt: f64,
+    ) {
         let [x, y, ..] = constants;
         for lane in 0..LANES {
             bodies.vx[lane] += x[lane];

@@ -1,39 +1,39 @@
-//! A late sensor: what is stamped t is what was true at t - dt.
+//! Sensor delay: the state stamped t is that of time t - dt.
 //!
 //! Source: exposure, transfer and queueing between a camera and the clock that stamps its frames; dt < 0 is a
-//! clock that was started late. Valid for a steady delay.
+//! clock that was started late. Valid for a constant delay.
 //!
-//! Signature: everything is shifted along the clock and nothing else is: the error is the velocity times dt,
-//! largest where bodies are fast, and jumps at bounces. With dt > 0 nothing moves at first: before its start
-//! a body is seen waiting.
-//!
-//! Differences from the source: none. The record ends when the end of the rollout is seen.
+//! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{Act, Constants, Effect, Parameter, Search, Sensor, amplitude};
+use super::{Constants, Effect, EffectKind, ParameterDeclaration, SearchStrategy, Sensor, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "lag",
+    summary: "Sensor delay: measurements are stamped too late or too early.",
+    signature: "A shift in time of everything: the error is the velocity times dt, largest for fast \
+        bodies, and jumps at bounces. With dt > 0 bodies at first appear at rest at their initial \
+        position.",
     equation: "seen at t = true at t - dt",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "dt",
         unit: "s",
         bounds: [-10.0, 10.0],
         neutral: 0.0,
         ..amplitude(0.1, 0.05, 1e-4)
     }],
-    act: Act::Sensor(&Lag),
-    holds: &[],
+    kind: EffectKind::Sensor(&SensorDelay),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: Some("film a clock beside the stamps"),
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: Some("film a clock next to the time stamps"),
+    search: SearchStrategy::FromNeutral,
 };
 
-struct Lag;
+struct SensorDelay;
 
-impl Sensor for Lag {
+impl Sensor for SensorDelay {
     fn clock(&self, constants: &Constants) -> [f64; 2] {
         [1.0, -constants[0]]
     }

@@ -1,54 +1,55 @@
-//! The forms in which effects act, and what they may know of the rollout that they act in.
+//! The kinds of effects, as traits, and the simulation state available to them.
 
-/// The forms in which an effect can act.
+/// The kinds of effects.
 #[derive(Clone, Copy)]
-pub enum Act {
+pub enum EffectKind {
     /// Changes a body's velocity once per time step, before gravity and contacts.
-    Motion(&'static dyn Motion),
-    /// Changes what contacts give back, or slows what rolls on them.
-    Contact(&'static dyn Touch),
-    /// Changes what is seen of a rollout: see `world::observe`.
+    Motion(&'static dyn MotionLaw),
+    /// Changes the response of contacts, or slows bodies that roll on them.
+    Contact(&'static dyn ContactLaw),
+    /// Changes the measured states: see `world::observe`.
     Sensor(&'static dyn Sensor),
-    /// Changes where things start that an action places.
-    Action(&'static dyn Placing),
+    /// Changes the initial positions of objects that an action places.
+    Action(&'static dyn PlacementLaw),
 }
 
-/// Number of rollouts the batched kernel advances together.
+/// Number of rollouts that the batched engine advances together.
 pub const LANES: usize = 8;
 
-/// What an effect may know of the rollout it acts in.
+/// Properties of the simulation that an effect may use.
 #[derive(Clone, Copy, Debug)]
-pub struct Surroundings {
+pub struct SimulationContext {
     /// s
     pub time_step: f64,
     /// m/s^2
     pub gravity: [f64; 2],
 }
 
-/// A law of motion, written for one body; engines that advance many at once use [`Motion::kick_lanes`].
-pub trait Motion: Sync {
-    /// What is worth computing once per rollout; by default the parameters as they are. Constants that are
-    /// all 0 stand for an empty lane, and must give finite kicks.
-    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+/// A law of motion for one body; the batched engine uses [`MotionLaw::kick_lanes`].
+pub trait MotionLaw: Sync {
+    /// Quantities computed once per rollout; by default the parameters. Constants that are all 0 stand
+    /// for an empty lane, and must give finite kicks.
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
         constants(parameters)
     }
 
-    /// (vx, vy, omega) after `dt` seconds of the effect alone. Pure: the same bits for the same arguments.
-    fn kick(&self, constants: &Constants, body: Moving, dt: f64) -> [f64; 3];
+    /// (vx, vy, omega) after `dt` seconds of the effect alone. Pure: the same bits for the same
+    /// arguments.
+    fn kick(&self, constants: &Constants, body: MotionState, dt: f64) -> [f64; 3];
 
-    /// Whether [`Motion::kick`] ignores the clock: only then may an engine take a state that a step leaves
-    /// unchanged for the rollout's last word.
-    fn timeless(&self) -> bool {
+    /// Whether [`MotionLaw::kick`] is independent of time: only then may an engine stop when a step
+    /// leaves the state unchanged.
+    fn is_autonomous(&self) -> bool {
         false
     }
 
-    /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the same
-    /// bits.
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, dt: f64) {
+    /// [`MotionLaw::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the
+    /// same bits.
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MAX_PARAMETERS], bodies: &mut MotionStateLanes, dt: f64) {
         #[expect(clippy::needless_range_loop, reason = "a lane is a column of every array")]
         for lane in 0..LANES {
             let own: Constants = std::array::from_fn(|c| constants[c][lane]);
-            let body = Moving {
+            let body = MotionState {
                 time: bodies.time[lane],
                 x: bodies.x[lane],
                 y: bodies.y[lane],
@@ -62,50 +63,55 @@ pub trait Motion: Sync {
     }
 }
 
-/// A law of contact. Engines ask [`Touch::meet`] at the beginning of a step, about every contact that pushes,
-/// and [`Touch::roll`] when its contacts are resolved.
-pub trait Touch: Sync {
-    /// As [`Motion::constants`].
-    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+/// A law of contact. Engines call [`ContactLaw::respond`] at the beginning of a step for every active
+/// contact, and [`ContactLaw::rolling_loss`] after the contacts are resolved.
+pub trait ContactLaw: Sync {
+    /// As [`MotionLaw::constants`].
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
         constants(parameters)
     }
 
-    /// What the contact is to give back in this step; `answer` is what it would without this law.
-    fn meet(&self, _constants: &Constants, _meeting: Meeting, answer: Answer) -> Answer {
+    /// The response of the contact in this step; `answer` is the response without this law.
+    fn respond(
+        &self,
+        _constants: &Constants,
+        _meeting: ContactState,
+        answer: ContactResponse,
+    ) -> ContactResponse {
         answer
     }
 
-    /// m/s to be taken off a disc's rolling speed, given the normal impulse of a step over the disc's mass,
-    /// m/s.
-    fn roll(&self, _constants: &Constants, _load: f64) -> f64 {
+    /// Reduction of a disc's rolling speed, m/s, for a normal impulse per mass, m/s, in a step.
+    fn rolling_loss(&self, _constants: &Constants, _load: f64) -> f64 {
         0.0
     }
 }
 
-/// A contact at the beginning of a step.
+/// The state of a contact at the beginning of a step.
 #[derive(Clone, Copy, Debug)]
-pub struct Meeting {
-    /// Speed of approach along the normal, m/s; 0 if the surfaces part.
+pub struct ContactState {
+    /// Speed of approach along the normal, m/s; 0 if the surfaces separate.
     pub approach: f64,
-    /// Tangential speed of one surface along the other, m/s.
+    /// Tangential speed of one surface relative to the other, m/s.
     pub slip: f64,
-    /// Whether the contact bore no load in the step before.
+    /// Whether the contact had no normal impulse in the previous step.
     pub begins: bool,
 }
 
-/// What a contact gives back.
+/// The response of a contact.
 #[derive(Clone, Copy, Debug)]
-pub struct Answer {
-    /// Share of the speed of approach, in [0, 1].
+pub struct ContactResponse {
+    /// Coefficient of restitution, in [0, 1].
     pub restitution: f64,
-    /// Tangential speed of one surface along the other that friction drives at, m/s, in the sense of
-    /// [`Meeting::slip`].
+    /// Tangential target speed of one surface relative to the other that friction enforces, m/s, with the
+    /// sign of [`ContactState::slip`].
     pub slip: f64,
 }
 
-/// What a disc of `radius` (m) with a centre speed `along` a static (m/s) and spin `omega` (rad/s) loses of
-/// each when `off` (m/s) is taken off its rolling: the speed that centre and rim have in common.
-pub fn rolled_off(along: f64, omega: f64, radius: f64, off: f64) -> [f64; 2] {
+/// Velocity losses [centre, m/s; spin, rad/s] of a disc of `radius` (m) with centre speed `along` a static
+/// (m/s) and spin `omega` (rad/s) when its rolling speed, the speed that centre and rim have in common, is
+/// reduced by `off` (m/s).
+pub fn rolling_velocity_loss(along: f64, omega: f64, radius: f64, off: f64) -> [f64; 2] {
     let rim = radius * omega;
     if along * rim <= 0.0 {
         return [0.0; 2];
@@ -114,27 +120,27 @@ pub fn rolled_off(along: f64, omega: f64, radius: f64, off: f64) -> [f64; 2] {
     [lost, lost / radius]
 }
 
-/// A sensor: what is seen of the truth, as a function of time and state.
+/// A sensor: the measured state as a function of the true state and time.
 pub trait Sensor: Sync {
-    /// As [`Motion::constants`].
-    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+    /// As [`MotionLaw::constants`].
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
         constants(parameters)
     }
 
-    /// (rate, offset in s): what is stamped t was true at rate * t + offset; rate > 0.
+    /// (rate, offset in s): the state stamped t is that of true time rate * t + offset; rate > 0.
     fn clock(&self, _constants: &Constants) -> [f64; 2] {
         [1.0, 0.0]
     }
 
-    /// What is seen of a state.
-    fn show(&self, _constants: &Constants, state: Shown) -> Shown {
+    /// The measurement of a state.
+    fn measure(&self, _constants: &Constants, state: Measurement) -> Measurement {
         state
     }
 }
 
-/// The state of a body as a sensor shows it: m, rad, m/s, rad/s.
+/// The measured state of a body: m, rad, m/s, rad/s.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct Measurement {
     pub x: f64,
     pub y: f64,
     pub angle: f64,
@@ -143,32 +149,32 @@ pub struct Shown {
     pub omega: f64,
 }
 
-/// How what an action asks for is carried out.
-pub trait Placing: Sync {
-    /// As [`Motion::constants`].
-    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+/// A placement error of actions.
+pub trait PlacementLaw: Sync {
+    /// As [`MotionLaw::constants`].
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
         constants(parameters)
     }
 
-    /// Where a thing ends up that was to be placed at `asked`, m.
-    fn placed(&self, constants: &Constants, asked: [f64; 2]) -> [f64; 2];
+    /// Actual position for the intended position `asked`, m.
+    fn place(&self, constants: &Constants, asked: [f64; 2]) -> [f64; 2];
 }
 
-/// Most parameters an effect may have.
-pub const MOST_PARAMETERS: usize = 8;
-/// What [`Motion::constants`] computes.
-pub type Constants = [f64; MOST_PARAMETERS];
+/// Maximum number of parameters of an effect.
+pub const MAX_PARAMETERS: usize = 8;
+/// Constants of a law: see [`MotionLaw::constants`].
+pub type Constants = [f64; MAX_PARAMETERS];
 
-/// The values, and 0 where there are fewer than [`MOST_PARAMETERS`].
+/// The values, padded with zeros to [`MAX_PARAMETERS`].
 pub(super) fn constants(values: &[f64]) -> Constants {
-    let mut all = [0.0; MOST_PARAMETERS];
+    let mut all = [0.0; MAX_PARAMETERS];
     all[..values.len()].copy_from_slice(values);
     all
 }
 
-/// What a law of motion may depend on.
+/// The state of a body as available to a law of motion.
 #[derive(Clone, Copy, Debug)]
-pub struct Moving {
+pub struct MotionState {
     /// s since the start of the rollout
     pub time: f64,
     /// m
@@ -183,10 +189,10 @@ pub struct Moving {
     pub omega: f64,
 }
 
-/// [`Moving`] for a batch.
+/// [`MotionState`] of a batch.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-pub struct MovingLanes {
+pub struct MotionStateLanes {
     pub time: [f64; LANES],
     pub x: [f64; LANES],
     pub y: [f64; LANES],

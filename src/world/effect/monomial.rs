@@ -1,35 +1,35 @@
-//! A push without a name: dv/dt = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv.
+//! An empirical force term: dv/dt = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv.
 //!
-//! Source: the terms of which laws found by sparse regression are sums (Brunton, Proctor and Kutz, PNAS 113 (2016) 3932).
-//! It is how a diagnosis writes down a force that none of the named effects accounts for, so that it can be simulated
-//! all the same; no search for causes tries it. Valid where the data were that it was fitted to, and no further.
-//!
-//! Signature: whatever it was fitted to.
+//! Source: the terms of laws found by sparse regression (Brunton, Proctor and Kutz, PNAS 113 (2016) 3932). A
+//! diagnosis uses it to write a force that none of the named effects explains, so that it can be simulated;
+//! the model search does not try it. Valid only within the range of the data that it was fitted to.
 //!
 //! Integrator: explicit Euler, v + a dt.
 //!
-//! Differences from the source: powers are whole numbers from 0 to 4 (others are rounded). The unit of ax and ay is
-//! m/s^2 over that of the powers.
+//! Differences from the source: powers are integers from 0 to 4 (others are rounded). The unit of ax and ay
+//! is m/s^2 divided by the units of the powers.
 
-use super::wide::lanes;
+use super::vectorize::map_lanes;
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search, Shape,
-    Surroundings, amplitude, constants, shape,
+    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, shape,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "monomial",
+    summary: "An empirical force term: a monomial in position, velocity and speed.",
+    signature: "Depends on the fit.",
     equation: "a = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv, powers whole",
     parameters: &[
-        Parameter {
+        ParameterDeclaration {
             name: "ax",
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
             neutral: 0.0,
             ..amplitude(0.1, 1.0, 2e-3)
         },
-        Parameter {
+        ParameterDeclaration {
             name: "ay",
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
@@ -42,45 +42,56 @@ pub static EFFECT: Effect = Effect {
         power("pvy"),
         power("pv"),
     ],
-    act: Act::Motion(&Monomial),
-    holds: &[],
+    kind: EffectKind::Motion(&Monomial),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Never,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::Excluded,
 };
 
-const fn power(name: &'static str) -> Parameter {
-    Parameter { name, unit: "1", bounds: [0.0, 4.0], neutral: 0.0, ..shape(Shape::Power, 1.0, 2e-3) }
+const fn power(name: &'static str) -> ParameterDeclaration {
+    ParameterDeclaration {
+        name,
+        unit: "1",
+        bounds: [0.0, 4.0],
+        neutral: 0.0,
+        ..shape(ShapeParameter::Power, 1.0, 2e-3)
+    }
 }
 
 struct Monomial;
 
-impl Motion for Monomial {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
-        let dt = around.time_step;
+impl MotionLaw for Monomial {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
+        let dt = context.time_step;
         let mut all = constants(parameters);
         (all[0], all[1]) = (parameters[0] * dt, parameters[1] * dt);
         all[2..].iter_mut().for_each(|power| *power = power.round());
         all
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         let bases = [body.x, body.y, body.vx, body.vy, (body.vx * body.vx + body.vy * body.vy).sqrt()];
         let product: f64 = bases.iter().zip(&constants[2..]).map(|(b, p)| raised(*b, *p)).product();
         [body.vx + constants[0] * product, body.vy + constants[1] * product, body.omega]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+    fn kick_lanes(
+        &self,
+        constants: &[[f64; LANES]; MAX_PARAMETERS],
+        bodies: &mut MotionStateLanes,
+        _dt: f64,
+    ) {
         let [ax, ay, px, py, pvx, pvy, pv, ..] = constants;
-        let MovingLanes { x, y, vx, vy, .. } = &*bodies;
-        // Inlined, or it would be called lane by lane.
-        let product = lanes(
+        let MotionStateLanes { x, y, vx, vy, .. } = &*bodies;
+        // Inlined; otherwise it would be called lane by lane.
+        let product = map_lanes(
             #[inline(always)]
             |l| {
                 let speed = (vx[l] * vx[l] + vy[l] * vy[l]).sqrt();
@@ -95,7 +106,7 @@ impl Motion for Monomial {
     }
 }
 
-/// `base` to a whole power up to 4, by the same multiplications everywhere and without branches.
+/// `base` to an integer power up to 4, by the same multiplications everywhere and without branches.
 #[inline(always)]
 fn raised(base: f64, power: f64) -> f64 {
     let square = base * base;

@@ -4,57 +4,62 @@
 //! on a body of cross-section A is rho C_D A v^2 / 2, so k = rho C_D A / (2 m): 0.13 / m for a table-tennis
 //! ball, 0.006 for a baseball. Valid while C_D is constant: for spheres at Reynolds numbers of 1e3 to 2e5.
 //!
-//! Signature: the share of speed lost grows with the speed, so speeds fall as 1/t and not exponentially, and
-//! there is a terminal speed sqrt(g / k). Against linear drag only trials of unlike speeds tell; against
-//! wind, trials in opposite directions.
-//!
 //! Integrator: exact for the drag alone, v / (1 + k |v| dt), and so stable for any step.
 //!
-//! Differences from the source: spin is left alone.
+//! Differences from the source: spin is unaffected.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
-    Surroundings, amplitude, constants,
+    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "quadratic_drag",
+    summary: "Quadratic drag: a deceleration proportional to the square of the speed.",
+    signature: "The relative loss of speed grows with the speed, so speed falls as 1/t and not \
+        exponentially, and there is a terminal speed sqrt(g / k). Only trials of different speeds \
+        distinguish it from linear drag, and trials in opposite directions from wind.",
     equation: "a = -k |v| v",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "k",
         unit: "1/m",
         bounds: [0.0, 1000.0],
         neutral: 0.0,
         ..amplitude(0.03, 0.2, 2e-3)
     }],
-    act: Act::Motion(&QuadraticDrag),
-    holds: &[],
+    kind: EffectKind::Motion(&QuadraticDrag),
+    special_cases: &[],
     opposes_motion: true,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::FromNeutral,
 };
 
 struct QuadraticDrag;
 
-impl Motion for QuadraticDrag {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
-        constants(&[parameters[0] * around.time_step])
+impl MotionLaw for QuadraticDrag {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
+        constants(&[parameters[0] * context.time_step])
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         let speed = (body.vx * body.vx + body.vy * body.vy).sqrt();
         let kept = 1.0 / (1.0 + constants[0] * speed);
         [body.vx * kept, body.vy * kept, body.omega]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+    fn kick_lanes(
+        &self,
+        constants: &[[f64; LANES]; MAX_PARAMETERS],
+        bodies: &mut MotionStateLanes,
+        _dt: f64,
+    ) {
         for (lane, k_dt) in constants[0].iter().enumerate() {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
             let kept = 1.0 / (1.0 + k_dt * (vx * vx + vy * vy).sqrt());

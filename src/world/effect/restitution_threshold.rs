@@ -1,50 +1,60 @@
-//! Nothing bounces that approaches slower than a threshold.
+//! Restitution threshold: impacts slower than a threshold do not bounce.
 //!
-//! Source: Box2D (`b2_velocityThreshold`, 1 m/s as it is shipped), Bullet and PhysX, so that stacks come to rest; and real
-//! things: a ball on a soft or sticky ground that no longer comes off it, adhesion below a few cm/s (Johnson, Contact Mechanics,
-//! section 11.5).
+//! Source: Box2D (`b2_velocityThreshold`, 1 m/s by default), Bullet and PhysX, for the stability of stacks;
+//! and physical causes: a ball on soft or sticky ground, adhesion below a few cm/s (Johnson, Contact
+//! Mechanics, section 11.5).
 //!
-//! Signature: a bouncing ball's apexes fall as they should, and then it stays down at once; impacts above the threshold are as
-//! without it. Only data whose impacts straddle the threshold tell of it.
+//! Implementation: sets the target rebound speed of a contact in each step, from the approach speed at the
+//! beginning of the step. It precedes other laws of contact if it comes from a scene's `contact_rules`;
+//! otherwise the order of the scene's effects applies.
 //!
-//! Where: each step's target rebound speed of a contact, from the speed of approach along the normal at the beginning of the
-//! step. Before other laws of contact if it is a scene's `contact_rules`, else in the order of the scene's effects.
-//!
-//! Differences from the source: in Box2D a contact that approaches at exactly the threshold does not bounce; here it does, so that
-//! a threshold of 0 is none.
+//! Differences from the source: in Box2D a contact at exactly the threshold does not bounce; here it does, so
+//! that a threshold of 0 has no effect.
 
-use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Search, Span, Touch, amplitude};
-use crate::task::scene::MOST_THRESHOLD;
+use super::{
+    Constants, ContactLaw, ContactResponse, ContactState, DataRange, Effect, EffectKind,
+    ParameterDeclaration, SearchStrategy, amplitude,
+};
+use crate::task::scene::MAX_RESTITUTION_THRESHOLD_M_S;
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "restitution_threshold",
+    summary: "Restitution threshold: slow impacts do not bounce.",
+    signature: "The apexes of a bouncing ball fall as usual, and then it stops at once; impacts above \
+        the threshold are unchanged. Only data with impacts on both sides of the threshold identify \
+        it.",
     equation: "e = 0 where the impact speed < speed",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "speed",
         unit: "m/s",
-        bounds: [0.0, MOST_THRESHOLD],
+        bounds: [0.0, MAX_RESTITUTION_THRESHOLD_M_S],
         neutral: 0.0,
         ..amplitude(1.0, 2.0, 0.05)
     }],
-    act: Act::Contact(&RestitutionThreshold),
-    holds: &[],
+    kind: EffectKind::Contact(&RestitutionThreshold),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::From(starts),
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::FromStarts(starts),
 };
 
-/// Near nothing a path does not change by it: shares of the typical speed.
-fn starts(span: &Span) -> Vec<Vec<f64>> {
+/// Fractions of the typical speed: near 0 a small change of the threshold does not change the trajectory.
+fn starts(span: &DataRange) -> Vec<Vec<f64>> {
     [0.1, 0.3, 0.6].map(|share| vec![share * span.speed]).to_vec()
 }
 
 struct RestitutionThreshold;
 
-impl Touch for RestitutionThreshold {
-    fn meet(&self, constants: &Constants, meeting: Meeting, answer: Answer) -> Answer {
-        if meeting.approach < constants[0] { Answer { restitution: 0.0, ..answer } } else { answer }
+impl ContactLaw for RestitutionThreshold {
+    fn respond(
+        &self,
+        constants: &Constants,
+        meeting: ContactState,
+        answer: ContactResponse,
+    ) -> ContactResponse {
+        if meeting.approach < constants[0] { ContactResponse { restitution: 0.0, ..answer } } else { answer }
     }
 }

@@ -1,52 +1,56 @@
-//! Spin that the air takes: domega/dt = -c omega.
+//! Spin decay in air: domega/dt = -c omega.
 //!
-//! Source: Lamb, Hydrodynamics (1932), section 334: the couple on a sphere that turns in a viscous fluid is
-//! 8 pi mu R^3 omega, so c = 20 pi mu R / m for a solid sphere and 12 pi mu R / m for a hollow one: 0.005 / s for a
-//! table-tennis ball at rest in the air, several times that in play. Valid while omega R^2 / nu is small; for faster
-//! spins c stands for what is lost about the speeds it was fitted to.
-//!
-//! Signature: a flight keeps its path to the bit and only turns ever slower; what it changes is how the body comes off
-//! the next surface. Positions of flights do not tell it, and those after a bounce tell it from friction or grip by
-//! flights of unlike lengths alone, so no search for causes tries it; it can be fitted along, and scenes may have it.
+//! Source: Lamb, Hydrodynamics (1932), section 334: the moment on a sphere that rotates in a viscous fluid is
+//! 8 pi mu R^3 omega, so c = 20 pi mu R / m for a solid sphere and 12 pi mu R / m for a hollow one: 0.005 / s
+//! for a table-tennis ball at rest in the air, several times that in play. Valid while omega R^2 / nu is
+//! small; for faster spins c is the effective rate near the speeds that it was fitted to.
 //!
 //! Integrator: exact, omega exp(-c dt).
 //!
-//! Differences from the source: one coefficient for all bodies, whatever their size.
+//! Differences from the source: one coefficient for all bodies of any size.
 
-use super::{Act, Constants, Effect, Motion, Moving, Parameter, Search, Surroundings, amplitude, constants};
+use super::{
+    Constants, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
+    SimulationContext, amplitude, constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "spin_decay",
+    summary: "Spin decay in air: the angular velocity decays exponentially.",
+    signature: "The trajectory of a flight is unchanged and only the rotation slows; it changes how the \
+        body leaves the next surface. Positions of flights do not identify it, and those after a \
+        bounce distinguish it from friction only with flights of different lengths, so the model \
+        search does not try it; it can be estimated, and scenes may have it.",
     equation: "domega/dt = -c omega",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "c",
         unit: "1/s",
         bounds: [0.0, 100.0],
         neutral: 0.0,
         ..amplitude(0.5, 0.7, 2e-3)
     }],
-    act: Act::Motion(&SpinDecay),
-    holds: &[],
+    kind: EffectKind::Motion(&SpinDecay),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Never,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::Excluded,
 };
 
 struct SpinDecay;
 
-impl Motion for SpinDecay {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
-        constants(&[libm::exp(-parameters[0] * around.time_step)])
+impl MotionLaw for SpinDecay {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
+        constants(&[libm::exp(-parameters[0] * context.time_step)])
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         [body.vx, body.vy, body.omega * constants[0]]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 }

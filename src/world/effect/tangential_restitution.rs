@@ -1,50 +1,59 @@
-//! Tangential restitution: an impact turns the surfaces' sliding speed round by the share et, as far as
-//! friction can.
+//! Tangential restitution: an impact reverses the fraction et of the surfaces' sliding speed, within the
+//! limit of friction.
 //!
 //! Source: Garwin, Am. J. Phys. 37 (1969) 88 (the ultra-elastic rough ball, et = 1); Walton and Braun, J.
 //! Rheol. 30 (1986) 949: slip after = -et slip before in sticking impacts, Coulomb friction in sliding ones.
-//! et is 0.4 to 0.8 for rubber, 0 for surfaces that grip without spring, -1 for surfaces that do not grip at
-//! all. Valid for impacts, not for lasting contacts.
+//! et is 0.4 to 0.8 for rubber, 0 for surfaces that grip without elasticity, -1 for frictionless surfaces.
+//! Valid for impacts, not for lasting contacts.
 //!
-//! Signature: shows only in the change of spin and sideways speed at impacts, and most in steep ones with
-//! spin; a ball with et > 0 thrown without spin bounces back from floor and ceiling. Friction changes only
-//! grazing impacts, where it is the limit; flights are left alone, unlike by lift.
-//!
-//! Where: the step in which a contact that bore no load in the step before is met in approach. Slip is the
-//! tangential speed of the surfaces at the contact at the beginning of the step.
+//! Implementation: acts in the first step of a contact in approach that had no normal impulse in the previous
+//! step. Slip is the tangential speed of the surfaces at the contact at the beginning of the step.
 //!
 //! Differences from the source: the engines' own friction is the limit: in `lanes` friction times the normal
-//! impulse, in `rapier` the smaller share of it that its solver lets friction have in an impact (under a
-//! half, in a test of ours).
+//! impulse, in `rapier` the smaller fraction of it that its solver applies in an impact (below a half in our
+//! test).
 
-use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Search, Touch, amplitude};
+use super::{
+    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, ParameterDeclaration,
+    SearchStrategy, amplitude,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "tangential_restitution",
+    summary: "Tangential restitution: an impact reverses part of the sliding velocity.",
+    signature: "Visible only in the change of spin and sideways speed at impacts, and most in steep ones \
+        with spin; a ball with et > 0 thrown without spin bounces back from floor and ceiling. \
+        Friction changes only grazing impacts, where it is the limit; flights are unaffected, unlike \
+        by lift.",
     equation: "slip after an impact = -et * slip before, within friction",
-    parameters: &[Parameter {
+    parameters: &[ParameterDeclaration {
         name: "et",
         unit: "1",
         bounds: [-1.0, 1.0],
         neutral: 0.0,
         ..amplitude(0.1, 0.5, 2e-3)
     }],
-    act: Act::Contact(&TangentialRestitution),
-    holds: &[],
+    kind: EffectKind::Contact(&TangentialRestitution),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::FromNeutral,
 };
 
 struct TangentialRestitution;
 
-impl Touch for TangentialRestitution {
-    fn meet(&self, constants: &Constants, meeting: Meeting, answer: Answer) -> Answer {
+impl ContactLaw for TangentialRestitution {
+    fn respond(
+        &self,
+        constants: &Constants,
+        meeting: ContactState,
+        answer: ContactResponse,
+    ) -> ContactResponse {
         if meeting.begins && meeting.approach > 0.0 {
-            Answer { slip: -constants[0] * meeting.slip, ..answer }
+            ContactResponse { slip: -constants[0] * meeting.slip, ..answer }
         } else {
             answer
         }

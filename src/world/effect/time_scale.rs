@@ -1,34 +1,36 @@
-//! A wrong clock: it runs s times as fast as time, so that what is stamped t is what was true at t / s.
+//! Time scale error: the clock runs s times as fast as time, so the state stamped t is that of time t / s.
 //!
-//! Source: a camera whose frame rate is not what its file says, s = assumed time between frames / true time:
-//! a common fault of high-speed recordings. Valid for a steady rate.
+//! Source: a camera whose frame rate differs from its file's, s = assumed time between frames / true time: a
+//! common error of high-speed recordings. Valid for a constant rate.
 //!
-//! Signature: paths are right and speeds are not: all velocities by 1/s, all accelerations by 1/s^2,
-//! exponential decays by 1/s. An error of gravity changes free flights likewise, but not the speed that an
-//! action sets or that rolling keeps.
-//!
-//! Differences from the source: none. The record ends when the end of the rollout is seen.
+//! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{Act, Constants, Effect, Parameter, Search, Sensor, Shown, amplitude};
+use super::{
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, SearchStrategy, Sensor, amplitude,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "time_scale",
-    equation: "seen at t = true at t / s: the clock runs s times",
-    parameters: &[Parameter {
+    summary: "Time scale error: the clock of the measurements is too fast or too slow.",
+    signature: "Trajectories are right and velocities are not: all velocities scale by 1/s, all \
+        accelerations by 1/s^2, exponential decays by 1/s. An error of gravity changes free flights \
+        in the same way, but not the speed that an action sets or that rolling preserves.",
+    equation: "measured at t = true at t / s: the clock runs s times",
+    parameters: &[ParameterDeclaration {
         name: "s",
         unit: "1",
         bounds: [0.1, 10.0],
         neutral: 1.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    act: Act::Sensor(&TimeScale),
-    holds: &[],
+    kind: EffectKind::Sensor(&TimeScale),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: Some("film a clock"),
-    search: Search::Downhill,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: Some("film a clock"),
+    search: SearchStrategy::FromNeutral,
 };
 
 struct TimeScale;
@@ -38,8 +40,8 @@ impl Sensor for TimeScale {
         [1.0 / constants[0], 0.0]
     }
 
-    fn show(&self, constants: &Constants, state: Shown) -> Shown {
+    fn measure(&self, constants: &Constants, state: Measurement) -> Measurement {
         let s = constants[0];
-        Shown { vx: state.vx / s, vy: state.vy / s, omega: state.omega / s, ..state }
+        Measurement { vx: state.vx / s, vy: state.vy / s, omega: state.omega / s, ..state }
     }
 }

@@ -1,62 +1,68 @@
-//! A push at a velocity: dv/dt = (ax, ay) exp(-((vx - ux) / wx)^2 / 2 - ((vy - uy) / wy)^2 / 2).
+//! A force localised in velocity: dv/dt = (ax, ay) exp(-((vx - ux) / wx)^2 / 2 - ((vy - uy) / wy)^2 / 2).
 //!
-//! Source: one radial basis function of velocity (see `bump`). It is how a diagnosis writes down a force that depends on how
-//! a body moves, such as a drag that sets in at some speed, and that none of the named effects accounts for; no search for
-//! causes tries it. Valid for velocities that the data had; three widths from (ux, uy) it is a hundredth of its height.
+//! Source: one radial basis function of velocity (see `bump`). A diagnosis uses it to write a
+//! velocity-dependent force, such as a drag that begins at some speed, which none of the named effects
+//! explains; the model search does not try it. Valid within the velocities of the data that it was fitted to;
+//! three widths from (ux, uy) it is a hundredth of its maximum.
 //!
-//! Signature: bodies at the same velocity are pushed alike, wherever and whenever that is; without gravity what is at
-//! (ux, uy) gathers ax a second at first, and less and less.
-//!
-//! Integrator: explicit Euler, v + a dt; valid while a step's a dt is short of a width.
+//! Integrator: explicit Euler, v + a dt; valid while a dt of a step is much smaller than a width.
 //!
 //! Differences from the source: none.
 
-use super::bump::{bump, centre, height, near, width};
+use super::rbf::{centre, gaussian, height, near, width};
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
-    constants,
+    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
+    SearchStrategy, ShapeParameter, SimulationContext, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "velocity_push",
+    summary: "A force localised in velocity.",
+    signature: "Bodies at the same velocity are accelerated alike, at any position and time; without \
+        gravity a body at (ux, uy) initially gains ax per second, and less and less.",
     equation: "a = (ax, ay) exp(-((vx - ux) / wx)^2 / 2 - ((vy - uy) / wy)^2 / 2)",
     parameters: &[
         height("ax"),
         height("ay"),
-        centre("ux", "m/s", Shape::Velocity),
-        centre("uy", "m/s", Shape::Velocity),
+        centre("ux", "m/s", ShapeParameter::Velocity),
+        centre("uy", "m/s", ShapeParameter::Velocity),
         width("wx", "m/s"),
         width("wy", "m/s"),
     ],
-    act: Act::Motion(&VelocityPush),
-    holds: &[],
+    kind: EffectKind::Motion(&VelocityPush),
+    special_cases: &[],
     opposes_motion: false,
-    differs: &[],
-    renewed: false,
-    check: None,
-    search: Search::Never,
+    between_trial_sd: &[],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::Excluded,
 };
 
 struct VelocityPush;
 
-impl Motion for VelocityPush {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
+impl MotionLaw for VelocityPush {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
         let [ax, ay, ux, uy, wx, wy] = std::array::from_fn(|i| parameters[i]);
-        constants(&[ax * around.time_step, ay * around.time_step, ux, uy, 1.0 / wx, 1.0 / wy])
+        constants(&[ax * context.time_step, ay * context.time_step, ux, uy, 1.0 / wx, 1.0 / wy])
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         let [ax, ay, ux, uy, per_wx, per_wy, ..] = *constants;
-        let near = bump([(body.vx - ux) * per_wx, (body.vy - uy) * per_wy]);
+        let near = gaussian([(body.vx - ux) * per_wx, (body.vy - uy) * per_wy]);
         [body.vx + ax * near, body.vy + ay * near, body.omega]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+    fn kick_lanes(
+        &self,
+        constants: &[[f64; LANES]; MAX_PARAMETERS],
+        bodies: &mut MotionStateLanes,
+        _dt: f64,
+    ) {
         let ([ax, ay, ..], near) = (constants, near(constants, [&bodies.vx, &bodies.vy]));
         for lane in 0..LANES {
             bodies.vx[lane] += ax[lane] * near[lane];

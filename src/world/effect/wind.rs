@@ -1,34 +1,37 @@
-//! Wind: a uniform push, dv/dt = (ax, ay).
+//! Wind: a uniform acceleration, dv/dt = (ax, ay).
 //!
 //! Source: the limit of moving air that is much faster than the body, where drag no longer depends on the
-//! body's own velocity; also what a charged body feels between plates. Valid for bodies slow beside the air.
-//!
-//! Signature: free flight stays a parabola, tilted: the same acceleration for every trial, place and speed.
-//! Along gravity it cannot be told from an error of gravity; across it, a tilted camera turns *what is at
-//! rest* too (floors, and the line between two balls), which wind leaves alone.
+//! body's own velocity; also the force on a charged body between plates. Valid for bodies that are slow
+//! relative to the air.
 //!
 //! Integrator: exact, v + a dt.
 //!
 //! Differences from the source: independent of shape and mass.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
-    Surroundings, amplitude, constants, gravity_error, position_scale, time_scale,
+    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants, gravity_error,
+    position_scale, time_scale,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "wind",
+    summary: "Wind: a uniform acceleration.",
+    signature: "Free flight remains a parabola, tilted: the same acceleration for every trial, position \
+        and speed. Along gravity it cannot be distinguished from an error of gravity; across it, a \
+        tilted camera also rotates objects at rest (floors, and the line between two balls), which \
+        wind leaves unchanged.",
     equation: "a = (ax, ay)",
     parameters: &[
-        Parameter {
+        ParameterDeclaration {
             name: "ax",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
             ..amplitude(1.0, 1.0, 1e-2)
         },
-        Parameter {
+        ParameterDeclaration {
             name: "ay",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
@@ -36,31 +39,36 @@ pub static EFFECT: Effect = Effect {
             ..amplitude(1.0, 1.0, 1e-2)
         },
     ],
-    act: Act::Motion(&Wind),
-    holds: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
+    kind: EffectKind::Motion(&Wind),
+    special_cases: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
     opposes_motion: false,
-    differs: &[0.1, 0.1],
-    renewed: false,
-    check: None,
-    search: Search::Downhill,
+    between_trial_sd: &[0.1, 0.1],
+    reset_by_contact: false,
+    instrument_check: None,
+    search: SearchStrategy::FromNeutral,
 };
 
 struct Wind;
 
-impl Motion for Wind {
-    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
-        constants(&[parameters[0] * around.time_step, parameters[1] * around.time_step])
+impl MotionLaw for Wind {
+    fn constants(&self, parameters: &[f64], context: &SimulationContext) -> Constants {
+        constants(&[parameters[0] * context.time_step, parameters[1] * context.time_step])
     }
 
-    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+    fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         [body.vx + constants[0], body.vy + constants[1], body.omega]
     }
 
-    fn timeless(&self) -> bool {
+    fn is_autonomous(&self) -> bool {
         true
     }
 
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+    fn kick_lanes(
+        &self,
+        constants: &[[f64; LANES]; MAX_PARAMETERS],
+        bodies: &mut MotionStateLanes,
+        _dt: f64,
+    ) {
         let [x, y, ..] = constants;
         for lane in 0..LANES {
             bodies.vx[lane] += x[lane];

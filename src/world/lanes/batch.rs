@@ -1,227 +1,229 @@
-//! What happens to lanes now and then: they are filled, observed, judged, and end. What happens in every step is in
-//! `kernel`.
+//! Management of lanes: filling, observing, finishing. The work of every step is in `kernel`.
 //!
-//! A lane that ends is filled with the next rollout at once, so lanes start at different times and each keeps
+//! A finished lane is filled with the next rollout at once, so lanes start at different times and each has
 //! its own count of steps.
 
-use super::feed::Feed;
+use super::contact_pair::ContactPair;
 use super::goal::GoalLanes;
 use super::intervene::intervene;
-use super::rest::{LOOK_EVERY, Snapshot};
-use super::settle::Settling;
-use super::state::State;
-use super::touching::Met;
-use crate::trajectory::{End, Trajectory};
-use crate::world::change::Change;
+use super::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
+use super::source::RolloutSource;
+use super::state::BatchState;
+use super::warm_start::ContactWarmStart;
+use crate::trajectory::{Termination, Trajectory};
+use crate::world::compile::{BodyModel, RolloutModel};
+use crate::world::compiled_intervention::CompiledIntervention;
 use crate::world::effect::LANES;
-use crate::world::observe::Schedule;
-use crate::world::prepare::{Prepared, PreparedBody};
-use crate::world::record::{self, APART_STEPS, Recorder};
+use crate::world::observe::ObservationSchedule;
+use crate::world::record::{self, CONTACT_GAP_STEPS, Recorder};
 
-/// Pairs looked at, all lanes of each, between two looks at whether to go on: about a millisecond.
-const PAIRS_A_LOOK: usize = 1 << 14;
+/// Number of pairs, with all their lanes, between two checks of the budget: about a millisecond.
+const PAIRS_PER_CHECK: usize = 1 << 14;
 
-/// What is compiled for a set of instructions. Both own nothing: what does, a panic would have to take away, and a way out of every
-/// operation of so large a function takes the compiler minutes.
-pub trait Instructions {
+/// The code compiled for an instruction set. The functions own no data: unwinding code for every operation of
+/// such large functions would take the compiler minutes.
+pub trait Kernel {
     /// Advances every lane by one time step.
-    fn step(&self, state: &mut State);
-    /// Follows the goals; whether a lane has just reached its own.
-    fn judge(&self, goal: &mut GoalLanes, state: &mut State) -> bool;
+    fn step(&self, state: &mut BatchState);
+    /// Evaluates the goals; whether a lane has just reached its own.
+    fn update_goal(&self, goal: &mut GoalLanes, state: &mut BatchState) -> bool;
 }
 
-/// Integrates everything that `feed` holds, unless it is told to stop.
-pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructions) {
-    let Some(first) = feed.next() else { return };
-    let mut batch = Batch::new(&first.1);
+/// Integrates all rollouts of `source`, unless it is cancelled.
+pub fn run(source: &mut dyn RolloutSource, end_at_rest: bool, instructions: &dyn Kernel) {
+    let Some(first) = source.next() else { return };
+    let mut batch = LaneBatch::new(&first.1);
     let mut first = Some(first);
     for lane in 0..LANES {
-        batch.refill(lane, feed, first.take());
+        batch.refill(lane, source, first.take());
     }
-    let steps_a_look = (PAIRS_A_LOOK / (batch.state.pairs.len() + batch.state.near.len()).max(1)).max(1);
-    let mut unlooked = 0;
+    let steps_per_check =
+        (PAIRS_PER_CHECK / (batch.state.pairs.len() + batch.state.near.len()).max(1)).max(1);
+    let mut steps_since_check = 0;
     while batch.lanes.iter().any(Option::is_some) {
-        unlooked += 1;
-        if unlooked == steps_a_look {
-            unlooked = 0;
-            if !feed.goes_on() {
+        steps_since_check += 1;
+        if steps_since_check == steps_per_check {
+            steps_since_check = 0;
+            if !source.should_continue() {
                 return;
             }
         }
         instructions.step(&mut batch.state);
         let mut gone = [false; LANES];
-        if batch.state.wild {
-            gone = batch.end_diverged(feed);
+        if batch.state.may_diverge {
+            gone = batch.end_diverged(source);
         }
-        if batch.settles {
-            batch.settle();
+        if batch.has_warm_starts {
+            batch.continue_warm_starts();
         }
-        if !batch.state.fresh.is_empty() {
-            batch.record_begun();
+        if !batch.state.new_contacts.is_empty() {
+            batch.record_new_contacts();
         }
         if let Some(goal) = &mut batch.goal
-            && instructions.judge(goal, &mut batch.state)
+            && instructions.update_goal(goal, &mut batch.state)
         {
-            batch.reached(feed);
+            batch.finish_solved(source);
         }
-        // What follows what diverged begins after this step has been judged.
+        // A rollout that follows a diverged one must not be evaluated in this step.
         for lane in (0..LANES).filter(|lane| gone[*lane]) {
-            batch.refill(lane, feed, None);
+            batch.refill(lane, source, None);
         }
         if batch.state.tick >= batch.due {
-            batch.observe_due(feed);
+            batch.observe_due(source);
         }
         if end_at_rest {
             if let Some(before) = batch.snapshot.take() {
-                batch.end_at_rest(&before, feed);
-            } else if (batch.state.tick as u64).is_multiple_of(LOOK_EVERY) {
+                batch.end_at_rest(&before, source);
+            } else if (batch.state.tick as u64).is_multiple_of(REST_CHECK_INTERVAL_STEPS) {
                 batch.snapshot = batch.snapshot();
             }
         }
     }
 }
 
-/// Everything about up to [`LANES`] rollouts at work.
-struct Batch {
-    state: State,
+/// Up to [`LANES`] rollouts in progress.
+struct LaneBatch {
+    state: BatchState,
     goal: Option<GoalLanes>,
-    lanes: [Option<Lane>; LANES],
-    /// Earliest tick at which a lane is to be observed or ends.
+    lanes: [Option<LaneRollout>; LANES],
+    /// Earliest tick at which a lane must be observed or ends.
     due: f64,
     /// The state after the last step, if some lane may have come to rest.
-    snapshot: Option<Snapshot>,
-    /// Whether some lane's first step may have to be made again.
-    settles: bool,
+    snapshot: Option<StepSnapshot>,
+    /// Whether some lane is still repeating its first step.
+    has_warm_starts: bool,
 }
 
-/// A rollout at work.
-struct Lane {
+/// A rollout in progress.
+struct LaneRollout {
     index: usize,
     recorder: Recorder,
     steps: u32,
-    schedule: Schedule,
+    schedule: ObservationSchedule,
     stop: bool,
     solved: bool,
-    /// Step of the next observation; beyond the end, the end.
-    look: u32,
-    /// Tick at which it is observed, changed or ends next.
+    /// Step of the next observation; the last step at the latest.
+    next_observation: u32,
+    /// Tick of the next observation, intervention or end.
     due: f64,
-    /// What is known of its things, where there are interventions; and how many of them have happened.
-    prepared: Option<Box<Prepared>>,
+    /// The model, if there are interventions; and the number of interventions already applied.
+    model: Option<Box<RolloutModel>>,
     changed: usize,
-    /// Where the first step is made again until contacts bear what they did.
-    settling: Option<Settling>,
+    /// The warm start, while the first step is repeated until contact impulses have converged.
+    warm_start: Option<ContactWarmStart>,
 }
 
-impl Lane {
-    /// The next step at which there is something to do.
+impl LaneRollout {
+    /// The next step at which something must be done.
     fn next(&self) -> u32 {
-        self.change().map_or(self.look, |change| change.step.min(self.look))
+        self.change().map_or(self.next_observation, |change| change.step.min(self.next_observation))
     }
 
     /// The next intervention.
-    fn change(&self) -> Option<&Change> {
-        self.prepared.as_ref()?.changes.get(self.changed)
+    fn change(&self) -> Option<&CompiledIntervention> {
+        self.model.as_ref()?.interventions.get(self.changed)
     }
 }
 
-/// Where bodies start, as they were given.
-fn starts(prepared: &Prepared) -> Vec<record::State> {
-    let start = |b: &PreparedBody| if b.there { b.start() } else { record::State::NOWHERE };
-    prepared.bodies.iter().map(start).collect()
+/// Initial states of the bodies.
+fn starts(model: &RolloutModel) -> Vec<record::BodyState> {
+    let start = |b: &BodyModel| if b.present { b.initial_state() } else { record::BodyState::ABSENT };
+    model.bodies.iter().map(start).collect()
 }
 
-impl Batch {
-    fn new(prepared: &Prepared) -> Batch {
-        Batch {
-            state: State::for_topology_of(prepared),
-            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition, prepared)),
+impl LaneBatch {
+    fn new(model: &RolloutModel) -> LaneBatch {
+        LaneBatch {
+            state: BatchState::empty_lanes(model),
+            goal: model.goal.as_ref().map(|g| GoalLanes::new(&g.condition, model)),
             lanes: Default::default(),
             due: f64::INFINITY,
             snapshot: None,
-            settles: false,
+            has_warm_starts: false,
         }
     }
 
-    /// Puts the next rollout, if there is one, into a lane.
-    fn refill(&mut self, lane: usize, feed: &mut dyn Feed, first: Option<(usize, Prepared)>) {
-        let mut next = first.or_else(|| feed.next());
+    /// Loads the next rollout, if there is one, into a lane.
+    fn refill(&mut self, lane: usize, source: &mut dyn RolloutSource, first: Option<(usize, RolloutModel)>) {
+        let mut next = first.or_else(|| source.next());
         loop {
             match next {
-                Some((index, prepared)) => self.fill(lane, index, prepared),
+                Some((index, model)) => self.fill(lane, index, model),
                 None => self.clear(lane),
             }
             let Some(end) = self.intervene(lane, 0) else { break };
-            self.hand_over(lane, 0, end, feed);
-            next = feed.next();
+            self.finish_lane(lane, 0, end, source);
+            next = source.next();
         }
         self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
     }
 
-    fn fill(&mut self, lane: usize, index: usize, prepared: Prepared) {
-        self.state.fill(lane, &prepared);
+    fn fill(&mut self, lane: usize, index: usize, model: RolloutModel) {
+        self.state.fill(lane, &model);
         if let Some(goal) = &mut self.goal {
-            goal.fill(lane, &prepared);
+            goal.fill(lane, &model);
         }
-        let look = prepared.schedule.after(0).min(prepared.steps);
-        let mut new = Lane {
+        let next_observation = model.schedule.after(0).min(model.steps);
+        let mut new = LaneRollout {
             index,
-            recorder: Recorder::new(&prepared),
-            steps: prepared.steps,
-            schedule: prepared.schedule.clone(),
-            stop: prepared.stop,
+            recorder: Recorder::new(&model),
+            steps: model.steps,
+            schedule: model.schedule.clone(),
+            stop: model.stop_at_goal,
             solved: false,
-            look,
-            due: self.state.tick + f64::from(look),
-            prepared: None,
+            next_observation,
+            due: self.state.tick + f64::from(next_observation),
+            model: None,
             changed: 0,
-            settling: None,
+            warm_start: None,
         };
-        new.recorder.observe(0, &starts(&prepared));
-        if prepared.settled {
-            new.settling = Some(Settling::new(prepared));
-            self.settles = true;
-        } else if !prepared.changes.is_empty() {
-            new.prepared = Some(Box::new(prepared));
+        new.recorder.observe(0, &starts(&model));
+        if model.contacts_established {
+            new.warm_start = Some(ContactWarmStart::new(model));
+            self.has_warm_starts = true;
+        } else if !model.interventions.is_empty() {
+            new.model = Some(Box::new(model));
             new.due = self.state.tick + f64::from(new.next());
         }
         self.lanes[lane] = Some(new);
     }
 
-    /// Does what is to be done in a lane after so many steps; how its rollout ends, if it does.
-    fn intervene(&mut self, lane: usize, step: u32) -> Option<End> {
-        let own = self.lanes[lane].as_mut()?;
-        let prepared = own.prepared.as_mut()?;
-        while let Some(change) = prepared.changes.get(own.changed).filter(|c| c.step == step).cloned() {
-            own.changed += 1;
-            // What was the same in the step before may be another from here on.
+    /// Applies the interventions of a lane after so many steps; returns how its rollout ends, if it does.
+    fn intervene(&mut self, lane: usize, step: u32) -> Option<Termination> {
+        let lane_rollout = self.lanes[lane].as_mut()?;
+        let model = lane_rollout.model.as_mut()?;
+        while let Some(change) =
+            model.interventions.get(lane_rollout.changed).filter(|c| c.step == step).cloned()
+        {
+            lane_rollout.changed += 1;
+            // A lane that was at rest may move after an intervention.
             self.snapshot = None;
-            let end = intervene(&mut self.state, self.goal.as_mut(), lane, prepared, &change);
+            let end = intervene(&mut self.state, self.goal.as_mut(), lane, model, &change);
             if end.is_some() {
                 return end;
             }
         }
-        own.due = self.state.born[lane] + f64::from(own.next());
+        lane_rollout.due = self.state.start_tick[lane] + f64::from(lane_rollout.next());
         None
     }
 
-    /// Has first steps made again where contacts do not yet bear what they bore before.
-    fn settle(&mut self) {
-        self.settles = false;
+    /// Repeats first steps whose contact impulses have not converged.
+    fn continue_warm_starts(&mut self) {
+        self.has_warm_starts = false;
         for lane in 0..LANES {
-            let Some(own) = &mut self.lanes[lane] else { continue };
-            let Some(mut settling) = own.settling.take() else { continue };
-            if settling.back(&mut self.state, lane) {
-                own.settling = Some(settling);
-                self.settles = true;
-                own.due = self.state.tick + f64::from(own.next());
-                // A lane that begins again is not one at rest.
+            let Some(lane_rollout) = &mut self.lanes[lane] else { continue };
+            let Some(mut warm_start) = lane_rollout.warm_start.take() else { continue };
+            if warm_start.restart(&mut self.state, lane) {
+                lane_rollout.warm_start = Some(warm_start);
+                self.has_warm_starts = true;
+                lane_rollout.due = self.state.tick + f64::from(lane_rollout.next());
+                // A lane that restarts is not at rest.
                 self.snapshot = None;
             }
         }
     }
 
-    /// Leaves a lane empty.
+    /// Empties a lane.
     fn clear(&mut self, lane: usize) {
         self.lanes[lane] = None;
         self.state.clear(lane);
@@ -230,75 +232,75 @@ impl Batch {
         }
     }
 
-    /// Hands the contacts that began in this step to the recorders.
-    fn record_begun(&mut self) {
-        let fresh = std::mem::take(&mut self.state.fresh);
-        for index in &fresh {
+    /// Reports the contacts that began in this step to the recorders.
+    fn record_new_contacts(&mut self) {
+        let new_contacts = std::mem::take(&mut self.state.new_contacts);
+        for index in &new_contacts {
             for lane in 0..LANES {
-                if !self.begins(*index, lane, &fresh) {
+                if !self.is_new_contact(*index, lane, &new_contacts) {
                     continue;
                 }
-                let met = self.state.met(*index);
-                if let Some(own) = &mut self.lanes[lane] {
-                    let step = (self.state.tick - self.state.born[lane]) as u32;
-                    let speed = (-met.speed[lane]).max(0.0);
-                    own.recorder.begin(step, met.first, met.other, speed);
+                let contact = self.state.contact(*index);
+                if let Some(lane_rollout) = &mut self.lanes[lane] {
+                    let step = (self.state.tick - self.state.start_tick[lane]) as u32;
+                    let speed = (-contact.speed[lane]).max(0.0);
+                    lane_rollout.recorder.begin_contact(step, contact.first, contact.other, speed);
                 }
             }
         }
     }
 
-    /// Whether with this pair its two things begin to touch, of whose other pieces none touches already; of several that
-    /// begin in one step the first counts.
-    fn begins(&self, index: usize, lane: usize, fresh: &[usize]) -> bool {
-        let own = self.state.met(index);
-        let touched = |(i, met): (usize, &Met)| {
-            if met.first != own.first || met.other != own.other || i == index {
+    /// Whether the contact of this pair is a new contact of its two objects, none of whose other pieces
+    /// already touch; of several pairs that begin in one step the first counts.
+    fn is_new_contact(&self, index: usize, lane: usize, new_contacts: &[usize]) -> bool {
+        let lane_rollout = self.state.contact(index);
+        let touched = |(i, contact): (usize, &ContactPair)| {
+            if contact.first != lane_rollout.first || contact.other != lane_rollout.other || i == index {
                 return false;
             }
-            if met.begins[lane] > 0.0 && fresh.contains(&i) {
+            if contact.begins[lane] > 0.0 && new_contacts.contains(&i) {
                 return i < index;
             }
-            self.state.tick - met.last_touch[lane] <= f64::from(APART_STEPS)
+            self.state.tick - contact.last_touch[lane] <= f64::from(CONTACT_GAP_STEPS)
         };
-        let begins = self.lanes[lane].is_some() && own.begins[lane] > 0.0;
-        begins && !self.state.all_met().enumerate().any(touched)
+        let begins = self.lanes[lane].is_some() && lane_rollout.begins[lane] > 0.0;
+        begins && !self.state.all_contacts().enumerate().any(touched)
     }
 
-    fn reached(&mut self, feed: &mut dyn Feed) {
+    fn finish_solved(&mut self, source: &mut dyn RolloutSource) {
         for lane in 0..LANES {
             let Some(goal) = &mut self.goal else { return };
             if goal.held[lane] < goal.needed[lane] {
                 continue;
             }
             goal.needed[lane] = f64::INFINITY;
-            let Some(own) = &mut self.lanes[lane] else { continue };
-            own.solved = true;
-            if own.stop {
+            let Some(lane_rollout) = &mut self.lanes[lane] else { continue };
+            lane_rollout.solved = true;
+            if lane_rollout.stop {
                 let step = self.state.step_of(lane);
                 self.observe(lane, step);
-                self.retire(lane, step, End::Goal, feed);
+                self.retire(lane, step, Termination::Goal, source);
             }
         }
     }
 
-    fn observe_due(&mut self, feed: &mut dyn Feed) {
+    fn observe_due(&mut self, source: &mut dyn RolloutSource) {
         for lane in 0..LANES {
             let step = self.state.step_of(lane);
-            let Some(own) = &mut self.lanes[lane] else { continue };
-            if own.due > self.state.tick {
+            let Some(lane_rollout) = &mut self.lanes[lane] else { continue };
+            if lane_rollout.due > self.state.tick {
                 continue;
             }
-            let (steps, look) = (own.steps, own.look);
-            if step >= look {
-                own.look = own.schedule.after(step).min(steps);
-                own.due = self.state.born[lane] + f64::from(own.next());
+            let (steps, next_observation) = (lane_rollout.steps, lane_rollout.next_observation);
+            if step >= next_observation {
+                lane_rollout.next_observation = lane_rollout.schedule.after(step).min(steps);
+                lane_rollout.due = self.state.start_tick[lane] + f64::from(lane_rollout.next());
                 self.observe(lane, step);
             }
             if step >= steps {
-                self.retire(lane, steps, End::Horizon, feed);
+                self.retire(lane, steps, Termination::Horizon, source);
             } else if let Some(end) = self.intervene(lane, step) {
-                self.retire(lane, step, end, feed);
+                self.retire(lane, step, end, source);
             }
         }
         self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
@@ -306,80 +308,84 @@ impl Batch {
 
     fn observe(&mut self, lane: usize, step: u32) {
         let states = self.state.bodies_in(lane);
-        if let Some(own) = &mut self.lanes[lane] {
-            own.recorder.observe(step, &states);
+        if let Some(lane_rollout) = &mut self.lanes[lane] {
+            lane_rollout.recorder.observe(step, &states);
         }
     }
 
-    /// Hands over what diverged; the lanes that it leaves.
-    fn end_diverged(&mut self, feed: &mut dyn Feed) -> [bool; LANES] {
+    /// Finishes diverged lanes; returns which ones.
+    fn end_diverged(&mut self, source: &mut dyn RolloutSource) -> [bool; LANES] {
         let mut gone = [false; LANES];
         for (lane, gone) in gone.iter_mut().enumerate() {
             if self.lanes[lane].is_some() && self.state.diverged(lane) {
-                // Nothing of the step that diverged is kept.
+                // The state after the diverged step is discarded.
                 let step = self.state.step_of(lane) - 1;
-                self.hand_over(lane, step, End::Diverged, feed);
+                self.finish_lane(lane, step, Termination::Diverged, source);
                 *gone = true;
             }
-            // What is out of the scene falls on and on.
-            self.state.park(lane);
+            // Absent bodies would keep falling.
+            self.state.reset_absent(lane);
         }
         gone
     }
 
-    /// Hands a finished rollout over and fills its lane again.
-    fn retire(&mut self, lane: usize, step: u32, end: End, feed: &mut dyn Feed) {
-        self.hand_over(lane, step, end, feed);
-        self.refill(lane, feed, None);
+    /// Finishes a rollout and refills its lane.
+    fn retire(&mut self, lane: usize, step: u32, end: Termination, source: &mut dyn RolloutSource) {
+        self.finish_lane(lane, step, end, source);
+        self.refill(lane, source, None);
     }
 
-    /// Hands a finished rollout over.
-    fn hand_over(&mut self, lane: usize, step: u32, end: End, feed: &mut dyn Feed) {
-        if let Some(mut own) = self.lanes[lane].take() {
+    /// Passes a finished rollout on.
+    fn finish_lane(&mut self, lane: usize, step: u32, end: Termination, source: &mut dyn RolloutSource) {
+        if let Some(mut lane_rollout) = self.lanes[lane].take() {
             let rolling: f64 = self.state.bodies.iter().map(|b| b.rolling[lane]).sum();
-            own.recorder.rolled(rolling as u32);
-            if own.solved {
-                own.recorder.solved();
+            lane_rollout.recorder.add_rolling_steps(rolling as u32);
+            if lane_rollout.solved {
+                lane_rollout.recorder.set_solved();
             }
-            let trajectory: Trajectory = own.recorder.finish(step, end);
-            feed.done(own.index, trajectory);
+            let trajectory: Trajectory = lane_rollout.recorder.finish(step, end);
+            source.done(lane_rollout.index, trajectory);
         }
     }
 
-    /// The state now, if some lane may be at rest.
-    fn snapshot(&self) -> Option<Snapshot> {
-        Snapshot::of(&self.state, |lane| self.lanes[lane].is_some())
+    /// A snapshot of the state, if some lane may be at rest.
+    fn snapshot(&self) -> Option<StepSnapshot> {
+        StepSnapshot::of(&self.state, |lane| self.lanes[lane].is_some())
     }
 
-    /// Ends the lanes in which the last step changed nothing: every further step would be the same.
-    fn end_at_rest(&mut self, before: &Snapshot, feed: &mut dyn Feed) {
+    /// Finishes the lanes in which the last step changed nothing: every further step would be the same.
+    fn end_at_rest(&mut self, before: &StepSnapshot, source: &mut dyn RolloutSource) {
         for lane in 0..LANES {
             let Some(rolling) = before.same(&self.state, lane).filter(|_| self.lanes[lane].is_some()) else {
                 continue;
             };
             let step = self.state.step_of(lane);
-            let (states, reached) =
-                (self.state.bodies_in(lane), self.goal.as_ref().and_then(|g| g.steps_to_go(lane)));
-            // What an intervention is still to come to is at rest for now only.
-            let Some(own) = self.lanes[lane].as_mut().filter(|own| own.change().is_none()) else { continue };
-            let mut last = own.steps;
-            let mut end = End::Horizon;
-            if let Some(more) = reached.filter(|more| *more <= own.steps - step) {
-                own.solved = true;
-                if own.stop {
-                    (last, end) = (step + more, End::Goal);
+            let (states, finish_solved) =
+                (self.state.bodies_in(lane), self.goal.as_ref().and_then(|g| g.steps_remaining(lane)));
+            // A lane with pending interventions is not finished early.
+            let Some(lane_rollout) =
+                self.lanes[lane].as_mut().filter(|lane_rollout| lane_rollout.change().is_none())
+            else {
+                continue;
+            };
+            let mut last = lane_rollout.steps;
+            let mut end = Termination::Horizon;
+            if let Some(more) = finish_solved.filter(|more| *more <= lane_rollout.steps - step) {
+                lane_rollout.solved = true;
+                if lane_rollout.stop {
+                    (last, end) = (step + more, Termination::Goal);
                 }
             }
-            let mut k = own.schedule.after(step);
+            let mut k = lane_rollout.schedule.after(step);
             while k < last {
-                own.recorder.observe(k, &states);
-                k = own.schedule.after(k);
+                lane_rollout.recorder.observe(k, &states);
+                k = lane_rollout.schedule.after(k);
             }
             if last > step {
-                own.recorder.observe(last, &states);
+                lane_rollout.recorder.observe(last, &states);
             }
-            own.recorder.rolled(rolling * (last - step));
-            self.retire(lane, last, end, feed);
+            lane_rollout.recorder.add_rolling_steps(rolling * (last - step));
+            self.retire(lane, last, end, source);
         }
     }
 }

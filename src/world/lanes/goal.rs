@@ -1,31 +1,31 @@
-//! The goal of a batch, in every lane.
+//! Goal evaluation in every lane of a batch.
 
-use super::closest::{closest, lowest};
-use super::contact::{Gap, may_touch, with_static};
-use super::outline::{OutlineCore, place};
-use super::piece::pieces;
+use super::contact_pair::{NEVER_TOUCHED, TRAVEL_TOLERANCE_M};
+use super::disc_separation::{DiscSeparation, may_touch, with_static};
+use super::outline::{OutlineCore, update_outlines};
+use super::outline_separation::{closest, lowest};
 use super::simd::{Mask, Register, V, Wide};
-use super::state::{BodyLanes, State};
-use super::touching::{HAIR, NEVER_TOUCHED};
+use super::state::{BatchState, BodyLanes};
+use super::static_piece::pieces;
 use crate::task::geometry::polygon_contains;
-use crate::task::scene::Point;
+use crate::task::scene::GoalPoint;
+use crate::world::compile::RolloutModel;
 use crate::world::effect::LANES;
-use crate::world::goal::{Condition, Party};
-use crate::world::prepare::Prepared;
+use crate::world::goal::{GoalCondition, ObjectId};
 
-/// A goal in every lane; all lanes' goals are of one kind and between the same parties.
+/// Goals in all lanes, of the same kind and between the same objects.
 pub struct GoalLanes {
     condition: ConditionLanes,
-    /// Where two things are not to touch: whether that counts, as it does once they have touched (0 or 1).
+    /// For `apart` goals: whether the time apart counts (0 or 1), which it may do only after a contact.
     apart: Option<V>,
     /// Steps for which the condition has held, and must hold.
     pub held: V,
-    /// The latter is infinite in lanes without a rollout or whose goal has been reached.
+    /// The latter is infinite in lanes without a rollout or with a reached goal.
     pub needed: V,
 }
 
 enum ConditionLanes {
-    /// Squared distance of centres up to which two discs count as touching.
+    /// Squared centre distance up to which two discs count as touching.
     Discs {
         first: usize,
         second: usize,
@@ -37,21 +37,22 @@ enum ConditionLanes {
         fixed: Vec<usize>,
         tolerance: V,
     },
-    /// A body, and a body or a static after all bodies, at least one of them no disc; and the sum of both bodies' `travel` below
-    /// which they are not near enough.
+    /// A body, and a body or a static after all bodies, at least one of them not a disc; and the sum of
+    /// both bodies' `travel` below which they cannot be near enough.
     Outlines {
         between: [usize; 2],
         limit: V,
         tolerance: V,
     },
-    /// Polygon and the box around it, by lane.
+    /// Polygon and its bounding box, by lane.
     Inside {
         body: usize,
         regions: [Vec<[f64; 2]>; LANES],
         low: [V; 2],
         high: [V; 2],
     },
-    /// A body, or its frame's origin, and the line that it is not to be below. The radius is that of a disc, where all bodies are.
+    /// A body, or its frame's origin, and the line that it must be above. `radius` is that of a disc if
+    /// all bodies are discs.
     Above {
         body: usize,
         whole: bool,
@@ -64,69 +65,71 @@ enum ConditionLanes {
 
 impl GoalLanes {
     /// Empty lanes for goals like this one.
-    pub fn new(condition: &Condition, prepared: &Prepared) -> GoalLanes {
+    pub fn new(condition: &GoalCondition, model: &RolloutModel) -> GoalLanes {
         let none = V::all(0.0);
-        let disc = |i: usize| prepared.bodies[i].shape.disc_radius().is_some();
-        let apart = matches!(condition, Condition::Apart { .. }).then_some(none);
+        let disc = |i: usize| model.bodies[i].shape.disc_radius().is_some();
+        let apart = matches!(condition, GoalCondition::Apart { .. }).then_some(none);
         let condition = match condition {
-            Condition::Above { body, point, .. } => ConditionLanes::Above {
+            GoalCondition::Above { body, point, .. } => ConditionLanes::Above {
                 body: *body,
-                whole: *point == Point::Lowest,
+                whole: *point == GoalPoint::Lowest,
                 normal: [none; 2],
                 offset: none,
                 radius: none,
             },
-            Condition::Inside { body, .. } => ConditionLanes::Inside {
+            GoalCondition::Inside { body, .. } => ConditionLanes::Inside {
                 body: *body,
                 regions: Default::default(),
                 low: [none; 2],
                 high: [none; 2],
             },
-            Condition::Contact { parties, .. } | Condition::Apart { parties, .. } => match *parties {
-                [Party::Body(first), Party::Body(second)] if disc(first) && disc(second) => {
+            GoalCondition::Contact { objects, .. } | GoalCondition::Apart { objects, .. } => match *objects {
+                [ObjectId::Body(first), ObjectId::Body(second)] if disc(first) && disc(second) => {
                     ConditionLanes::Discs { first, second, reach2: none }
                 }
-                [Party::Body(first), Party::Body(second)] => ConditionLanes::outlines(first, second),
-                [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] if !disc(b) => {
-                    ConditionLanes::outlines(b, prepared.bodies.len() + s)
+                [ObjectId::Body(first), ObjectId::Body(second)] => ConditionLanes::outlines(first, second),
+                [ObjectId::Body(b), ObjectId::Static(s)] | [ObjectId::Static(s), ObjectId::Body(b)]
+                    if !disc(b) =>
+                {
+                    ConditionLanes::outlines(b, model.bodies.len() + s)
                 }
-                [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] => {
-                    let of_it = pieces(prepared).enumerate().filter(|(_, (owner, _))| *owner == s);
+                [ObjectId::Body(b), ObjectId::Static(s)] | [ObjectId::Static(s), ObjectId::Body(b)] => {
+                    let of_it = pieces(model).enumerate().filter(|(_, (owner, _))| *owner == s);
                     let fixed = of_it.map(|(piece, _)| piece).collect();
                     ConditionLanes::DiscStatic { body: b, fixed, tolerance: none }
                 }
-                [Party::Static(_), Party::Static(_)] => ConditionLanes::Never,
+                [ObjectId::Static(_), ObjectId::Static(_)] => ConditionLanes::Never,
             },
         };
         GoalLanes { condition, apart, held: none, needed: V::all(f64::INFINITY) }
     }
 
-    /// Puts a rollout's goal into a lane.
-    pub fn fill(&mut self, lane: usize, prepared: &Prepared) {
-        let Some(own) = &prepared.goal else { return };
+    /// Loads a rollout's goal into a lane.
+    pub fn fill(&mut self, lane: usize, model: &RolloutModel) {
+        let Some(own) = &model.goal else { return };
         self.held[lane] = 0.0;
-        self.needed[lane] = f64::from(own.hold_steps(prepared.time_step));
-        if let (Some(counts), Condition::Apart { after_touch, .. }) = (&mut self.apart, &own.condition) {
+        self.needed[lane] = f64::from(own.hold_steps(model.time_step));
+        if let (Some(counts), GoalCondition::Apart { after_touch, .. }) = (&mut self.apart, &own.condition) {
             counts[lane] = if *after_touch { 0.0 } else { 1.0 };
         }
-        self.condition.fill(lane, &own.condition, prepared);
+        self.condition.fill(lane, &own.condition, model);
     }
 
-    /// Leaves a lane empty.
+    /// Empties a lane.
     pub fn clear(&mut self, lane: usize) {
         self.needed[lane] = f64::INFINITY;
     }
 
-    /// Forgets how far a lane's parties were apart: one of them was put elsewhere.
-    pub fn look_again(&mut self, lane: usize) {
+    /// Discards the distance bound of a lane's objects after one of them was moved.
+    pub fn reset_limit(&mut self, lane: usize) {
         if let ConditionLanes::Outlines { limit, .. } = &mut self.condition {
             limit[lane] = NEVER_TOUCHED;
         }
     }
 
-    /// Follows the goals; whether a lane has just reached its own.
+    /// Evaluates the goals; whether a lane has just reached its own.
     #[inline(always)]
-    pub fn judge<R: Register, const N: usize>(&mut self, state: &mut State) -> bool {
+    pub fn update<R: Register, const N: usize>(&mut self, state: &mut BatchState) -> bool {
         let none = Wide::all(0.0);
         let holds: Mask<R, N> = match &mut self.condition {
             ConditionLanes::Never => return false,
@@ -138,7 +141,7 @@ impl GoalLanes {
             ConditionLanes::DiscStatic { body, fixed, tolerance } => {
                 let mut least = Wide::all(f64::INFINITY);
                 for piece in fixed {
-                    let gap: Gap<R, N> = with_static(&state.bodies[*body], &state.statics[*piece]);
+                    let gap: DiscSeparation<R, N> = with_static(&state.bodies[*body], &state.statics[*piece]);
                     least = gap.separation.below(least);
                 }
                 least.at_most(Wide::load(tolerance))
@@ -152,7 +155,7 @@ impl GoalLanes {
             ConditionLanes::Above { body, whole, normal, offset, radius } => {
                 let normal = [Wide::load(&normal[0]), Wide::load(&normal[1])];
                 let height: Wide<R, N> = if *whole {
-                    least_along(state, *body, normal, radius)
+                    min_along(state, *body, normal, radius)
                 } else {
                     let [x, y]: [Wide<R, N>; 2] = origin(state, *body);
                     normal[0] * x + normal[1] * y
@@ -185,8 +188,8 @@ impl GoalLanes {
         Wide::load(&self.needed).at_most(held).any()
     }
 
-    /// After how many more steps like the last one the goal is reached.
-    pub fn steps_to_go(&self, lane: usize) -> Option<u32> {
+    /// Number of further steps like the last one after which the goal is reached.
+    pub fn steps_remaining(&self, lane: usize) -> Option<u32> {
         let unsolved = self.held[lane] > 0.0 && self.needed[lane].is_finite();
         unsolved.then(|| (self.needed[lane] - self.held[lane]) as u32)
     }
@@ -198,29 +201,29 @@ impl ConditionLanes {
         ConditionLanes::Outlines { between: [first, other], limit, tolerance }
     }
 
-    fn fill(&mut self, lane: usize, own: &Condition, prepared: &Prepared) {
+    fn fill(&mut self, lane: usize, own: &GoalCondition, model: &RolloutModel) {
         match (self, own) {
             (
                 ConditionLanes::Discs { first, second, reach2 },
-                Condition::Contact { tolerance, .. } | Condition::Apart { tolerance, .. },
+                GoalCondition::Contact { tolerance, .. } | GoalCondition::Apart { tolerance, .. },
             ) => {
-                let radius = |i: usize| prepared.bodies[i].shape.disc_radius().expect("made for discs only");
+                let radius = |i: usize| model.bodies[i].shape.disc_radius().expect("made for discs only");
                 let radii = radius(*first) + radius(*second);
                 reach2[lane] = (radii + tolerance) * (radii + tolerance);
             }
             (
                 ConditionLanes::Outlines { limit, tolerance, .. },
-                Condition::Contact { tolerance: own, .. } | Condition::Apart { tolerance: own, .. },
+                GoalCondition::Contact { tolerance: own, .. } | GoalCondition::Apart { tolerance: own, .. },
             ) => {
                 (limit[lane], tolerance[lane]) = (NEVER_TOUCHED, *own);
             }
             (
                 ConditionLanes::DiscStatic { tolerance, .. },
-                Condition::Contact { tolerance: own, .. } | Condition::Apart { tolerance: own, .. },
+                GoalCondition::Contact { tolerance: own, .. } | GoalCondition::Apart { tolerance: own, .. },
             ) => {
                 tolerance[lane] = *own;
             }
-            (ConditionLanes::Inside { regions, low, high, .. }, Condition::Inside { region, .. }) => {
+            (ConditionLanes::Inside { regions, low, high, .. }, GoalCondition::Inside { region, .. }) => {
                 for k in 0..2 {
                     low[k][lane] = region.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
                     high[k][lane] = region.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
@@ -229,20 +232,20 @@ impl ConditionLanes {
             }
             (
                 ConditionLanes::Above { normal: [nx, ny], offset, radius, .. },
-                Condition::Above { body, normal, offset: own, .. },
+                GoalCondition::Above { body, normal, offset: own, .. },
             ) => {
                 (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], *own);
-                radius[lane] = prepared.bodies[*body].shape.disc_radius().unwrap_or(0.0);
+                radius[lane] = model.bodies[*body].shape.disc_radius().unwrap_or(0.0);
             }
             _ => {}
         }
     }
 }
 
-/// Where two things are no farther apart than `tolerance`; `None` if none of the lanes can be.
+/// Whether two objects are no farther apart than `tolerance`; `None` if none of the lanes can be.
 #[inline(always)]
 fn within<R: Register, const N: usize>(
-    state: &mut State,
+    state: &mut BatchState,
     [first, other]: [usize; 2],
     limit: &mut V,
     tolerance: &V,
@@ -257,7 +260,7 @@ fn within<R: Register, const N: usize>(
     }
     for body in [first, other].into_iter().filter(|b| *b < count) {
         let BodyLanes { moving, angle, .. } = &state.bodies[body];
-        place::<R, N>(&mut state.frames[body], &mut state.outlines, moving, angle, state.tick);
+        update_outlines::<R, N>(&mut state.frames[body], &mut state.outlines, moving, angle, state.tick);
     }
     let tolerance = Wide::load(tolerance);
     let mut least = Wide::all(f64::INFINITY);
@@ -267,12 +270,12 @@ fn within<R: Register, const N: usize>(
         }
     }
     let used = Wide::all(0.0).less(Wide::load(&state.dt));
-    let free = (least - tolerance - Wide::all(HAIR)).above(Wide::all(0.0));
+    let free = (least - tolerance - Wide::all(TRAVEL_TOLERANCE_M)).above(Wide::all(0.0));
     used.select(travel + free, Wide::all(f64::INFINITY)).store(limit);
     Some(least.at_most(tolerance))
 }
 
-/// Where things that touch where `touch` says have parted, once that counts.
+/// Whether objects that touch where `touch` is true have separated, once that counts.
 #[inline(always)]
 fn parted<R: Register, const N: usize>(touch: Mask<R, N>, counts: &mut V) -> Mask<R, N> {
     let (none, one) = (Wide::all(0.0), Wide::all(1.0));
@@ -281,10 +284,10 @@ fn parted<R: Register, const N: usize>(touch: Mask<R, N>, counts: &mut V) -> Mas
     none.less(touch.select(none, counted))
 }
 
-/// Least coordinate of a body along a direction, m; `radius` is that of a disc where no body has an outline.
+/// Minimum coordinate of a body along a direction, m; `radius` is that of a disc if no body has an outline.
 #[inline(always)]
-fn least_along<R: Register, const N: usize>(
-    state: &mut State,
+fn min_along<R: Register, const N: usize>(
+    state: &mut BatchState,
     body: usize,
     [nx, ny]: [Wide<R, N>; 2],
     radius: &V,
@@ -293,7 +296,7 @@ fn least_along<R: Register, const N: usize>(
     let Some(frame) = state.frames.get_mut(body) else {
         return nx * Wide::load(&moving.x) + ny * Wide::load(&moving.y) - Wide::load(radius);
     };
-    place::<R, N>(frame, &mut state.outlines, moving, angle, state.tick);
+    update_outlines::<R, N>(frame, &mut state.outlines, moving, angle, state.tick);
     let mut least = Wide::all(f64::INFINITY);
     for outline in state.outlines.iter().filter(|o| o.owner == body) {
         if let OutlineCore::Corners { here, .. } = &outline.core {
@@ -303,13 +306,13 @@ fn least_along<R: Register, const N: usize>(
     least
 }
 
-/// Where a body's frame has its origin, m.
+/// Position of the origin of a body's frame, m.
 #[inline(always)]
-fn origin<R: Register, const N: usize>(state: &mut State, body: usize) -> [Wide<R, N>; 2] {
+fn origin<R: Register, const N: usize>(state: &mut BatchState, body: usize) -> [Wide<R, N>; 2] {
     let own = &state.bodies[body];
     let centre = [Wide::load(&own.moving.x), Wide::load(&own.moving.y)];
     let Some(frame) = state.frames.get_mut(body).filter(|f| !f.disc) else { return centre };
-    frame.turn::<R, N>(&own.angle);
+    frame.update_rotation::<R, N>(&own.angle);
     let (sine, cosine) = (Wide::<R, N>::load(&frame.sine), Wide::load(&frame.cosine));
     let (x, y) = (Wide::load(&frame.centre_x), Wide::load(&frame.centre_y));
     [centre[0] - (cosine * x - sine * y), centre[1] - (sine * x + cosine * y)]

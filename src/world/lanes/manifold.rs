@@ -1,66 +1,67 @@
-//! What is kept of pairs of outlines, and of contacts of two points between those that push.
+//! Pairs of outlines and their contact manifolds.
 
-use super::outline::Outline;
+use super::contact_pair::ContactPair;
+use super::outline::PieceOutline;
 use super::simd::V;
-use super::touching::Met;
 
 /// Two outlines that may touch.
-pub struct Near {
+pub struct OutlinePair {
     /// Indices of outlines; the first is a body's.
     pub outlines: [usize; 2],
-    pub met: Met,
+    pub contact: ContactPair,
     /// Sum of both bodies' `travel` below which they cannot touch.
     pub limit: V,
     pub friction: V,
     pub restitution: V,
-    /// Its contact, if it pushes.
+    /// Its contact manifold, if it is active.
     pub slot: Option<usize>,
 }
 
-/// A contact: two outlines that push each other in some lane.
+/// A contact manifold: two outlines that push each other in some lane.
 #[derive(Clone)]
 pub struct Manifold {
-    /// Index of its [`Near`].
+    /// Index of its [`OutlinePair`].
     pub near: usize,
     /// Unit normal from the first to the second.
     pub nx: V,
     pub ny: V,
     pub friction: V,
-    /// How many of the points there can be.
+    /// Number of points.
     pub count: usize,
-    pub points: [Point; 2],
-    /// Versions of both bodies when a visit last changed nothing.
+    pub points: [ManifoldPoint; 2],
+    /// Solver versions of both bodies at the last visit that changed nothing.
     pub seen: [u32; 2],
 }
 
-/// A point of a contact.
+/// A point of a contact manifold.
 #[derive(Clone, Copy)]
-pub struct Point {
-    /// The corners it is made of; 0 for none.
+pub struct ManifoldPoint {
+    /// Id of the corners that form it; 0 for none.
     pub id: V,
-    /// Arms about the centre of mass of the first, and of the second, of an impulse along the normal, and of one across it, m.
+    /// Lever arms about the centres of mass of the first and of the second body, of a normal and of a
+    /// tangential impulse, m.
     pub first: [V; 2],
     pub second: [V; 2],
     /// Accumulated normal, tangential and bias impulse, N s.
     pub jn: V,
     pub jt: V,
     pub jb: V,
-    /// Target speeds, m/s.
+    /// Target velocities, m/s.
     pub bounce: V,
     pub bias: V,
-    /// As `state::Pair` has it.
+    /// As in `state::DiscPair`.
     pub slip: V,
-    /// Effective masses, kg: 0 in lanes where the point does not push.
+    /// Effective masses, kg: 0 in lanes where the point is not active.
     pub normal_mass: V,
     pub tangent_mass: V,
 }
 
-impl Near {
-    /// Of a body's outline and another's; `first` and `other` as [`Met`] has them.
-    fn new(outlines: [usize; 2], first: usize, other: usize) -> Near {
-        Near {
+impl OutlinePair {
+    /// A pair of a body's outline and another's; `first` and `other` as in [`ContactPair`].
+    fn new(outlines: [usize; 2], first: usize, other: usize) -> OutlinePair {
+        OutlinePair {
             outlines,
-            met: Met::new(first, other),
+            contact: ContactPair::new(first, other),
             limit: V::all(f64::INFINITY),
             friction: V::all(0.0),
             restitution: V::all(0.0),
@@ -70,7 +71,7 @@ impl Near {
 }
 
 impl Manifold {
-    /// Forgets a lane's impulses.
+    /// Resets a lane's impulses.
     pub fn clear(&mut self, lane: usize) {
         (self.nx[lane], self.ny[lane]) = (0.0, 0.0);
         for point in &mut self.points {
@@ -82,10 +83,10 @@ impl Manifold {
         }
     }
 
-    /// One that pushes nowhere.
+    /// A manifold without active points.
     pub fn empty() -> Manifold {
         let none = V::all(0.0);
-        let point = Point {
+        let point = ManifoldPoint {
             id: none,
             first: [none; 2],
             second: [none; 2],
@@ -110,33 +111,35 @@ impl Manifold {
     }
 }
 
-/// All pairs of outlines of which at least one is of a body that is no disc, in an order in which those next to each other seldom
-/// share a body: then the processor is at work on several contacts at once.
+/// All pairs of outlines with at least one body that is not a disc, in an order in which neighbours rarely
+/// share a body, so that the processor can work on several contacts at once.
 ///
-/// Source: the rounds of a tournament in which all meet all (circle method); what stands still meets a body in the round in which that
-/// has no other.
+/// Source: the rounds of a round-robin tournament (circle method); a static meets a body in the round in
+/// which the body has no other opponent.
 ///
-/// What comes in later, beyond the scene's `own` bodies and statics, is behind all of these, so that it is as if it were not there
-/// as long as it is not.
+/// Pairs of added objects, beyond the scene's `own` bodies and statics, follow all others, so that they do
+/// not change the order while they are absent.
 pub fn pairs(
-    outlines: &[Outline],
+    outlines: &[PieceOutline],
     bodies: usize,
     own: [usize; 2],
     disc: impl Fn(usize) -> bool,
-) -> Vec<Near> {
+) -> Vec<OutlinePair> {
     let mut all = Vec::new();
     for (a, first) in outlines.iter().enumerate().filter(|(_, o)| o.owner < bodies) {
         for (b, second) in outlines.iter().enumerate().skip(a + 1) {
             let same = first.owner == second.owner;
             let discs = disc(first.owner) && (second.owner >= bodies || disc(second.owner));
             if !same && !discs {
-                all.push(Near::new([a, b], first.owner, second.owner));
+                all.push(OutlinePair::new([a, b], first.owner, second.owner));
             }
         }
     }
     let rounds = own[0] | 1;
     let round = |a: usize, b: usize| if b < bodies { (a + b) % rounds } else { (2 * a) % rounds };
     let late = |i: usize| if i < bodies { i >= own[0] } else { i - bodies >= own[1] };
-    all.sort_by_key(|Near { met, .. }| (late(met.first) || late(met.other), round(met.first, met.other)));
+    all.sort_by_key(|OutlinePair { contact, .. }| {
+        (late(contact.first) || late(contact.other), round(contact.first, contact.other))
+    });
     all
 }

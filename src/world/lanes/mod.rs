@@ -1,68 +1,69 @@
 //! The batched engine: bodies among statics, eight rollouts at a time in f64.
 //!
-//! Discs, and discs on statics, go the short way (`contact`, `solve`): one point, whose arm is along the normal. Bodies of any other
-//! shape, and discs that meet them, go the long one: `outline` (pieces where they stand), `closest` (where two come closest),
-//! `near` (pairs and their contacts of two points), `press` (their impulses).
+//! Discs in contact with discs and statics use the short path (`disc_separation`, `disc_solver`): one point,
+//! whose lever arm is parallel to the normal. Bodies of other shapes, and discs in contact with them, use the
+//! general path: `outline` (pieces in the world frame), `outline_separation` (separation and contact points),
+//! `collision` (pairs and their manifolds), `manifold_solver` (their impulses).
 //!
 //! Source: the scheme of Chipmunk2D as Pymunk 7 runs it by default (see `kernel`); trajectories agree with
-//! Pymunk's to a centimetre for seconds. Rollouts of one *topology* (the same number of bodies, the same kinds of
-//! statics, effects and goal, one time step) share a batch; everything else is each lane's own.
+//! Pymunk's to a centimetre for seconds. Rollouts of one *topology* (the same number of bodies, the same
+//! kinds of statics, effects and goal, one time step) share a batch; all other numbers are per lane.
 //!
 //! Results do not depend on the number of threads, on which rollouts share a batch, on lanes, or on the
-//! instruction set: lanes never exchange anything, and no product is fused with a sum.
+//! instruction set: lanes never exchange data, and no product is fused with a sum.
 //!
-//! Whatever works on registers is a function that is always inlined, never a closure: a closure is compiled without the
-//! instructions of the level that it is run at, and calls every operation (five times slower).
+//! Code on registers is in always-inlined functions, never in closures: a closure is compiled without the
+//! instructions of its level, and calls every operation (five times slower).
 //!
 //! Differences from the source:
-//! - The first step moves bodies at their initial speeds and then accelerates them, as in Pymunk; the rapier
-//!   engine accelerates first. Both are of first order in the time step.
-//! - What is fast enough to pass through a static in one step is stopped at it: a disc, and of any other body the discs within its
-//!   pieces: see `tunnel`.
-//! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m across; less for smaller.
+//! - The first step moves bodies at their initial velocities and then accelerates them, as in Pymunk; the
+//!   rapier engine accelerates first. Both are of first order in the time step.
+//! - Continuous collision detection stops bodies that would pass through a static in one step: discs, and the
+//!   inscribed discs of other bodies' pieces: see `continuous_collision`.
+//! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m; less for smaller ones.
 
 mod batch;
-mod closest;
-mod contact;
-#[cfg(feature = "levels")]
-mod count;
-mod feed;
-mod fill;
+mod collision;
+mod contact_laws;
+mod contact_pair;
+mod continuous_collision;
+mod disc_separation;
+mod disc_solver;
 mod goal;
 mod intervene;
 mod kernel;
-mod level;
+mod load;
 mod manifold;
-mod near;
-mod outline;
-mod piece;
-mod press;
-mod rest;
-mod settle;
-mod simd;
-mod solve;
-mod state;
-mod topology;
-mod touch;
-mod touching;
-mod tunnel;
-mod turn;
-
-use super::prepare::Prepared;
+mod manifold_solver;
 #[cfg(feature = "levels")]
-pub use count::{Operations, operations};
-pub use feed::Feed;
-pub use level::{Level, Settings, run};
+mod operation_count;
+mod outline;
+mod outline_separation;
+mod rest_detection;
+mod simd;
+mod simd_level;
+mod sincos;
+mod source;
+mod state;
+mod static_piece;
+mod topology;
+mod warm_start;
+
+use super::compile::RolloutModel;
+#[cfg(feature = "levels")]
+pub use operation_count::{OperationCounts, operations};
+pub use simd_level::{BatchSettings, SimdLevel, run};
+pub use source::RolloutSource;
 pub use topology::Topology;
 
-/// Most pairs of pieces that this engine takes if some body is no disc: it keeps something of each of them.
-pub const MOST_PAIRS: usize = 20_000;
+/// Maximum number of pairs of pieces if some body is not a disc: the engine stores data for each pair.
+pub const MAX_PAIRS: usize = 20_000;
 
-/// Whether this engine takes the scene.
-pub fn takes(prepared: &Prepared) -> bool {
-    let bodies = &prepared.bodies;
+/// Whether this engine supports the scene.
+pub fn takes(model: &RolloutModel) -> bool {
+    let bodies = &model.bodies;
     let moving: usize = bodies.iter().map(|b| b.shape.0.len()).sum();
-    let standing = piece::pieces(prepared).count();
+    let standing = static_piece::pieces(model).count();
     bodies.iter().all(|b| b.shape.disc_radius().is_some())
-        || moving * (moving - 1) / 2 + moving * standing <= MOST_PAIRS
+        || moving * (moving - 1) / 2 + moving * standing <= MAX_PAIRS
 }

@@ -1,36 +1,38 @@
-//! What bodies that are no discs, and all that they may meet, are bounded by: convex pieces in the world's frame.
+//! Outlines of bodies and statics: convex pieces in the world frame.
 //!
-//! Kept only for scenes with such bodies. A body's pieces are turned to where it stands once a step, if something is near
-//! enough to ask.
+//! Used only in scenes with bodies that are not discs. A body's pieces are transformed once per step, when an
+//! object is near.
 
-use super::piece::{Piece, pieces};
 use super::simd::{Register, V, Wide};
-use super::turn::sine_and_cosine;
+use super::sincos::sincos;
+use super::static_piece::{StaticPiece, pieces};
 use crate::task::geometry::Convex;
-use crate::world::effect::MovingLanes;
-use crate::world::prepare::{Prepared, PreparedBody};
+use crate::world::compile::{BodyModel, RolloutModel};
+use crate::world::effect::MotionStateLanes;
 
 /// A convex piece in every lane.
-pub struct Outline {
+pub struct PieceOutline {
     /// Index of a body, or of a static after all bodies.
     pub owner: usize,
     /// Rounding radius, m.
     pub radius: V,
     pub core: OutlineCore,
-    /// A disc within a body's piece: its middle about the body's centre of mass at angle 0, and its radius, m.
+    /// Inscribed disc of a body's piece: its centre relative to the body's centre of mass at angle 0, and
+    /// its radius, m.
     pub middle: [V; 2],
     pub inner: V,
 }
 
-/// What is within the rounding.
+/// The core inside the rounding.
 pub enum OutlineCore {
-    /// Corners counter-clockwise, world frame, and for a body's the same about its centre of mass at angle 0.
+    /// Corners counter-clockwise, world frame, and for a body the same relative to its centre of mass at
+    /// angle 0.
     Corners { here: Vec<Corner>, own: Vec<Corner> },
-    /// Everything below a line.
+    /// The half plane below a line.
     Plane { nx: V, ny: V, offset: V },
 }
 
-/// A corner, m, with the outward unit normal of the edge that begins there; a lone corner has none (0).
+/// A corner, m, with the outward unit normal of the edge that begins there; 0 for a single corner.
 #[derive(Clone, Copy)]
 pub struct Corner {
     pub x: V,
@@ -39,56 +41,56 @@ pub struct Corner {
     pub ny: V,
 }
 
-/// What a body has beyond what a disc has.
+/// Data of a body that discs do not need.
 #[derive(Clone)]
-pub struct Frame {
-    /// Whether the body is a disc about its own origin; then only `inv_inertia` and its outline are of use.
+pub struct BodyFrame {
+    /// Whether the body is a disc about its own origin; then only `inv_inertia` and its outline are used.
     pub disc: bool,
     /// 1/(kg m^2)
     pub inv_inertia: V,
-    /// Bias spin, rad/s.
+    /// Bias angular velocity, rad/s.
     pub bias_omega: V,
-    /// By how much the body turned in this step, rad.
+    /// Rotation of the body in this step, rad.
     pub turned_by: V,
-    /// Greatest distance of a point of the body from its centre of mass, m.
+    /// Largest distance of a point of the body from its centre of mass, m.
     pub extent: V,
     /// Centre of mass, body frame, m.
     pub centre_x: V,
     pub centre_y: V,
     pub sine: V,
     pub cosine: V,
-    /// Its outlines, from and up to.
+    /// Range of its outlines.
     pub outlines: [usize; 2],
-    /// Tick at which the outlines were turned.
+    /// Tick of the last transformation of the outlines.
     pub turned: f64,
 }
 
-/// Frames of all bodies and outlines of all bodies and statics; none where all bodies are discs.
-pub fn of(prepared: &Prepared) -> (Vec<Frame>, Vec<Outline>) {
+/// Frames of all bodies and outlines of all bodies and statics; empty if all bodies are discs.
+pub fn of(model: &RolloutModel) -> (Vec<BodyFrame>, Vec<PieceOutline>) {
     let (mut frames, mut outlines) = (Vec::new(), Vec::new());
-    if prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some()) {
+    if model.bodies.iter().all(|b| b.shape.disc_radius().is_some()) {
         return (frames, outlines);
     }
-    for (i, body) in prepared.bodies.iter().enumerate() {
+    for (i, body) in model.bodies.iter().enumerate() {
         let from = outlines.len();
-        outlines.extend(body.shape.0.iter().map(|piece| Outline::empty(i, piece.points.len(), true)));
-        frames.push(Frame::empty(body.shape.disc_radius().is_some(), [from, outlines.len()]));
+        outlines.extend(body.shape.0.iter().map(|piece| PieceOutline::empty(i, piece.points.len(), true)));
+        frames.push(BodyFrame::empty(body.shape.disc_radius().is_some(), [from, outlines.len()]));
     }
-    let count = prepared.bodies.len();
-    outlines.extend(pieces(prepared).map(|(s, piece)| Outline::empty(count + s, piece.corners(), false)));
+    let count = model.bodies.len();
+    outlines.extend(pieces(model).map(|(s, piece)| PieceOutline::empty(count + s, piece.corners(), false)));
     (frames, outlines)
 }
 
-/// Puts a rollout's shapes into a lane.
-pub fn fill(frames: &mut [Frame], outlines: &mut [Outline], lane: usize, prepared: &Prepared) {
-    for (frame, body) in frames.iter_mut().zip(&prepared.bodies) {
+/// Loads a rollout's shapes into a lane.
+pub fn fill(frames: &mut [BodyFrame], outlines: &mut [PieceOutline], lane: usize, model: &RolloutModel) {
+    for (frame, body) in frames.iter_mut().zip(&model.bodies) {
         fill_body(frame, outlines, lane, body);
     }
-    fill_statics(frames, outlines, lane, prepared);
+    fill_statics(frames, outlines, lane, model);
 }
 
-/// Puts a body's shape into a lane.
-pub fn fill_body(frame: &mut Frame, outlines: &mut [Outline], lane: usize, body: &PreparedBody) {
+/// Loads a body's shape into a lane.
+pub fn fill_body(frame: &mut BodyFrame, outlines: &mut [PieceOutline], lane: usize, body: &BodyModel) {
     frame.fill(lane, body);
     let [from, to] = frame.outlines;
     for (outline, piece) in outlines[from..to].iter_mut().zip(&body.shape.0) {
@@ -97,28 +99,30 @@ pub fn fill_body(frame: &mut Frame, outlines: &mut [Outline], lane: usize, body:
     }
 }
 
-/// Puts the shapes of all statics into a lane.
-fn fill_statics(frames: &[Frame], outlines: &mut [Outline], lane: usize, prepared: &Prepared) {
+/// Loads the shapes of all statics into a lane.
+fn fill_statics(frames: &[BodyFrame], outlines: &mut [PieceOutline], lane: usize, model: &RolloutModel) {
     let fixed = frames.last().map_or(0, |f| f.outlines[1]);
-    for (outline, (_, piece)) in outlines[fixed..].iter_mut().zip(pieces(prepared)) {
+    for (outline, (_, piece)) in outlines[fixed..].iter_mut().zip(pieces(model)) {
         outline.radius[lane] = 0.0;
         match (piece, &mut outline.core) {
-            (Piece::HalfPlane { normal, offset: own }, OutlineCore::Plane { nx, ny, offset }) => {
+            (StaticPiece::HalfPlane { normal, offset: own }, OutlineCore::Plane { nx, ny, offset }) => {
                 (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], own);
             }
-            (Piece::Convex(piece), _) => outline.fill(lane, piece),
+            (StaticPiece::Convex(piece), _) => outline.fill(lane, piece),
             // Lanes of a batch have one topology: see `topology`.
-            (Piece::HalfPlane { .. }, _) => unreachable!("rollouts of one batch have the same topology"),
+            (StaticPiece::HalfPlane { .. }, _) => {
+                unreachable!("rollouts of one batch have the same topology")
+            }
         }
     }
 }
 
-/// Puts a body's outlines where its centre of mass stands at an angle, once a step.
+/// Transforms a body's outlines to its current pose, once per step.
 #[inline(always)]
-pub fn place<R: Register, const N: usize>(
-    frame: &mut Frame,
-    outlines: &mut [Outline],
-    moving: &MovingLanes,
+pub fn update_outlines<R: Register, const N: usize>(
+    frame: &mut BodyFrame,
+    outlines: &mut [PieceOutline],
+    moving: &MotionStateLanes,
     angle: &V,
     tick: f64,
 ) {
@@ -130,7 +134,7 @@ pub fn place<R: Register, const N: usize>(
     let [from, to] = frame.outlines;
     let disc = frame.disc;
     if !disc {
-        frame.turn::<R, N>(angle);
+        frame.update_rotation::<R, N>(angle);
     }
     let (sine, cosine) = (Wide::<R, N>::load(&frame.sine), Wide::<R, N>::load(&frame.cosine));
     for outline in &mut outlines[from..to] {
@@ -153,10 +157,10 @@ pub fn place<R: Register, const N: usize>(
     }
 }
 
-impl Frame {
-    fn empty(disc: bool, outlines: [usize; 2]) -> Frame {
+impl BodyFrame {
+    fn empty(disc: bool, outlines: [usize; 2]) -> BodyFrame {
         let none = V::all(0.0);
-        Frame {
+        BodyFrame {
             disc,
             inv_inertia: none,
             bias_omega: none,
@@ -171,7 +175,7 @@ impl Frame {
         }
     }
 
-    fn fill(&mut self, lane: usize, body: &PreparedBody) {
+    fn fill(&mut self, lane: usize, body: &BodyModel) {
         let reach = |piece: &Convex| {
             let far = |p: &[f64; 2]| libm::hypot(p[0] - body.centre[0], p[1] - body.centre[1]);
             piece.points.iter().map(far).fold(0.0, f64::max) + piece.radius
@@ -183,13 +187,13 @@ impl Frame {
         self.turned = -1.0;
     }
 
-    /// Leaves a lane without a body.
+    /// Empties a lane.
     pub fn clear(&mut self, lane: usize) {
         (self.inv_inertia[lane], self.extent[lane], self.bias_omega[lane]) = (0.0, 0.0, 0.0);
         (self.centre_x[lane], self.centre_y[lane]) = (0.0, 0.0);
     }
 
-    /// From the frame's origin to the centre of mass in one lane, world frame, m.
+    /// Vector from the frame's origin to the centre of mass in one lane, world frame, m.
     pub fn arm(&self, lane: usize, angle: f64) -> [f64; 2] {
         let [x, y] = [self.centre_x[lane], self.centre_y[lane]];
         if [x, y] == [0.0; 2] {
@@ -199,17 +203,17 @@ impl Frame {
         [cosine * x - sine * y, sine * x + cosine * y]
     }
 
-    /// Takes sine and cosine of where the body stands.
+    /// Updates sine and cosine of the body's angle.
     #[inline(always)]
-    pub fn turn<R: Register, const N: usize>(&mut self, angle: &V) {
-        let (sine, cosine): (Wide<R, N>, _) = sine_and_cosine(Wide::load(angle));
+    pub fn update_rotation<R: Register, const N: usize>(&mut self, angle: &V) {
+        let (sine, cosine): (Wide<R, N>, _) = sincos(Wide::load(angle));
         sine.store(&mut self.sine);
         cosine.store(&mut self.cosine);
     }
 }
 
-impl Outline {
-    fn empty(owner: usize, corners: usize, moves: bool) -> Outline {
+impl PieceOutline {
+    fn empty(owner: usize, corners: usize, moves: bool) -> PieceOutline {
         let none = V::all(0.0);
         let core = match corners {
             0 => OutlineCore::Plane { nx: none, ny: none, offset: none },
@@ -218,10 +222,10 @@ impl Outline {
                 OutlineCore::Corners { own: if moves { corners.clone() } else { Vec::new() }, here: corners }
             }
         };
-        Outline { owner, radius: none, core, middle: [none; 2], inner: none }
+        PieceOutline { owner, radius: none, core, middle: [none; 2], inner: none }
     }
 
-    /// What moves is filled about its centre of mass, what does not where it stands.
+    /// Pieces of a body are loaded relative to its centre of mass, those of a static at their position.
     fn fill(&mut self, lane: usize, piece: &Convex) {
         self.radius[lane] = piece.radius;
         let (middle, inner) = disc_within(piece);
@@ -239,7 +243,7 @@ impl Outline {
     }
 }
 
-/// Middle and radius, m, of a disc within a piece: about the mean of its corners, up to the nearest edge.
+/// Centre and radius, m, of a disc inside a piece: about the mean of its corners, up to the nearest edge.
 pub fn disc_within(piece: &Convex) -> ([f64; 2], f64) {
     let n = piece.points.len();
     let middle = [0, 1].map(|k| piece.points.iter().map(|p| p[k]).sum::<f64>() / n as f64);
@@ -254,10 +258,10 @@ pub fn disc_within(piece: &Convex) -> ([f64; 2], f64) {
     (middle, piece.radius + (0..n).map(height).fold(f64::INFINITY, f64::min).max(0.0))
 }
 
-/// The outline of a piece that stands where it is, alone, in every lane.
+/// The outline of a single piece in every lane.
 #[cfg(test)]
-pub fn alone(piece: &Convex) -> Outline {
-    let mut outline = Outline::empty(0, piece.points.len(), false);
+pub fn single(piece: &Convex) -> PieceOutline {
+    let mut outline = PieceOutline::empty(0, piece.points.len(), false);
     (0..crate::world::effect::LANES).for_each(|lane| outline.fill(lane, piece));
     outline
 }

@@ -1,107 +1,108 @@
-//! The state of a batch, lanes innermost: everything that a step reads and writes.
+//! The state of a batch, lanes innermost: all data that a step reads and writes.
 //!
-//! What a step does with it is in `kernel`; how a rollout gets into a lane is in `fill`.
+//! `kernel` advances it; `load` fills its lanes.
 
-use super::manifold::{Manifold, Near, pairs as near_pairs};
-use super::outline::{self, Frame, Outline};
-use super::piece::pieces;
+use super::contact_pair::ContactPair;
+use super::manifold::{Manifold, OutlinePair, pairs as outline_pairs};
+use super::outline::{self, BodyFrame, PieceOutline};
 use super::simd::V;
-use super::touching::Met;
-use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes, Touch};
-use crate::world::prepare::Prepared;
+use super::static_piece::pieces;
+use crate::world::compile::RolloutModel;
+use crate::world::effect::{Constants, ContactLaw, LANES, MAX_PARAMETERS, MotionLaw, MotionStateLanes};
 use crate::world::record;
 
-/// Everything about up to [`LANES`] rollouts at work that a step reads or writes.
-pub struct State {
+/// The state of up to [`LANES`] rollouts.
+pub struct BatchState {
     pub bodies: Vec<BodyLanes>,
     pub statics: Vec<StaticLanes>,
     /// Pairs of discs, then each disc's statics.
-    pub pairs: Vec<Pair>,
-    /// Where some body is no disc: what all bodies have beyond discs, outlines of bodies and statics, pairs of outlines, and the
-    /// contacts of those that push, some of them spare. Else none.
-    pub frames: Vec<Frame>,
-    pub outlines: Vec<Outline>,
-    pub near: Vec<Near>,
+    pub pairs: Vec<DiscPair>,
+    /// Only if some body is not a disc: frames of all bodies, outlines of bodies and statics, pairs of
+    /// outlines, and the manifolds of active pairs, some of them free.
+    pub frames: Vec<BodyFrame>,
+    pub outlines: Vec<PieceOutline>,
+    pub near: Vec<OutlinePair>,
     pub manifolds: Vec<Manifold>,
-    pub spare: Vec<usize>,
-    pub motions: Vec<TermLanes<dyn Motion>>,
-    pub touches: Vec<TermLanes<dyn Touch>>,
-    /// Whether an effect looks at the clock.
+    pub free_manifolds: Vec<usize>,
+    pub motion_laws: Vec<LawLanes<dyn MotionLaw>>,
+    pub contact_laws: Vec<LawLanes<dyn ContactLaw>>,
+    /// Whether an effect depends on time.
     pub clocked: bool,
     /// s
     pub time_step: f64,
     /// s; 0 in lanes without a rollout.
     pub dt: V,
-    /// Speed gained from gravity in a step, m/s.
+    /// Velocity change by gravity in a step, m/s.
     pub kick_x: V,
     pub kick_y: V,
     /// Gap up to which surfaces count as touching, m.
-    pub touch: V,
-    /// Overlap that is not pushed out, m.
+    pub contact_margin: V,
+    /// Allowed overlap, m.
     pub slop: V,
-    /// Bias speed for each metre of overlap beyond the slop, 1/s.
+    /// Bias velocity per metre of overlap beyond the slop, 1/s.
     pub bias_rate: V,
     /// Steps since the batch began.
     pub tick: f64,
     /// Tick at which the lane's rollout began.
-    pub born: V,
-    /// Scratch of the step: pairs and contacts that push, what began to touch ([`State::met`]), how often a body's speed has
-    /// changed.
-    pub active: Vec<usize>,
-    pub pressing: Vec<usize>,
-    pub fresh: Vec<usize>,
+    pub start_tick: V,
+    /// Scratch of the step: active pairs and manifolds, new contacts ([`BatchState::contact`]), and
+    /// versions of the bodies' velocities.
+    pub active_pairs: Vec<usize>,
+    pub active_manifolds: Vec<usize>,
+    pub new_contacts: Vec<usize>,
     pub versions: Vec<u32>,
     pub any_bias: bool,
-    /// Some state has left all reason.
-    pub wild: bool,
+    /// Some state may have diverged.
+    pub may_diverge: bool,
 }
 
-/// A body in every lane. Speeds and position are those of its centre of mass.
+/// A body in every lane. Velocity and position are those of its centre of mass.
 #[derive(Clone)]
 pub struct BodyLanes {
-    pub moving: MovingLanes,
+    pub moving: MotionStateLanes,
     /// rad
     pub angle: V,
-    /// Bias speed, m/s.
+    /// Bias velocity, m/s.
     pub bias_x: V,
     pub bias_y: V,
-    /// Of the disc, or of the least of those that fit into the body's pieces, m.
+    /// Radius of the disc, or of the smallest inscribed disc of the body's pieces, m.
     pub radius: V,
-    /// Whether it is anything but a disc.
-    pub shaped: bool,
+    /// Whether it is not a disc.
+    pub has_outline: bool,
     /// 1/kg
     pub inv_mass: V,
     /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
     pub spin_per_impulse: V,
-    /// Whether the body is fast in some lane in this step, and then its way in it, m.
+    /// Whether the body is fast in some lane in this step, and its displacement in the step, m.
     pub fast: bool,
-    pub way_x: V,
-    pub way_y: V,
-    /// Upper bound of the way travelled, m (sum of both components' sizes).
+    pub displacement_x: V,
+    pub displacement_y: V,
+    /// Upper bound of the distance travelled, m (sum of the absolute components).
     pub travel: V,
-    /// Whether a static carries the body in this step (0 or 1), and in how many steps one did.
-    pub carried: V,
+    /// Whether a static supports the body in this step (0 or 1), and the number of steps in which one
+    /// did.
+    pub supported: V,
     pub rolling: V,
-    pub any_carried: bool,
+    pub any_supported: bool,
 }
 
 /// A piece of a static in every lane.
 pub struct StaticLanes {
-    /// Number of the static it is a piece of.
+    /// Index of its static.
     pub owner: usize,
     /// Rounding radius, m.
     pub radius: V,
-    pub core: Core,
+    pub core: StaticCore,
 }
 
-/// What a static is made of.
-pub enum Core {
+/// The core of a static's piece.
+pub enum StaticCore {
     Point { x: V, y: V },
     Plane { nx: V, ny: V, offset: V },
     Polygon(Vec<EdgeLanes>),
 }
 
-/// An edge from (ax, ay) with outward normal (nx, ny); it runs along (-ny, nx).
+/// An edge from (ax, ay) with outward normal (nx, ny); its direction is (-ny, nx).
 #[derive(Clone)]
 pub struct EdgeLanes {
     pub ax: V,
@@ -111,14 +112,14 @@ pub struct EdgeLanes {
     pub length: V,
 }
 
-/// A disc and what it may touch.
+/// A disc and another object that it may touch.
 #[derive(Clone)]
-pub struct Pair {
+pub struct DiscPair {
     /// Index of a body.
     pub first: usize,
     /// Index of a body, or of a piece of a static after all bodies.
     pub second: usize,
-    pub met: Met,
+    pub contact: ContactPair,
     /// Sum of both bodies' `travel` below which they cannot touch.
     pub limit: V,
     /// Unit normal from first to second, or from the static to the body.
@@ -128,91 +129,91 @@ pub struct Pair {
     pub jn: V,
     pub jt: V,
     pub jb: V,
-    /// Target speeds, m/s.
+    /// Target velocities, m/s.
     pub bounce: V,
     pub bias: V,
-    /// Slip that friction drives at, m/s, and whether the pair bore no load in the step before (0 or 1); kept
-    /// only where laws of contact are at work.
+    /// Tangential target velocity, m/s, and whether the pair had no normal impulse in the previous step
+    /// (0 or 1); used only with laws of contact.
     pub slip: V,
     pub unloaded: V,
-    /// Effective masses, kg: 0 in lanes where the pair does not push.
+    /// Effective masses, kg: 0 in lanes where the pair is not active.
     pub normal_mass: V,
     pub tangent_mass: V,
     pub full_normal_mass: V,
     pub full_tangent_mass: V,
     pub friction: V,
     pub restitution: V,
-    /// Whether impulses of the last step are kept.
+    /// Whether impulses of the last step are stored.
     pub pushed: bool,
-    /// Versions of both bodies when a visit last changed nothing.
+    /// Solver versions of both bodies at the last visit that changed nothing.
     pub seen: [u32; 2],
 }
 
 /// A law of an effect in every lane.
-pub struct TermLanes<L: ?Sized + 'static> {
+pub struct LawLanes<L: ?Sized + 'static> {
     pub law: &'static L,
-    pub constants: [[f64; LANES]; MOST_PARAMETERS],
+    pub constants: [[f64; LANES]; MAX_PARAMETERS],
 }
 
 /// Radius of the discs in a lane without a rollout: nothing touches them.
-pub const NOTHING: f64 = -1e30;
-impl State {
+pub const ABSENT_RADIUS_M: f64 = -1e30;
+impl BatchState {
     /// Empty lanes for rollouts like this one.
-    pub fn for_topology_of(prepared: &Prepared) -> State {
-        let count = prepared.bodies.len();
+    pub fn empty_lanes(model: &RolloutModel) -> BatchState {
+        let count = model.bodies.len();
         let statics: Vec<StaticLanes> =
-            pieces(prepared).map(|(owner, piece)| StaticLanes::new(owner, piece.corners())).collect();
-        let disc = |i: usize| prepared.bodies[i].shape.disc_radius().is_some();
-        let (frames, outlines) = outline::of(prepared);
+            pieces(model).map(|(owner, piece)| StaticLanes::new(owner, piece.corners())).collect();
+        let disc = |i: usize| model.bodies[i].shape.disc_radius().is_some();
+        let (frames, outlines) = outline::of(model);
         let mut pairs = Vec::new();
         for first in (0..count).filter(|i| disc(*i)) {
             let discs = (first + 1..count).filter(|i| disc(*i));
-            pairs.extend(discs.map(|second| Pair::new(first, second, second)));
+            pairs.extend(discs.map(|second| DiscPair::new(first, second, second)));
         }
         for first in (0..count).filter(|i| disc(*i)) {
             let statics = statics.iter().enumerate();
-            pairs.extend(statics.map(|(s, piece)| Pair::new(first, count + s, count + piece.owner)));
+            pairs.extend(statics.map(|(s, piece)| DiscPair::new(first, count + s, count + piece.owner)));
         }
         let none = V::all(0.0);
-        State {
-            bodies: (0..count).map(|i| BodyLanes { shaped: !disc(i), ..BodyLanes::empty() }).collect(),
+        BatchState {
+            bodies: (0..count).map(|i| BodyLanes { has_outline: !disc(i), ..BodyLanes::empty() }).collect(),
             statics,
             pairs,
-            near: near_pairs(&outlines, count, prepared.own, disc),
+            near: outline_pairs(&outlines, count, model.scene_counts, disc),
             frames,
             outlines,
             manifolds: Vec::new(),
-            spare: Vec::new(),
-            motions: prepared.motions.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
-            touches: prepared.touches.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
-            clocked: prepared.motions.iter().any(|(law, _)| !law.timeless()),
-            time_step: prepared.time_step,
+            free_manifolds: Vec::new(),
+            motion_laws: model.motion_laws.iter().map(|(law, _)| LawLanes::of(*law)).collect(),
+            contact_laws: model.contact_laws.iter().map(|(law, _)| LawLanes::of(*law)).collect(),
+            clocked: model.motion_laws.iter().any(|(law, _)| !law.is_autonomous()),
+            time_step: model.time_step,
             dt: none,
             kick_x: none,
             kick_y: none,
-            touch: none,
+            contact_margin: none,
             slop: none,
             bias_rate: none,
             tick: 0.0,
-            born: none,
-            active: Vec::new(),
-            pressing: Vec::new(),
-            fresh: Vec::new(),
+            start_tick: none,
+            active_pairs: Vec::new(),
+            active_manifolds: Vec::new(),
+            new_contacts: Vec::new(),
             versions: vec![0; count],
             any_bias: false,
-            wild: false,
+            may_diverge: false,
         }
     }
 
-    /// The bodies' states in one lane: those of their frames' origins.
-    pub fn bodies_in(&self, lane: usize) -> Vec<record::State> {
+    /// The bodies' states in one lane (of their frames' origins).
+    pub fn bodies_in(&self, lane: usize) -> Vec<record::BodyState> {
         let state = |(i, b): (usize, &BodyLanes)| {
-            if b.radius[lane] == NOTHING {
-                return record::State::NOWHERE;
+            if b.radius[lane] == ABSENT_RADIUS_M {
+                return record::BodyState::ABSENT;
             }
             let (angle, omega) = (b.angle[lane], b.moving.omega[lane]);
             let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, angle));
-            record::State {
+            record::BodyState {
                 position: [b.moving.x[lane] - arm[0], b.moving.y[lane] - arm[1]],
                 angle,
                 velocity: [b.moving.vx[lane] + omega * arm[1], b.moving.vy[lane] - omega * arm[0]],
@@ -222,58 +223,61 @@ impl State {
         self.bodies.iter().enumerate().map(state).collect()
     }
 
-    /// Whether a body of the lane has left all reason.
+    /// Whether a body of the lane has diverged.
     pub fn diverged(&self, lane: usize) -> bool {
         let states = self.bodies_in(lane);
-        self.bodies.iter().zip(&states).any(|(b, state)| b.radius[lane] != NOTHING && !state.is_finite())
+        self.bodies
+            .iter()
+            .zip(&states)
+            .any(|(b, state)| b.radius[lane] != ABSENT_RADIUS_M && !state.is_finite())
     }
 
-    /// Who touched, of what `fresh` holds: numbers of pairs, then of pairs of outlines.
-    pub fn met(&self, index: usize) -> &Met {
+    /// The contact pair of an index in `new_contacts`: pairs of discs, then pairs of outlines.
+    pub fn contact(&self, index: usize) -> &ContactPair {
         match self.pairs.get(index) {
-            Some(pair) => &pair.met,
-            None => &self.near[index - self.pairs.len()].met,
+            Some(pair) => &pair.contact,
+            None => &self.near[index - self.pairs.len()].contact,
         }
     }
 
-    /// Everybody who may touch, numbered as [`State::met`] takes them.
-    pub fn all_met(&self) -> impl Iterator<Item = &Met> {
-        self.pairs.iter().map(|p| &p.met).chain(self.near.iter().map(|n| &n.met))
+    /// All contact pairs in the order of [`BatchState::contact`].
+    pub fn all_contacts(&self) -> impl Iterator<Item = &ContactPair> {
+        self.pairs.iter().map(|p| &p.contact).chain(self.near.iter().map(|n| &n.contact))
     }
 
-    /// The same, to be changed.
-    pub fn all_met_mut(&mut self) -> impl Iterator<Item = &mut Met> {
-        self.pairs.iter_mut().map(|p| &mut p.met).chain(self.near.iter_mut().map(|n| &mut n.met))
+    /// The same, mutable.
+    pub fn all_contacts_mut(&mut self) -> impl Iterator<Item = &mut ContactPair> {
+        self.pairs.iter_mut().map(|p| &mut p.contact).chain(self.near.iter_mut().map(|n| &mut n.contact))
     }
 
-    /// Steps that a lane's rollout has made.
+    /// Number of steps of a lane's rollout.
     #[inline]
     pub fn step_of(&self, lane: usize) -> u32 {
-        (self.tick - self.born[lane]) as u32
+        (self.tick - self.start_tick[lane]) as u32
     }
 }
 
 impl BodyLanes {
-    /// Discs that nothing touches.
+    /// Absent discs, which nothing touches.
     fn empty() -> BodyLanes {
         let none = V::all(0.0);
         let still = [0.0; LANES];
         BodyLanes {
-            moving: MovingLanes { time: still, x: still, y: still, vx: still, vy: still, omega: still },
+            moving: MotionStateLanes { time: still, x: still, y: still, vx: still, vy: still, omega: still },
             angle: none,
             bias_x: none,
             bias_y: none,
-            radius: V::all(NOTHING),
-            shaped: false,
+            radius: V::all(ABSENT_RADIUS_M),
+            has_outline: false,
             inv_mass: none,
             spin_per_impulse: none,
             fast: false,
-            way_x: none,
-            way_y: none,
+            displacement_x: none,
+            displacement_y: none,
             travel: none,
-            carried: none,
+            supported: none,
             rolling: none,
-            any_carried: false,
+            any_supported: false,
         }
     }
 }
@@ -283,21 +287,21 @@ impl StaticLanes {
         let none = V::all(0.0);
         let edge = EdgeLanes { ax: none, ay: none, nx: none, ny: none, length: none };
         let core = match corners {
-            0 => Core::Plane { nx: none, ny: none, offset: none },
-            1 => Core::Point { x: none, y: none },
-            _ => Core::Polygon(vec![edge; corners]),
+            0 => StaticCore::Plane { nx: none, ny: none, offset: none },
+            1 => StaticCore::Point { x: none, y: none },
+            _ => StaticCore::Polygon(vec![edge; corners]),
         };
         StaticLanes { owner, radius: none, core }
     }
 }
 
-impl Pair {
-    fn new(first: usize, second: usize, other: usize) -> Pair {
+impl DiscPair {
+    fn new(first: usize, second: usize, other: usize) -> DiscPair {
         let none = V::all(0.0);
-        Pair {
+        DiscPair {
             first,
             second,
-            met: Met::new(first, other),
+            contact: ContactPair::new(first, other),
             limit: V::all(f64::INFINITY),
             nx: none,
             ny: none,
@@ -319,9 +323,9 @@ impl Pair {
         }
     }
 
-    /// Forgets the impulses of the last step.
+    /// Resets the impulses of the last step.
     #[inline]
-    pub fn let_go(&mut self) {
+    pub fn clear_impulses(&mut self) {
         if self.pushed {
             self.pushed = false;
             (self.jn, self.jt) = (V::all(0.0), V::all(0.0));
@@ -329,9 +333,9 @@ impl Pair {
     }
 }
 
-impl<L: ?Sized + 'static> TermLanes<L> {
-    fn of(law: &'static L) -> TermLanes<L> {
-        TermLanes { law, constants: [[0.0; LANES]; MOST_PARAMETERS] }
+impl<L: ?Sized + 'static> LawLanes<L> {
+    fn of(law: &'static L) -> LawLanes<L> {
+        LawLanes { law, constants: [[0.0; LANES]; MAX_PARAMETERS] }
     }
 
     /// The law's constants in one lane.

@@ -1,9 +1,9 @@
 // The public API, typed from openapi/openapi.json: `await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } } }))`.
 
 import createClient from "openapi-fetch";
-import { GoneError, type Problem, ProblemError } from "./problem";
+import { ConnectionError, type Problem, ProblemError } from "./problem";
 import type { components, paths } from "./schema";
-import { lose } from "./connection";
+import { markLost } from "./connection";
 import { token } from "./token";
 
 /** A type of the API's: `Schema<"WorldOut">`. */
@@ -17,15 +17,15 @@ export const api = createClient<paths>({ fetch: (request) => send(request) });
 
 /** `fetch` with the token; throws `GoneError` where nobody answers. An abort stays an abort. */
 export async function send(request: Request): Promise<Response> {
-  const known = token();
-  if (known) request.headers.set("Authorization", `Bearer ${known}`);
+  const stored = token();
+  if (stored) request.headers.set("Authorization", `Bearer ${stored}`);
   let response: Response;
   try {
     response = await fetch(request);
   } catch (e) {
     if (request.signal.aborted || (e instanceof DOMException && e.name === "AbortError")) throw e;
-    lose();
-    throw new GoneError();
+    markLost();
+    throw new ConnectionError();
   }
   if (response.status === 401) unauthorized.dispatchEvent(new Event("needed"));
   return response;
@@ -33,21 +33,21 @@ export async function send(request: Request): Promise<Response> {
 
 /** What an operation answers; throws what it refuses as `ProblemError`. */
 export async function ok<T>(
-  asked: Promise<{ data?: T; error?: unknown; response: Response }>,
+  pending: Promise<{ data?: T; error?: unknown; response: Response }>,
 ): Promise<NonNullable<T>> {
-  const { data, error, response } = await asked;
+  const { data, error, response } = await pending;
   if (!response.ok) throw new ProblemError(problem(error, response), seconds(response));
   return data as NonNullable<T>;
 }
 
 /** All items of a list, page by page. */
 export async function all<P, T>(page: (cursor: string | undefined) => Promise<P & { next?: string | null }>, items: (page: P) => T[]): Promise<T[]> {
-  const found: T[] = [];
+  const collected: T[] = [];
   for (let cursor: string | undefined; ; ) {
-    const one = await page(cursor);
-    found.push(...items(one));
-    if (!one.next) return found;
-    cursor = one.next;
+    const result = await page(cursor);
+    collected.push(...items(result));
+    if (!result.next) return collected;
+    cursor = result.next;
   }
 }
 

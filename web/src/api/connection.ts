@@ -3,7 +3,7 @@
 type Listener = (lost: boolean) => void;
 
 /** Shortest and longest wait between two questions, ms. */
-const WAITS = [500, 5_000] as const;
+const RETRY_MS = [500, 5_000] as const;
 
 const listeners = new Set<Listener>();
 let lost = false;
@@ -14,23 +14,23 @@ export function isLost(): boolean {
 }
 
 /** Calls `listener` when the connection is lost and when it is back; returns what ends that. */
-export function watch(listener: Listener): () => void {
+export function onConnectionChange(listener: Listener): () => void {
   listeners.add(listener);
   return () => listeners.delete(listener);
 }
 
 /** A request had no answer. */
-export function lose(): void {
+export function markLost(): void {
   if (lost) return;
-  tell(true);
-  void ask(WAITS[0]);
+  notify(true);
+  void checkHealth(RETRY_MS[0]);
 }
 
 /** Waits until the server answers. */
-export function back(): Promise<void> {
+export function reconnected(): Promise<void> {
   if (!lost) return Promise.resolve();
   return new Promise((resolve) => {
-    const end = watch((now) => {
+    const end = onConnectionChange((now) => {
       if (now) return;
       end();
       resolve();
@@ -38,17 +38,17 @@ export function back(): Promise<void> {
   });
 }
 
-async function ask(wait: number): Promise<void> {
+async function checkHealth(wait: number): Promise<void> {
   await new Promise((resolve) => setTimeout(resolve, wait));
   try {
-    if ((await fetch("/readyz", { cache: "no-store" })).ok) return tell(false);
+    if ((await fetch("/readyz", { cache: "no-store" })).ok) return notify(false);
   } catch {
     // Asked again below.
   }
-  return ask(Math.min(wait * 1.5, WAITS[1]));
+  return checkHealth(Math.min(wait * 1.5, RETRY_MS[1]));
 }
 
-function tell(now: boolean): void {
+function notify(now: boolean): void {
   lost = now;
   for (const listener of [...listeners]) listener(now);
 }

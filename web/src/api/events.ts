@@ -1,9 +1,9 @@
 // Server-sent events by `fetch`, so that a token can go along (`EventSource` sends none). A stream that breaks is taken
 // up again after the last event seen, also across a restart of the server.
 
-import { back, lose } from "./connection";
+import { reconnected, markLost } from "./connection";
 import { problem, send } from "./client";
-import { GoneError, ProblemError } from "./problem";
+import { ConnectionError, ProblemError } from "./problem";
 
 export interface ServerEvent {
   id: string | null;
@@ -18,16 +18,16 @@ export async function follow(
   signal: AbortSignal,
   last = "done",
 ): Promise<void> {
-  let seen: string | null = null;
+  let lastId: string | null = null;
   while (!signal.aborted) {
     try {
-      const headers: Record<string, string> = seen === null ? {} : { "Last-Event-ID": seen };
+      const headers: Record<string, string> = lastId === null ? {} : { "Last-Event-ID": lastId };
       const response = await send(new Request(path, { headers, signal }));
       // 204: nothing more will ever come.
       if (response.status === 204) return;
       if (!response.ok) throw new ProblemError(problem(await response.json().catch(() => null), response));
       for await (const event of events(response.body!)) {
-        seen = event.id ?? seen;
+        lastId = event.id ?? lastId;
         take(event);
         if (event.event === last) return;
       }
@@ -36,8 +36,8 @@ export async function follow(
     } catch (e) {
       if (signal.aborted) return;
       if (e instanceof ProblemError) throw e;
-      if (!(e instanceof GoneError)) lose();
-      await back();
+      if (!(e instanceof ConnectionError)) markLost();
+      await reconnected();
     }
   }
 }
@@ -55,7 +55,7 @@ export async function* events(body: ReadableStream<Uint8Array>): AsyncGenerator<
       const blocks = text.split(/\r?\n\r?\n/);
       text = blocks.pop() ?? "";
       for (const block of blocks) {
-        const event = parsed(block);
+        const event = parseEvent(block);
         if (event) yield event;
       }
     }
@@ -65,7 +65,7 @@ export async function* events(body: ReadableStream<Uint8Array>): AsyncGenerator<
 }
 
 /** One block of lines; `null` if it holds no data (a comment that keeps the connection). */
-export function parsed(block: string): ServerEvent | null {
+export function parseEvent(block: string): ServerEvent | null {
   const event: ServerEvent = { id: null, event: "message", data: "" };
   const data: string[] = [];
   for (const line of block.split(/\r?\n/)) {

@@ -17,7 +17,7 @@ export class ProblemError extends Error {
 }
 
 /** No answer at all. */
-export class GoneError extends Error {
+export class ConnectionError extends Error {
   constructor() {
     super("The server does not answer. What you asked for was not done, or nobody knows; the page goes on when it is back.");
     this.name = "GoneError";
@@ -41,7 +41,7 @@ export function slug(problem: Problem): string {
 }
 
 /** An error for people: a title, and what to do. */
-export interface Told {
+export interface ErrorMessage {
   title: string;
   detail: string;
   /** The field that the server names, if it does. */
@@ -49,20 +49,20 @@ export interface Told {
 }
 
 /** Any error in words. */
-export function told(error: unknown): Told {
+export function describeError(error: unknown): ErrorMessage {
   if (error instanceof ProblemError) {
     const { problem, after } = error;
     const wait = after === null ? "" : ` Try again in ${after} s.`;
-    return { title: titled(problem), detail: sentence(problem.detail) + wait, field: problem.field ?? null };
+    return { title: titleOf(problem), detail: sentence(problem.detail) + wait, field: problem.field ?? null };
   }
-  if (error instanceof GoneError) return { title: "No connection", detail: error.message, field: null };
+  if (error instanceof ConnectionError) return { title: "No connection", detail: error.message, field: null };
   if (error instanceof FileError) return { title: error.file, detail: sentence(error.message), field: null };
   const detail = error instanceof Error ? error.message : String(error);
   return { title: "The page failed", detail: sentence(detail), field: null };
 }
 
 /** What a status means to who looks at the page; else the server's title. */
-function titled(problem: Problem): string {
+function titleOf(problem: Problem): string {
   if (problem.status === 401) return "Sign in";
   if (problem.status === 403) return "Not allowed";
   if (problem.status === 429) return "Nothing left, or too much at a time";
@@ -70,6 +70,6 @@ function titled(problem: Problem): string {
 }
 
 function sentence(text: string): string {
-  const whole = text.charAt(0).toUpperCase() + text.slice(1);
-  return /[.!?]$/.test(whole) ? whole : `${whole}.`;
+  const capitalised = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(capitalised) ? capitalised : `${capitalised}.`;
 }

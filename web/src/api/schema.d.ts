@@ -854,7 +854,7 @@ export interface paths {
         /**
          * Watches a world: server-sent events, first `world` with the world as it stands and its scene, then what happens in it,
          *     `reset`, `step`, `attempts`, `latents` and at the end `gone`, with what was observed. With `Last-Event-ID`, what came after
-         *     and is still kept (`docs/limits.md`); who reads too slowly misses the oldest. Nothing that the world hides is told.
+         *     and is still kept (`docs/reference/limits.md`); who reads too slowly misses the oldest. Nothing that the world hides is told.
          */
         get: operations["watch_world"];
         put?: never;

@@ -8,7 +8,7 @@ export function token(): string | null {
 }
 
 /** Keeps a token; an empty one is forgotten. */
-export function keep(value: string): void {
+export function storeToken(value: string): void {
   if (value) sessionStorage.setItem(KEY, value);
   else sessionStorage.removeItem(KEY);
 }

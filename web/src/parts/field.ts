@@ -1,6 +1,6 @@
 // Fields of forms: a label, an input, its unit, and what the server says is wrong with it.
 
-import { fresh, h, put, set } from "../dom";
+import { uniqueId, h, put, set } from "../dom";
 
 export interface Field {
   element: HTMLElement;
@@ -10,40 +10,40 @@ export interface Field {
 }
 
 /** A number, `null` while it is empty. `told` is called with every change that is a number, or nothing where that is allowed. */
-export function numeric(label: string, unit: string, value: number | null, told: (value: number | null) => void): Field {
+export function numeric(label: string, unit: string, value: number | null, onChange: (value: number | null) => void): Field {
   const input = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", value: value === null ? "" : String(value), class: "number" });
-  const field = labelled(label, input, unit);
+  const field = buildField(label, input, unit);
   input.addEventListener("input", () => {
     const text = input.value.trim().replace(",", ".");
     const now = text === "" ? null : Number(text);
     if (now !== null && !Number.isFinite(now)) return field.refuse(`${input.value} is no number.`);
     field.refuse(null);
-    told(now);
+    onChange(now);
   });
   return field;
 }
 
 /** One of a few; an option is its value and what is shown. */
-export function choice(label: string, options: readonly (readonly [string, string])[], value: string, told: (value: string) => void): Field {
+export function choice(label: string, options: readonly (readonly [string, string])[], value: string, onChange: (value: string) => void): Field {
   const input = h("select", {}, ...options.map(([v, text]) => h("option", { value: v, selected: v === value }, text)));
-  const field = labelled(label, input, "");
-  input.addEventListener("change", () => (field.refuse(null), told(input.value)));
+  const field = buildField(label, input, "");
+  input.addEventListener("change", () => (field.refuse(null), onChange(input.value)));
   return field;
 }
 
 /** Radio buttons in a row. */
-export function radios(label: string, options: readonly (readonly [string, string])[], value: string, told: (value: string) => void): HTMLElement {
-  const name = fresh("radio");
-  const each = options.map(([v, text]) => {
+export function radios(label: string, options: readonly (readonly [string, string])[], value: string, onChange: (value: string) => void): HTMLElement {
+  const name = uniqueId("radio");
+  const labels = options.map(([v, text]) => {
     const input = h("input", { type: "radio", name, value: v, checked: v === value });
-    input.addEventListener("change", () => told(v));
+    input.addEventListener("change", () => onChange(v));
     return h("label", { class: "radio" }, input, text);
   });
-  return h("fieldset", { class: "radios" }, h("legend", {}, label), h("div", { class: "row" }, ...each));
+  return h("fieldset", { class: "radios" }, h("legend", {}, label), h("div", { class: "row" }, ...labels));
 }
 
-function labelled(label: string, input: HTMLInputElement | HTMLSelectElement, unit: string): Field {
-  const [id, whyId] = [fresh("field"), fresh("why")];
+function buildField(label: string, input: HTMLInputElement | HTMLSelectElement, unit: string): Field {
+  const [id, whyId] = [uniqueId("field"), uniqueId("why")];
   const why = h("span", { id: whyId, class: "refused-why", hidden: true });
   set(input, { id });
   const element = h("div", { class: "field" }, h("label", { for: id }, label), input, unit ? h("span", { class: "soft" }, unit) : null, why);

@@ -1,6 +1,6 @@
 // The player of films: plays with real time, pauses, scrubs, faster and slower.
 
-import { fresh, h, put, set } from "../dom";
+import { uniqueId, h, put, set } from "../dom";
 import { short } from "./slider";
 
 export interface Player {
@@ -17,9 +17,9 @@ export interface Player {
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
 /** `shown` is called for every picture with its time, s. */
-export function player(shown: (time: number) => void, signal: AbortSignal): Player {
-  let [time, length, speed, playing, before, asked] = [0, 0, 1, false, 0, 0];
-  const [scrubId, speedId] = [fresh("scrub"), fresh("speed")];
+export function player(onFrame: (time: number) => void, signal: AbortSignal): Player {
+  let [time, length, speed, playing, before, frameRequest] = [0, 0, 1, false, 0, 0];
+  const [scrubId, speedId] = [uniqueId("scrub"), uniqueId("speed")];
   const toggle = h("button", { type: "button", class: "play" });
   const scrub = h("input", { id: scrubId, type: "range", min: 0, max: 0, step: 0.001, "aria-label": "Time" });
   const clock = h("output", { for: scrubId, class: "clock" });
@@ -30,10 +30,10 @@ export function player(shown: (time: number) => void, signal: AbortSignal): Play
     set(toggle, { "aria-label": playing ? "Pause" : "Play" });
     scrub.max = String(length);
     scrub.value = String(time);
-    const said = `${time.toFixed(2)} of ${short(length, "s")}`;
-    set(scrub, { "aria-valuetext": said });
-    put(clock, said);
-    shown(time);
+    const text = `${time.toFixed(2)} of ${short(length, "s")}`;
+    set(scrub, { "aria-valuetext": text });
+    put(clock, text);
+    onFrame(time);
   };
   const tick = (now: number): void => {
     if (!playing || signal.aborted) return;
@@ -42,18 +42,18 @@ export function player(shown: (time: number) => void, signal: AbortSignal): Play
     before = now;
     if (time >= length) [time, playing] = [length, false];
     show();
-    if (playing) asked = requestAnimationFrame(tick);
+    if (playing) frameRequest = requestAnimationFrame(tick);
   };
   const play = (): void => {
     if (playing || length === 0) return;
     if (time >= length) time = 0;
     [playing, before] = [true, performance.now()];
     show();
-    asked = requestAnimationFrame(tick);
+    frameRequest = requestAnimationFrame(tick);
   };
   const pause = (): void => {
     playing = false;
-    cancelAnimationFrame(asked);
+    cancelAnimationFrame(frameRequest);
     show();
   };
   toggle.addEventListener("click", () => (playing ? pause() : play()));
@@ -63,7 +63,7 @@ export function player(shown: (time: number) => void, signal: AbortSignal): Play
   };
   scrub.addEventListener("input", () => seek(Number(scrub.value)));
   choice.addEventListener("change", () => (speed = Number(choice.value)));
-  signal.addEventListener("abort", () => cancelAnimationFrame(asked));
+  signal.addEventListener("abort", () => cancelAnimationFrame(frameRequest));
   show();
   return {
     element,

@@ -3,7 +3,7 @@
 
 import { h, put, s } from "../dom";
 
-export interface Series {
+export interface PlotSeries {
   name: string;
   look: "dots" | "line" | "band";
   /** A colour's name in style.css: `--sim`. */
@@ -16,7 +16,7 @@ export interface Series {
   dashed?: boolean;
 }
 
-export interface Axes {
+export interface PlotAxes {
   /** What is seen, for a heading and for who does not see it. */
   title: string;
   x: string;
@@ -30,16 +30,16 @@ export interface Axes {
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [260, 62, 40, 10, 14];
 /** Share of the range that stays free at either end. */
 const MARGIN = 0.04;
-const DOT = 2.2;
+const DOT_RADIUS_PX = 2.2;
 
 /** A figure; it draws itself until `signal` aborts. */
-export function plot(axes: Axes, series: readonly Series[], signal: AbortSignal): HTMLElement {
-  const canvas = h("canvas", { role: "img", "aria-label": said(axes, series), height: HEIGHT });
+export function plot(axes: PlotAxes, series: readonly PlotSeries[], signal: AbortSignal): HTMLElement {
+  const canvas = h("canvas", { role: "img", "aria-label": describe(axes, series), height: HEIGHT });
   const draw = (): void => {
     const width = Math.round(canvas.clientWidth);
     if (width > 0) paint(canvas, width, axes, series);
   };
-  whenSeen(canvas, draw, signal);
+  drawWhenVisible(canvas, draw, signal);
   return h(
     "figure",
     { class: "plot" },
@@ -50,20 +50,20 @@ export function plot(axes: Axes, series: readonly Series[], signal: AbortSignal)
 }
 
 /** Calls `draw` when an element is first seen, and after that whenever its size or the theme changes. */
-function whenSeen(element: HTMLElement, draw: () => void, signal: AbortSignal): void {
-  let seen = false;
-  const again = (): void => void (seen && requestAnimationFrame(draw));
-  const sight = new IntersectionObserver((entries) => {
-    if (seen || !entries.some((e) => e.isIntersecting)) return;
-    seen = true;
-    again();
+function drawWhenVisible(element: HTMLElement, draw: () => void, signal: AbortSignal): void {
+  let isVisible = false;
+  const redraw = (): void => void (isVisible && requestAnimationFrame(draw));
+  const visibility = new IntersectionObserver((entries) => {
+    if (isVisible || !entries.some((e) => e.isIntersecting)) return;
+    isVisible = true;
+    redraw();
   }, { rootMargin: "100px" });
-  const [size, theme] = [new ResizeObserver(again), new MutationObserver(again)];
-  sight.observe(element);
+  const [size, theme] = [new ResizeObserver(redraw), new MutationObserver(redraw)];
+  visibility.observe(element);
   size.observe(element);
   theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again, { signal });
-  signal.addEventListener("abort", () => [sight, size, theme].forEach((o) => o.disconnect()));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw, { signal });
+  signal.addEventListener("abort", () => [visibility, size, theme].forEach((o) => o.disconnect()));
 }
 
 /** The smallest and the largest of numbers; `null` without any. */
@@ -89,7 +89,7 @@ export function marks(low: number, high: number, count: number): number[] {
   return Array.from({ length: Math.max(0, last - first + 1) }, (_, k) => Number(((first + k) * step).toPrecision(12)));
 }
 
-interface Frame {
+interface PlotFrame {
   at: CanvasRenderingContext2D;
   x: (v: number) => number;
   y: (v: number) => number;
@@ -97,7 +97,7 @@ interface Frame {
   colour: (name: string) => string;
 }
 
-function paint(canvas: HTMLCanvasElement, width: number, axes: Axes, series: readonly Series[]): void {
+function paint(canvas: HTMLCanvasElement, width: number, axes: PlotAxes, series: readonly PlotSeries[]): void {
   const ratio = devicePixelRatio || 1;
   [canvas.width, canvas.height] = [width * ratio, HEIGHT * ratio];
   const at = canvas.getContext("2d");
@@ -110,7 +110,7 @@ function paint(canvas: HTMLCanvasElement, width: number, axes: Axes, series: rea
     canvas.style.color = `var(${name})`;
     return getComputedStyle(canvas).color;
   };
-  const frame: Frame = { at, x, y, width, colour };
+  const frame: PlotFrame = { at, x, y, width, colour };
   grid(frame, axes, across, up);
   at.save();
   at.beginPath();
@@ -127,7 +127,7 @@ function padded(of: [number, number] | null): [number, number] {
   return [low - free, high + free];
 }
 
-function grid({ at, x, y, width, colour }: Frame, axes: Axes, across: [number, number], up: [number, number]): void {
+function grid({ at, x, y, width, colour }: PlotFrame, axes: PlotAxes, across: [number, number], up: [number, number]): void {
   const [line, soft] = [colour("--line"), colour("--soft")];
   at.font = "12px system-ui, 'DejaVu Sans', sans-serif";
   at.lineWidth = 1;
@@ -155,20 +155,20 @@ function grid({ at, x, y, width, colour }: Frame, axes: Axes, across: [number, n
   at.restore();
 }
 
-function band({ at, x, y, colour }: Frame, one: Series): void {
+function band({ at, x, y, colour }: PlotFrame, one: PlotSeries): void {
   if (!one.low || !one.high) return;
-  const known = one.x.map((_, i) => i).filter((i) => [one.x[i]!, one.low![i]!, one.high![i]!].every(Number.isFinite));
-  if (!known.length) return;
+  const finite = one.x.map((_, i) => i).filter((i) => [one.x[i]!, one.low![i]!, one.high![i]!].every(Number.isFinite));
+  if (!finite.length) return;
   at.fillStyle = colour(one.colour);
   at.globalAlpha = 0.16;
   at.beginPath();
-  for (const i of known) at.lineTo(x(one.x[i]!), y(one.low[i]!));
-  for (const i of known.reverse()) at.lineTo(x(one.x[i]!), y(one.high[i]!));
+  for (const i of finite) at.lineTo(x(one.x[i]!), y(one.low[i]!));
+  for (const i of finite.reverse()) at.lineTo(x(one.x[i]!), y(one.high[i]!));
   at.fill();
   at.globalAlpha = 1;
 }
 
-function lines({ at, x, y, colour }: Frame, one: Series): void {
+function lines({ at, x, y, colour }: PlotFrame, one: PlotSeries): void {
   at.strokeStyle = colour(one.colour);
   at.lineWidth = 2;
   at.setLineDash(one.dashed ? [6, 4] : []);
@@ -176,7 +176,7 @@ function lines({ at, x, y, colour }: Frame, one: Series): void {
   at.setLineDash([]);
 }
 
-function dots({ at, x, y, colour }: Frame, one: Series): void {
+function dots({ at, x, y, colour }: PlotFrame, one: PlotSeries): void {
   at.fillStyle = at.strokeStyle = colour(one.colour);
   at.lineWidth = 1.5;
   // Many lie over each other.
@@ -185,7 +185,7 @@ function dots({ at, x, y, colour }: Frame, one: Series): void {
   for (let i = 0; i < one.x.length; i++) {
     const [px, py] = [x(one.x[i]!), y(one.y[i]!)];
     if (!Number.isFinite(px) || !Number.isFinite(py)) continue;
-    const size = one.low ? DOT + 1 : DOT;
+    const size = one.low ? DOT_RADIUS_PX + 1 : DOT_RADIUS_PX;
     if (one.dashed) {
       at.lineWidth = 1.2;
       at.strokeRect(px - size, py - size, 2 * size, 2 * size);
@@ -204,7 +204,7 @@ function stroke(at: CanvasRenderingContext2D, points: readonly (readonly [number
   at.stroke();
 }
 
-function key(one: Series): HTMLElement {
+function key(one: PlotSeries): HTMLElement {
   const swatch = s("svg", { width: 22, height: 12, "aria-hidden": "true" });
   const paint = { stroke: `var(${one.colour})`, fill: "none" };
   const band_ = one.low && one.look !== "dots" ? s("rect", { width: 22, height: 12, fill: `var(${one.colour})`, "fill-opacity": 0.2 }) : null;
@@ -220,7 +220,7 @@ function plain(v: number): string {
   return size !== 0 && (size >= 1e5 || size < 1e-4) ? v.toExponential(1) : String(Number(v.toPrecision(4)));
 }
 
-function said(axes: Axes, series: readonly Series[]): string {
+function describe(axes: PlotAxes, series: readonly PlotSeries[]): string {
   const each = series.map((one) => {
     const of = range(one.y);
     return of ? `${one.name}: ${one.x.length} from ${plain(of[0])} to ${plain(of[1])}` : `${one.name}: none`;

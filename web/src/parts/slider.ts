@@ -1,6 +1,6 @@
 // A slider with its label and value; the keyboard moves it as well.
 
-import { fresh, h, put, set } from "../dom";
+import { uniqueId, h, put, set } from "../dom";
 
 export interface Slider {
   element: HTMLElement;
@@ -9,20 +9,20 @@ export interface Slider {
 }
 
 /** A slider from 0 to 1; `text` says what a place means, `moved` is told while it is dragged. */
-export function slider(label: string, share: number, text: (share: number) => string, moved: (share: number) => void): Slider {
-  const id = fresh("slider");
+export function slider(label: string, share: number, text: (share: number) => string, onMove: (share: number) => void): Slider {
+  const id = uniqueId("slider");
   const input = h("input", { id, type: "range", min: 0, max: 1, step: 0.001 });
   const output = h("output", { for: id });
   const show = (now: number): void => {
     input.value = String(now);
-    const said = text(now);
-    put(output, said);
-    set(input, { "aria-valuetext": said });
+    const valueText = text(now);
+    put(output, valueText);
+    set(input, { "aria-valuetext": valueText });
   };
   input.addEventListener("input", () => {
     const now = Number(input.value);
     show(now);
-    moved(now);
+    onMove(now);
   });
   show(share);
   return { element: h("div", { class: "slider" }, h("label", { for: id }, label), output, input), show };

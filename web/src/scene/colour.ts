@@ -23,11 +23,11 @@ const WORDS: Record<string, string> = {
 
 /** A colour for each movable body of a scene, by name. */
 export function colours(scene: Scene): Map<string, string> {
-  let dealt = 0;
+  let paletteIndex = 0;
   return new Map(
     scene.bodies.map((body) => {
       const word = body.name.toLowerCase().split(/[^a-z]+/).find((w) => w in WORDS);
-      return [body.name, word ? WORDS[word]! : PALETTE[dealt++ % PALETTE.length]!];
+      return [body.name, word ? WORDS[word]! : PALETTE[paletteIndex++ % PALETTE.length]!];
     }),
   );
 }

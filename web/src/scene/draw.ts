@@ -3,7 +3,7 @@
 import { type Attributes, put, s, set } from "../dom";
 import { colours } from "./colour";
 import type { Body, Box, Point, Pose, Scene, Shape } from "./types";
-import { halfPlane, level, seen } from "./view";
+import { halfPlane, goalLine, sceneExtent } from "./extent";
 
 /** How movable bodies are drawn. */
 export type Look = "solid" | "ghost" | "refused";
@@ -27,7 +27,7 @@ export interface Picture {
 }
 
 /** Draws a scene; bodies without a position stay hidden until they are posed. */
-export function picture(scene: Scene, label: string, box: Box = seen(scene)): Picture {
+export function picture(scene: Scene, label: string, box: Box = sceneExtent(scene)): Picture {
   const world = s("g", { transform: "scale(1 -1)" });
   const svg = s("svg", { class: "scene", role: "img", "aria-label": label }, world);
   const [fixed, under, over] = [s("g"), s("g"), s("g")];
@@ -35,15 +35,15 @@ export function picture(scene: Scene, label: string, box: Box = seen(scene)): Pi
   put(world, fixed, under, layers.ghost, layers.solid, layers.refused, over);
   const bodies = new Map<Look, Map<string, SVGGElement>>();
   const frame = (now: Box): void => {
-    made.box = now;
+    drawing.box = now;
     set(svg, { viewBox: `${now[0]} ${-now[3]} ${now[2] - now[0]} ${now[3] - now[1]}` });
   };
   const redraw = (now: Scene): void => {
-    put(fixed, ...statics(now, made.box), goal(now, made.box));
+    put(fixed, ...statics(now, drawing.box), goal(now, drawing.box));
     for (const look of ["ghost", "solid", "refused"] as const) {
-      const drawn = movables(now, look);
-      bodies.set(look, drawn);
-      put(layers[look], ...drawn.values());
+      const movable = movables(now, look);
+      bodies.set(look, movable);
+      put(layers[look], ...movable.values());
     }
     const starts = now.bodies.filter((b) => b.position);
     pose("solid", new Map(starts.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }])));
@@ -63,10 +63,10 @@ export function picture(scene: Scene, label: string, box: Box = seen(scene)): Pi
     const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse());
     return [p.x, p.y];
   };
-  const made: Picture = { svg, under, over, box, frame, pose, redraw, at };
+  const drawing: Picture = { svg, under, over, box, frame, pose, redraw, at };
   frame(box);
   redraw(scene);
-  return made;
+  return drawing;
 }
 
 /** A line through points, m. */
@@ -76,18 +76,18 @@ export function line(points: readonly Point[], attributes: Attributes): SVGPolyl
 }
 
 function statics(scene: Scene, box: Box): SVGElement[] {
-  const wanted = goalNames(scene);
+  const goalBodies = goalNames(scene);
   const placeable = new Set(scene.action?.components.map((c) => c.target));
-  return (scene.statics ?? []).map((thing) => {
-    const look = { class: `static${wanted.has(thing.name) ? " wanted" : ""}${placeable.has(thing.name) ? " placeable" : ""}` };
-    const place = thing.shape.type === "halfspace" ? {} : { transform: transform(thing) };
-    return s("g", { ...place, "data-name": thing.name }, ...forms(thing.shape, look, box));
+  return (scene.statics ?? []).map((object) => {
+    const look = { class: `static${goalBodies.has(object.name) ? " wanted" : ""}${placeable.has(object.name) ? " placeable" : ""}` };
+    const place = object.shape.type === "halfspace" ? {} : { transform: transform(object) };
+    return s("g", { ...place, "data-name": object.name }, ...shapeElements(object.shape, look, box));
   });
 }
 
 function goal(scene: Scene, box: Box): SVGElement | null {
   if (scene.goal?.type === "above") {
-    const [[ax, ay], [bx, by]] = level(scene.goal);
+    const [[ax, ay], [bx, by]] = goalLine(scene.goal);
     const sign = bx < ax ? -1 : 1;
     const normal: Point = [sign * (by - ay), sign * (ax - bx)];
     const above = halfPlane(normal, normal[0] * ax + normal[1] * ay, box);
@@ -98,21 +98,21 @@ function goal(scene: Scene, box: Box): SVGElement | null {
 }
 
 function movables(scene: Scene, look: Look): Map<string, SVGGElement> {
-  const [dealt, wanted] = [colours(scene), goalNames(scene)];
-  const thing = (body: Body): SVGGElement => {
-    const colour = dealt.get(body.name)!;
-    const paint: Attributes = { class: `body ${look}${wanted.has(body.name) ? " wanted" : ""}`, fill: colour, stroke: colour };
+  const [bodyColours, goalBodies] = [colours(scene), goalNames(scene)];
+  const object = (body: Body): SVGGElement => {
+    const colour = bodyColours.get(body.name)!;
+    const paint: Attributes = { class: `body ${look}${goalBodies.has(body.name) ? " wanted" : ""}`, fill: colour, stroke: colour };
     const spoke =
       body.shape.type === "disc"
         ? s("line", { class: `spoke ${look}`, x2: 0.82 * body.shape.radius, stroke: colour, "vector-effect": "non-scaling-stroke" })
         : null;
-    return s("g", { "data-name": body.name, "data-look": look }, ...forms(body.shape, paint, null), spoke);
+    return s("g", { "data-name": body.name, "data-look": look }, ...shapeElements(body.shape, paint, null), spoke);
   };
-  return new Map(scene.bodies.map((body) => [body.name, thing(body)]));
+  return new Map(scene.bodies.map((body) => [body.name, object(body)]));
 }
 
 /** A shape in its own frame. */
-function forms(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
+function shapeElements(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
   const common = { ...paint, "vector-effect": "non-scaling-stroke" };
   switch (shape.type) {
     case "disc":
@@ -133,7 +133,7 @@ function forms(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
     case "halfspace":
       return box ? [s("polygon", { ...common, points: points(halfPlane(shape.normal, shape.offset, box)) })] : [];
     case "compound":
-      return shape.pieces.map((p) => s("g", { transform: transform(p) }, ...forms(p, paint, box)));
+      return shape.pieces.map((p) => s("g", { transform: transform(p) }, ...shapeElements(p, paint, box)));
   }
 }
 

@@ -2,7 +2,7 @@
 
 import type { Point, Pose } from "./types";
 
-export interface Track {
+export interface FilmTrack {
   /** m */
   x: number[];
   /** m, up */
@@ -22,58 +22,58 @@ export interface Contact {
 export interface Film {
   /** s, rising */
   t: number[];
-  bodies: Record<string, Track>;
+  bodies: Record<string, FilmTrack>;
   /** Empty where they are not known: real worlds do not tell. */
   contacts: Contact[];
 }
 
 /** Seconds between samples from which curves are drawn through them; below that lines do. */
-const COARSE = 0.05;
+const CUBIC_MIN_STEP_S = 0.05;
 
 /** The last time of a film, s. */
-export function end(film: Film): number {
+export function filmLength(film: Film): number {
   return film.t.at(-1) ?? 0;
 }
 
 /** Where bodies are at a time; before the start and after the end they wait. */
-export function at(film: Film, time: number): Map<string, Pose> {
-  const { i, share } = within(film.t, time);
-  const coarse = (film.t[i + 1] ?? 0) - (film.t[i] ?? 0) > COARSE;
-  const between = (values: number[]): number => (coarse ? curved(film.t, values, i, share) : straight(values, i, share));
+export function posesAt(film: Film, time: number): Map<string, Pose> {
+  const { i, share } = intervalAt(film.t, time);
+  const coarse = (film.t[i + 1] ?? 0) - (film.t[i] ?? 0) > CUBIC_MIN_STEP_S;
+  const between = (values: number[]): number => (coarse ? monotoneCubic(film.t, values, i, share) : linear(values, i, share));
   return new Map(
-    Object.entries(film.bodies).map(([name, b]) => [name, { x: between(b.x), y: between(b.y), angle: straight(b.angle, i, share) }]),
+    Object.entries(film.bodies).map(([name, b]) => [name, { x: between(b.x), y: between(b.y), angle: linear(b.angle, i, share) }]),
   );
 }
 
 /** The way of a body until a time. */
-export function way(film: Film, name: string, until: number): Point[] {
+export function pathUntil(film: Film, name: string, until: number): Point[] {
   const track = film.bodies[name];
   if (!track) return [];
   const points: Point[] = [];
   for (let k = 0; k < film.t.length && film.t[k]! <= until; k++) points.push([track.x[k]!, track.y[k]!]);
-  const last = at(film, until).get(name);
+  const last = posesAt(film, until).get(name);
   if (last) points.push([last.x, last.y]);
   return points;
 }
 
 /** How far each body is in one film from where it is in the other, at the times of the second as far as both go, m. */
-export function distance(of: Film, from: Film): { t: number[]; bodies: Map<string, number[]> } {
-  const t = from.t.filter((time) => time <= end(of) + 1e-9);
-  const poses = t.map((time) => at(of, time));
+export function distanceOverTime(of: Film, from: Film): { t: number[]; bodies: Map<string, number[]> } {
+  const t = from.t.filter((time) => time <= filmLength(of) + 1e-9);
+  const poses = t.map((time) => posesAt(of, time));
   const bodies = new Map<string, number[]>();
   for (const [name, track] of Object.entries(from.bodies)) {
     if (!of.bodies[name]) continue;
-    const apart = t.map((_, k) => {
+    const distances = t.map((_, k) => {
       const pose = poses[k]!.get(name)!;
       return Math.hypot(pose.x - track.x[k]!, pose.y - track.y[k]!);
     });
-    bodies.set(name, apart);
+    bodies.set(name, distances);
   }
   return { t, bodies };
 }
 
 /** The interval that a time is in, and how far. */
-export function within(t: readonly number[], time: number): { i: number; share: number } {
+export function intervalAt(t: readonly number[], time: number): { i: number; share: number } {
   if (t.length < 2 || time <= t[0]!) return { i: 0, share: 0 };
   let [low, high] = [0, t.length - 1];
   if (time >= t[high]!) return { i: high - 1, share: 1 };
@@ -85,14 +85,14 @@ export function within(t: readonly number[], time: number): { i: number; share: 
   return { i: low, share: (time - t[low]!) / (t[low + 1]! - t[low]!) };
 }
 
-function straight(values: readonly number[], i: number, share: number): number {
+function linear(values: readonly number[], i: number, share: number): number {
   const a = values[i] ?? 0;
   return a + share * ((values[i + 1] ?? a) - a);
 }
 
 /** Monotone cubic interpolation (Fritsch and Carlson 1980, slopes as harmonic means): never beyond the samples, so that no
  * ball is drawn through a floor that it was not seen below. */
-function curved(t: readonly number[], values: readonly number[], i: number, share: number): number {
+function monotoneCubic(t: readonly number[], values: readonly number[], i: number, share: number): number {
   const slope = (k: number): number => {
     const [a, b, c] = [values[k - 1], values[k]!, values[k + 1]];
     const before = a === undefined ? undefined : (b - a) / (t[k]! - t[k - 1]!);

@@ -1,4 +1,4 @@
-// `iplw.scene/1` as far as it is drawn and placed (docs/formats.md). SI; y up; angles counter-clockwise.
+// `iplw.scene/1` as far as it is drawn and placed (docs/reference/formats.md). SI; y up; angles counter-clockwise.
 
 export type Point = [number, number];
 
@@ -67,6 +67,6 @@ export interface Pose {
 }
 
 /** Movable bodies and statics. */
-export function everything(scene: Scene): Body[] {
+export function allObjects(scene: Scene): Body[] {
   return [...scene.bodies, ...(scene.statics ?? [])];
 }

@@ -2,8 +2,8 @@
 
 import { api, ok, type Schema } from "../api/client";
 import { follow } from "../api/events";
-import { fresh, h, put } from "../dom";
-import { again } from "../parts/again";
+import { uniqueId, h, put } from "../dom";
+import { poll } from "../parts/poll";
 import { short } from "../parts/slider";
 import { duration } from "../parts/time";
 import { type Context, link, type View } from "../view";
@@ -26,7 +26,7 @@ const STATES = ["queued", "running", "waiting", "succeeded", "failed", "cancelle
 
 async function list(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
-  const id = fresh("state");
+  const id = uniqueId("state");
   const asked = context.query.get("state") ?? "";
   const state = h("select", { id }, h("option", { value: "" }, "all"), ...STATES.map((s) => h("option", { value: s, selected: s === asked }, s)));
   const [newer, older] = [h("button", { type: "button" }, "Newer"), h("button", { type: "button" }, "Older")];
@@ -73,7 +73,7 @@ async function list(place: HTMLElement, context: Context): Promise<void> {
     page = page.map((job) => known.get(job.id) ?? job);
     refreshed(body, page, (job) => row(job, () => void load().catch(context.fail), context));
   };
-  void again(look, LOOK, context);
+  void poll(look, LOOK, context);
 }
 
 /** Replaces the rows that changed, so that what has the focus keeps it. */

@@ -4,7 +4,7 @@
 import { all, api, ok, type Schema } from "../api/client";
 import { h, put } from "../dom";
 import { latest } from "../parts/latest";
-import { left, sight } from "../scene/handoff";
+import { storedScene, storedExtent } from "../scene/handoff";
 import type { Scene } from "../scene/types";
 import type { Context, View } from "../view";
 import { effects, latents, type Latents, type Term } from "./play/physics";
@@ -48,8 +48,8 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const task = choice(families, show, context);
   put(place, h("div", { class: "play-head" }, h("div", { class: "card" }, task.element), real.element), h("div", { class: "play-body" }, front, side));
   const [first] = context.rest;
-  const scene = first === "scene" ? left() : null;
-  const box = sight();
+  const scene = first === "scene" ? storedScene() : null;
+  const box = storedExtent();
   if (scene) show({ id: `custom:${scene.name || "scene"}`, family: null, scene, ...(box ? { box } : {}) });
   else await task.pick(first && first !== "scene" ? first : `${families[0]?.name}:000`);
 }

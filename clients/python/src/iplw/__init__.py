@@ -1,55 +1,56 @@
-"""Client of iplw: worlds to act in, latent factors to estimate, policies to transfer.
+"""Python client of iplw: simulated worlds, estimation of latent factors, transfer of policies.
 
     import gymnasium, iplw
     env = gymnasium.make("iplw/Bowling-v0", world="sim")  # a private server starts and stops by itself
 
     with iplw.Client() as client:  # or iplw.Client("http://127.0.0.1:8080")
-        found = client.iplw("bowling", world="bowling-real").wait(progress=True)
+        estimate = client.iplw("bowling", world="bowling-real").wait(progress=True)
 
     async with iplw.AsyncClient("tcp://127.0.0.1:5555") as client:  # the same methods, awaited
         async with await client.create_world("bowling") as world:
             observation, info = await world.reset(seed=1)
 
-The files, from the top down; each uses only those below it:
+The modules, from the top down; each imports only those below it:
 
-| file | what |
+| module | contents |
 |---|---|
-| `envs`, `vector`, `fleet`, `video`, `registration`, `families` | Gymnasium's environments |
-| `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces, likelihoods: written once, in `aio`; `generate.py` makes `sync` of it |
-| `runner` | the difference between the two: who does what blocks |
-| `plot`, `live` | figures by matplotlib; a job as it goes on, in a notebook |
-| `outcomes`, `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
-| `calls`, `rollout`, `branching`, `film`, `ranked`, `proposal`, `likelihood`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
-| `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
-| `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
-| `server`, `binary`, `errors` | a private server; where its program is; what all of them raise |
-| `version`, `__main__` | which version this is; `python -m iplw` runs the program |
+| `envs`, `vector`, `sharding`, `video`, `browser`, `registration`, `families` | Gymnasium environments |
+| `aio`, `sync` | the client and its resources (worlds, jobs, policies, surfaces, likelihoods): written once, in `aio`; `generate.py` derives `sync` |
+| `runner` | the difference between the two: blocking calls in the calling thread or in a thread pool |
+| `plot`, `notebook`, `progress` | matplotlib figures; job progress in a notebook or as a tqdm bar |
+| `outcomes`, `results`, `trials`, `rows`, `scene`, `display` | responses as objects with HTML display and pandas frames |
+| `requests`, `rollout`, `branching`, `film`, `ranking`, `proposal`, `likelihood`, `inputs` | request construction and response parsing, without I/O |
+| `connect`, `http`, `zeromq`, `transport` | transports; `codec` and `frames` serialise |
+| `request`, `operations` | a request; the table of operations, generated from the OpenAPI document by `generate.py` |
+| `server`, `binary`, `errors` | the private server; locating its executable; exceptions |
+| `cli` | commands of the program as subprocesses in temporary directories |
+| `version`, `__main__` | package version; `python -m iplw` runs the program |
 """
 
 from . import plot
-from .aio import AsyncAsking, AsyncBranch, AsyncClient, AsyncJob, AsyncLikelihood, AsyncPolicy, AsyncSurface, AsyncWorld
+from .aio import AsyncAskTellJob, AsyncBranch, AsyncClient, AsyncJob, AsyncLikelihood, AsyncPolicy, AsyncSurface, AsyncWorld
 from .branching import BodyState
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
 from .outcomes import Outcomes
 from .proposal import Proposal
-from .ranked import Ranked
+from .ranking import Ranked
 from .registration import register
 from .results import Diagnosis, Estimate, Result, Score, Training
 from .rollout import Rollout, Rollouts
 from .rows import Rounds, Rows
 from .scene import Scene
-from .sync import Asking, Branch, Client, Job, Likelihood, Policy, Surface, World
+from .sync import AskTellJob, Branch, Client, Job, Likelihood, Policy, Surface, World
 from .trials import Trials
 from .vector import PlacementVectorEnv, make_vec
-from .version import own_version
+from .version import package_version
 from .video import RecordVideo
 
-__version__ = own_version()
+__version__ = package_version()
 
 __all__ = [
-    "Asking",
-    "AsyncAsking",
+    "AskTellJob",
+    "AsyncAskTellJob",
     "AsyncBranch",
     "AsyncClient",
     "AsyncJob",

@@ -1,4 +1,4 @@
-"""`python -m iplw ...` is `iplw ...`, whether or not the command is on PATH."""
+"""`python -m iplw ...` runs `iplw ...`, whether or not the command is on PATH."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import ServerUnavailable
 
 
 def main() -> int:
-    """Runs the program with our arguments and, where the system can, in our place."""
+    """Runs the program with the same arguments; on POSIX it replaces this process."""
     try:
         command = [str(find_binary()), *sys.argv[1:]]
     except ServerUnavailable as error:

@@ -1,4 +1,4 @@
-"""What a branch is made of: changes as the wire has them, and the states that a snapshot shows."""
+"""Interventions of a branch in wire format, and the body states of a snapshot."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .call import given
+from .request import drop_none
 
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """How a body is at a moment."""
+    """State of a body at one time."""
 
     #: (2,) m
     position: NDArray[np.float64]
@@ -40,10 +40,10 @@ def states(answer: Mapping[str, Any]) -> dict[str, BodyState]:
 
 
 class Changes:
-    """What is done in the middle of a rollout, in the order in which it is asked for.
+    """Interventions in the middle of a rollout, in the order of the calls.
 
-    Each change happens at `at`, s since the start of the rollout (the nearest time step), or at the branch's own moment.
-    The observation of that moment still shows the state before.
+    Each is applied at `at`, s since the start of the rollout (the nearest time step); default: the time of the branch.
+    The observation at that time still shows the state before the intervention.
     """
 
     def __init__(self) -> None:
@@ -51,15 +51,15 @@ class Changes:
 
     @property
     def changes(self) -> list[dict[str, Any]]:
-        """The changes so far, as `World.rollout(..., interventions=...)` takes them where each has its `at`."""
+        """The interventions so far; `World.rollout(..., interventions=...)` accepts them if each has an `at`."""
         return [dict(change) for change in self._changes]
 
     def impulse(
         self, body: str, impulse: ArrayLike, *, point: ArrayLike | None = None, at: float | None = None
     ) -> None:
-        """A blow of (2,) N s: the velocity changes by impulse / mass at once.
+        """Applies an impulse, (2,) N s: the velocity changes by impulse / mass.
 
-        `point`, (2,) m, is where it acts, which also turns the body; the centre of mass if absent.
+        `point`, (2,) m: the point of application, which also changes the spin; default: the centre of mass.
         """
         self._add("impulse", at, body=body, impulse=pair("impulse", impulse), point=pair("point", point))
 
@@ -73,37 +73,37 @@ class Changes:
         angular_velocity: float | None = None,
         at: float | None = None,
     ) -> None:
-        """Puts a body at (2,) m, turned to `angle` rad, or gives it (2,) m/s and rad/s; what is absent stays."""
+        """Sets position (2,) m, angle rad, velocity (2,) m/s or angular velocity rad/s of a body; the others stay."""
         numbers = {"angle": finite("angle", angle), "angular_velocity": finite("angular_velocity", angular_velocity)}
         places = {"position": pair("position", position), "velocity": pair("velocity", velocity)}
         self._add("set", at, body=body, **places, **numbers)
 
     def add(self, body: Mapping[str, Any], *, at: float | None = None) -> None:
-        """Lets a body in, as `bodies` of a scene has them: name, shape, position, ..."""
+        """Adds a body, in the form of a scene's `bodies`: name, shape, position, ..."""
         self._add("add", at, body=dict(body))
 
     def add_static(self, static: Mapping[str, Any], *, at: float | None = None) -> None:
-        """Lets something in that never moves, as `statics` of a scene has them."""
+        """Adds a static object, in the form of a scene's `statics`."""
         self._add("add_static", at, static=dict(static))
 
     def remove(self, name: str, *, at: float | None = None) -> None:
-        """Takes a body or a static away."""
+        """Removes a body or a static object."""
         self._add("remove", at, body=name)
 
     def set_latents(self, *, at: float | None = None, **latents: float) -> None:
-        """Makes some of density (kg/m^2), friction and restitution others."""
+        """Changes density (kg/m^2), friction or restitution."""
         self._add("latents", at, **{name: finite(name, value) for name, value in latents.items()})
 
     def clear(self) -> None:
-        """Forgets the changes so far."""
+        """Discards the interventions so far."""
         self._changes.clear()
 
     def _add(self, kind: str, at: float | None, **values: Any) -> None:
-        self._changes.append({"type": kind, **given(at=finite("at", at), **values)})
+        self._changes.append({"type": kind, **drop_none(at=finite("at", at), **values)})
 
 
 def pair(name: str, values: ArrayLike | None) -> list[float] | None:
-    """Two finite numbers as the wire has them."""
+    """Two finite numbers as a list."""
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
@@ -113,7 +113,7 @@ def pair(name: str, values: ArrayLike | None) -> list[float] | None:
 
 
 def finite(name: str, value: float | None) -> float | None:
-    """A finite number, or None."""
+    """The value as a float; `ValueError` unless it is finite or None."""
     if value is not None and not np.isfinite(value):
         raise ValueError(f"{name} is {value}; allowed: a finite number")
     return None if value is None else float(value)

@@ -1,4 +1,4 @@
-"""The transport for an address."""
+"""Chooses the transport for an address."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ def connect(
     token: str | None = None,
     verify: bool | str = True,
 ) -> Transport:
-    """The transport for an address, nothing sent yet; without a scheme it is HTTP, a senseless one a `ValueError`.
+    """The transport for an address; nothing is sent yet. The default scheme is HTTP; `ValueError` for a malformed address.
 
-    `advice`: what to tell someone whose request failed; asked only then. `token`: who asks. `verify`: whose certificates
-    are believed, over `https://`.
+    `advice`: returns a hint for the message of a failed request. `token`: authentication. `verify`: False, or the file of
+    trusted certificates, for `https://`.
     """
     full = url if "://" in url else "http://" + url
-    if not _fine(full):
+    if not _is_valid(full):
         raise ValueError(
             f"url is {url!r}; allowed: an address like http://127.0.0.1:8080, tcp://127.0.0.1:5555 or ipc:///tmp/iplw"
         )
     if full.startswith(("tcp:", "ipc:")):
-        # HTTP does without what this needs.
+        # pyzmq is an optional dependency.
         from .zeromq import ZeroMq
 
         return ZeroMq(full, timeout, advice, token)
     return Http(full, timeout, advice, token, verify)
 
 
-def _fine(url: str) -> bool:
+def _is_valid(url: str) -> bool:
     parts = urlsplit(url)
     try:
         port = parts.port

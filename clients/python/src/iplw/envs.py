@@ -1,11 +1,11 @@
-"""Gymnasium environments: one placement, one rollout, solved or not.
+"""Gymnasium environments with one action in each episode: place a body, simulate, reward 1 if the goal is reached.
 
     gymnasium.make("iplw/Bowling-v0", world="real", observation="image", action="discrete")
 
-An episode is one attempt. A valid action ends it (`terminated`); one that cannot be placed leaves it open,
-with `info["valid"]` False and `info["reason"]`. Nothing ever truncates.
+An episode ends (`terminated`) with its first valid action. An invalid action does not end it; `info["valid"]` is False and
+`info["reason"]` gives the reason. Episodes are never truncated.
 
-Each environment has a world of its own on the server and deletes it on `close()`.
+Each environment has its own world on the server and deletes it on `close()`.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from gymnasium.core import RenderFrame
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from . import png, window
+from . import browser, png
 from .film import Film
 from .sync import Client, World
 from .rollout import Action, Rollouts
 
 Observation: TypeAlias = NDArray[Any]
 
-#: Pixels on a side of what `render()` returns; the width of films.
+#: Width and height of `render()`, and width of films, px.
 RENDER_SIZE = 256
-#: Frames a second of films.
+#: Frame rate of films, 1/s.
 FPS = 30
-#: Least and most pixels on a side of an image observation.
+#: Minimum and maximum size of an image observation, px.
 IMAGE_SIZES = (64, 256)
 
 
 class PlacementEnv(gymnasium.Env[Observation, Any]):
-    """One world as a Gymnasium environment.
+    """A Gymnasium environment with one world.
 
     - `task`: a family (`bowling`), one task of it (`bowling:017`), or None with a `scene` in `world`.
     - `world`: `sim`, `real`, or the settings of `Client.create_world` (`{"kind": "sim", "damping": 0.8}`).
@@ -46,15 +46,15 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
     - `observation`: `features`, float32 in [0, 1]; or `image`, uint8 (image_size, image_size, 3) of the scene
       before the action.
     - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
-    - `render_mode`: `rgb_array`, the scene as it was before the action, or after it as it ended (`film()` has all that was
-      in between); or `human`, which opens the server's page at this world when the first episode begins.
-    - `split`: what `reset` draws tasks from; `reset(options={"split": ..., "task": ...})` overrides it.
+    - `render_mode`: `rgb_array`: the scene before the action, and its final state after it (`film()` has the frames between);
+      `human`: opens the web page at this world when the first episode starts.
+    - `split`: `reset` samples a task from it; `reset(options={"split": ..., "task": ...})` overrides it.
     """
 
-    # The environment never resets itself, which is what "disabled" means to a vector of them.
+    # No automatic reset: the value that vector environments expect.
     metadata: dict[str, Any] = {
         "render_modes": ["rgb_array", "human"],
-        # Of films: an episode has one step, so that `render()` shows two moments of it.
+        # Frame rate of films; `render()` shows two states of an episode.
         "render_fps": FPS,
         "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
     }
@@ -73,59 +73,59 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         image_size: int = 64,
         timeout: float = 30.0,
     ) -> None:
-        check(observation, action, split, render_mode, image_size)
-        settings = settings_of(task, world)
+        check_settings(observation, action, split, render_mode, image_size)
+        settings = world_settings(task, world)
         self.render_mode = render_mode
         self._split = split
         self._image_size = image_size if observation == "image" else None
         self._closed = False
-        self._fresh = True
-        #: The connection, shared with nobody.
+        self._never_reset = True
+        #: The connection, used by this environment only.
         self.client = Client(url, timeout=timeout)
         try:
-            #: The page that is to be opened; None once it was, or if nobody wants to look on.
-            self._page = window.page(self.client) if render_mode == "human" else None
-            #: This environment's own world.
+            #: Address of the page to open at the first reset; None afterwards.
+            self._page_url = browser.page_url(self.client) if render_mode == "human" else None
+            #: The environment's world.
             self.world: World = self.client.create_world(**settings)
-            self.observation_space = observations(self.world, self._image_size)
-            self.action_space = actions(self.world, action)
+            self.observation_space = observation_space(self.world, self._image_size)
+            self.action_space = action_space(self.world, action)
         except BaseException:
             self.client.close()
             raise
-        self._drawn = is_drawn(settings)
+        self._draws_tasks = draws_tasks(settings)
         self._noisy = bool(settings.get("noise"))
-        self._shown: tuple[str, NDArray[np.uint8]] | None = None
+        self._picture_cache: tuple[str, NDArray[np.uint8]] | None = None
         self._ended = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode on a task drawn from the split."""
+        """Starts an episode on a task sampled from the split."""
         super().reset(seed=seed)
-        chosen = dict(options or {})
-        task, split = chosen.pop("task", None), chosen.pop("split", None)
-        if chosen:
-            raise ValueError(f"options has {sorted(chosen)}; allowed: task, split")
-        if split is None and task is None and self._drawn:
+        remaining = dict(options or {})
+        task, split = remaining.pop("task", None), remaining.pop("split", None)
+        if remaining:
+            raise ValueError(f"options has {sorted(remaining)}; allowed: task, split")
+        if split is None and task is None and self._draws_tasks:
             split = self._split
-        # A seed starts the world's own sequence of tasks anew; without one it goes on.
-        draw = int(self.np_random.integers(2**32)) if seed is not None or self._fresh else None
-        self._fresh = False
-        if self._page is not None:
-            window.show(self._page, self.world.id)
-            self._page = None
+        # A seed restarts the world's sequence of tasks; without one it continues.
+        draw = int(self.np_random.integers(2**32)) if seed is not None or self._never_reset else None
+        self._never_reset = False
+        if self._page_url is not None:
+            browser.open_world(self._page_url, self.world.id)
+            self._page_url = None
         features, info = self.world.reset(seed=draw, task=task, split=split)
         self._ended = False
-        return self._observe(features, info), _plain(info)
+        return self._observe(features, info), _episode_info(info)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carries the action out and rolls the world out."""
+        """Executes the action and simulates to the end."""
         features, reward, terminated, truncated, info = self.world.step(action)
         self._ended = self._ended or bool(info["valid"])
-        return self._observe(features, info), reward, terminated, truncated, _plain(info)
+        return self._observe(features, info), reward, terminated, truncated, _episode_info(info)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
-        """(256, 256, 3) the scene before the action, or after it how it ended; None for `human`: the page shows it."""
+        """(256, 256, 3) the scene before the action, or its final state after it; None for `human`."""
         if self.render_mode == "human":
             return None
         if self.render_mode is None:
@@ -136,14 +136,14 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         return picture(self.world, RENDER_SIZE, end=self._ended)
 
     def film(self, *, width: int = RENDER_SIZE, fps: int = FPS) -> Film:
-        """The step that was made last, frame by frame, as it was observed: no further interaction, whatever the world.
+        """The film of the last valid step, as observed; it costs no interaction.
 
-        It is kept through a reset, until the next valid action. Where there was none, a `Problem` (409).
+        It remains available after a reset, until the next valid action. `Problem` (409) if there was no step.
         """
         return self.world.film(width=width, fps=fps)
 
     def close(self) -> None:
-        """Deletes the world and lets the server go; a second call does nothing."""
+        """Deletes the world and closes the connection; idempotent."""
         if self._closed:
             return
         self._closed = True
@@ -154,7 +154,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How it was made. `nondeterministic` where the world has noise, which goes on whatever an episode's seed."""
+        """The spec. `nondeterministic` if the world has noise, which does not depend on the seed of an episode."""
         return self._spec
 
     @spec.setter
@@ -162,27 +162,27 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         self._spec = spec and replace(spec, nondeterministic=spec.nondeterministic or self._noisy)
 
     def set_latents(self, **latents: float) -> dict[str, float] | None:
-        """Sets some of density, friction, restitution; gives all of them. A sealed world raises `Problem`."""
+        """Sets density, friction or restitution; returns all latents. `Problem` in a sealed world."""
         return self.world.set_latents(**latents).latents
 
     def rollout(
         self, actions: Sequence[Action] | NDArray[Any], *, task: str | None = None, trajectories: bool = False
     ) -> Rollouts:
-        """Many actions on the current task (or `task`) at once; the episode stays as it is."""
+        """Simulates many actions on the current task (or `task`); the episode is unchanged."""
         return self.world.rollout(actions, task=task, trajectories=trajectories)
 
     def _observe(self, features: NDArray[np.float64], info: Mapping[str, Any]) -> Observation:
         if self._image_size is None:
             return features.astype(np.float32)
-        # The task's scene does not change, so neither does its picture.
+        # The image of a task is constant.
         task = str(info["task"])
-        if self._shown is None or self._shown[0] != task:
-            self._shown = (task, picture(self.world, self._image_size))
-        return np.array(self._shown[1])
+        if self._picture_cache is None or self._picture_cache[0] != task:
+            self._picture_cache = (task, picture(self.world, self._image_size))
+        return np.array(self._picture_cache[1])
 
 
-def check(observation: str, action: str, split: str, render_mode: str | None, image_size: int) -> None:
-    """Refuses settings that are not allowed, by name."""
+def check_settings(observation: str, action: str, split: str, render_mode: str | None, image_size: int) -> None:
+    """Rejects invalid settings."""
     _one_of("observation", observation, ("features", "image"))
     _one_of("action", action, ("box", "discrete"))
     _one_of("split", split, ("train", "validation", "test"))
@@ -191,13 +191,13 @@ def check(observation: str, action: str, split: str, render_mode: str | None, im
         raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
 
 
-def is_drawn(settings: Mapping[str, Any]) -> bool:
-    """Whether tasks are drawn from a split: a custom scene is its own only task; a world of one task resets to it."""
+def draws_tasks(settings: Mapping[str, Any]) -> bool:
+    """Whether tasks are sampled from a split: not for a custom scene or a single task."""
     return "scene" not in settings and ":" not in settings.get("task", "")
 
 
-def observations(world: World, image_size: int | None) -> spaces.Box:
-    """The space of one world's observations: features, or images of that size."""
+def observation_space(world: World, image_size: int | None) -> spaces.Box:
+    """The observation space of a world: features, or images of this size."""
     if image_size is not None:
         return spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
     space = world.data["observation_space"]
@@ -205,21 +205,21 @@ def observations(world: World, image_size: int | None) -> spaces.Box:
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def actions(world: World, form: str) -> spaces.Box | spaces.Discrete:
-    """The space of one world's actions, `box` or `discrete`."""
+def action_space(world: World, form: str) -> spaces.Box | spaces.Discrete:
+    """The action space of a world, `box` or `discrete`."""
     if form == "discrete":
         return spaces.Discrete(world.actions)
     return spaces.Box(0.0, 1.0, (world.dimension,), np.float32)
 
 
 def picture(world: World, size: int, *, end: bool = False, task: str | None = None) -> NDArray[np.uint8]:
-    """(size, size, 3) the scene of the current task or another; or how the last step ended."""
+    """(size, size, 3) image of the scene of the current or a given task, or of the final state of the last step."""
     view = "end" if end else "scene"
     return _square(png.decode(world.render(view=view, width=size, task=task)), size)
 
 
-def settings_of(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
-    """What `Client.create_world` takes, of the task and world that an environment is made with."""
+def world_settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `Client.create_world` from the `task` and `world` of an environment."""
     if isinstance(world, Mapping):
         known = [name for name in signature(Client.create_world).parameters if name != "self"]
         if unknown := sorted(set(world) - set(known)):
@@ -232,13 +232,13 @@ def settings_of(task: str | None, world: str | Mapping[str, Any]) -> dict[str, A
     return {"task": task, "kind": world}
 
 
-def _plain(info: Mapping[str, Any]) -> dict[str, Any]:
-    """What an episode tells, without counts that outlast it: the same episode gives the same info."""
+def _episode_info(info: Mapping[str, Any]) -> dict[str, Any]:
+    """The info without counters that outlast the episode, so that equal episodes have equal infos."""
     return {key: value for key, value in info.items() if key != "interactions"}
 
 
 def _square(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """The picture, cut or filled up with white to (size, size, 3)."""
+    """The image, cropped or padded with white to (size, size, 3)."""
     if picture.shape == (size, size, 3):
         return picture
     square = np.full((size, size, 3), 255, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""What can go wrong, as exceptions that say what to do."""
+"""Exceptions. Messages say what is allowed and what to do."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 
 class IplwError(Exception):
-    """Everything this package raises on its own account."""
+    """Base class of the exceptions of this package."""
 
 
 class Problem(IplwError):
-    """The server refused a request: its RFC 9457 problem details, as attributes.
+    """The server rejected a request; attributes hold its RFC 9457 problem details.
 
     `slug` is the last part of the problem's type (`sealed`, `budget-spent`, ...); `field`, `value` and
-    `allowed` are None where the problem is not about one field.
+    `allowed` are None if the problem does not concern one field.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Problem(IplwError):
 
     @classmethod
     def from_json(cls, status: int, problem: Mapping[str, Any]) -> Problem:
-        """From the body of a problem response."""
+        """Parses the body of a problem response."""
 
         def text(key: str) -> str | None:
             value = problem.get(key)
@@ -56,10 +56,10 @@ class Problem(IplwError):
         )
 
     def __str__(self) -> str:
-        """`422 out of range: `latents.friction` is -1; allowed: a number from 0 to 10`, as far as known."""
+        """`422 out of range: `latents.friction` is -1; allowed: a number from 0 to 10`, with the parts that are known."""
         head = f"{self.status} {self.title}" if self.title else str(self.status)
         text = f"{head}: {self.detail}"
-        # The detail often says it all; add only what it leaves out.
+        # Add only what the detail does not contain.
         if self.field and self.field not in self.detail:
             text += f" [field `{self.field}`" + (f" = {self.value}]" if self.value is not None else "]")
         if self.allowed and self.allowed not in self.detail:
@@ -67,16 +67,16 @@ class Problem(IplwError):
         return text
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Exceptions cross process borders by pickle, which would drop keyword arguments.
-        return (_rebuild, (self.status, self.detail, dict(self.__dict__)))
+        # By default, pickling an exception drops keyword arguments.
+        return (_unpickle_problem, (self.status, self.detail, dict(self.__dict__)))
 
 
 class ServerUnavailable(IplwError):
-    """No server answered: it does not run, has stopped, or took longer than the timeout."""
+    """No response: the server is not running, has stopped, or took longer than the timeout."""
 
 
 class JobFailed(IplwError):
-    """A job ended without a result. `problem` says why, if the server did."""
+    """A job failed. `problem` is the reason, if the server gave one."""
 
     def __init__(self, job: str, problem: Problem | None) -> None:
         super().__init__(job, problem)
@@ -99,20 +99,20 @@ class JobCancelled(IplwError):
 
 
 class CommandFailed(IplwError):
-    """A command of the program ended with an error: the command, its exit code (2: bad input), and what it said."""
+    """A command of the program failed: the command, its exit code (2: bad input) and its error message."""
 
-    def __init__(self, command: list[str], code: int, said: str) -> None:
-        super().__init__(command, code, said)
+    def __init__(self, command: list[str], code: int, message: str) -> None:
+        super().__init__(command, code, message)
         self.command = command
         self.code = code
-        self.said = said
+        self.message = message
 
     def __str__(self) -> str:
-        return f"`{' '.join(self.command)}` ended with code {self.code}: {self.said}"
+        return f"`{' '.join(self.command)}` ended with code {self.code}: {self.message}"
 
 
 class CommandKilled(IplwError):
-    """A command of the program was killed by a signal, and did not end by itself."""
+    """A command of the program was killed by a signal."""
 
     def __init__(self, command: list[str], signal: str) -> None:
         super().__init__(command, signal)
@@ -123,7 +123,7 @@ class CommandKilled(IplwError):
         return f"`{' '.join(self.command)}` was killed by {self.signal}"
 
 
-def _rebuild(status: int, detail: str, state: dict[str, Any]) -> Problem:
+def _unpickle_problem(status: int, detail: str, state: dict[str, Any]) -> Problem:
     problem = Problem(status, detail)
     problem.__dict__.update(state)
     return problem

@@ -1,9 +1,9 @@
-"""The protocol's messages over ZeroMQ: a MessagePack header, then a frame for each array.
+"""Messages of the ZeroMQ protocol: a MessagePack header, then one frame for each array.
 
     request   {v, id, op, args, arrays: [{name, dtype, shape}, ...], key?, raw?}
     reply     {v, id, ok: true, result, arrays} or {v, id, ok: false, problem}
 
-An array stands under its dotted name in the arguments or the result.
+`name` is the dotted path of an array in the arguments or the result.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ import numpy as np
 
 from . import codec
 from .errors import Problem
-from .call import Call
+from .request import Request
 
 VERSION = 1
 
 
-def request(number: int, call: Call[Any]) -> list[Any]:
-    """The frames of a call."""
+def encode_request(number: int, request: Request[Any]) -> list[Any]:
+    """Encodes a request."""
     args: dict[str, Any] = {}
     arrays: list[dict[str, Any]] = []
     frames: list[Any] = [b""]
-    for name, value in call.args.items():
+    for name, value in request.args.items():
         if isinstance(value, np.ndarray):
-            array = codec.plain(value)
+            array = codec.as_wire_array(value)
             arrays.append({"name": name, "dtype": array.dtype.str, "shape": array.shape})
             frames.append(array)
         elif isinstance(value, bytes):
@@ -36,45 +36,45 @@ def request(number: int, call: Call[Any]) -> list[Any]:
             frames.append(value)
         else:
             args[name] = value
-    header: dict[str, Any] = {"v": VERSION, "id": number, "op": call.op, "args": args}
+    header: dict[str, Any] = {"v": VERSION, "id": number, "op": request.operation_id, "args": args}
     if arrays:
         header["arrays"] = arrays
-    if call.key is not None:
-        header["key"] = call.key
-    if call.raw:
+    if request.key is not None:
+        header["key"] = request.key
+    if request.raw_arrays:
         header["raw"] = True
     frames[0] = codec.pack(header)
     return frames
 
 
-def control(number: int, op: str, **args: Any) -> list[bytes]:
-    """The frames of an operation that the server answers at once: `ping`, `cancel`."""
+def encode_control(number: int, op: str, **args: Any) -> list[bytes]:
+    """Encodes a control operation: `ping`, `cancel`."""
     return [msgpack.packb({"v": VERSION, "id": number, "op": op, "args": args})]
 
 
-def header(frames: Sequence[Any]) -> dict[str, Any]:
-    """A reply's header; `ValueError` for what is none."""
+def decode_header(frames: Sequence[Any]) -> dict[str, Any]:
+    """Decodes the header of a reply; `ValueError` if it is malformed."""
     head = codec.unpack(frames[0])
     if not isinstance(head, dict) or "ok" not in head:
-        raise ValueError("a reply without a header")
+        raise ValueError("reply without a header")
     return head
 
 
-def answer(head: dict[str, Any], frames: Sequence[Any], binary: bool) -> Any:
-    """The result with its arrays in place; a refusal raises `Problem`, nonsense `ValueError`."""
+def decode_reply(head: dict[str, Any], frames: Sequence[Any], binary: bool) -> Any:
+    """Decodes the result with its arrays; raises `Problem` for an error, `ValueError` if it is malformed."""
     if not head["ok"]:
         problem = head.get("problem") or {}
         raise Problem.from_json(int(problem.get("status") or 500), problem)
-    described = head.get("arrays") or []
-    if len(described) != len(frames) - 1:
-        raise ValueError(f"{len(described)} arrays described, {len(frames) - 1} sent")
+    descriptions = head.get("arrays") or []
+    if len(descriptions) != len(frames) - 1:
+        raise ValueError(f"{len(descriptions)} arrays described, {len(frames) - 1} sent")
     result = head.get("result")
     if binary:
-        if described:
+        if descriptions:
             return bytes(frames[1])
-        # A file that is JSON comes as what it says.
+        # A file in JSON is returned as text.
         return codec.to_json(result)
-    for array, frame in zip(described, frames[1:]):
+    for array, frame in zip(descriptions, frames[1:]):
         if result is None:
             result = {}
         *outer, last = array["name"].split(".")

@@ -1,4 +1,4 @@
-"""What one operation of the server is, as far as a client must know."""
+"""Description of one operation of the server's API."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Operation:
-    """One operation: where HTTP has it, what it takes and gives."""
+    """One operation: route, arguments, media types."""
 
     method: str
-    #: `/v1/worlds/{id}`; what stands in braces is taken from the arguments.
+    #: `/v1/worlds/{id}`; names in braces are path parameters.
     path: str
-    #: Status of success. 202 starts a job.
+    #: Status of a successful response; 202 starts a job.
     status: int
-    #: What it can be told: path parameters, query parameters and body fields together; `csv` or `body` for a whole one.
-    names: tuple[str, ...] = ()
-    #: Media types of its body; without any, what is not in the path goes into the query.
-    takes: tuple[str, ...] = ()
-    #: Media types of its answer.
-    gives: tuple[str, ...] = ()
-    #: Whether a key makes it happen once, however often it is asked for.
-    keyed: bool = False
-    #: What the answer calls its items, if it is a list in pages.
-    items: str | None = None
+    #: Names of path parameters, query parameters and body fields; `csv` or `body` for a body that is not an object.
+    arguments: tuple[str, ...] = ()
+    #: Media types of the request body; without one, arguments become query parameters.
+    request_types: tuple[str, ...] = ()
+    #: Media types of the response.
+    response_types: tuple[str, ...] = ()
+    #: Whether it accepts an idempotency key.
+    accepts_key: bool = False
+    #: Name of the array in a paginated response.
+    list_field: str | None = None
 
     @property
-    def placed(self) -> list[str]:
-        """What must be given, as the path has a place for it."""
+    def path_parameters(self) -> list[str]:
+        """Names of the path parameters."""
         return re.findall(r"{(\w+)}", self.path)
 
     @property
-    def repeatable(self) -> bool:
-        """Whether doing it again does no harm: reading and deleting may be sent again after a lost connection."""
+    def idempotent(self) -> bool:
+        """Whether it can be retried after a lost connection: true for GET and DELETE."""
         return self.method in ("GET", "DELETE")
 
     @property
-    def binary(self) -> bool:
-        """Whether the answer is bytes, never JSON."""
-        return bool(self.gives) and "application/json" not in self.gives
+    def returns_bytes(self) -> bool:
+        """Whether the response is bytes, never JSON."""
+        return bool(self.response_types) and "application/json" not in self.response_types

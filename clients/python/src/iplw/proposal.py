@@ -1,4 +1,4 @@
-"""What an estimation wants carried out, and what came of it as the wire has it."""
+"""Proposals of an ask-and-tell estimation, and their results in wire format."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from numpy.typing import ArrayLike, NDArray
 
 from .scene import Scene
 
-#: Columns of a state.
-_COLUMNS = ("x", "y", "angle", "vx", "vy", "omega")
-#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...), as
-#: a pandas frame has them, too. NaN where it was not seen.
+#: Columns of a state: position, angle, velocity, angular velocity.
+_STATE_COLUMNS = ("x", "y", "angle", "vx", "vy", "omega")
+#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...), or a
+#: pandas frame with these columns. NaN for missing observations.
 States: TypeAlias = "ArrayLike | Mapping[str, ArrayLike]"
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """An action to carry out on the real world."""
+    """An action to execute in the real world."""
 
-    #: Counts from 0 over the whole estimation.
+    #: Number within the estimation, from 0.
     number: int
-    #: The round it belongs to, from 0.
+    #: Round, from 0.
     round: int
     #: Id of the task.
     task: str
     #: (dimension,) the action vector, in [0, 1].
     action: NDArray[np.float64]
-    #: An `iplw.scene/1` document: everything placed as it is to be let go.
+    #: The initial state as an `iplw.scene/1` document.
     scene: Scene
-    #: (n,) times that a simulation is observed at, s; a measurement may take others.
+    #: (n,) observation times of a simulation, s; a measurement may use others.
     observe_at: NDArray[np.float64]
-    #: Whether it was told of already.
+    #: Whether a result was submitted.
     answered: bool
-    #: Why it was chosen, in words; `None` where the strategy gives no reasons.
+    #: Reason for the choice; `None` if the strategy gives none.
     reason: str | None = None
 
 
 def proposals(answer: Mapping[str, Any]) -> list[Proposal]:
-    """The proposals of an answer."""
+    """Parses the proposals of a response."""
     return [
         Proposal(
             number=int(p["number"]),
@@ -58,7 +58,7 @@ def proposals(answer: Mapping[str, Any]) -> list[Proposal]:
 
 
 def trial(proposal: Proposal | int, t: ArrayLike, bodies: Mapping[str, States]) -> dict[str, Any]:
-    """What one proposal brought, as the wire has it."""
+    """The result of one proposal in wire format."""
     return {
         "proposal": number_of(proposal),
         "t": np.asarray(t, dtype=np.float64).tolist(),
@@ -67,7 +67,7 @@ def trial(proposal: Proposal | int, t: ArrayLike, bodies: Mapping[str, States]) 
 
 
 def number_of(proposal: Proposal | int) -> int:
-    """A proposal's number."""
+    """The number of a proposal."""
     return proposal.number if isinstance(proposal, Proposal) else int(proposal)
 
 
@@ -75,7 +75,7 @@ def _columns(states: States, name: str) -> dict[str, list[float | None]]:
     if hasattr(states, "columns"):
         # A pandas frame may have more columns.
         frame: Any = states
-        states = {key: frame[key] for key in _COLUMNS if key in frame.columns}
+        states = {key: frame[key] for key in _STATE_COLUMNS if key in frame.columns}
     if isinstance(states, Mapping):
         columns = {key: np.asarray(values, dtype=np.float64) for key, values in states.items()}
     else:

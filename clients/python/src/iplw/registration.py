@@ -1,4 +1,4 @@
-"""Names under which `gymnasium.make` finds the environments; needs nothing but Gymnasium's registry."""
+"""Registers the environments with Gymnasium."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .families import FAMILIES
 
 
 def register() -> None:
-    """Registers what is not registered yet. `import iplw` does it."""
+    """Registers the environments that are not registered yet; called by `import iplw`."""
     for name, family in FAMILIES.items():
         if name not in gymnasium.registry:
             gymnasium.register(

@@ -1,4 +1,4 @@
-"""What jobs come to: dicts as the server tells them, with what a notebook wants of each."""
+"""Results of jobs: dicts as returned by the server, with pandas frames and HTML display."""
 
 from __future__ import annotations
 
@@ -10,51 +10,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .scene import Scene
-from .show import chart
-from .show.page import beside, card, folded, interval, said, table
+from .display import chart
+from .display.page import card, details, interval, paragraph, side_by_side, table
 
 if TYPE_CHECKING:
     import pandas
 
-#: Sets of effects that are drawn of a diagnosis, the best first.
-MOST_SETS = 8
+#: Displayed sets of effects, best first.
+MAX_SETS = 8
 
 
-def result_of(kind: str, told: Mapping[str, Any]) -> Result:
+def result_of(kind: str, data: Mapping[str, Any]) -> Result:
     """The result of a job of this kind."""
-    return _KINDS.get(kind, Result)(told)
+    return _KINDS.get(kind, Result)(data)
 
 
 class Result(dict[str, Any]):
-    """What a job came to, as the server tells it; a dict like any other."""
+    """The result of a job, a dict."""
 
     def frame(self) -> pandas.DataFrame:
-        """As a pandas data frame, a row a figure: `name,value`."""
+        """As a pandas data frame, one row for each scalar: `name,value`."""
         import pandas as pd
 
-        return pd.DataFrame(self._plain(), columns=["name", "value"])
+        return pd.DataFrame(self._scalars(), columns=["name", "value"])
 
-    def _plain(self) -> list[tuple[str, Any]]:
+    def _scalars(self) -> list[tuple[str, Any]]:
         return [(key, value) for key, value in self.items() if isinstance(value, (str, int, float, type(None)))]
 
     def _repr_html_(self) -> str:
-        return card("result", table(["", ""], self._plain()))
+        return card("result", table(["", ""], self._scalars()))
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        # Beside HTML a notebook keeps this text; all of a diagnosis would be 200 kB.
+        # A notebook stores this text in addition to the HTML; the full text of a diagnosis is 200 kB.
         printer.text(f"<iplw.{type(self).__name__}: {', '.join(self)}>")
 
 
 class Estimate(Result):
-    """Latents of a real world, and of parameters fitted along: `iplw`."""
+    """Estimated latents of a real world, and effect parameters fitted with them: job `iplw`."""
 
     @property
     def known(self) -> dict[str, float]:
-        """Latents that the trials tell, by name: what `Client.train` and `World.set_latents` take."""
+        """Identifiable latents by name; arguments of `Client.train` and `World.set_latents`."""
         return {row["name"]: float(row["value"]) for row in self["latents"] if row["identifiable"]}
 
     def frame(self) -> pandas.DataFrame:
-        """A row a latent: `name,value,low,high,identifiable`; the ends of the 95 % interval are NaN if it has none."""
+        """One row for each latent: `name,value,low,high,identifiable`; low and high, the 95 % interval, are NaN if unbounded."""
         return _latents_frame(self["latents"])
 
     def _repr_html_(self) -> str:
@@ -66,11 +66,11 @@ class Estimate(Result):
             else ""
         )
         note = f"{self.get('real_interactions')} real interactions in {len(line)} rounds, {self.get('strategy')}"
-        return card("estimate", _latents_table(self["latents"]), beside(_drawn(self["latents"]), drawn), note=note)
+        return card("estimate", _latents_table(self["latents"]), side_by_side(_interval_chart(self["latents"]), drawn), note=note)
 
 
 class Diagnosis(Result):
-    """What a simulation lacks, by name: an `iplw.diagnosis/1` document with what is drawn of it."""
+    """Missing effects of a simulation: an `iplw.diagnosis/1` document."""
 
     @property
     def verdict(self) -> str:
@@ -79,17 +79,17 @@ class Diagnosis(Result):
 
     @property
     def extended_scene(self) -> Scene | None:
-        """The scene with the latents and effects that were found; it rolls out like any other."""
+        """The scene with the estimated latents and effects; it can be simulated like any other."""
         return Scene(self["extended_scene"]) if self.get("extended_scene") else None
 
     @property
     def next_scene(self) -> Scene | None:
-        """The next experiment as it would be simulated; None where it is no launch."""
+        """The scene of the recommended next experiment; None if it is not a throw."""
         return Scene(self["next_scene"]) if self.get("next_scene") else None
 
     def frame(self) -> pandas.DataFrame:
-        """The found effects, a row a parameter: `effect,acts_on,parameter,value,low,high,unit`, `setting` where it is of
-        one, `spread` from launch to launch, `p_value`; low and high are the 95 % interval."""
+        """The effects, one row for each parameter: `effect,acts_on,parameter,value,low,high,unit`, `setting` (if it applies to
+        one), `spread` (standard deviation between trials), `p_value`; low and high are the 95 % interval."""
         import pandas as pd
 
         rows = [
@@ -98,7 +98,7 @@ class Diagnosis(Result):
                 e["acts_on"],
                 p["name"],
                 p["value"],
-                *_ends(p["ci95"]),
+                *_bounds(p["ci95"]),
                 p["unit"],
                 p["setting"],
                 p["spread"],
@@ -111,14 +111,14 @@ class Diagnosis(Result):
         return pd.DataFrame(rows, columns=names)
 
     def scores(self) -> pandas.DataFrame:
-        """Every set that was fitted, those that the data cannot tell from the best first: `effects` (joined by `+`),
-        `score` (nats beside the reported set's), `probability_worse`, `rival`."""
+        """Every fitted set of effects, the credible set first: `effects` (joined by `+`), `score` (nats relative to the
+        reported set), `probability_worse`, `rival`."""
         import pandas as pd
 
         return pd.DataFrame(self.sets(), columns=["effects", "score", "probability_worse", "rival"])
 
     def sets(self) -> list[tuple[str, float, float, bool]]:
-        """The same as rows."""
+        """The rows of `scores`."""
         rivals = {frozenset(rival) for rival in self.get("rivals", [])}
         rows = [
             (
@@ -132,16 +132,16 @@ class Diagnosis(Result):
         return sorted(rows, key=lambda row: (not row[3], -row[1]))
 
     def points(self) -> pandas.DataFrame:
-        """Observations with what is left of them: `trial,setting,t,x,y,vx,vy,before_x,...,after_y`.
+        """Observations with residuals: `trial,setting,t,x,y,vx,vy,before_x,...,after_y`.
 
-        The last four are seen - simulated, m, by the base model and with what was found."""
+        The last four are measured - simulated, m, of the base model and of the extended model."""
         import pandas as pd
 
         points = self["evidence"]["points"]
         return pd.DataFrame(points["rows"], columns=points["columns"]).astype({"trial": int, "setting": int})
 
     def residuals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """(n,) times, s, and (n, 2) residuals before and after, m, of the observations in `points`."""
+        """(n,) times, s, and (n, 2) residuals of the base and of the extended model, m, of the observations in `points`."""
         points = self["evidence"]["points"]
         table = np.array(points["rows"], dtype=np.float64).reshape(-1, len(points["columns"]))
         column = {name: table[:, i] for i, name in enumerate(points["columns"])}
@@ -149,56 +149,56 @@ class Diagnosis(Result):
         return column["t"], before, after
 
     def _repr_html_(self) -> str:
-        found = [
+        parameters = [
             (e["name"], e["acts_on"], p["name"], p["value"], interval(p["ci95"]), p["unit"])
             for e in self["effects"]
             for p in e["parameters"]
         ]
-        parts = [said(str(self.get("reason", "")))]
-        if found:
-            parts.append(table(["effect", "acts on", "parameter", "value", "95 % interval", "unit"], found))
+        parts = [paragraph(str(self.get("reason", "")))]
+        if parameters:
+            parts.append(table(["effect", "acts on", "parameter", "value", "95 % interval", "unit"], parameters))
         if len(self.get("rivals", [])) > 1:
-            parts.append(said("cannot be told apart: " + "; ".join(" + ".join(r) or "nothing" for r in self["rivals"])))
+            parts.append(paragraph("the data do not distinguish: " + "; ".join(" + ".join(r) or "nothing" for r in self["rivals"])))
         if self.get("calibrated"):
-            parts.append(folded("latents estimated along", _latents_table(self["calibrated"])))
-        parts.append(beside(self._ranking(), self._left()))
-        ask = self.get("next_experiment")
-        if ask:
-            parts.append(said(f"next experiment: {ask['do']} {ask['why']}"))
-        return card(f"diagnosis: {self.verdict}", *parts, note=self._gain())
+            parts.append(details("latents estimated with the effects", _latents_table(self["calibrated"])))
+        parts.append(side_by_side(self._ranking(), self._residual_chart()))
+        proposal = self.get("next_experiment")
+        if proposal:
+            parts.append(paragraph(f"next experiment: {proposal['do']} {proposal['why']}"))
+        return card(f"diagnosis: {self.verdict}", *parts, note=self._gain_text())
 
     def _ranking(self) -> str:
-        shown = [(name, max(-score, 0.0), rival) for name, score, _, rival in self.sets()[:MOST_SETS]]
-        return chart.bars("nats behind the reported set", shown) if shown else ""
+        shown = [(name, max(-score, 0.0), rival) for name, score, _, rival in self.sets()[:MAX_SETS]]
+        return chart.bars("nats below the reported set", shown) if shown else ""
 
-    def _left(self) -> str:
-        """Root mean square of the residuals over time, before and after."""
+    def _residual_chart(self) -> str:
+        """Chart of the RMS residual over time, of the base and of the extended model."""
         if not (self.get("evidence") or {}).get("points", {}).get("rows"):
             return ""
         t, *both = self.residuals()
         edges = np.linspace(t.min(), t.max() + 1e-9, 25)
         bins = np.digitize(t, edges) - 1
         drawn = []
-        for name, left in zip(("base model", "with what was found"), both):
-            squares = np.nansum(left**2, axis=1)
-            ways = [(float(t[bins == b].mean()), math.sqrt(float(squares[bins == b].mean()))) for b in np.unique(bins)]
-            drawn.append((name, ways))
+        for name, residuals in zip(("base model", "extended model"), both):
+            squares = np.nansum(residuals**2, axis=1)
+            points = [(float(t[bins == b].mean()), math.sqrt(float(squares[bins == b].mean()))) for b in np.unique(bins)]
+            drawn.append((name, points))
         return chart.lines("residual, m (rms)", drawn, x="s")
 
-    def _gain(self) -> str:
+    def _gain_text(self) -> str:
         gain = (self.get("gain") or {}).get("held_out")
         if not gain:
             return ""
         return (
-            f"on {gain['trials']} held-out trials {gain['base_rmse']:.3g} m before, {gain['extended_rmse']:.3g} m after"
+            f"on {gain['trials']} held-out trials: RMSE {gain['base_rmse']:.3g} m before, {gain['extended_rmse']:.3g} m after"
         )
 
 
 class Training(Result):
-    """A policy's training: `train` and `learn`; `self["policy"]` is its id."""
+    """Training of a policy: jobs `train` and `learn`; `self["policy"]` is its id."""
 
     def frame(self) -> pandas.DataFrame:
-        """A row a batch, from 1: `loss` (binary cross-entropy, nats) and, where it was looked at, `auccess`."""
+        """One row for each batch, from 1: `loss` (binary cross-entropy, nats) and, if evaluated, `auccess`."""
         import pandas as pd
 
         loss = self.get("loss", [])
@@ -215,21 +215,21 @@ class Training(Result):
             chart.lines("AUCCESS, validation tasks", [("", seen)], x="batches"),
         ]
         facts = [(key, self[key]) for key in ("examples", "solving", "interactions") if self.get(key) is not None]
-        return card("training", beside(*drawn), table(["", ""], facts), note=f"policy {self.get('policy')}")
+        return card("training", side_by_side(*drawn), table(["", ""], facts), note=f"policy {self.get('policy')}")
 
 
 def weighted(curve: NDArray[np.float64]) -> float:
-    """AUCCESS of a curve: its mean, attempt k weighted by log(k + 1) - log(k)."""
+    """AUCCESS: the mean of the curve with weights log(k + 1) - log(k) for attempt k."""
     k = np.arange(1, len(curve) + 1)
     return float(np.average(curve, weights=np.log(k + 1) - np.log(k)))
 
 
 class Score(Result):
-    """A policy's AUCCESS in a world: `evaluate`."""
+    """AUCCESS of a policy in a world: job `evaluate`."""
 
     @property
     def auccess(self) -> float:
-        """Mean share of tasks solved within k attempts, weighted towards few: 0 to 1."""
+        """Mean share of tasks solved within k attempts, weighted by log(k + 1) - log(k): 0 to 1."""
         return float(self["auccess"])
 
     @property
@@ -238,7 +238,7 @@ class Score(Result):
         return np.asarray(self["solved_within"], dtype=np.float64)
 
     def frame(self) -> pandas.DataFrame:
-        """A row a task: `task,solved_at` (the attempt that solved it, from 1; NaN for none)."""
+        """One row for each task: `task,solved_at` (the attempt that solved it, from 1; NaN if unsolved)."""
         import pandas as pd
 
         rows = [(row["task"], row["solved_at"]) for row in self.get("tasks", [])]
@@ -253,7 +253,7 @@ class Score(Result):
             ("tasks solved", f"{solved} of {len(self.get('tasks', []))}"),
             ("attempts", self.get("interactions")),
         ]
-        return card("score", beside(table(["", ""], facts), drawn), note=f"{self.get('world_kind', '')} world")
+        return card("score", side_by_side(table(["", ""], facts), drawn), note=f"{self.get('world_kind', '')} world")
 
 
 _KINDS: dict[str, type[Result]] = {
@@ -268,7 +268,7 @@ _KINDS: dict[str, type[Result]] = {
 def _latents_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
     import pandas as pd
 
-    table = [(row["name"], row["value"], *_ends(row["ci95"]), row["identifiable"]) for row in rows]
+    table = [(row["name"], row["value"], *_bounds(row["ci95"]), row["identifiable"]) for row in rows]
     return pd.DataFrame(table, columns=["name", "value", "low", "high", "identifiable"])
 
 
@@ -276,17 +276,17 @@ def _latents_table(rows: Sequence[Mapping[str, Any]]) -> str:
     shown = [
         (row["name"], row["value"], interval(row["ci95"]))
         if row["identifiable"]
-        else (row["name"], None, "these trials do not tell")
+        else (row["name"], None, "not identifiable")
         for row in rows
     ]
     return table(["latent", "value", "95 % interval"], shown)
 
 
-def _drawn(rows: Sequence[Mapping[str, Any]]) -> str:
-    known = [(row["name"], float(row["value"]), *_ends(row["ci95"])) for row in rows if row["identifiable"]]
-    return chart.intervals([row for row in known if all(map(math.isfinite, row[1:]))])
+def _interval_chart(rows: Sequence[Mapping[str, Any]]) -> str:
+    rows_with_value = [(row["name"], float(row["value"]), *_bounds(row["ci95"])) for row in rows if row["identifiable"]]
+    return chart.intervals([row for row in rows_with_value if all(map(math.isfinite, row[1:]))])
 
 
-def _ends(ci95: Sequence[float | None] | None) -> tuple[float, float]:
+def _bounds(ci95: Sequence[float | None] | None) -> tuple[float, float]:
     low, high = ci95 or (None, None)
     return (math.nan if low is None else float(low)), (math.nan if high is None else float(high))

@@ -1,4 +1,4 @@
-"""What became of actions, as NumPy arrays; and actions as the wire has them."""
+"""Rollouts as NumPy arrays, and actions in wire format."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .scene import Scene
-from .show.drawing import drawing
-from .show.page import beside, card, said, table
+from .display.drawing import drawing
+from .display.page import card, paragraph, side_by_side, table
 
 if TYPE_CHECKING:
     import pandas
 
-#: One action: a vector in [0, 1], one number a component; or the index of a discrete action.
+#: An action: a vector with components in [0, 1], or the index of a discrete action.
 Action: TypeAlias = "int | Sequence[float] | NDArray[Any] | np.integer[Any]"
 
 
-#: Trajectories of a batch that are drawn beside the first; more hide each other.
-MOST_DRAWN = 23
+#: Trajectories drawn in addition to the first.
+MAX_DRAWN = 23
 
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """What became of one action."""
+    """The result of one action."""
 
-    #: Whether it could be placed; if not, `reason` says why and nothing moved.
+    #: Whether the action could be placed; if not, `reason` is given and nothing was simulated.
     valid: bool
     #: Why the action could not be placed.
     reason: str | None
-    #: Whether the goal was reached; None without a goal or a rollout.
+    #: Whether the goal was reached; None if there is no goal or the action is invalid.
     solved: bool | None
     #: Time steps simulated.
     steps: int
@@ -41,36 +41,36 @@ class Rollout:
     collisions: int
     #: Time steps in contact with the floor.
     rolling_steps: int
-    #: (n,) times of observation, s; None unless trajectories were asked for.
+    #: (n,) observation times, s; None unless trajectories were requested.
     t: NDArray[np.float64] | None = None
-    #: name -> (n, 3) x and y of the centre, m, and angle, rad; empty unless trajectories were asked for.
+    #: name -> (n, 3) x and y of the centre, m, and angle, rad; empty unless trajectories were requested.
     bodies: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     #: The action: an index, or a vector.
     action: Any = field(default=None, repr=False)
-    #: The scene that it was placed in, as it is before; None if that is not known.
+    #: The scene before the action is placed; None if unknown.
     scene: Scene | None = field(default=None, repr=False)
-    #: name -> (n, 3) velocity in x and y, m/s, and spin, rad/s; of a branch only.
+    #: name -> (n, 3) velocity in x and y, m/s, and angular velocity, rad/s; only for a branch.
     velocities: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
-    #: Id of the task; None if that is not known.
+    #: Id of the task; None if unknown.
     task: str | None = field(default=None, repr=False)
-    #: Whether it ended when the goal was reached.
+    #: Whether the rollout stops when the goal is reached.
     stop: bool = field(default=True, repr=False)
-    #: What was done in the middle of it, as `World.rollout` takes it.
+    #: Interventions, in the format of `World.rollout`.
     interventions: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
 
     @property
     def placed(self) -> Scene | None:
-        """The scene with the action placed, as far as known: of an index it is not known what it places."""
+        """The scene after placing the action; for a discrete action, the scene before."""
         vector = isinstance(self.action, (list, np.ndarray))
         return self.scene.placed(self.action) if self.scene is not None and vector else self.scene
 
     def frame(self) -> pandas.DataFrame:
-        """The trajectory as a pandas data frame: `t,body,x,y,angle`, a row per observation and body."""
+        """The trajectory as a pandas data frame: `t,body,x,y,angle`, one row for each observation and body."""
         import pandas as pd
 
         if self.t is None:
             raise ValueError(
-                "this rollout has no trajectory; ask for it with rollout(..., trajectories=True)"
+                "this rollout has no trajectory; create it with rollout(..., trajectories=True)"
             )
         parts = [
             pd.DataFrame(
@@ -91,27 +91,27 @@ class Rollout:
             ("steps on the floor", self.rolling_steps),
         ]
         if not self.valid:
-            return card("rollout", said(f"could not be placed: {self.reason}"))
+            return card("rollout", paragraph(f"could not be placed: {self.reason}"))
         if self.t is None:
             return card("rollout", table(["", ""], facts), note="without trajectory: rollout(..., trajectories=True)")
         seconds = f"{self.t[-1] - self.t[0]:.4g} s" if len(self.t) else ""
-        return card("rollout", beside(drawing(self.placed, [self.bodies]), table(["", ""], facts)), note=seconds)
+        return card("rollout", side_by_side(drawing(self.placed, [self.bodies]), table(["", ""], facts)), note=seconds)
 
 
 class Rollouts(Sequence[Rollout]):
-    """What became of a batch of actions, in their order; also as arrays."""
+    """The results of a batch of actions, in their order; also as arrays."""
 
     def __init__(self, items: Iterable[Rollout]) -> None:
         self._items = list(items)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """(n,) whether each action could be placed."""
+        """(n,) whether per_action action could be placed."""
         return np.array([r.valid for r in self._items], dtype=np.bool_)
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """(n,) whether each action reached the goal; False for one that could not be placed."""
+        """(n,) whether per_action action reached the goal; False for one that could not be placed."""
         return np.array([bool(r.solved) for r in self._items], dtype=np.bool_)
 
     @property
@@ -134,8 +134,8 @@ class Rollouts(Sequence[Rollout]):
     def frame(self) -> pandas.DataFrame:
         """All trajectories as one pandas data frame: `trial,t,body,x,y,angle`.
 
-        `trial` is the number of the action in the batch; those that could not be placed have no rows. Columns and order,
-        by trial and time, are those of a trials file: what `Client.diagnose` reads.
+        `trial` is the index of the action in the batch; invalid actions have no rows. Columns and order (by trial and time)
+        are those of a trials file, which `Client.diagnose` reads.
         """
         import pandas as pd
 
@@ -144,7 +144,7 @@ class Rollouts(Sequence[Rollout]):
         return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
 
     def outcomes(self) -> pandas.DataFrame:
-        """What became of each action as a pandas data frame, a row an action: `valid,solved,steps,collisions,...`."""
+        """The result of each action as a pandas data frame, one row for each action: `valid,solved,steps,collisions,...`."""
         import pandas as pd
 
         names = ["valid", "solved", "steps", "collisions", "rolling_steps", "reason"]
@@ -152,13 +152,13 @@ class Rollouts(Sequence[Rollout]):
 
     def _repr_html_(self) -> str:
         valid, solved = int(self.valid.sum()), int(self.solved.sum())
-        seen = [r for r in self._items if r.t is not None and r.valid]
+        with_trajectory = [r for r in self._items if r.t is not None and r.valid]
         reasons = sorted({str(r.reason) for r in self._items if not r.valid})
-        parts = [said(f"not placed: {'; '.join(reasons[:4])}")] if reasons else []
-        # Of different tasks, or placed differently, only what they have in common is drawn: the ways.
-        if seen:
-            first = next((r for r in seen if r.solved), seen[0])
-            others = [r.bodies for r in seen if r is not first][:MOST_DRAWN]
+        parts = [paragraph(f"not placed: {'; '.join(reasons[:4])}")] if reasons else []
+        # Draw the trajectories only: initial states may differ between actions.
+        if with_trajectory:
+            first = next((r for r in with_trajectory if r.solved), with_trajectory[0])
+            others = [r.bodies for r in with_trajectory if r is not first][:MAX_DRAWN]
             parts.insert(0, drawing(first.placed, [first.bodies, *others]))
         return card("rollouts", *parts, note=f"{len(self)} actions: {valid} valid, {solved} solved")
 
@@ -167,8 +167,8 @@ class Rollouts(Sequence[Rollout]):
 
 
 def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float]:
-    """An action as the wire has it: an index, or a list of finite numbers."""
-    # The usual ones, and short: NumPy would take longer to look at them than the server to simulate them.
+    """An action in wire format: an index, or a list of finite numbers."""
+    # Fast path for common types: NumPy checks would take longer than the simulation.
     numbers: Any = None
     if type(action) is np.ndarray and action.ndim == 1 and action.dtype.char in "efd":
         numbers = action.tolist()
@@ -183,7 +183,7 @@ def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float
         np.issubdtype(array.dtype, np.floating) or np.issubdtype(array.dtype, np.integer)
     ):
         raise ValueError(
-            f"{name} is {action!r}; allowed: an index, or a vector of numbers from 0 to 1, one a component"
+            f"{name} is {action!r}; allowed: an index, or a vector of numbers from 0 to 1, one for each component"
         )
     if not np.isfinite(array).all():
         raise ValueError(f"{name} is {action!r}; allowed: finite numbers from 0 to 1")
@@ -192,8 +192,8 @@ def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float
 
 
 def encode_all(actions: Sequence[Action] | NDArray[Any]) -> NDArray[Any] | list[int | list[float]]:
-    """Many actions as the wire has them: an array if they are all indices or all vectors, else one by one."""
-    # A pandas frame has an action a row, and would be gone through by its columns; a Series has an index each.
+    """Many actions in wire format: an array if all are indices or all are vectors, else a list."""
+    # Iterating a pandas frame would yield its columns instead of its rows.
     actions = actions.to_numpy() if hasattr(actions, "to_numpy") else actions
     if isinstance(actions, np.ndarray) and (
         (actions.ndim == 1 and np.issubdtype(actions.dtype, np.integer))
@@ -207,43 +207,43 @@ def encode_all(actions: Sequence[Action] | NDArray[Any]) -> NDArray[Any] | list[
 
 
 def read_rollouts(answer: Mapping[str, Any]) -> list[Rollout]:
-    """The results of a batch, whichever way they came."""
+    """Parses the results of a batch, as arrays or as lists."""
     results, task = answer["results"], answer.get("task")
     if "states" in answer:
-        return [_rollout(result, *_cut(answer, i), task) for i, result in enumerate(results)]
-    return [_rollout(result, *_columns(result), task) for result in results]
+        return [_rollout(result, *_from_arrays(answer, i), task) for i, result in enumerate(results)]
+    return [_rollout(result, *_from_lists(result), task) for result in results]
 
 
 def read_branch(answer: Mapping[str, Any]) -> Rollout:
-    """The rollout of a branch."""
-    moved = {
+    """Parses the rollout of a branch."""
+    velocities = {
         name: np.column_stack([np.asarray(track[key], dtype=np.float64) for key in ("vx", "vy", "omega")])
         for name, track in answer["bodies"].items()
     }
-    return replace(_rollout({"valid": True, **answer}, *_columns(answer)), velocities=moved)
+    return replace(_rollout({"valid": True, **answer}, *_from_lists(answer)), velocities=velocities)
 
 
-def told(
+def with_context(
     results: Sequence[Rollout],
     actions: Sequence[Action] | NDArray[Any],
     scene: Scene | None,
     stop: bool = True,
     interventions: Sequence[Sequence[Mapping[str, Any]]] | None = None,
 ) -> list[Rollout]:
-    """The rollouts with the action of each, the scene it was placed in, and what was done in it."""
-    lists = [()] if interventions is None else [tuple(own) for own in interventions]
-    each = lists * len(results) if len(lists) == 1 else lists
+    """Adds to each rollout its action, scene and interventions."""
+    lists = [()] if interventions is None else [tuple(changes) for changes in interventions]
+    per_action = lists * len(results) if len(lists) == 1 else lists
     return [
-        replace(result, action=action, scene=scene, stop=stop, interventions=own)
-        for result, action, own in zip(results, encode_all(actions), each)
+        replace(result, action=action, scene=scene, stop=stop, interventions=changes)
+        for result, action, changes in zip(results, encode_all(actions), per_action)
     ]
 
 
 _Track: TypeAlias = "tuple[NDArray[np.float64] | None, dict[str, NDArray[np.float64]]]"
 
 
-def _cut(answer: Mapping[str, Any], i: int) -> _Track:
-    """One trajectory out of the arrays of all: times (N, T), states (N, bodies, T, 3), lengths (N,)."""
+def _from_arrays(answer: Mapping[str, Any], i: int) -> _Track:
+    """One trajectory from batch arrays: times (N, T), states (N, bodies, T, 3), lengths (N,)."""
     length = int(answer["length"][i])
     if not answer["results"][i]["valid"]:
         return None, {}
@@ -251,8 +251,8 @@ def _cut(answer: Mapping[str, Any], i: int) -> _Track:
     return answer["t"][i, :length], dict(zip(answer["bodies"], states))
 
 
-def _columns(result: Mapping[str, Any]) -> _Track:
-    """One trajectory out of lists."""
+def _from_lists(result: Mapping[str, Any]) -> _Track:
+    """One trajectory from lists."""
     t = result.get("t")
     return None if t is None else np.asarray(t, dtype=np.float64), {
         name: np.column_stack([np.asarray(track[key], dtype=np.float64) for key in ("x", "y", "angle")])

@@ -1,22 +1,22 @@
-"""Lists that a notebook shows as tables, and pandas takes as frames."""
+"""Lists of rows with HTML display and pandas frames."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
-from .show import chart
-from .show.page import beside, card, interval, table
+from .display import chart
+from .display.page import card, interval, side_by_side, table
 
 if TYPE_CHECKING:
     import pandas
 
 
 class Rows(list[dict[str, Any]]):
-    """Rows as the server tells them; a list like any other."""
+    """A list of rows as returned by the server."""
 
     def frame(self) -> pandas.DataFrame:
-        """As a pandas data frame; what is inside of a field has its name with a dot: `split.train`."""
+        """As a pandas data frame; nested fields have dotted names: `split.train`."""
         import pandas as pd
 
         return pd.json_normalize(list(self))
@@ -30,10 +30,10 @@ class Rows(list[dict[str, Any]]):
 
 
 class Rounds(Rows):
-    """The course of an estimation, a row a round."""
+    """The history of an estimation, one row for each round."""
 
     def frame(self) -> pandas.DataFrame:
-        """A row a round and latent: `round,interactions,residual,name,value,low,high,identifiable`."""
+        """One row for each round and latent: `round,interactions,residual,name,value,low,high,identifiable`."""
         import pandas as pd
 
         names = ["round", "interactions", "residual", "name", "value", "low", "high", "identifiable"]
@@ -53,13 +53,13 @@ class Rounds(Rows):
         return pd.DataFrame(rows, columns=names).astype({"residual": float})
 
     def _repr_html_(self) -> str:
-        ways: dict[str, list[tuple[float, float]]] = {}
+        curves: dict[str, list[tuple[float, float]]] = {}
         rows = []
         for r in self:
             for k in r["latents"]:
                 if k["identifiable"]:
-                    ways.setdefault(k["name"], []).append((float(r["interactions"]), float(k["value"])))
-                told = interval(k["ci95"]) if k["identifiable"] else "not told"
+                    curves.setdefault(k["name"], []).append((float(r["interactions"]), float(k["value"])))
+                interval_text = interval(k["ci95"]) if k["identifiable"] else "not identifiable"
                 rows.append(
                     (
                         r["number"] + 1,
@@ -67,16 +67,16 @@ class Rounds(Rows):
                         r["residual"],
                         k["name"],
                         k["value"] if k["identifiable"] else None,
-                        told,
+                        interval_text,
                     )
                 )
-        drawn = [
+        charts = [
             chart.lines(name, [("", points)], x="interactions", width=260, height=120)
-            for name, points in ways.items()
+            for name, points in curves.items()
             if len(points) > 1
         ]
         head = ["round", "interactions", "residual (m²)", "latent", "value", "95 % interval"]
-        return card("rounds", beside(*drawn), table(head, rows), note=str(len(self)))
+        return card("rounds", side_by_side(*charts), table(head, rows), note=str(len(self)))
 
 
 def _number(value: float | None) -> float:

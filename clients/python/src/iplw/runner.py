@@ -1,9 +1,9 @@
-"""Who does what blocks: `Runner` the thread that asks, `AsyncRunner` threads beside the event loop.
+"""Runs blocking calls: `Runner` in the calling thread, `AsyncRunner` in a thread pool.
 
-This is the whole difference between the client that waits and the one that is awaited: everything above is written
-once, in `aio`, and everything below blocks. Threads serve both transports, since neither urllib3 nor our protocol of
-pings and deadlines over ZeroMQ has another form; a second one for asyncio would have to be kept equal to the first. A
-thread costs a call about 0.1 ms, which waiting for worlds hides; whoever counts steps sends batches.
+This is the only difference between the synchronous and the asynchronous client. The modules above are written once, in
+`aio`; the modules below block. Threads serve both transports, because urllib3 has no asyncio interface and a second
+implementation of the ZeroMQ protocol would have to be kept in step with the first. A thread adds about 0.1 ms to a
+request; for many steps, send batches.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from collections.abc import AsyncGenerator, Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from .call import Call
+from .request import Request
 from .transport import Event, Stream, Transport
 
 T = TypeVar("T")
 
 
 class Runner:
-    """The thread that asks does it."""
+    """Runs blocking calls in the calling thread."""
 
-    def send(self, transport: Transport, call: Call[Any]) -> Any:
+    def send(self, transport: Transport, request: Request[Any]) -> Any:
         """`Transport.send`."""
-        return transport.send(call)
+        return transport.send(request)
 
     def read(self, stream: Stream | None) -> Generator[Event]:
-        """The stream's events, if there is one; ends it when left."""
+        """The events of the stream, if any; stops the stream on exit."""
         if stream is None:
             return
         try:
@@ -38,22 +38,22 @@ class Runner:
             stream.stop()
 
     def run(self, work: Callable[[], T]) -> T:
-        """Anything else that may take its time."""
+        """Runs another blocking function."""
         return work()
 
     def sleep(self, seconds: float) -> None:
-        """Waits."""
+        """Sleeps."""
         time.sleep(seconds)
 
     def close(self) -> None:
-        """A second call does nothing."""
+        """Idempotent."""
 
 
 class AsyncRunner:
-    """Threads do it, up to `concurrency` requests at once; more wait for their turn.
+    """Runs blocking calls in threads, at most `concurrency` requests at once; further requests wait.
 
-    A task that is cancelled stops waiting at once. Over ZeroMQ its thread is free again soon after, and the server is
-    told; over HTTP the thread stays with the answer until it comes or the timeout ends.
+    A cancelled task stops waiting at once. Over ZeroMQ the server is notified and the thread becomes free; over HTTP the
+    thread is occupied until the response or the timeout.
     """
 
     def __init__(self, concurrency: int) -> None:
@@ -61,37 +61,37 @@ class AsyncRunner:
             raise ValueError(f"concurrency is {concurrency}; allowed: 1 or more")
         self._threads = ThreadPoolExecutor(concurrency, "iplw-async")
 
-    async def send(self, transport: Transport, call: Call[Any]) -> Any:
+    async def send(self, transport: Transport, request: Request[Any]) -> Any:
         """`Transport.send`."""
-        given_up = threading.Event()
+        cancelled = threading.Event()
         try:
             return await asyncio.get_running_loop().run_in_executor(
-                self._threads, transport.send, call, given_up
+                self._threads, transport.send, request, cancelled
             )
         except asyncio.CancelledError:
-            given_up.set()
+            cancelled.set()
             raise
 
     async def read(self, stream: Stream | None) -> AsyncGenerator[Event]:
-        """The stream's events; ends it when left. It has a thread of its own, as it may be silent for long."""
+        """The events of the stream; stops the stream on exit. It uses its own thread, because events may be rare."""
         if stream is None:
             return
-        loop, own = asyncio.get_running_loop(), ThreadPoolExecutor(1, "iplw-events")
+        loop, executor = asyncio.get_running_loop(), ThreadPoolExecutor(1, "iplw-events")
         try:
-            while (event := await loop.run_in_executor(own, next, stream, None)) is not None:
+            while (event := await loop.run_in_executor(executor, next, stream, None)) is not None:
                 yield event
         finally:
             stream.stop()
-            own.shutdown(wait=False)
+            executor.shutdown(wait=False)
 
     async def run(self, work: Callable[[], T]) -> T:
-        """Anything else that may take its time."""
+        """Runs another blocking function."""
         return await asyncio.to_thread(work)
 
     async def sleep(self, seconds: float) -> None:
-        """Waits; the event loop goes on."""
+        """Sleeps without blocking the event loop."""
         await asyncio.sleep(seconds)
 
     def close(self) -> None:
-        """Lets the threads go as they finish; a second call does nothing."""
+        """Shuts the threads down without waiting; idempotent."""
         self._threads.shutdown(wait=False, cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Scenes as the server writes them, `iplw.scene/1`, with what a notebook wants of them."""
+"""Scenes (`iplw.scene/1`) with placement of actions and HTML display."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .show.drawing import drawing
-from .show.page import card, number, table
+from .display.drawing import drawing
+from .display.page import card, number, table
 
 
 class Scene(dict[str, Any]):
-    """An `iplw.scene/1` document: a dict like any other, that is drawn in a notebook."""
+    """An `iplw.scene/1` document as a dict; a notebook draws it."""
 
     def placed(self, action: Sequence[float] | NDArray[Any]) -> Scene:
-        """The scene with a vector action, numbers in [0, 1], carried out: everything where it is let go.
+        """The initial state after placing a vector action with components in [0, 1].
 
-        Nothing is checked: whether it overlaps or leaves the bounds the server says (`place`, or a rollout).
+        Overlaps and bounds are not checked; the server does that (operation `place`, or a rollout).
         """
         components = (self.get("action") or {}).get("components", [])
         values = np.asarray(action, dtype=np.float64)
         if values.shape != (len(components),):
-            raise ValueError(f"action has shape {values.shape}; allowed: ({len(components)},), a number a component")
+            raise ValueError(f"action has shape {values.shape}; allowed: ({len(components)},), one number for each component")
         scene = Scene(copy.deepcopy(dict(self)))
-        things = {thing["name"]: thing for thing in [*scene.get("bodies", []), *scene.get("statics", [])]}
-        for component, share in zip(components, values.tolist()):
-            value = component["low"] + share * (component["high"] - component["low"])
-            _set(things[component["target"]], component["set"], value)
+        objects = {item["name"]: item for item in [*scene.get("bodies", []), *scene.get("statics", [])]}
+        for component, fraction in zip(components, values.tolist()):
+            value = component["low"] + fraction * (component["high"] - component["low"])
+            _set(objects[component["target"]], component["set"], value)
         return scene
 
     def draw(self, width: int = 320) -> str:
@@ -42,7 +42,7 @@ class Scene(dict[str, Any]):
         )
 
     def _repr_html_(self) -> str:
-        bodies = [(body["name"], body["shape"]["type"], _place(body)) for body in self.get("bodies", [])]
+        bodies = [(body["name"], body["shape"]["type"], _position_text(body)) for body in self.get("bodies", [])]
         effects = [
             (effect["name"], ", ".join(f"{k} = {number(v)}" for k, v in (effect.get("parameters") or {}).items()))
             for effect in self.get("effects") or []
@@ -53,19 +53,19 @@ class Scene(dict[str, Any]):
         return card(str(self.get("name", "scene")), *parts, note=str(self.get("format", "")))
 
 
-def _place(body: Mapping[str, Any]) -> str:
+def _position_text(body: Mapping[str, Any]) -> str:
     return ", ".join(map(number, body["position"])) if "position" in body else "–"
 
 
-#: Components of an action that are one number of a vector of the body's.
-_PARTS = {"x": ("position", 0), "y": ("position", 1), "vx": ("velocity", 0), "vy": ("velocity", 1)}
+#: Action component -> vector of the body and index within it.
+_VECTOR_COMPONENTS = {"x": ("position", 0), "y": ("position", 1), "vx": ("velocity", 0), "vy": ("velocity", 1)}
 
 
-def _set(thing: dict[str, Any], what: str, value: float) -> None:
-    if what in _PARTS:
-        key, i = _PARTS[what]
-        thing[key] = [value if j == i else old for j, old in enumerate(thing.get(key, [0.0, 0.0]))]
-    elif what == "radius":
-        thing["shape"] = {**thing["shape"], "radius": value}
+def _set(item: dict[str, Any], quantity: str, value: float) -> None:
+    if quantity in _VECTOR_COMPONENTS:
+        key, i = _VECTOR_COMPONENTS[quantity]
+        item[key] = [value if j == i else old for j, old in enumerate(item.get(key, [0.0, 0.0]))]
+    elif quantity == "radius":
+        item["shape"] = {**item["shape"], "radius": value}
     else:
-        thing["angular_velocity" if what == "omega" else what] = value
+        item["angular_velocity" if quantity == "omega" else quantity] = value

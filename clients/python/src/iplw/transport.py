@@ -1,9 +1,9 @@
-"""How a client speaks to a server: one interface; `connect` chooses by the address.
+"""Interface of the transports; `connect` chooses one by the address.
 
-| address | file | speaks |
+| address | module | protocol |
 |---|---|---|
-| `http://`, `https://` | `http` | MessagePack where `msgpack` is installed, with raw arrays for batches; else JSON |
-| `tcp://`, `ipc://` | `zeromq` | ZeroMQ with raw arrays; needs `pip install 'iplw[zmq]'` |
+| `http://`, `https://` | `http` | HTTP; MessagePack with raw arrays if `msgpack` is installed, else JSON |
+| `tcp://`, `ipc://` | `zeromq` | ZeroMQ with raw arrays; requires `pip install 'iplw[zmq]'` |
 """
 
 from __future__ import annotations
@@ -15,92 +15,92 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from .call import Call
+from .request import Request
 from .errors import IplwError, Problem, ServerUnavailable
 
-#: Longest time that making a connection may take, s, if the timeout is not shorter.
-CONNECT = 10.0
-#: Connections kept for the next requests.
-KEPT = 64
-#: Repeats of what may be repeated after a lost connection or a gateway's refusal, and the pause before each, s.
-REPEATS, REPEAT_AFTER = 2, 0.1
-#: First and longest pause before a busy server is asked again, s.
-_PAUSES = (0.005, 0.5)
+#: Maximum time to connect, s; the timeout applies if it is shorter.
+CONNECT_TIMEOUT_S = 10.0
+#: Idle connections kept for reuse.
+MAX_IDLE_CONNECTIONS = 64
+#: Retries of an idempotent request after a lost connection or a gateway error, and the delay before each, s.
+MAX_RETRIES, RETRY_DELAY_S = 2, 0.1
+#: First and longest delay before a request to a busy server is retried, s.
+_BACKOFF_RANGE_S = (0.005, 0.5)
 
 
 class Transport(ABC):
-    """A way to one server; safe to use from several threads, and by a forked child."""
+    """Sends requests to one server; thread-safe and fork-safe."""
 
-    #: What starts a server that this transport reaches, and what it should reach.
-    _start: str
-    _what: str
+    #: Command that starts a server for this transport, and the server's description, for messages.
+    _start_command: str
+    _server_description: str
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
         if not timeout > 0:
             raise ValueError(f"timeout is {timeout}; allowed: a number of seconds above 0")
         #: The server's address.
         self.url = url
-        #: Seconds for each request.
+        #: Timeout of each request, s.
         self.timeout = timeout
         self._advice = advice
 
-    def send(self, call: Call[Any], given_up: threading.Event | None = None) -> Any:
-        """The answer as it came: lists and dicts, with arrays as NumPy has them where they came raw; or bytes.
+    def send(self, call: Request[Any], cancelled: threading.Event | None = None) -> Any:
+        """Sends a request and returns the raw response: lists and dicts, with NumPy arrays if sent raw; or bytes.
 
-        A refusal raises `Problem`; no answer `ServerUnavailable`. Another thread may set `given_up` when it does not
-        want the answer any more; where the transport can, the server is told and the call ends.
+        Raises `Problem` if the server rejects it and `ServerUnavailable` if there is no response. Another thread may set
+        `cancelled`; ZeroMQ then notifies the server and the call ends.
         """
-        repeats = REPEATS if call.repeatable else 0
+        retries_left = MAX_RETRIES if call.can_retry else 0
         while True:
             try:
-                return self._once(call, given_up)
-            except Lost as lost:
-                if repeats == 0:
-                    raise lost.told() from lost.__cause__
-            repeats -= 1
-            time.sleep(REPEAT_AFTER)
+                return self._send_once(call, cancelled)
+            except RetryableError as lost:
+                if retries_left == 0:
+                    raise lost.make_error() from lost.__cause__
+            retries_left -= 1
+            time.sleep(RETRY_DELAY_S)
 
-    def events(self, job: str, last_id: str, patience: float) -> Stream | None:
-        """A job's events after `last_id`, or None where the transport has none: then look from time to time.
+    def events(self, job: str, last_id: str, max_silence: float) -> Stream | None:
+        """A job's events after `last_id`; None if the transport has no events, then poll.
 
-        Silence for `patience` or the timeout, whichever is less, s, raises `ServerUnavailable`.
+        Raises `ServerUnavailable` after a silence of `max_silence` or the timeout, whichever is less, s.
         """
         return None
 
     @abstractmethod
     def close(self) -> None:
-        """Drops the connections; a second call does nothing."""
+        """Closes the connections; idempotent."""
 
     @abstractmethod
-    def _once(self, call: Call[Any], given_up: threading.Event | None) -> Any:
-        """`send` without repeats: what may be repeated raises `Lost`."""
+    def _send_once(self, call: Request[Any], cancelled: threading.Event | None) -> Any:
+        """`send` without retries: raises `RetryableError` if a retry may succeed."""
 
-    def _nobody(self) -> ServerUnavailable:
-        todo = f"start one with `{self._start}`, check the address, or leave `url` out to get a private server"
-        return ServerUnavailable(f"no iplw server at {self.url}; {self._advised(todo)}")
+    def _unreachable(self) -> ServerUnavailable:
+        action = f"start one with `{self._start_command}`, check the address, or leave `url` out to get a private server"
+        return ServerUnavailable(f"no iplw server at {self.url}; {self._with_advice(action)}")
 
-    def _broke(self, what: str, repeatable: bool, why: str = "") -> ServerUnavailable:
-        doubt = "" if repeatable else "; what was asked may or may not have happened"
-        todo = self._advised(f"check whether the server still runs{doubt}")
-        return ServerUnavailable(f"the connection to {self.url} broke during {what}{why and f' ({why})'}; {todo}")
+    def _connection_lost(self, what: str, can_retry: bool, why: str = "") -> ServerUnavailable:
+        warning = "" if can_retry else "; the request may or may not have been executed"
+        action = self._with_advice(f"check whether the server still runs{warning}")
+        return ServerUnavailable(f"the connection to {self.url} broke during {what}{why and f' ({why})'}; {action}")
 
-    def _silent(self, what: str) -> ServerUnavailable:
-        todo = self._advised("give it longer with iplw.Client(timeout=...), or ask for less at once")
-        return ServerUnavailable(f"no answer to {what} from {self.url} within {self.timeout:g} s; {todo}")
+    def _timed_out(self, what: str) -> ServerUnavailable:
+        action = self._with_advice("increase iplw.Client(timeout=...), or request less at once")
+        return ServerUnavailable(f"no answer to {what} from {self.url} within {self.timeout:g} s; {action}")
 
-    def _nonsense(self, what: str, why: str) -> ServerUnavailable:
-        return ServerUnavailable(f"{self.url} answered {what} with {why}; is it {self._what}?")
+    def _invalid_response(self, what: str, why: str) -> ServerUnavailable:
+        return ServerUnavailable(f"{self.url} responded to {what} with {why}; is it {self._server_description}?")
 
-    def _advised(self, todo: str) -> str:
-        return (self._advice() if self._advice else "") or todo
+    def _with_advice(self, action: str) -> str:
+        return (self._advice() if self._advice else "") or action
 
 
-class Lost(Exception):
-    """The connection was lost, or a gateway refused: trying again may help. `told` makes what to raise if not."""
+class RetryableError(Exception):
+    """The connection was lost, or a gateway failed: a retry may succeed. `make_error` creates the final error."""
 
-    def __init__(self, told: Callable[[], IplwError]) -> None:
+    def __init__(self, make_error: Callable[[], IplwError]) -> None:
         super().__init__()
-        self.told = told
+        self.make_error = make_error
 
 
 class Event:
@@ -123,30 +123,30 @@ class Event:
 
 
 class Stream(Iterator[Event]):
-    """Events as they come."""
+    """Iterator over events."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Ends it, also for another thread that waits for the next event."""
+        """Stops the stream, even while another thread waits for the next event."""
 
 
-class Pause:
-    """When to ask a busy server again: soon, then less and less often, until the time is up."""
+class Backoff:
+    """Exponential backoff with jitter for a busy server, until the timeout."""
 
     def __init__(self, timeout: float) -> None:
         self._until = time.monotonic() + timeout
-        self._next = _PAUSES[0]
+        self._next = _BACKOFF_RANGE_S[0]
 
-    def after(self, problem: Problem) -> float | None:
-        """Seconds to wait, or None if the problem is not of the kind that passes or the time is up."""
+    def delay(self, problem: Problem) -> float | None:
+        """Delay before the next attempt, s; None if the problem is not `busy` or the timeout has passed."""
         if problem.slug != "busy" or time.monotonic() > self._until:
             return None
-        # Clients that were refused together should not come back together.
+        # Jitter: rejected clients must not retry simultaneously.
         wait = self._next * random.uniform(0.5, 1.0)
-        self._next = min(2 * self._next, _PAUSES[1])
+        self._next = min(2 * self._next, _BACKOFF_RANGE_S[1])
         return wait
 
 
-def closed() -> ServerUnavailable:
-    """What a closed client raises."""
+def closed_error() -> ServerUnavailable:
+    """The error of a closed client."""
     return ServerUnavailable("this client is closed; make a new iplw.Client()")

@@ -1,4 +1,4 @@
-"""Which version this is. Cargo.toml alone says it; wheels carry it in their metadata."""
+"""The package version, from Cargo.toml in a checkout or from the metadata of the wheel."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 
-def own_version(package: Path = Path(__file__).resolve().parent) -> str:
-    """The version of the package in this directory: its checkout's, if it is in one, else the installed wheel's."""
+def package_version(package: Path = Path(__file__).resolve().parent) -> str:
+    """The version of the package in this directory: of its checkout, else of the installed wheel."""
     for root in package.parents:
         manifest = root / "Cargo.toml"
         if manifest.is_file() and (root / "clients" / "python" / "src" / package.name) == package:
-            found = re.search(r'^version = "([^"]+)"', manifest.read_text(encoding="utf-8"), re.MULTILINE)
-            if found:
-                return found[1]
+            match = re.search(r'^version = "([^"]+)"', manifest.read_text(encoding="utf-8"), re.MULTILINE)
+            if match:
+                return match[1]
     try:
         return distribution(package.name).version
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Films of episodes in a folder, in the manner of Gymnasium's `RecordVideo`."""
+"""Records films of episodes, like Gymnasium's `RecordVideo`."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from gymnasium.utils import RecordConstructorArgs
 from . import envs
 from .envs import Observation, PlacementEnv
 
-#: Files a film can be written as.
+#: File formats of films.
 FORMATS = ("png", "gif", "webp", "mp4")
 
 
-def ever_fewer(episode: int) -> bool:
-    """Gymnasium's usual choice: cubes (0, 1, 8, 27, ...) up to 1000, then every thousandth."""
+def capped_cubic_schedule(episode: int) -> bool:
+    """Gymnasium's default schedule: cubes (0, 1, 8, 27, ...) up to 1000, then every 1000th episode."""
     if episode >= 1000:
         return episode % 1000 == 0
     return bool(round(episode ** (1 / 3)) ** 3 == episode)
 
 
 class RecordVideo(gymnasium.Wrapper[Observation, Any, Observation, Any], RecordConstructorArgs):
-    """Writes a film of every episode that `episode_trigger` chooses: all of its rollout, and not one frame a step.
+    """Writes a film of the rollout of each episode that `episode_trigger` selects.
 
         env = iplw.RecordVideo(gymnasium.make("iplw/Bowling-v0"), "films", episode_trigger=lambda episode: True)
 
-    The environment's `render_mode` does not matter, and nothing is measured for it: in a real world a film shows what the
-    episode's step measured. `NAME_PREFIX-episode-K.FORMAT` is written before `step` returns; an episode without a valid
-    action has none. The files written are in `films`.
+    Works with any `render_mode` and costs no interaction: in a real world the film shows what the step measured.
+    `NAME_PREFIX-episode-K.FORMAT` is written before `step` returns; an episode without a valid action has no film. `films`
+    lists the written files.
     """
 
     def __init__(
         self,
         env: gymnasium.Env[Observation, Any],
         video_folder: str | Path,
-        episode_trigger: Callable[[int], bool] = ever_fewer,
+        episode_trigger: Callable[[int], bool] = capped_cubic_schedule,
         *,
         name_prefix: str = "rl-video",
         format: str = "png",
@@ -55,7 +55,7 @@ class RecordVideo(gymnasium.Wrapper[Observation, Any, Observation, Any], RecordC
         )
         gymnasium.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, PlacementEnv):
-            raise TypeError(f"env is {env.unwrapped!r}; allowed: an environment of iplw, wrapped or not")
+            raise TypeError(f"env is {env.unwrapped!r}; allowed: an iplw environment, wrapped or not")
         if format not in FORMATS:
             raise ValueError(f"format is {format!r}; allowed: {', '.join(FORMATS)} (an animated PNG)")
         #: Paths of the films written, in order.
@@ -78,11 +78,11 @@ class RecordVideo(gymnasium.Wrapper[Observation, Any, Observation, Any], RecordC
         return super().reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
-        """Acts, and writes the film of what it brought."""
+        """Executes an action and writes the film of the rollout."""
         stepped = super().step(action)
         valid = stepped[-1].get("valid")
         if valid is None:
-            # A wrapper within has begun the next episode instead.
+            # An inner wrapper has started the next episode.
             self._episode += 1
         if valid and self._trigger(self._episode):
             path = self._folder / f"{self._name}-episode-{self._episode}.{self._format}"

@@ -1,8 +1,8 @@
-"""ZeroMQ by pyzmq: a DEALER socket for each request under way, with raw arrays. The fast way to single steps.
+"""ZeroMQ by pyzmq: one DEALER socket for each concurrent request, with raw arrays. Fastest for single steps.
 
-A socket connects once. When its connection breaks, it is thrown away and the next request makes a new one, so
-nothing asked of a server that died is ever delivered to the one after it. While waiting, the server is pinged: it
-may work for as long as the request is granted, but not be silent for longer than the timeout.
+A socket connects once. After its connection breaks it is discarded and the next request creates a new one, so a request
+to a server that died is never delivered to its successor. While a request is pending, the server is pinged: it may work
+until the request's timeout, but may not be silent for longer than the client's timeout.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from .call import Call
+from .request import Request
 from .errors import Problem
-from .transport import CONNECT, KEPT, Lost, Transport, closed
+from .transport import CONNECT_TIMEOUT_S, MAX_IDLE_CONNECTIONS, RetryableError, Transport, closed_error
 
 try:
     import zmq
@@ -28,17 +28,17 @@ try:
     from . import frames
 except ImportError as error:
     raise ImportError(
-        "tcp:// and ipc:// addresses need pyzmq and msgpack: pip install 'iplw[zmq]'; or use the http:// address"
+        "tcp:// and ipc:// addresses require pyzmq and msgpack: pip install 'iplw[zmq]'; or use an http:// address"
     ) from error
 
-#: Time between two looks at the clock, the connection and whether the answer is still wanted, s.
-LOOK = 0.1
+#: Interval between checks of deadline, connection and cancellation, s.
+POLL_S = 0.1
 #: Silence after which the server is pinged, s.
-PING = 5.0
-#: How long a request that is given up may take to be told of while its socket closes, s.
-FAREWELL = 0.1
-_BEGINS = zmq.EVENT_HANDSHAKE_SUCCEEDED
-_ENDS = (
+PING_AFTER_S = 5.0
+#: Linger of a closing socket that sends a cancellation, s.
+CANCEL_LINGER_S = 0.1
+_CONNECTED_EVENTS = zmq.EVENT_HANDSHAKE_SUCCEEDED
+_DISCONNECTED_EVENTS = (
     zmq.EVENT_DISCONNECTED
     | zmq.EVENT_CLOSED
     | zmq.EVENT_CONNECT_RETRIED
@@ -48,10 +48,10 @@ _ENDS = (
 
 
 class ZeroMq(Transport):
-    """Sockets to one server, each used by one thread at a time."""
+    """Pooled sockets to one server, each used by one thread at a time."""
 
-    _start = "iplw serve --zmq ADDRESS"
-    _what = "the ZeroMQ address of an iplw server"
+    _start_command = "iplw serve --zmq ADDRESS"
+    _server_description = "the ZeroMQ address of an iplw server"
 
     def __init__(
         self,
@@ -62,141 +62,141 @@ class ZeroMq(Transport):
     ) -> None:
         super().__init__(url, timeout, advice)
         self._token = token
-        self._lines: deque[_Line] = deque()
+        self._idle_sockets: deque[_DealerSocket] = deque()
         self._numbers = itertools.count(1)
         self._pid = os.getpid()
         self._closed = False
 
     def close(self) -> None:
-        """Drops the connections; a second call does nothing."""
+        """Closes the sockets; idempotent."""
         self._closed = True
-        while self._lines:
-            self._lines.pop().close()
+        while self._idle_sockets:
+            self._idle_sockets.pop().close()
 
-    def _once(self, call: Call[Any], given_up: threading.Event | None) -> Any:
+    def _send_once(self, request: Request[Any], cancelled: threading.Event | None) -> Any:
         number = next(self._numbers)
-        message = frames.request(number, call)
-        line = self._line()
+        message = frames.encode_request(number, request)
+        socket = self._acquire()
         try:
-            line.send(message)
-            head, reply = self._await(line, number, call, given_up)
-            result = frames.answer(head, reply, call.binary)
+            socket.send(message)
+            head, reply = self._receive_reply(socket, number, request, cancelled)
+            result = frames.decode_reply(head, reply, request.returns_bytes)
         except Problem:
-            self._keep(line)
+            self._release(socket)
             raise
         except zmq.ZMQError as error:
-            line.close()
-            raise Lost(lambda: self._broke(call.op, call.repeatable)) from error
+            socket.close()
+            raise RetryableError(lambda: self._connection_lost(request.operation_id, request.can_retry)) from error
         except ValueError as error:
-            line.close()
-            raise self._nonsense(call.op, f"something else than this protocol ({error})") from error
+            socket.close()
+            raise self._invalid_response(request.operation_id, f"a message that is not of this protocol ({error})") from error
         except BaseException:
-            # Somebody's Ctrl-C, too: what was asked is not wanted any more.
-            line.abandon(number)
+            # For example KeyboardInterrupt: cancel the request on the server.
+            socket.cancel(number)
             raise
-        self._keep(line)
+        self._release(socket)
         return result
 
-    def _await(
-        self, line: _Line, number: int, call: Call[Any], given_up: threading.Event | None
+    def _receive_reply(
+        self, socket: _DealerSocket, number: int, request: Request[Any], cancelled: threading.Event | None
     ) -> tuple[dict[str, Any], list[Any]]:
-        asked = heard = pinged = time.monotonic()
+        sent_at = received_at = pinged_at = time.monotonic()
         while True:
             try:
-                reply = line.receive()
+                reply = socket.receive()
             except zmq.Again:
                 now = time.monotonic()
-                if line.broken():
+                if socket.is_broken():
                     raise
-                overdue = now > asked + self.timeout + call.slack
-                if overdue or now - heard > max(self.timeout, 2 * LOOK) or (given_up and given_up.is_set()):
-                    raise self._silent(call.op) from None
-                if now - max(pinged, heard) > PING:
-                    line.send(frames.control(0, "ping"))
-                    pinged = now
+                overdue = now > sent_at + self.timeout + request.extra_timeout_s
+                if overdue or now - received_at > max(self.timeout, 2 * POLL_S) or (cancelled and cancelled.is_set()):
+                    raise self._timed_out(request.operation_id) from None
+                if now - max(pinged_at, received_at) > PING_AFTER_S:
+                    socket.send(frames.encode_control(0, "ping"))
+                    pinged_at = now
                 continue
-            head = frames.header(reply)
-            # A refusal without an id is of a message that could not be read: ours, the only one under way.
+            head = frames.decode_header(reply)
+            # An error without an id means that the message could not be parsed: it belongs to the only pending request.
             if head.get("id") in (number, None):
                 return head, reply
-            heard = time.monotonic()
+            received_at = time.monotonic()
 
-    def _line(self) -> _Line:
+    def _acquire(self) -> _DealerSocket:
         if self._closed:
-            raise closed()
+            raise closed_error()
         if self._pid != os.getpid():
-            # A forked child must not talk over its parent's sockets.
-            self._lines, self._pid = deque(), os.getpid()
+            # A forked child must not use its parent's sockets.
+            self._idle_sockets, self._pid = deque(), os.getpid()
         while True:
             try:
-                line = self._lines.pop()
+                socket = self._idle_sockets.pop()
             except IndexError:
                 break
-            if not line.broken():
-                return line
-            line.close()
-        made = _Line(self.url, min(LOOK, self.timeout), self._token)
-        if not made.established(min(self.timeout, CONNECT)):
-            made.close()
-            raise self._nobody()
-        return made
+            if not socket.is_broken():
+                return socket
+            socket.close()
+        socket = _DealerSocket(self.url, min(POLL_S, self.timeout), self._token)
+        if not socket.connect(min(self.timeout, CONNECT_TIMEOUT_S)):
+            socket.close()
+            raise self._unreachable()
+        return socket
 
-    def _keep(self, line: _Line) -> None:
-        if self._closed or len(self._lines) >= KEPT:
-            line.close()
+    def _release(self, socket: _DealerSocket) -> None:
+        if self._closed or len(self._idle_sockets) >= MAX_IDLE_CONNECTIONS:
+            socket.close()
         else:
-            self._lines.append(line)
+            self._idle_sockets.append(socket)
 
 
-class _Line:
-    """One connection, never renewed. What goes wrong with it is a `zmq.ZMQError`."""
+class _DealerSocket:
+    """One connection, never reconnected. Failures raise `zmq.ZMQError`."""
 
-    def __init__(self, url: str, look: float, token: str | None) -> None:
-        # The instance notices a fork and makes a context of the child's own.
+    def __init__(self, url: str, poll_s: float, token: str | None) -> None:
+        # After a fork, `instance` creates a new context.
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
-        self._socket.setsockopt(zmq.RCVTIMEO, round(1000 * look))
-        # No queue for a server that is not there, and no second try behind our back.
+        self._socket.setsockopt(zmq.RCVTIMEO, round(1000 * poll_s))
+        # No queueing before the connection is established, and no reconnection.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
         self._socket.setsockopt(zmq.RECONNECT_IVL, -1)
         if token is not None:
-            # PLAIN: the name says nothing, the password is the token.
+            # PLAIN: the password is the token; the user name is ignored.
             self._socket.setsockopt(zmq.PLAIN_USERNAME, b"iplw")
             self._socket.setsockopt(zmq.PLAIN_PASSWORD, token.encode())
         self._url = url
 
-    def established(self, patience: float) -> bool:
-        """Connects; False if that cannot be."""
-        # A name of its own: by default it is that of a file number, which closed sockets leave behind for others.
-        monitor = self._socket.get_monitor_socket(_BEGINS | _ENDS, f"inproc://iplw.{uuid.uuid4().hex}")
+    def connect(self, max_silence: float) -> bool:
+        """Connects; returns whether it succeeded."""
+        # A unique name: the default is derived from a file descriptor, which closed sockets leave behind.
+        monitor = self._socket.get_monitor_socket(_CONNECTED_EVENTS | _DISCONNECTED_EVENTS, f"inproc://iplw.{uuid.uuid4().hex}")
         try:
             self._socket.connect(self._url)
-            if not monitor.poll(round(1000 * patience)):
+            if not monitor.poll(round(1000 * max_silence)):
                 return False
-            # Asking whether it is broken makes the socket take note of it, which sending alone does only now and then.
-            return recv_monitor_message(monitor)["event"] == _BEGINS and not self.broken()
+            # AskTellJob whether it is is_broken makes the socket take note of it, which sending alone does only now and then.
+            return recv_monitor_message(monitor)["event"] == _CONNECTED_EVENTS and not self.is_broken()
         finally:
             self._socket.disable_monitor()
             monitor.close(0)
 
     def send(self, message: list[Any]) -> None:
-        """Sends a message; a connection that does not take it at once has ended."""
+        """Sends a message without blocking; fails if the connection has ended."""
         self._socket.send_multipart(message, zmq.NOBLOCK)
 
     def receive(self) -> list[bytes]:
-        """The next message, or after `look` s `zmq.Again`."""
+        """The next message; `zmq.Again` after `poll_s`."""
         return self._socket.recv_multipart()
 
-    def broken(self) -> bool:
-        """Whether the connection has ended: then there is nowhere to send to."""
+    def is_broken(self) -> bool:
+        """Whether the connection has ended."""
         return not int(self._socket.getsockopt(zmq.EVENTS)) & zmq.POLLOUT
 
-    def abandon(self, number: int) -> None:
-        """Tells the server that the answer is not waited for, as far as that goes at once."""
+    def cancel(self, number: int) -> None:
+        """Cancels a request on the server, without waiting, and closes the socket."""
         with suppress(zmq.ZMQError):
-            self.send(frames.control(0, "cancel", request=number))
-        self.close(FAREWELL)
+            self.send(frames.encode_control(0, "cancel", request=number))
+        self.close(CANCEL_LINGER_S)
 
     def close(self, linger: float = 0.0) -> None:
-        """Drops the connection."""
+        """Closes the socket."""
         self._socket.close(round(1000 * linger))

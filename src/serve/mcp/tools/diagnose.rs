@@ -1,4 +1,4 @@
-//! What a simulation gets wrong about measured trials.
+//! Diagnosis of a simulation from measured trials.
 
 use std::collections::BTreeMap;
 
@@ -8,18 +8,18 @@ use serde_json::{Map, Value, json};
 
 use super::estimate::seconds;
 use crate::error::Error;
-use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
-use crate::serve::problem::{Answer, Problem};
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
+use crate::serve::problem::{HandlerResult, Problem};
 
 pub fn tool() -> Tool {
     declared(
         "diagnose",
         "Diagnose a simulation",
-        Effect::Keeps,
-        "Says what a simulation gets wrong, from measured trials: the effect that is missing (drag, wind, a camera's error, \
-         ...) with its parameters and intervals, several if the data cannot tell them apart, or that nothing known explains \
-         the misfit. Trials are CSV text against a scene or one ball, or what was measured for an exploration. Takes up to \
-         minutes and tells how far it is. Costs no interaction.",
+        SideEffect::Records,
+        "Finds the effects that a simulation lacks (drag, wind, camera errors, ...) from measured trials, with parameters and \
+         intervals; several sets if the data cannot distinguish them, or none if no known effect explains the misfit. Trials are \
+         CSV text with a scene or one ball, or the measurements of an exploration. Takes up to minutes and reports progress. \
+         Costs no interaction.",
         run,
     )
 }
@@ -27,43 +27,43 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
-    /// CSV text with the columns trial, t, body, x, y (s, m), or a track of one ball as tracking programs write it; or several
-    /// such texts by name, a trial each. iplw://docs/formats tells more.
-    #[schemars(with = "Option<Trials>")]
+struct DiagnoseArgs {
+    /// CSV text with the columns trial, t, body, x, y (s, m), or a track of one ball as exported by tracking software; or several
+    /// such texts by name, one trial each. See iplw://docs/formats.
+    #[schemars(with = "Option<TrialsArg>")]
     trials: Option<Value>,
-    /// The iplw.scene/1 document that is held against them; this or `ball`.
+    /// The iplw.scene/1 document to compare with; either this or `ball`.
     scene: Option<Map<String, Value>>,
-    /// Instead of a scene, where one ball flies.
-    ball: Option<Ball>,
-    /// Units, where the trials do not say.
-    reading: Option<Reading>,
-    /// Instead of trials and scene: what propose_actions was given; the trials measured for its proposals are diagnosed.
+    /// A single ball, instead of a scene.
+    ball: Option<BallArg>,
+    /// Units, if the trials do not state them.
+    reading: Option<ReadingArg>,
+    /// Instead of trials and scene: the task or family of propose_actions, to use the trials measured for its proposals.
     explored: Option<String>,
-    /// Longest it may take, s; 300 if absent. Then it is given up.
+    /// Time limit, s. Default: 300.
     #[schemars(range(min = 1.0, max = 3600.0))]
     seconds: Option<f64>,
 }
 
-/// The text of a file, or of several by name.
+/// The text of one file, or of several by name.
 #[derive(JsonSchema)]
 #[schemars(crate = "rmcp::schemars", untagged)]
-#[allow(dead_code, reason = "the operation reads them; this says how they look")]
-enum Trials {
+#[allow(dead_code, reason = "only used for its schema; the operation parses the value")]
+enum TrialsArg {
     One(String),
     Several(BTreeMap<String, String>),
 }
 
-/// A ball, and a floor if there is one.
+/// A ball and optionally a floor.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct Ball {
+struct BallArg {
     /// m
     radius: f64,
     /// kg
     mass: Option<f64>,
-    /// m/s^2, downwards; 9.81 if absent.
+    /// m/s^2, downwards. Default: 9.81.
     gravity: Option<f64>,
     /// Height of the floor's surface, m.
     floor: Option<f64>,
@@ -73,97 +73,98 @@ struct Ball {
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct Reading {
-    /// Pictures a second: times are numbers of pictures.
+struct ReadingArg {
+    /// Frames per second; times are then frame numbers.
     fps: Option<f64>,
-    /// m: coordinates are in pixels.
+    /// m per pixel; coordinates are then in pixels.
     metres_per_pixel: Option<f64>,
     /// m, cm, mm, um, km, in, ft.
     length_unit: Option<String>,
     /// s, ms, us, min.
     time_unit: Option<String>,
-    /// Whether y is counted downwards, as in pictures.
+    /// Whether y points down, as in images.
     y_down: Option<bool>,
-    /// Which track, or body, of files that hold several.
+    /// The track or body to read from files with several.
     track: Option<String>,
 }
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
+struct DiagnoseOutput {
     /// none (the simulation explains the trials), named, ambiguous, unknown or insufficient_data.
     verdict: String,
-    /// Why, in a sentence.
+    /// Reason in a sentence.
     reason: String,
-    /// The effects that were found; of several sets that tie, the simplest.
-    effects: Vec<Found>,
-    /// Every set of effects that the trials cannot tell from that one.
+    /// The effects found; of several tied sets, the simplest.
+    effects: Vec<EffectFinding>,
+    /// All sets of effects that the trials cannot distinguish.
     rivals: Vec<Vec<String>>,
-    /// Share of the misfit that the effects leave.
+    /// Fraction of the misfit that the effects leave unexplained.
     unexplained_share: Option<f64>,
-    /// What would tell rivals apart, or make more of it known; null if nothing is advised.
-    next_experiment: Option<Next>,
-    /// The scene with what was found, an iplw.scene/1 document that roll_out takes.
+    /// Recommended experiment to separate rivals or reduce uncertainty; null if there is none.
+    next_experiment: Option<NextExperimentInfo>,
+    /// The scene with the effects added, an iplw.scene/1 document for roll_out.
     extended_scene: Value,
 }
 
-/// An experiment that would tell more.
+/// A recommended experiment.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Next {
+struct NextExperimentInfo {
     why: String,
-    /// What to do.
+    /// The experiment.
     #[serde(rename = "do")]
     action: String,
-    /// What it would tell apart.
+    /// The rivals that it would separate.
     separates: Vec<String>,
 }
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Found {
+struct EffectFinding {
     name: String,
-    /// Corrected for the search over all effects.
+    /// p-value, corrected for the search over all effects.
     p_value: f64,
-    parameters: Vec<Parameter>,
+    parameters: Vec<ParameterInfo>,
 }
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Parameter {
+struct ParameterInfo {
     name: String,
     value: f64,
-    /// Its 95 % interval; null where the trials set no bound.
+    /// 95 % interval; null where unbounded.
     ci95: [Option<f64>; 2],
     unit: String,
 }
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let seconds = seconds(asked.seconds)?;
-    let job = match &asked.explored {
+async fn run(call: ToolCall, args: DiagnoseArgs) -> HandlerResult<ToolResult<DiagnoseOutput>> {
+    let seconds = seconds(args.seconds)?;
+    let job = match &args.explored {
         None => None,
-        Some(explored) => Some(call.desk().exploration(explored).ok_or_else(|| {
-            let allowed = "what propose_actions was given before: it tells it as `explored`";
+        Some(explored) => Some(call.session().exploration(explored).ok_or_else(|| {
+            let allowed =
+                "a task or family with an exploration, as returned by propose_actions in `explored`";
             Problem::from(Error::input("explored", format!("{explored:?}"), allowed))
         })?),
     };
-    let wish = json!({
-        "job": job, "trials": asked.trials, "scene": asked.scene, "ball": asked.ball, "reading": asked.reading,
+    let request = json!({
+        "job": job, "trials": args.trials, "scene": args.scene, "ball": args.ball, "reading": args.reading,
     });
-    let done = call.job("start_diagnosis", wish, seconds).await?;
-    let found: Out = crate::json::from_value(done.result.ok_or_else(Problem::defect)?)?;
+    let done = call.job("start_diagnosis", request, seconds).await?;
+    let found: DiagnoseOutput = crate::json::from_value(done.result.ok_or_else(Problem::internal)?)?;
     let mut lines = vec![format!("Verdict: {}. {}", found.verdict, found.reason)];
-    lines.extend(found.effects.iter().map(words));
+    lines.extend(found.effects.iter().map(summary));
     if found.rivals.len() > 1 {
         let sets: Vec<String> = found.rivals.iter().map(|set| set.join(" + ")).collect();
-        lines.push(format!("Not told apart: {}.", sets.join("; ")));
+        lines.push(format!("Indistinguishable: {}.", sets.join("; ")));
     }
     lines.extend(found.next_experiment.as_ref().map(|next| format!("Next: {} ({})", next.action, next.why)));
-    Ok(Told { words: lines.join("\n"), told: found, picture: None })
+    Ok(ToolResult { summary: lines.join("\n"), output: found, picture: None })
 }
 
-fn words(found: &Found) -> String {
-    let parameter = |p: &Parameter| {
+fn summary(found: &EffectFinding) -> String {
+    let parameter = |p: &ParameterInfo| {
         let interval = match p.ci95 {
             [Some(low), Some(high)] => format!(" (95 % {low:.4} to {high:.4})"),
             _ => String::new(),

@@ -1,21 +1,23 @@
-//! The latents of the real world, estimated in one call.
+//! Estimation of the real world's latents in one call.
 
 use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::serve::mcp::desk::{Budget, family};
-use crate::serve::mcp::tool::{Call, Effect, Known, Told, Tool, known_words, tool as declared};
-use crate::serve::problem::{Answer, Problem};
+use crate::serve::mcp::agent_session::{InteractionBudget, family};
+use crate::serve::mcp::tool::{
+    LatentInfo, SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared,
+};
+use crate::serve::problem::{HandlerResult, Problem};
 
 pub fn tool() -> Tool {
     declared(
         "estimate",
         "Estimate latents",
-        Effect::Spends,
-        "Explores, measures and fits by itself: estimates the latents of the real world of a task's family in rounds of real \
-         interactions, which count against the budget like those of `measure`. Takes seconds to minutes and tells how far it \
-         is; cancelled, it stops, and what was measured by then is spent. Use propose_actions and measure to stay in charge.",
+        SideEffect::SpendsInteractions,
+        "Estimates the latents of the real world of a task's family, in rounds of exploring, measuring and fitting. Its real \
+         interactions count against the budget like those of `measure`, also if the call is cancelled. Takes seconds to minutes \
+         and reports progress. For more control use propose_actions and measure.",
         run,
     )
 }
@@ -23,74 +25,78 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
-    /// A family such as bowling, whose training tasks are explored, or one task such as bowling:017.
+struct EstimateArgs {
+    /// A family such as bowling (its training tasks are explored), or one task such as bowling:017.
     task: String,
-    /// Most rounds of exploring, measuring and fitting; 3 if absent.
+    /// Maximum number of rounds. Default: 3.
     #[schemars(range(min = 1, max = 50))]
     rounds: Option<u64>,
-    /// Real interactions a round; 4 if absent.
+    /// Real interactions per round. Default: 4.
     #[schemars(range(min = 1, max = 50))]
     actions: Option<u64>,
-    /// How actions are chosen: informative (default), mixed, collisions, rolling, random or gradient; or, a minute or so a round, probing
-    /// (what tells most) or success (what tells most of whether plans work).
+    /// How to choose actions: informative (default), mixed, collisions, rolling, random or gradient; or, taking about a minute per
+    /// round, probing (most information on parameters) or success (on whether plans work).
     strategy: Option<String>,
-    /// Parameters of effects to fit along with the latents, such as linear_drag.c.
+    /// Effect parameters to estimate together with the latents, such as linear_drag.c.
     fit: Option<Vec<String>>,
-    /// How simulation and measurement are compared: trajectory (default) or shooting, which bears noise and chance.
+    /// How to compare simulation and measurement: trajectory (default) or shooting, which is robust to noise and chaos.
     residual: Option<String>,
-    /// Seed of its random numbers; 0 if absent.
+    /// Random seed. Default: 0.
     seed: Option<u64>,
-    /// Longest it may take, s; 300 if absent. Then it is given up.
+    /// Time limit, s. Default: 300.
     #[schemars(range(min = 1.0, max = 3600.0))]
     seconds: Option<f64>,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
-    /// What the trials tell of each latent, and of each parameter fitted along.
-    latents: Vec<Known>,
-    /// Spent by this call.
+struct EstimateOutput {
+    /// Estimates of the latents and of free effect parameters.
+    latents: Vec<LatentInfo>,
+    /// Real interactions used by this call.
     real_interactions: u64,
-    /// Why it stopped: `rounds`, `settled` or `budget`.
+    /// Stop reason: `rounds`, `settled` or `budget`.
     stopped: String,
-    /// Of this real world.
-    budget: Budget,
+    /// Budget of this real world.
+    budget: InteractionBudget,
 }
 
 #[derive(Deserialize)]
-struct Report {
-    latents: Vec<Known>,
-    /// Parameters fitted along.
-    effects: Vec<Known>,
+struct EstimationResult {
+    latents: Vec<LatentInfo>,
+    /// Free effect parameters.
+    effects: Vec<LatentInfo>,
     real_interactions: u64,
     stopped: String,
 }
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let seconds = seconds(asked.seconds)?;
-    let (world, _) = call.desk().real_world(family(&asked.task)).await?;
-    let wish = json!({
-        "task": asked.task, "world": world, "rounds": asked.rounds.unwrap_or(3), "actions": asked.actions.unwrap_or(4),
-        "strategy": asked.strategy.as_deref().unwrap_or("informative"), "fit": asked.fit, "residual": asked.residual,
-        "seed": asked.seed,
+async fn run(call: ToolCall, args: EstimateArgs) -> HandlerResult<ToolResult<EstimateOutput>> {
+    let seconds = seconds(args.seconds)?;
+    let (world, _) = call.session().real_world(family(&args.task)).await?;
+    let request = json!({
+        "task": args.task, "world": world, "rounds": args.rounds.unwrap_or(3), "actions": args.actions.unwrap_or(4),
+        "strategy": args.strategy.as_deref().unwrap_or("informative"), "fit": args.fit, "residual": args.residual,
+        "seed": args.seed,
     });
-    let done = call.job("start_iplw", wish, seconds).await?;
-    let found: Report = crate::json::from_value(done.result.ok_or_else(Problem::defect)?)?;
-    let (_, budget) = call.desk().real_world(family(&asked.task)).await?;
-    let Report { mut latents, effects, real_interactions, stopped } = found;
+    let done = call.job("start_iplw", request, seconds).await?;
+    let found: EstimationResult = crate::json::from_value(done.result.ok_or_else(Problem::internal)?)?;
+    let (_, budget) = call.session().real_world(family(&args.task)).await?;
+    let EstimationResult { mut latents, effects, real_interactions, stopped } = found;
     latents.extend(effects);
-    let words = format!(
-        "{} real interactions tell: {}. Stopped by: {stopped}. {}",
+    let summary = format!(
+        "Estimates from {} real interactions: {}. Stop reason: {stopped}. {}",
         real_interactions,
-        known_words(&latents),
-        budget.words()
+        describe_latents(&latents),
+        budget.summary()
     );
-    Ok(Told { words, told: Out { latents, real_interactions, stopped, budget }, picture: None })
+    Ok(ToolResult {
+        summary,
+        output: EstimateOutput { latents, real_interactions, stopped, budget },
+        picture: None,
+    })
 }
 
-/// How long a job may take, s.
-pub fn seconds(asked: Option<f64>) -> Answer<f64> {
-    Ok(asked.map_or(Ok(300.0), |s| crate::error::within("seconds", s, 1.0, 3600.0))?)
+/// Validates the time limit of a job, s.
+pub fn seconds(args: Option<f64>) -> HandlerResult<f64> {
+    Ok(args.map_or(Ok(300.0), |s| crate::error::check_range("seconds", s, 1.0, 3600.0))?)
 }

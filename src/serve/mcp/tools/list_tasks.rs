@@ -1,21 +1,21 @@
-//! Which tasks there are.
+//! List of tasks.
 
 use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::serve::mcp::show::component_words;
-use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
-use crate::serve::problem::Answer;
-use crate::task::action::Component;
+use crate::serve::mcp::describe::describe_component;
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
+use crate::serve::problem::HandlerResult;
+use crate::task::action::ActionComponent;
 
 pub fn tool() -> Tool {
     declared(
         "list_tasks",
         "List tasks",
-        Effect::Shows,
-        "Lists the families of tasks, or the tasks of one family with how hard each is. Start here: the other tools take a \
-         task's id such as bowling:017, and some of them a whole family such as bowling.",
+        SideEffect::ReadOnly,
+        "Lists the families of tasks, or the tasks of one family with their difficulty. Start here: the other tools take a \
+         task's id such as bowling:017, some also a family such as bowling.",
         run,
     )
 }
@@ -23,108 +23,109 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
-    /// A family, to list its tasks; without one, the families are listed.
+struct ListTasksArgs {
+    /// Family whose tasks to list. Default: list the families.
     family: Option<String>,
-    /// Most rows; 25 if absent.
+    /// Maximum number of rows. Default: 25.
     #[schemars(range(min = 1, max = 1000))]
     limit: Option<u32>,
-    /// `next` of the answer before, for the rows after those.
+    /// `next` of the previous result, to continue the list.
     cursor: Option<String>,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
-    /// Where no family was named.
+struct ListTasksOutput {
+    /// Without `family`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    families: Option<Vec<FamilyRow>>,
-    /// Of the family named.
+    families: Option<Vec<FamilyListing>>,
+    /// With `family`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    tasks: Option<Vec<TaskRow>>,
-    /// What each number of an action sets, each from 0 to 1.
+    tasks: Option<Vec<TaskListing>>,
+    /// Meaning of each action component, from 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     action: Option<Vec<String>>,
-    /// Give it as `cursor` for more rows; null if there are none.
+    /// `cursor` for more rows; null if there are none.
     next: Option<String>,
 }
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct FamilyRow {
+struct FamilyListing {
     name: String,
-    /// What is asked for.
+    /// Description.
     about: String,
-    /// How many there are.
+    /// Number of tasks.
     tasks: usize,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct TaskRow {
+struct TaskListing {
     id: String,
     /// `train`, `validation` or `test`.
     split: String,
-    /// Share of the actions that can be placed that solve it in the real world.
+    /// Fraction of valid actions that solve it in the real world.
     solving_share: Option<f64>,
 }
 
 #[derive(Deserialize)]
-struct Families {
-    families: Vec<FamilyRow>,
+struct FamiliesResponse {
+    families: Vec<FamilyListing>,
     next: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct Family {
-    tasks: Vec<Row>,
-    action_space: Space,
+struct FamilyResponse {
+    tasks: Vec<TaskInfo>,
+    action_space: ActionSpaceInfo,
     next: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct Row {
+struct TaskInfo {
     id: String,
     split: String,
-    certificate: Option<Certificate>,
+    certificate: Option<CertificateInfo>,
 }
 
-/// Its action, which solves the task, is not for those who are to find one.
+/// A certificate without its action, which would give away the solution.
 #[derive(Deserialize)]
-struct Certificate {
+struct CertificateInfo {
     solving_share: f64,
 }
 
 #[derive(Deserialize)]
-struct Space {
-    components: Vec<Component>,
+struct ActionSpaceInfo {
+    components: Vec<ActionComponent>,
 }
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let page = json!({"limit": asked.limit.unwrap_or(25), "cursor": asked.cursor});
-    let Some(family) = asked.family else {
-        let Families { families, next } = call.read("list_families", page).await?;
-        let words = families.iter().map(|f| format!("{}: {} ({} tasks)", f.name, f.about, f.tasks));
-        let words = words.collect::<Vec<_>>().join("\n");
-        let told = Out { families: Some(families), tasks: None, action: None, next };
-        return Ok(Told { words, told, picture: None });
+async fn run(call: ToolCall, args: ListTasksArgs) -> HandlerResult<ToolResult<ListTasksOutput>> {
+    let page = json!({"limit": args.limit.unwrap_or(25), "cursor": args.cursor});
+    let Some(family) = args.family else {
+        let FamiliesResponse { families, next } = call.read("list_families", page).await?;
+        let summary = families.iter().map(|f| format!("{}: {} ({} tasks)", f.name, f.about, f.tasks));
+        let summary = summary.collect::<Vec<_>>().join("\n");
+        let output = ListTasksOutput { families: Some(families), tasks: None, action: None, next };
+        return Ok(ToolResult { summary, output, picture: None });
     };
     let page = json!({"family": family, "limit": page["limit"], "cursor": page["cursor"]});
-    let found: Family = call.read("list_tasks", page).await?;
-    let tasks = found.tasks.into_iter().map(|row| TaskRow {
+    let found: FamilyResponse = call.read("list_tasks", page).await?;
+    let tasks = found.tasks.into_iter().map(|row| TaskListing {
         id: row.id,
         split: row.split,
         solving_share: row.certificate.map(|c| c.solving_share),
     });
-    let tasks: Vec<TaskRow> = tasks.collect();
+    let tasks: Vec<TaskListing> = tasks.collect();
     let range = match (tasks.first(), tasks.last()) {
         (Some(first), Some(last)) => format!("{} to {}", first.id, last.id),
         _ => "none".into(),
     };
     let components = found.action_space.components.iter().enumerate();
-    let action: Vec<String> = components.map(|(i, c)| component_words(i, c)).collect();
+    let action: Vec<String> = components.map(|(i, c)| describe_component(i, c)).collect();
     let more = if found.next.is_some() { "; there are more (`next`)" } else { "" };
-    let words = format!("{} tasks, {range}{more}. {}.", tasks.len(), action.join("; "));
-    let told = Out { families: None, tasks: Some(tasks), action: Some(action), next: found.next };
-    Ok(Told { words, told, picture: None })
+    let summary = format!("{} tasks, {range}{more}. {}.", tasks.len(), action.join("; "));
+    let output =
+        ListTasksOutput { families: None, tasks: Some(tasks), action: Some(action), next: found.next };
+    Ok(ToolResult { summary, output, picture: None })
 }

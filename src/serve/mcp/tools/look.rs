@@ -1,4 +1,4 @@
-//! What a task looks like.
+//! Description and picture of a task.
 
 use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,20 +6,19 @@ use serde_json::{Value, json};
 
 use crate::error::Result;
 use crate::json::from_value;
-use crate::serve::mcp::desk::{Budget, family};
-use crate::serve::mcp::show::{WIDTH, component_words, goal_words, scene_words};
-use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
-use crate::serve::problem::Answer;
+use crate::serve::mcp::agent_session::{InteractionBudget, family};
+use crate::serve::mcp::describe::{PICTURE_WIDTH_PX, describe_component, describe_goal, describe_scene};
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
+use crate::serve::problem::HandlerResult;
 use crate::task::{Placement, Scene};
 
 pub fn tool() -> Tool {
     declared(
         "look",
         "Look at a task",
-        Effect::Shows,
-        "Shows a task as a picture and in words: what stands where (m, y up), what is asked for, and what each number of an \
-         action sets. With an action, the picture has it placed, and it is said whether it can be placed at all. Costs no \
-         interaction.",
+        SideEffect::ReadOnly,
+        "Shows a task as a picture and as text: objects with positions (m, y up), the goal, and the meaning of each action \
+         component. With an action, shows it placed, or why it cannot be placed. Costs no interaction.",
         run,
     )
 }
@@ -27,72 +26,72 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
+struct LookArgs {
     /// Id of the task, such as bowling:017.
     task: String,
-    /// Numbers from 0 to 1, one for each component, to see them placed.
+    /// Action to place: numbers from 0 to 1, one per component.
     action: Option<Vec<f64>>,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
+struct LookOutput {
     task: String,
-    /// What is asked for.
+    /// The goal.
     goal: Option<String>,
-    /// What stands where, as the task has it.
+    /// Objects with their positions.
     things: Vec<String>,
-    /// What each number of an action sets.
+    /// Meaning of each action component.
     action: Vec<String>,
-    /// Why the action given cannot be placed; null if it can, or none was given.
+    /// Why the action cannot be placed; null if it can, or if none was given.
     obstacle: Option<String>,
-    /// The same task as an `iplw.scene/1` document, which `roll_out` and `diagnose` take, changed or not.
+    /// The scene as an `iplw.scene/1` document, for `roll_out` and `diagnose`; you can modify it.
     scene: Value,
-    /// Of the real world of the task's family.
-    budget: Budget,
+    /// Budget of the family's real world.
+    budget: InteractionBudget,
 }
 
 #[derive(Deserialize)]
-struct Task {
+struct TaskDocument {
     id: String,
     scene: Value,
 }
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let task = found(&call, &asked.task).await?;
+async fn run(call: ToolCall, args: LookArgs) -> HandlerResult<ToolResult<LookOutput>> {
+    let task = get_task(&call, &args.task).await?;
     let scene: Scene = from_value(task.scene.clone())?;
-    let obstacle = match &asked.action {
+    let obstacle = match &args.action {
         None => None,
         Some(action) => obstacle(&scene, action)?,
     };
-    let placed = asked.action.filter(|_| obstacle.is_none());
+    let placed = args.action.filter(|_| obstacle.is_none());
     let world = format!("{}-sim", family(&task.id));
     let action = placed.map(|a| a.iter().map(f64::to_string).collect::<Vec<_>>().join(","));
-    let wish = json!({"id": world, "task": task.id, "action": action, "width": WIDTH});
-    let picture = call.picture("render_world", wish).await?;
+    let request = json!({"id": world, "task": task.id, "action": action, "width": PICTURE_WIDTH_PX});
+    let picture = call.picture("render_world", request).await?;
     let components = scene.action.iter().flat_map(|space| &space.components).enumerate();
-    let told = Out {
-        goal: scene.goal.as_ref().map(goal_words),
-        things: scene_words(&scene),
-        action: components.map(|(i, c)| component_words(i, c)).collect(),
+    let output = LookOutput {
+        goal: scene.goal.as_ref().map(describe_goal),
+        things: describe_scene(&scene),
+        action: components.map(|(i, c)| describe_component(i, c)).collect(),
         obstacle,
         scene: task.scene,
-        budget: call.desk().spent(family(&task.id)).await?,
+        budget: call.session().spent(family(&task.id)).await?,
         task: task.id,
     };
-    Ok(Told { words: words(&told), told, picture: Some(picture) })
+    Ok(ToolResult { summary: summary(&output), output, picture: Some(picture) })
 }
 
-fn words(told: &Out) -> String {
-    let goal = told.goal.as_deref().unwrap_or("nothing is asked for");
-    let mut lines = vec![format!("{}. Goal: {goal}.", told.task)];
-    lines.extend(told.things.iter().chain(&told.action).cloned());
-    lines.extend(told.obstacle.iter().map(|why| format!("The action cannot be placed: {why}.")));
-    lines.push(told.budget.words());
+fn summary(output: &LookOutput) -> String {
+    let goal = output.goal.as_deref().unwrap_or("none");
+    let mut lines = vec![format!("{}. Goal: {goal}.", output.task)];
+    lines.extend(output.things.iter().chain(&output.action).cloned());
+    lines.extend(output.obstacle.iter().map(|why| format!("The action cannot be placed: {why}.")));
+    lines.push(output.budget.summary());
     lines.join("\n")
 }
 
-/// Why an action cannot be placed.
+/// Why an action cannot be placed; `None` if it can.
 fn obstacle(scene: &Scene, action: &[f64]) -> Result<Option<String>> {
     let Some(space) = &scene.action else { return Ok(None) };
     Ok(match space.place(scene, &space.validate(action)?) {
@@ -101,8 +100,8 @@ fn obstacle(scene: &Scene, action: &[f64]) -> Result<Option<String>> {
     })
 }
 
-/// A task by its id.
-async fn found(call: &Call, id: &str) -> Answer<Task> {
+/// Fetches a task by id.
+async fn get_task(call: &ToolCall, id: &str) -> HandlerResult<TaskDocument> {
     let (family, number) = id.split_once(':').unwrap_or((id, ""));
     call.read("get_task", json!({"family": family, "number": number})).await
 }

@@ -6,22 +6,22 @@ use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::propose::{Open, Proposal};
+use super::propose::{OpenRound, ProposalInfo};
 use super::roll_out::scene_of;
 use crate::error::Error;
-use crate::serve::mcp::desk::{Budget, family};
-use crate::serve::mcp::show::{Path, Rolled, action_words};
-use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
-use crate::serve::problem::Answer;
+use crate::serve::mcp::agent_session::{InteractionBudget, family};
+use crate::serve::mcp::describe::{RolloutTrajectory, SampledPath, format_action};
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
+use crate::serve::problem::HandlerResult;
 
 pub fn tool() -> Tool {
     declared(
         "measure",
         "Measure in the real world",
-        Effect::Spends,
-        "Carries out one action in the real world of the task's family, whose latents are hidden, and tells what was seen, with \
-         a film of it. It costs one real interaction of the budget; an action that cannot be placed costs none. With the \
-         number of a proposal, what was measured is told to the exploration.",
+        SideEffect::SpendsInteractions,
+        "Carries out one action in the real world of the task's family, whose latents are hidden, and returns the observed \
+         trajectory with a filmstrip. Costs one real interaction; an action that cannot be placed costs none. With the number of a \
+         proposal, submits the measurement to the exploration.",
         run,
     )
 }
@@ -29,66 +29,66 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
-    /// Id of the task, such as bowling:017; beside a proposal, what propose_actions was given (`explored`).
+struct MeasureArgs {
+    /// Id of the task, such as bowling:017; with `proposal`, the `explored` of propose_actions.
     task: String,
-    /// Numbers from 0 to 1, one for each component; this or `proposal`.
+    /// Numbers from 0 to 1, one per component; either this or `proposal`.
     action: Option<Vec<f64>>,
-    /// Number of a proposal of propose_actions, to be carried out as it was proposed.
+    /// Number of a proposal of propose_actions to carry out.
     proposal: Option<u64>,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
-    /// Id of the task it was carried out in.
+struct MeasureOutput {
+    /// Id of the task.
     task: String,
     action: Vec<f64>,
     /// Why it cannot be placed; null if it was carried out.
     reason: Option<String>,
     /// Whether the goal was reached; null if nothing was carried out.
     solved: Option<bool>,
-    /// How long it was observed, s.
+    /// Observed duration, s.
     seconds: f64,
-    /// What was seen: by body rows of [t in s, x in m, y in m].
-    paths: BTreeMap<String, Path>,
-    /// Proposals of the round that are still open; null without `proposal`.
+    /// Observed paths by body: rows [t in s, x in m, y in m].
+    paths: BTreeMap<String, SampledPath>,
+    /// Open proposals of the round; null without `proposal`.
     open: Option<u64>,
-    /// Of this real world.
-    budget: Budget,
+    /// Budget of this real world.
+    budget: InteractionBudget,
 }
 
 #[derive(Deserialize)]
-struct Batch {
+struct RolloutResponse {
     interactions: u64,
     results: Vec<Value>,
 }
 
 #[derive(Deserialize)]
-struct Answered {
+struct SubmissionInfo {
     open: u64,
 }
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let (job, Proposal { task, action, number, .. }) = meant(&call, asked).await?;
-    let (world, _) = call.desk().real_world(family(&task)).await?;
-    let wish = json!({"id": world, "task": task, "actions": [action], "trajectories": true});
-    let batch: Batch = call.read("rollout_world", wish).await?;
-    let budget = call.desk().note(family(&task), batch.interactions).await;
+async fn run(call: ToolCall, args: MeasureArgs) -> HandlerResult<ToolResult<MeasureOutput>> {
+    let (job, ProposalInfo { task, action, number, .. }) = resolve_action(&call, args).await?;
+    let (world, _) = call.session().real_world(family(&task)).await?;
+    let request = json!({"id": world, "task": task, "actions": [action], "trajectories": true});
+    let batch: RolloutResponse = call.read("rollout_world", request).await?;
+    let budget = call.session().record_interactions(family(&task), batch.interactions).await;
     let measured = batch.results.into_iter().next().unwrap_or_default();
     let open = match job {
-        Some(job) => Some(tell(&call, &job, number, &measured).await?),
+        Some(job) => Some(submit(&call, &job, number, &measured).await?),
         None => None,
     };
-    let rolled: Rolled = crate::json::from_value(measured)?;
-    let mut said = format!("{task} {}, measured: {}.", action_words(&action), rolled.words());
+    let rolled: RolloutTrajectory = crate::json::from_value(measured)?;
+    let mut message = format!("{task} {}, measured: {}.", format_action(&action), rolled.summary());
     match open {
-        Some(0) => said += " The round is complete: propose_actions tells what is known now.",
-        Some(n) => said += &format!(" Open in the round: {n}."),
+        Some(0) => message += " The round is complete: propose_actions returns the new estimates.",
+        Some(n) => message += &format!(" Open in the round: {n}."),
         None => {}
     }
-    said = format!("{said} {}", budget.words());
-    let told = Out {
+    message = format!("{message} {}", budget.summary());
+    let output = MeasureOutput {
         reason: rolled.reason.clone(),
         solved: rolled.solved,
         seconds: rolled.t.last().copied().unwrap_or(0.0),
@@ -98,36 +98,38 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
         task,
         action,
     };
-    let picture = match told.reason {
+    let picture = match output.reason {
         Some(_) => None,
-        None => Some(rolled.film(scene_of(&call, &told.task).await?, Some(told.action.clone())).await?),
+        None => {
+            Some(rolled.filmstrip(scene_of(&call, &output.task).await?, Some(output.action.clone())).await?)
+        }
     };
-    Ok(Told { words: said, told, picture })
+    Ok(ToolResult { summary: message, output, picture })
 }
 
-/// What is to be carried out, and the job that proposed it.
-async fn meant(call: &Call, asked: In) -> Answer<(Option<String>, Proposal)> {
-    let In { task, action, proposal } = asked;
+/// The action to carry out, and the job that proposed it.
+async fn resolve_action(call: &ToolCall, args: MeasureArgs) -> HandlerResult<(Option<String>, ProposalInfo)> {
+    let MeasureArgs { task, action, proposal } = args;
     let number = match (action, proposal) {
         (Some(action), None) => {
-            return Ok((None, Proposal { number: 0, task, action, reason: None, answered: false }));
+            return Ok((None, ProposalInfo { number: 0, task, action, reason: None, answered: false }));
         }
         (None, Some(number)) => number,
         (Some(_), Some(_)) => {
-            return Err(Error::input("proposal", "given beside action", "one of the two").into());
+            return Err(Error::input("proposal", "given together with action", "one of the two").into());
         }
         (None, None) => {
             return Err(Error::input("action", "missing", "an action, or the number of a proposal").into());
         }
     };
-    let Some(job) = call.desk().exploration(&task) else {
-        let allowed = "what propose_actions was given before: it tells it as `explored`";
+    let Some(job) = call.session().exploration(&task) else {
+        let allowed = "a task or family with an exploration, as returned by propose_actions in `explored`";
         return Err(Error::input("task", format!("{task:?}"), allowed).into());
     };
-    let open: Open = call.read("list_proposals", json!({"id": job})).await?;
-    let (left, mut meant): (Vec<Proposal>, Vec<Proposal>) =
+    let open: OpenRound = call.read("list_proposals", json!({"id": job})).await?;
+    let (left, mut matching): (Vec<ProposalInfo>, Vec<ProposalInfo>) =
         open.proposals.into_iter().filter(|p| !p.answered).partition(|p| p.number != number);
-    match meant.pop() {
+    match matching.pop() {
         Some(proposal) => Ok((Some(job), proposal)),
         None => {
             let open: Vec<String> = left.iter().map(|p| p.number.to_string()).collect();
@@ -137,15 +139,15 @@ async fn meant(call: &Call, asked: In) -> Answer<(Option<String>, Proposal)> {
     }
 }
 
-/// Tells the exploration; how many proposals of the round are still open.
-async fn tell(call: &Call, job: &str, number: u64, measured: &Value) -> Answer<u64> {
-    let news = match measured["valid"].as_bool() {
+/// Submits the measurement to the exploration and returns the number of open proposals.
+async fn submit(call: &ToolCall, job: &str, number: u64, measured: &Value) -> HandlerResult<u64> {
+    let submission = match measured["valid"].as_bool() {
         Some(true) => {
             let trial = json!({"proposal": number, "t": measured["t"], "bodies": measured["bodies"]});
             json!({"id": job, "trials": [trial]})
         }
         _ => json!({"id": job, "failed": [number]}),
     };
-    let told: Answered = call.read("tell_trials", news).await?;
-    Ok(told.open)
+    let output: SubmissionInfo = call.read("submit_trials", submission).await?;
+    Ok(output.open)
 }

@@ -1,4 +1,4 @@
-//! What an agent can call: a file a tool, and its row here.
+//! Registry of the tools, one file each.
 
 mod diagnose;
 mod estimate;
@@ -12,8 +12,8 @@ use std::sync::LazyLock;
 
 use super::tool::Tool;
 
-/// A row a file, in the order in which an agent needs them.
-const ROWS: [fn() -> Tool; 7] = [
+/// One row per tool, in the order in which agents need them.
+const TOOL_FACTORIES: [fn() -> Tool; 7] = [
     list_tasks::tool,
     look::tool,
     propose::tool,
@@ -24,7 +24,7 @@ const ROWS: [fn() -> Tool; 7] = [
 ];
 
 /// All tools.
-pub static TOOLS: LazyLock<Vec<Tool>> = LazyLock::new(|| ROWS.iter().map(|tool| tool()).collect());
+pub static TOOLS: LazyLock<Vec<Tool>> = LazyLock::new(|| TOOL_FACTORIES.iter().map(|tool| tool()).collect());
 
 #[cfg(test)]
 mod tests {
@@ -32,7 +32,7 @@ mod tests {
 
     use super::*;
 
-    /// Names are the protocol's, given once; every argument says what it is, and none is taken that is not said.
+    /// Tool names are unique and valid, every argument is described, and unknown arguments are rejected.
     #[test]
     fn tools_are_described() {
         let names: BTreeSet<&str> = TOOLS.iter().map(|t| t.name).collect();
@@ -40,16 +40,16 @@ mod tests {
         for tool in TOOLS.iter() {
             assert!(tool.name.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'), "{}", tool.name);
             assert!(tool.about.len() > 80 && tool.about.len() < 1200, "{}", tool.name);
-            assert_eq!(tool.takes["additionalProperties"], false, "{}", tool.name);
-            for (name, schema) in tool.takes["properties"].as_object().unwrap() {
+            assert_eq!(tool.input_schema["additionalProperties"], false, "{}", tool.name);
+            for (name, schema) in tool.input_schema["properties"].as_object().unwrap() {
                 assert!(
                     schema["description"].as_str().is_some_and(|d| d.len() > 10),
                     "{}: {name}",
                     tool.name
                 );
             }
-            assert_eq!(tool.gives["type"], "object", "{}", tool.name);
-            for schema in [&tool.takes, &tool.gives] {
+            assert_eq!(tool.output_schema["type"], "object", "{}", tool.name);
+            for schema in [&tool.input_schema, &tool.output_schema] {
                 let text = serde_json::to_string(schema).unwrap();
                 assert!(!text.contains("\"format\":\"") && !text.contains("\\n"), "{}: {text}", tool.name);
             }

@@ -1,23 +1,24 @@
-//! What to measure next, and what is known by now: an exploration that asks, held open as long as the agent is there.
+//! Proposals of actions to measure: an ask-tell estimation, kept open during the agent's session.
 
 use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::serve::mcp::desk::{Budget, family};
-use crate::serve::mcp::show::action_words;
-use crate::serve::mcp::tool::{Call, Effect, Job, Known, Told, Tool, known_words, tool as declared};
-use crate::serve::problem::{Answer, Problem};
+use crate::serve::mcp::agent_session::{InteractionBudget, family};
+use crate::serve::mcp::describe::format_action;
+use crate::serve::mcp::tool::{
+    JobInfo, LatentInfo, SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared,
+};
+use crate::serve::problem::{HandlerResult, Problem};
 
 pub fn tool() -> Tool {
     declared(
         "propose_actions",
         "Propose what to measure",
-        Effect::Keeps,
-        "Proposes the actions whose measurement tells most about the latents, best first, and tells what is known of them by \
-         now. Give each proposal's number to `measure`; when all of a round are measured, call this again: the round is \
-         fitted, and the next one is proposed with what was learnt. Called before that, it repeats what is open. Costs no \
-         interaction.",
+        SideEffect::Records,
+        "Proposes the most informative actions about the latents, best first, and returns the estimates so far. Pass each \
+         proposal's number to `measure`; when all of a round are measured, call this again: it fits the round and proposes the \
+         next. Before that, it repeats the open proposals. Costs no interaction.",
         run,
     )
 }
@@ -25,50 +26,51 @@ pub fn tool() -> Tool {
 #[derive(Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 #[serde(deny_unknown_fields)]
-struct In {
-    /// What is explored: a task such as bowling:017, or a family such as bowling, of which training tasks are then chosen.
+struct ProposeArgs {
+    /// Task to explore, such as bowling:017, or a family such as bowling, to explore its training tasks.
     task: String,
-    /// Proposals a round; 3 if absent. Counts when an exploration begins.
+    /// Proposals per round. Default: 3. Only used when an exploration starts.
     #[schemars(range(min = 1, max = 20))]
     actions: Option<u64>,
-    /// How they are chosen: informative (default; what shrinks the intervals most), mixed, collisions, rolling, random or
-    /// gradient; or, a minute or so a round, probing (what tells most) or success (what tells most of whether plans work). Counts when an exploration begins.
+    /// How to choose actions: informative (default; shrinks the intervals most), mixed, collisions, rolling, random or gradient;
+    /// or, taking about a minute per round, probing (most information on parameters) or success (on whether plans work). Only used
+    /// when an exploration starts.
     strategy: Option<String>,
-    /// Parameters of effects to fit along with the latents, such as linear_drag.c. Counts when an exploration begins.
+    /// Effect parameters to estimate together with the latents, such as linear_drag.c. Only used when an exploration starts.
     fit: Option<Vec<String>>,
-    /// Begins anew: what was measured for the proposals before is no longer used.
+    /// Starts a new exploration and discards earlier measurements.
     anew: Option<bool>,
 }
 
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Out {
-    /// What is explored, as `measure` takes it beside a proposal's number.
+struct ProposeOutput {
+    /// The explored task or family, as `task` of `measure`.
     explored: String,
     /// Number of the round, from 0.
     round: u64,
-    /// Those that are not measured yet, best first.
-    proposals: Vec<Proposal>,
-    /// How well each latent will be known once they are measured, if the simulation is right.
-    expected: Vec<Expected>,
-    /// What the rounds before tell; empty before the first is measured.
-    known: Vec<Known>,
-    /// Why nothing more is proposed; null while something is.
+    /// Open proposals, best first.
+    proposals: Vec<ProposalInfo>,
+    /// Expected uncertainty of each latent after the round, if the simulation is correct.
+    expected: Vec<ExpectedSdInfo>,
+    /// Estimates after the last fitted round; empty before the first.
+    known: Vec<LatentInfo>,
+    /// Why there are no more proposals; null while there are.
     ended: Option<String>,
-    /// Of the real world of the task's family.
-    budget: Budget,
+    /// Budget of the family's real world.
+    budget: InteractionBudget,
 }
 
 #[derive(Clone, Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-pub struct Proposal {
-    /// Give it to `measure`.
+pub struct ProposalInfo {
+    /// Pass it to `measure`.
     pub number: u64,
-    /// The task it is to be carried out in.
+    /// Id of the task.
     pub task: String,
-    /// Each number from 0 to 1.
+    /// Components from 0 to 1.
     pub action: Vec<f64>,
-    /// Why it was chosen, where the strategy says so.
+    /// Why it was chosen, if the strategy gives reasons.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     #[serde(default, skip_serializing)]
@@ -78,62 +80,62 @@ pub struct Proposal {
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
-struct Expected {
-    /// Of the latent.
+struct ExpectedSdInfo {
+    /// Name of the latent.
     name: String,
     /// Standard deviation now, in its unit.
     before: f64,
-    /// Standard deviation then.
+    /// Expected standard deviation after the round.
     after: f64,
 }
 
-/// What is open of an exploration.
+/// The open round of an exploration.
 #[derive(Deserialize)]
-pub struct Open {
+pub struct OpenRound {
     pub round: u64,
-    pub proposals: Vec<Proposal>,
+    pub proposals: Vec<ProposalInfo>,
 }
 
 #[derive(Deserialize)]
-struct Course {
-    rounds: Vec<Round>,
+struct HistoryPage {
+    rounds: Vec<RoundInfo>,
     next: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct Round {
+struct RoundInfo {
     fitted: bool,
-    choice: Choice,
-    latents: Vec<Known>,
+    choice: ChoiceInfo,
+    latents: Vec<LatentInfo>,
 }
 
 #[derive(Deserialize)]
-struct Choice {
-    expected: Vec<Expected>,
+struct ChoiceInfo {
+    expected: Vec<ExpectedSdInfo>,
 }
 
-/// How long a round may take to be fitted, s.
-const PATIENCE: f64 = 300.0;
+/// Time limit for fitting a round, s.
+const MAX_FIT_S: f64 = 300.0;
 
-async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
-    let explored = asked.task.clone();
-    let job = job(&call, asked).await?;
-    let mut stands = call.until(&job, PATIENCE, proposing).await?;
-    let budget = call.desk().spent(family(&explored)).await?;
-    if budget.remaining == 0 && stands.state == "waiting" && measured(&call, &job).await? {
-        // Nothing more will be measured: what was is fitted.
-        call.ask("tell_trials", json!({"id": job, "close": true})).await?;
-        stands = call.until(&job, PATIENCE, proposing).await?;
+async fn run(call: ToolCall, args: ProposeArgs) -> HandlerResult<ToolResult<ProposeOutput>> {
+    let explored = args.task.clone();
+    let job = job(&call, args).await?;
+    let mut current = call.until(&job, MAX_FIT_S, proposing).await?;
+    let budget = call.session().spent(family(&explored)).await?;
+    if budget.remaining == 0 && current.state == "waiting" && measured(&call, &job).await? {
+        // No more can be measured: close the round to fit what was measured.
+        call.ask("submit_trials", json!({"id": job, "close": true})).await?;
+        current = call.until(&job, MAX_FIT_S, proposing).await?;
     }
-    if stands.state == "failed" {
-        call.desk().explores(&explored, None);
-        return Err(stands.error.unwrap_or_else(Problem::defect));
+    if current.state == "failed" {
+        call.session().set_exploration(&explored, None);
+        return Err(current.error.unwrap_or_else(Problem::internal));
     }
-    let open: Open = call.read("list_proposals", json!({"id": job})).await?;
-    let (known, mut expected) = course(&call, &job).await?;
-    let ended = match (&stands.result, budget.remaining) {
+    let open: OpenRound = call.read("list_proposals", json!({"id": job})).await?;
+    let (known, mut expected) = history(&call, &job).await?;
+    let ended = match (&current.result, budget.remaining) {
         (Some(result), _) => Some(format!("the exploration has ended: {}", result["stopped"])),
-        (None, 0) => Some("the budget of real interactions is spent".into()),
+        (None, 0) => Some("the budget of real interactions is exhausted".into()),
         (None, _) => None,
     };
     let proposals = match ended {
@@ -143,45 +145,45 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
     if proposals.is_empty() {
         expected.clear();
     }
-    let told = Out { explored, round: open.round, proposals, expected, known, ended, budget };
-    Ok(Told { words: words(&told), told, picture: None })
+    let output = ProposeOutput { explored, round: open.round, proposals, expected, known, ended, budget };
+    Ok(ToolResult { summary: summary(&output), output, picture: None })
 }
 
-fn proposing(job: &Job) -> bool {
+fn proposing(job: &JobInfo) -> bool {
     job.state == "waiting" || job.ended()
 }
 
-/// The job that proposes; begun if there is none.
-async fn job(call: &Call, asked: In) -> Answer<String> {
-    let before = call.desk().exploration(&asked.task);
+/// The job that proposes, started if there is none.
+async fn job(call: &ToolCall, args: ProposeArgs) -> HandlerResult<String> {
+    let before = call.session().exploration(&args.task);
     match before {
-        Some(job) if asked.anew != Some(true) => return Ok(job),
+        Some(job) if args.anew != Some(true) => return Ok(job),
         Some(job) => {
-            call.desk().explores(&asked.task, None);
-            call.desk().give_up(&job).await;
+            call.session().set_exploration(&args.task, None);
+            call.session().cancel_job(&job).await;
         }
         None => {}
     }
-    let wish = json!({
-        "task": asked.task, "real": "ask_tell", "rounds": 1000, "actions": asked.actions.unwrap_or(3),
-        "strategy": asked.strategy.as_deref().unwrap_or("informative"), "fit": asked.fit,
+    let request = json!({
+        "task": args.task, "real": "ask_tell", "rounds": 1000, "actions": args.actions.unwrap_or(3),
+        "strategy": args.strategy.as_deref().unwrap_or("informative"), "fit": args.fit,
     });
-    let job: Job = call.read("start_iplw", wish).await?;
-    call.desk().explores(&asked.task, Some(&job.id));
+    let job: JobInfo = call.read("start_iplw", request).await?;
+    call.session().set_exploration(&args.task, Some(&job.id));
     Ok(job.id)
 }
 
-/// Whether anything of the open round was measured.
-async fn measured(call: &Call, job: &str) -> Answer<bool> {
-    let open: Open = call.read("list_proposals", json!({"id": job})).await?;
+/// Whether the open round has measurements.
+async fn measured(call: &ToolCall, job: &str) -> HandlerResult<bool> {
+    let open: OpenRound = call.read("list_proposals", json!({"id": job})).await?;
     Ok(open.proposals.iter().any(|p| p.answered))
 }
 
-/// What is known after the last round that was fitted, and what the open one is expected to tell.
-async fn course(call: &Call, job: &str) -> Answer<(Vec<Known>, Vec<Expected>)> {
+/// Estimates after the last fitted round, and expectations of the open one.
+async fn history(call: &ToolCall, job: &str) -> HandlerResult<(Vec<LatentInfo>, Vec<ExpectedSdInfo>)> {
     let (mut known, mut expected, mut cursor) = (Vec::new(), Vec::new(), None);
     loop {
-        let page: Course =
+        let page: HistoryPage =
             call.read("list_rounds", json!({"id": job, "limit": 1000, "cursor": cursor})).await?;
         for round in page.rounds {
             match round.fitted {
@@ -196,21 +198,22 @@ async fn course(call: &Call, job: &str) -> Answer<(Vec<Known>, Vec<Expected>)> {
     }
 }
 
-fn words(told: &Out) -> String {
+fn summary(output: &ProposeOutput) -> String {
     let mut lines = Vec::new();
-    if !told.known.is_empty() {
-        lines.push(format!("Known by now: {}.", known_words(&told.known)));
+    if !output.known.is_empty() {
+        lines.push(format!("Estimates so far: {}.", describe_latents(&output.known)));
     }
-    let why = |p: &Proposal| p.reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"));
-    let of =
-        |p: &Proposal| format!("proposal {}: {} {}{}", p.number, p.task, action_words(&p.action), why(p));
-    lines.extend(told.proposals.iter().map(of));
-    let expect = |e: &Expected| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
-    if !told.expected.is_empty() {
-        let all: Vec<String> = told.expected.iter().map(expect).collect();
+    let why = |p: &ProposalInfo| p.reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"));
+    let of = |p: &ProposalInfo| {
+        format!("proposal {}: {} {}{}", p.number, p.task, format_action(&p.action), why(p))
+    };
+    lines.extend(output.proposals.iter().map(of));
+    let expect = |e: &ExpectedSdInfo| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
+    if !output.expected.is_empty() {
+        let all: Vec<String> = output.expected.iter().map(expect).collect();
         lines.push(format!("Standard deviations expected to fall: {}.", all.join(", ")));
     }
-    lines.extend(told.ended.as_ref().map(|why| format!("Nothing more is proposed: {why}.")));
-    lines.push(told.budget.words());
+    lines.extend(output.ended.as_ref().map(|why| format!("No more proposals: {why}.")));
+    lines.push(output.budget.summary());
     lines.join("\n")
 }

@@ -1,5 +1,5 @@
-//! A register of eight lanes made of single numbers, whose operations are calls: slow, and a small part of the code that eight numbers
-//! unfolded at every operation would be. For levels that are there to be compared with.
+//! A register of eight scalar lanes whose operations are calls: slow, but much less code to compile than
+//! eight unrolled operations. For levels that are only compared with.
 
 #![allow(unsafe_code, reason = "the same methods as for registers of several lanes")]
 

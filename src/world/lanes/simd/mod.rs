@@ -1,6 +1,6 @@
-//! Eight lanes of f64 in registers of any width. The kernel is written once over [`Wide`]; which register it
-//! stands on is the only difference between instruction sets, and each operation here is exactly rounded and
-//! never fused, so that all give the same bits.
+//! Eight lanes of f64 in registers of any width. The kernel is written once over [`Wide`]; instruction sets
+//! differ only in the register type, and each operation is exactly rounded and never fused, so that all give
+//! the same bits.
 
 #![allow(unsafe_code, reason = "calls methods of registers, which read and write eight numbers")]
 
@@ -128,15 +128,15 @@ impl<R: Register, const N: usize> Wide<R, N> {
         out
     }
 
-    /// 0 - self: like a negation, but never -0 from 0.
+    /// 0 - self: a negation that never gives -0 from 0.
     #[inline(always)]
     pub fn minus(self) -> Self {
         Self::all(0.0) - self
     }
 
-    /// Size.
+    /// Absolute value.
     #[inline(always)]
-    pub fn size(self) -> Self {
+    pub fn abs(self) -> Self {
         self.above(self.minus())
     }
 

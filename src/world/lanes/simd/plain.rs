@@ -1,4 +1,4 @@
-//! Registers of one lane: single numbers, which every processor has.
+//! Registers of one lane: scalar code, available on every processor.
 
 #![allow(unsafe_code, reason = "the same methods as for registers of several lanes")]
 

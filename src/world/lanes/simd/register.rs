@@ -1,4 +1,4 @@
-//! What a register of an instruction set can do.
+//! The operations of a SIMD register.
 
 #![allow(unsafe_code, reason = "instructions that not every machine has, and reads and writes at a pointer")]
 

@@ -14,7 +14,7 @@ macro_rules! register {
      |$a:ident, $b:ident| $less:expr, $at_most:expr,
      |$m:ident, $yes:ident, $no:ident| $select:expr,
      |$p:ident, $q:ident| $and:expr, $or:expr, $any:expr) => {
-        // SAFETY: what instructions are needed is said by the type; the pointers are used as promised.
+        // SAFETY: the type determines the required instructions; the pointers are used as promised.
         unsafe impl Register for $register {
             const WIDTH: usize = $width;
             type Mask = $mask;

@@ -1,7 +1,7 @@
 // The form that starts an estimation; errors of the server's stand at the field that they name.
 
 import { all, api, ok, type Schema } from "../../api/client";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import type { Context } from "../../view";
 import type { Asked } from "./course";
 import { type Field, field, refused } from "./field";
@@ -84,7 +84,7 @@ function inputs(of: Choices, like: Asked) {
   const select = (names: readonly string[], chosen: string | undefined): HTMLSelectElement => h("select", {}, ...names.map((n) => h("option", { value: n, selected: n === chosen }, n)));
   const [family, one] = (like.task ?? of.families[0]?.name ?? "").split(":", 2) as [string, string | undefined];
   const known = typeof like.real === "object" && like.real !== null ? (like.real as Schema<"RealIn">) : {};
-  const list = fresh("parameters");
+  const list = uniqueId("parameters");
   return {
     task: select(of.families.map((f) => f.name), family),
     number: h("input", { type: "number", min: 0, step: 1, value: one ?? "", placeholder: "all for training" }),

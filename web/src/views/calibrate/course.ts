@@ -1,7 +1,7 @@
 // An estimation as it goes: its job by events, its rounds asked for when something of them changed.
 
 import { api, ok, type Schema } from "../../api/client";
-import { back, isLost } from "../../api/connection";
+import { reconnected, isLost } from "../../api/connection";
 import { follow } from "../../api/events";
 import { latest } from "../../parts/latest";
 
@@ -34,7 +34,7 @@ export async function followed(id: string, moved: (job: Job) => void, stands: (n
       } catch (e) {
         if (signal.aborted) return;
         if (!isLost()) return fail(e);
-        await back();
+        await reconnected();
       }
     }
   });

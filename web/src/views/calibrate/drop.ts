@@ -1,16 +1,16 @@
 // A trials file of what was measured, dropped or chosen; what is wrong with it is told at it.
 
 import { api, ok, type Schema } from "../../api/client";
-import { ProblemError, told } from "../../api/problem";
-import { fresh, h, put, set } from "../../dom";
+import { ProblemError, describeError } from "../../api/problem";
+import { uniqueId, h, put, set } from "../../dom";
 import type { Context } from "../../view";
 
 /** A place for files; `came` is told where the round stands then. */
 export function dropped(id: string, now: () => Schema<"Proposals"> | null, came: (told: Schema<"Told">) => void, context: Context): { element: HTMLElement } {
-  const [input, hint, wrong] = [fresh("csv"), fresh("hint"), fresh("wrong")];
+  const [input, hint, wrong] = [uniqueId("csv"), uniqueId("hint"), uniqueId("wrong")];
   const file = h("input", { id: input, type: "file", accept: ".csv,text/csv", class: "unseen", "aria-describedby": `${hint} ${wrong}` });
   const why = h("p", { id: wrong, class: "why", role: "alert", hidden: true });
-  const replaced = fresh("replace");
+  const replaced = uniqueId("replace");
   const replace = h("input", { id: replaced, type: "checkbox" });
   const about = h("p", { id: hint, class: "soft" }, "Drop it here. A row an observation: ", h("code", {}, "trial,t,body,x,y"), "; ", h("code", {}, "trial"), " is the number of the proposal, ", h("code", {}, "t"), " in s from the moment things were let go, ", h("code", {}, "x"), " and ", h("code", {}, "y"), " in m.");
   const element = h(
@@ -43,7 +43,7 @@ export function dropped(id: string, now: () => Schema<"Proposals"> | null, came:
     } catch (e) {
       const refused = e instanceof ProblemError && [400, 409, 413, 422].includes(e.problem.status);
       if (!refused) return context.fail(e);
-      const { title, detail, field } = told(e);
+      const { title, detail, field } = describeError(e);
       refuse(`${one.name}: ${title}. ${detail}${field ? ` (${field})` : ""}`);
     }
   };

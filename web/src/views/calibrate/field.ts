@@ -1,7 +1,7 @@
 // Fields of forms, and the server's errors at the field that they name.
 
-import { told } from "../../api/problem";
-import { fresh, h, put, set } from "../../dom";
+import { describeError } from "../../api/problem";
+import { uniqueId, h, put, set } from "../../dom";
 
 export interface Field {
   element: HTMLElement;
@@ -11,7 +11,7 @@ export interface Field {
 
 /** An input with its label, a hint, and a place for what is wrong with it. */
 export function field(label: string, input: HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement, hint: string | HTMLElement | null = null): Field {
-  const [id, about, wrong] = [input.id || fresh("field"), fresh("hint"), fresh("wrong")];
+  const [id, about, wrong] = [input.id || uniqueId("field"), uniqueId("hint"), uniqueId("wrong")];
   const why = h("p", { id: wrong, class: "why", hidden: true });
   set(input, { id, "aria-describedby": hint ? `${about} ${wrong}` : wrong });
   const refuse = (text: string | null): void => {
@@ -28,7 +28,7 @@ export function field(label: string, input: HTMLInputElement | HTMLSelectElement
 export function refused(error: unknown, fields: ReadonlyMap<string, Field>): boolean {
   for (const f of fields.values()) f.refuse(null);
   if (error === null) return true;
-  const { detail, field: named } = told(error);
+  const { detail, field: named } = describeError(error);
   for (let name = named ?? ""; name; name = name.replace(/[.[]?[^.[]*$/, "")) {
     const found = fields.get(name);
     if (found) return found.refuse(detail), true;

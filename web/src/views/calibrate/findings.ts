@@ -1,7 +1,7 @@
 // What an estimation found, round by round: a curve with its band for each latent, and the residual.
 
 import { h, put } from "../../dom";
-import { type Bands, bands, type Reading, type Run } from "../../parts/bands";
+import { type BandPlot, bandPlot, type EstimatePoint, type EstimateSeries } from "../../parts/bandPlot";
 import { short } from "../../parts/slider";
 import { asked, type Known, known, planned, type Round, type Standing } from "./course";
 
@@ -18,7 +18,7 @@ export interface Findings {
 export function findings(units: ReadonlyMap<string, string>): Findings {
   const tiles = new Map<string, Tile>();
   const grid = h("div", { class: "findings" });
-  const residual = bands({ about: "Residual of the best sample by round, m² per trajectory", y: "m² per trajectory", logarithmic: true });
+  const residual = bandPlot({ about: "Residual of the best sample by round, m² per trajectory", y: "m² per trajectory", logarithmic: true });
   const last = h("div", { class: "words" });
   const unlike = h("p", { class: "soft", hidden: true }, "The two are of different kinds, which cannot be compared.");
   const none = h("p", { class: "soft" }, "Latents are shown after the first round.");
@@ -38,10 +38,10 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
     // What only a run had that is no longer compared.
     for (const [name, old] of tiles) if (!names.includes(name)) (old.element.remove(), tiles.delete(name));
     const misfits = runs(one, other, (r) => (typeof r.residual === "number" ? { x: r.number + 1, y: r.residual } : null));
-    const fitted = misfits.some((r) => r.readings.length > 0);
+    const fitted = misfits.some((r) => r.points.length > 0);
     [none.hidden, misfit.hidden] = [fitted, !fitted];
     residual.draw(misfits, rounds);
-    put(last, ...[one, ...(other ? [other] : [])].flatMap((s, i) => standing(s, misfits.find((r) => r.name === s.job.id)?.readings.at(-1)?.y, other ? i : null)));
+    put(last, ...[one, ...(other ? [other] : [])].flatMap((s, i) => standing(s, misfits.find((r) => r.name === s.job.id)?.points.at(-1)?.y, other ? i : null)));
     unlike.hidden = !other || kind(one) === kind(other);
   };
   return { element: h("section", { class: "stack", "aria-label": "Found so far" }, grid), show };
@@ -68,11 +68,11 @@ interface Tile {
 }
 
 function tile(name: string, unit: string): Tile {
-  const picture: Bands = bands({ about: `${name} by round, with its 95 % interval`, y: unit || "coefficient" });
+  const picture: BandPlot = bandPlot({ about: `${name} by round, with its 95 % interval`, y: unit || "coefficient" });
   const words = h("div", { class: "words" });
   const element = h("figure", { class: "card finding", "data-latent": name }, h("figcaption", {}, h("h3", {}, name), words), picture.svg);
   const show = (one: Standing, other: Standing | null, rounds: number): void => {
-    const reading = (r: Round): Reading | null => {
+    const reading = (r: Round): EstimatePoint | null => {
       const found = r.latents.find((l) => l.name === name);
       return found ? { x: r.number + 1, y: found.value, low: found.ci95[0] ?? null, high: found.ci95[1] ?? null } : null;
     };
@@ -83,8 +83,8 @@ function tile(name: string, unit: string): Tile {
   return { element, show };
 }
 
-function runs(one: Standing, other: Standing | null, reading: (r: Round) => Reading | null): Run[] {
-  const run = (s: Standing, look: Run["look"]): Run => ({ name: s.job.id, look, readings: s.rounds.map(reading).filter((p) => p !== null) });
+function runs(one: Standing, other: Standing | null, reading: (r: Round) => EstimatePoint | null): EstimateSeries[] {
+  const run = (s: Standing, look: EstimateSeries["look"]): EstimateSeries => ({ name: s.job.id, look, points: s.rounds.map(reading).filter((p) => p !== null) });
   return [...(other ? [run(other, "second")] : []), run(one, "first")];
 }
 

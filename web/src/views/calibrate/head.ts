@@ -1,7 +1,7 @@
 // The head of an estimation: what it is, how far it is, what it spent, and what can be done with it.
 
 import { api, ok } from "../../api/client";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
@@ -29,7 +29,7 @@ export function head(id: string, others: readonly Job[], other: string | null, c
   });
   const again = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Begin again like this");
   const job = h("a", { href: link("jobs", [id]) }, "Job and result");
-  const choice = fresh("compare");
+  const choice = uniqueId("compare");
   const options = others.filter((j) => j.id !== id).map((j) => h("option", { value: j.id, selected: j.id === other }, `${j.id}: ${titled(j)}`));
   const chosen = h("select", { id: choice }, h("option", { value: "" }, "nothing"), ...options);
   chosen.addEventListener("change", () => compare(chosen.value || null));

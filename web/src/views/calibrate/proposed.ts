@@ -1,9 +1,9 @@
 // What every round proposed and why: chosen actions against all candidates, and pictures of them.
 
-import { type Child, fresh, h, put } from "../../dom";
+import { type Child, uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { picture } from "../../scene/draw";
-import { placed, unit, value } from "../../scene/place";
+import { applyAction, unit, valueAt } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import { load } from "../play/tasks";
@@ -42,7 +42,7 @@ export function proposed(context: Context): Proposed {
     h("thead", {}, h("tr", {}, ...HEADS.map((t) => h("th", { scope: "col" }, t)))),
     body,
   );
-  const id = fresh("round");
+  const id = uniqueId("round");
   const choice = h("select", { id });
   const tiles = h("ul", { class: "tiles" });
   const more = h("p", { class: "soft", hidden: true });
@@ -101,7 +101,7 @@ function tile(proposal: Round["proposals"][number], context: Context): HTMLEleme
   const place = h("span", { class: "thumb" });
   const mark = proposal.measured === true ? "measured" : proposal.measured === false ? "not possible" : "open";
   scene(proposal.task, context.signal)
-    .then((s) => put(place, picture(placed(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${placement(s, proposal.action)}`).svg))
+    .then((s) => put(place, picture(applyAction(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${placement(s, proposal.action)}`).svg))
     .catch(context.fail);
   return h("li", { class: "tile" }, place, h("span", {}, `${proposal.number}: ${proposal.task}`), h("span", { class: "soft" }, mark));
 }
@@ -121,6 +121,6 @@ export function scene(task: string, signal: AbortSignal): Promise<Scene> {
 
 /** What an action sets, in words. */
 export function placement(scene: Scene, action: readonly number[]): string {
-  const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(value(c, action[i] ?? 0), unit(c))}`);
+  const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0), unit(c))}`);
   return set.join(", ");
 }

@@ -2,8 +2,8 @@
 // pasted into any cell.
 
 import type { Schema } from "../../api/client";
-import { told } from "../../api/problem";
-import { fresh, h, put, set } from "../../dom";
+import { describeError } from "../../api/problem";
+import { uniqueId, h, put, set } from "../../dom";
 
 type Trial = Schema<"TrialIn">;
 
@@ -23,7 +23,7 @@ const ROWS = 5;
 export function sheet(proposal: number, bodies: readonly string[]): Sheet {
   const columns: [string, "t" | "x" | "y"][] = [["", "t"], ...bodies.flatMap((b): [string, "x" | "y"][] => [[b, "x"], [b, "y"]])];
   const heads = columns.map(([body, what]) => h("th", { scope: "col" }, what === "t" ? "t, s" : `${body} ${what}, m`));
-  const wrong = fresh("wrong");
+  const wrong = uniqueId("wrong");
   const why = h("p", { id: wrong, class: "why", role: "alert", hidden: true });
   const body = h("tbody");
   const cells = (): HTMLInputElement[][] => [...body.rows].map((r) => [...r.querySelectorAll("input")]);
@@ -86,7 +86,7 @@ export function sheet(proposal: number, bodies: readonly string[]): Sheet {
   const refuse = (error: unknown): void => {
     clear();
     if (error === null || error instanceof Refused) return;
-    const { detail, field } = told(error);
+    const { detail, field } = describeError(error);
     blame(cellOf(field, filled(), bodies), detail);
   };
   const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measured of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);

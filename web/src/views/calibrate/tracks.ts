@@ -1,7 +1,7 @@
 // Tracks as measured: some bodies, or some of their places, may not have been seen.
 
 import type { Schema } from "../../api/client";
-import { at, end, type Film } from "../../scene/film";
+import { posesAt, filmLength, type Film } from "../../scene/film";
 import type { Point } from "../../scene/types";
 
 type Trial = Schema<"TrialOut">;
@@ -23,8 +23,8 @@ export function apart(simulated: Film, trial: Trial): number | null {
   for (const name of Object.keys(trial.bodies)) {
     if (!simulated.bodies[name]) continue;
     for (const seen of places(trial, name)) {
-      if (seen.t > end(simulated) + 1e-9) continue;
-      const pose = at(simulated, seen.t).get(name)!;
+      if (seen.t > filmLength(simulated) + 1e-9) continue;
+      const pose = posesAt(simulated, seen.t).get(name)!;
       sum += (pose.x - seen.at[0]) ** 2 + (pose.y - seen.at[1]) ** 2;
       count += 1;
     }

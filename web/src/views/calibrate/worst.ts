@@ -5,8 +5,8 @@ import { h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { colours } from "../../scene/colour";
 import { line, picture } from "../../scene/draw";
-import { type Film, way } from "../../scene/film";
-import { placed } from "../../scene/place";
+import { type Film, pathUntil } from "../../scene/film";
+import { applyAction } from "../../scene/action";
 import type { Context } from "../../view";
 import { stage } from "../play/stage";
 import { ended, known, physics, type Standing } from "./course";
@@ -121,11 +121,11 @@ async function simulated(trial: Trial, with_: Physics, every: number | null, sig
 async function tile(one: Compared, with_: Physics, chosen: (one: Compared) => void, context: Context): Promise<HTMLElement> {
   const { trial } = one;
   const [task, shown] = await Promise.all([scene(trial.task, context.signal), simulated(trial, with_, null, context.signal)]);
-  const drawn = picture(placed(task, trial.action), `Trial ${trial.proposal}: ways of ${Object.keys(trial.bodies).join(", ")}`);
+  const drawn = picture(applyAction(task, trial.action), `Trial ${trial.proposal}: ways of ${Object.keys(trial.bodies).join(", ")}`);
   const dealt = colours(task);
   for (const name of Object.keys(trial.bodies)) {
     const stroke = dealt.get(name) ?? "currentColor";
-    if (shown.bodies[name]) drawn.over.append(line(way(shown, name, Infinity), { class: "trail", stroke }));
+    if (shown.bodies[name]) drawn.over.append(line(pathUntil(shown, name, Infinity), { class: "trail", stroke }));
     drawn.over.append(line(places(trial, name).map((p) => p.at), { class: "trail real", stroke }));
   }
   const button = h("button", { type: "button", class: "tile", "data-trial": trial.proposal, "aria-pressed": false }, h("span", { class: "thumb", "aria-hidden": "true" }, drawn.svg), h("span", {}, `${trial.proposal}: ${trial.task}, round ${trial.round + 1}`), h("strong", {}, `${short(one.apart, "m")} apart`));

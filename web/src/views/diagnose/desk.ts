@@ -4,7 +4,7 @@ import { api, ok } from "../../api/client";
 import { ProblemError } from "../../api/problem";
 import { h, put } from "../../dom";
 import type { Field } from "../../parts/field";
-import { pause } from "../../parts/pause";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { type Context, link } from "../../view";
 import { intake } from "./intake";
 import { reading } from "./reading";
@@ -48,7 +48,7 @@ export function desk(place: HTMLElement, outer: Context): void {
     Object.assign(setup, { files: cuts, columns: null, said: fresh.said, ...(setup.of === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
     if (setup.of === "job") setup.of = "ball";
     told = guess(setup);
-    await pause();
+    await yieldToBrowser();
     context.say(`${cuts.length === 1 ? cuts[0]!.name : `${cuts.length} files`} read. ${told.join(" ")}`);
     form();
   }, context.fail, context.signal);

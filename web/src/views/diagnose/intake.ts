@@ -1,13 +1,13 @@
 // Files: dropped anywhere on the view, or chosen; several are a launch each.
 
 import { FileError } from "../../api/problem";
-import { fresh, h } from "../../dom";
-import { pause } from "../../parts/pause";
+import { uniqueId, h } from "../../dom";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { cut, type Cut } from "./file";
 
 /** The place for files; `taken` has them cut. */
 export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void>, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
-  const id = fresh("tracks");
+  const id = uniqueId("tracks");
   const input = h("input", { id, type: "file", accept: ".csv,.tsv,.txt,text/csv,text/plain", multiple: true, class: "unseen" });
   const zone = h(
     "div",
@@ -52,7 +52,7 @@ async function cuts(files: readonly File[]): Promise<Cut[]> {
   const found: Cut[] = [];
   for (const file of files) {
     found.push(cut(file.name, await text(file)));
-    await pause();
+    await yieldToBrowser();
   }
   return found;
 }

@@ -2,7 +2,7 @@
 
 import { api, ok } from "../../api/client";
 import { h, put } from "../../dom";
-import { end, type Film, way } from "../../scene/film";
+import { filmLength, type Film, pathUntil } from "../../scene/film";
 import type { Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import { arrows, over, spots, ways } from "./over";
@@ -39,7 +39,7 @@ async function drawn(found: Report, scene: Scene, place: HTMLElement, context: C
   if (!body || !start) return void put(place);
   const sets = rivals(found);
   const films = await Promise.all(sets.map((s) => film(scene, s, context.signal)));
-  const courses = films.map((f) => (f ? way(f, body.name, end(f)) : []));
+  const courses = films.map((f) => (f ? pathUntil(f, body.name, filmLength(f)) : []));
   const velocity = body.velocity ?? [0, 0];
   const all: Point[] = [start, ...courses.flat()];
   const span = Math.max(...all.map((p) => Math.hypot(p[0] - start[0], p[1] - start[1])), 0.1);

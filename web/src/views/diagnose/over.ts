@@ -4,14 +4,14 @@ import { h, put, s } from "../../dom";
 import { marks } from "../../parts/plot";
 import { picture, type Picture } from "../../scene/draw";
 import type { Box, Point, Scene } from "../../scene/types";
-import { seen } from "../../scene/view";
+import { sceneExtent } from "../../scene/extent";
 
 /** Width over height of a picture, at least: a tall one would leave its sides empty. */
 const ASPECT = 1.8;
 
 /** A scene with what is drawn over it; `around` must be in sight. */
 export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
-  const box = widened(seen(scene, corners(around)));
+  const box = widened(sceneExtent(scene, corners(around)));
   const shown = picture(scene, label, box);
   const { lines, step } = grid(box);
   put(shown.under, ...lines);

@@ -2,7 +2,7 @@
 
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
-import { plot, type Series } from "../../parts/plot";
+import { plot, type PlotSeries } from "../../parts/plot";
 import type { Point, Scene } from "../../scene/types";
 import { over, spots, strip, ways } from "./over";
 import { play } from "./play";
@@ -87,7 +87,7 @@ function banded(own: Way, model: Model, look: string): (SVGElement | null)[] {
 
 function residual(own: Way, axis: 0 | 1, signal: AbortSignal): HTMLElement {
   const letter = "xy"[axis]!;
-  const of = (name: string, colour: string, model: Model, dashed: boolean): Series[] => {
+  const of = (name: string, colour: string, model: Model, dashed: boolean): PlotSeries[] => {
     const wide = model.sd.map((s) => BAND * s[axis]);
     return [
       { name: `${name}, predicted`, look: "band", colour, x: own.t, y: own.t.map(() => 0), low: wide.map((w) => -w), high: wide },

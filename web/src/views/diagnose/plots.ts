@@ -2,7 +2,7 @@
 
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
-import { plot, type Series } from "../../parts/plot";
+import { plot, type PlotSeries } from "../../parts/plot";
 import { columnOf, type Evidence, type Launch, type Report, type Table } from "./report";
 import { symbol, title } from "./words";
 
@@ -24,7 +24,7 @@ export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
     const alone = own.filter((s) => s.alone !== null);
     const pooled = (l: Launch) => effect.parameters.find((p) => p.name === name && (p.setting === null || p.setting === l.setting));
     const shared = own.map((s) => ({ x: s.launch.trial, p: pooled(s.launch) })).filter((s) => s.p !== undefined);
-    const series: Series[] = [
+    const series: PlotSeries[] = [
       {
         name: "all launches, and one spread about it",
         look: "line",
@@ -43,7 +43,7 @@ export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
   });
 }
 
-function intervals(name: string, colour: string, of: readonly (readonly [number, number, number])[], dashed: boolean): Series {
+function intervals(name: string, colour: string, of: readonly (readonly [number, number, number])[], dashed: boolean): PlotSeries {
   return { name, look: "dots", colour, dashed, x: of.map((p) => p[0]), y: of.map((p) => p[1]), low: of.map((p) => p[1] - p[2]), high: of.map((p) => p[1] + p[2]) };
 }
 
@@ -73,7 +73,7 @@ function residual(points: Table, over: string, axis: "x" | "y", signal: AbortSig
   const [x, before, after] = [of(points), columnOf(points, `before_${axis}`), columnOf(points, `after_${axis}`)];
   const curve = means(x, before.map((v, i) => v - after[i]!));
   const told = curve.y.some((v) => v !== 0) ? [{ name: "what the extension makes of it, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
-  const series: Series[] = [
+  const series: PlotSeries[] = [
     { name: "before", look: "dots", colour: "--real", dashed: true, x, y: before },
     { name: "after", look: "dots", colour: "--sim", x, y: after },
     ...told,
@@ -85,7 +85,7 @@ function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
   const { points, settings } = evidence;
   const [own, speed, bx, by] = [columnOf(points, "setting"), speeds(points), columnOf(points, "before_x"), columnOf(points, "before_y")];
   const colours = ["--real", "--sim", "--good", "--bad", "--warn", "--soft"];
-  const series = settings.slice(0, colours.length).map((name, k): Series => {
+  const series = settings.slice(0, colours.length).map((name, k): PlotSeries => {
     const mine = own.flatMap((v, i) => (v === k ? [i] : []));
     return { name: name || "all launches", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: mine.map((i) => speed[i]!), y: mine.map((i) => Math.hypot(bx[i]!, by[i]!)) };
   });
@@ -96,11 +96,11 @@ function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | n
   const { pushes } = evidence;
   if (!pushes.rows.length) return null;
   const speed = columnOf(pushes, "speed");
-  const found = (axis: string): Series[] => {
+  const found = (axis: string): PlotSeries[] => {
     const y = columnOf(pushes, `found_${axis}`);
     return y.some((v) => v !== 0) ? [{ name: `${axis} by the extension, mean`, look: "line", colour: axis === "ax" ? "--real" : "--sim", ...means(speed, y) }] : [];
   };
-  const series: Series[] = [
+  const series: PlotSeries[] = [
     { name: "ax", look: "dots", colour: "--real", dashed: true, x: speed, y: columnOf(pushes, "ax") },
     { name: "ay", look: "dots", colour: "--sim", x: speed, y: columnOf(pushes, "ay") },
     ...found("ax"),
@@ -120,7 +120,7 @@ export function bounces(found: Report, signal: AbortSignal): HTMLElement[] {
   const who = [["seen", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
   const of = (k: number, name: string): number[] => columnOf(told, `${["seen", "base", "extended"][k]}_${name}`);
   const drawn = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
-    plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): Series => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
+    plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): PlotSeries => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
   const [impact, impulse] = ["impact speed, m/s", "impulse over mass, m/s"];
   return [
     h("div", { class: "pair" },
@@ -135,7 +135,7 @@ export function predictive(found: NonNullable<Report["predictive"]>, signal: Abo
   const n = found.sorted.length;
   if (n < 2) return null;
   const x = found.sorted.map((_, k) => (k + 1) / (n + 1));
-  const series: Series[] = [
+  const series: PlotSeries[] = [
     { name: "if predictions are right, 95 %", look: "line", colour: "--soft", x, y: x, low: found.sorted.map((s) => s[1]), high: found.sorted.map((s) => s[2]) },
     { name: "launches", look: "dots", colour: "--sim", x, y: found.sorted.map((s) => s[0]) },
   ];
@@ -148,7 +148,7 @@ export function correlation(found: Report, signal: AbortSignal): HTMLElement[] {
   const both = found.evidence?.autocorrelation;
   if (!both) return [];
   const x = both[0].map((_, lag) => lag);
-  const series: Series[] = [
+  const series: PlotSeries[] = [
     { name: "before", look: "line", colour: "--real", dashed: true, x, y: both[0] },
     { name: "after", look: "line", colour: "--sim", x, y: both[1] },
   ];

@@ -1,4 +1,4 @@
-// `iplw.diagnosis/1` as far as it is shown (docs/formats.md), and the tables beside it.
+// `iplw.diagnosis/1` as far as it is shown (docs/reference/formats.md), and the tables beside it.
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";

@@ -2,7 +2,7 @@
 
 import { api, all, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
-import { pause } from "../../parts/pause";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { type Context, link } from "../../view";
 import { fieldLeft, fieldMissing } from "./fields";
 import { next } from "./next";
@@ -36,7 +36,7 @@ export async function result(place: HTMLElement, found: Report, job: Schema<"Job
     ["Figures", () => [facts(found), ...correlation(found, signal)]],
   ];
   for (const [title, make] of sections) {
-    await pause();
+    await yieldToBrowser();
     if (signal.aborted) return;
     const content = make().filter((e) => e !== null);
     if (content.length) body.append(h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content));

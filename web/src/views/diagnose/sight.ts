@@ -2,7 +2,7 @@
 
 import { api, ok } from "../../api/client";
 import { h } from "../../dom";
-import { pause } from "../../parts/pause";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { short } from "../../parts/slider";
 import type { Picture } from "../../scene/draw";
 import type { Point, Scene } from "../../scene/types";
@@ -42,7 +42,7 @@ export async function given(id: string, signal: AbortSignal): Promise<HTMLElemen
     for (const { trial, t, bodies } of page.trials) {
       for (const [body, { x, y }] of Object.entries(bodies)) tracks.push({ trial, body, ...placed(t, x, y) });
     }
-    await pause();
+    await yieldToBrowser();
     if (page.next) {
       cursor = page.next;
       continue;

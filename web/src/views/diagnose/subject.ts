@@ -1,7 +1,7 @@
 // What the tracks are of: one ball that flies, a scene file, a task's scene; or an estimation that measured its own.
 
 import { api, ok, type Schema } from "../../api/client";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { choice, type Field, numeric, radios } from "../../parts/field";
 import type { Context } from "../../view";
 import { load, read } from "../play/tasks";
@@ -43,7 +43,7 @@ function ball(setup: Setup, changed: () => void, again: () => void): Subject {
 }
 
 function file(setup: Setup, again: () => void, context: Context): HTMLElement {
-  const id = fresh("scene");
+  const id = uniqueId("scene");
   const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   input.addEventListener("change", () => {
     const one = input.files?.[0];

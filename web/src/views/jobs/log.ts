@@ -1,7 +1,7 @@
 // The log of a job: what happened, line by line, with a tail that is followed.
 
 import { all, api, ok, type Schema } from "../../api/client";
-import { fresh, h } from "../../dom";
+import { uniqueId, h } from "../../dom";
 import { latest } from "../../parts/latest";
 import { clock, day } from "../../parts/time";
 import type { Context } from "../../view";
@@ -18,7 +18,7 @@ export interface Log {
 }
 
 export function log(id: string, context: Context): Log {
-  const box = fresh("tail");
+  const box = uniqueId("tail");
   const tail = h("input", { id: box, type: "checkbox", checked: true });
   const lines = h("div", { class: "log", role: "log", tabindex: 0, "aria-label": `Log of ${id}` });
   const none = h("p", { class: "soft" }, "No line yet.");

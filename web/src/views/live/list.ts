@@ -1,9 +1,9 @@
 // The list of worlds, in pages: those used last first, or by id.
 
 import { api, ok } from "../../api/client";
-import { again } from "../../parts/again";
+import { poll } from "../../parts/poll";
 import { ago } from "../../parts/time";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { type Context, link } from "../../view";
 import type { World } from "./words";
 
@@ -14,7 +14,7 @@ const LOOK = 2_000;
 
 export async function list(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
-  const id = fresh("order");
+  const id = uniqueId("order");
   const order = h("select", { id }, h("option", { value: "used" }, "last used first"), h("option", { value: "id" }, "by id"));
   const [back, on] = [h("button", { type: "button" }, "Back"), h("button", { type: "button" }, "More")];
   const [head, body] = [h("tr"), h("tbody")];
@@ -42,7 +42,7 @@ export async function list(place: HTMLElement, context: Context): Promise<void> 
   back.addEventListener("click", turn(() => (cursor = before.pop())));
   order.addEventListener("change", turn(() => ((before.length = 0), (cursor = undefined))));
   await load();
-  void again(load, LOOK, context);
+  void poll(load, LOOK, context);
 }
 
 /** Shows the rows; those that have not changed stay, and keep the focus. */

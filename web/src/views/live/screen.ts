@@ -4,8 +4,8 @@ import { h, put, s } from "../../dom";
 import { player } from "../../parts/player";
 import { colours } from "../../scene/colour";
 import { line, picture } from "../../scene/draw";
-import { at, end, type Film, way } from "../../scene/film";
-import { placed } from "../../scene/place";
+import { posesAt, filmLength, type Film, pathUntil } from "../../scene/film";
+import { applyAction } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
@@ -25,10 +25,10 @@ export function screen(scene: Scene, label: string, context: Context): Screen {
   const dealt = colours(scene);
   let film: Film | null = null;
   const play = player((time) => {
-    if (film) drawn.pose("solid", at(film, time));
+    if (film) drawn.pose("solid", posesAt(film, time));
   }, context.signal);
   const badge = h("p", { class: "row", role: "status" });
-  const paths = (of: Film): SVGElement[] => Object.keys(of.bodies).map((name) => line(way(of, name, end(of)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+  const paths = (of: Film): SVGElement[] => Object.keys(of.bodies).map((name) => line(pathUntil(of, name, filmLength(of)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
   const load = (now: Film | null, length: number): void => {
     film = now;
     put(trails, ...(now ? paths(now) : []));
@@ -43,8 +43,8 @@ export function screen(scene: Scene, label: string, context: Context): Screen {
       put(badge, h("span", { class: "soft" }, why));
     },
     show: (action, now, verdict) => {
-      drawn.redraw(placed(scene, action));
-      load(now, now ? end(now) : 0);
+      drawn.redraw(applyAction(scene, action));
+      load(now, now ? filmLength(now) : 0);
       put(badge, verdict ? h("span", { class: "badge", "data-verdict": verdict }, verdict) : null);
       if (now) play.restart();
     },

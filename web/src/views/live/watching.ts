@@ -2,7 +2,7 @@
 
 import { ok, api, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import type { Film } from "../../scene/film";
 import type { Scene } from "../../scene/types";
@@ -34,7 +34,7 @@ export async function watching(place: HTMLElement, id: string, context: Context)
   const log = h("ol", { class: "happened", reversed: true, "aria-label": "What happened, newest first" });
   const nothing = h("p", { class: "soft" }, "Nothing has happened since you look on. Steps of a program appear here.");
   const status = h("p", { class: "soft", role: "status" }, "Connecting …");
-  const box = fresh("follow");
+  const box = uniqueId("follow");
   const newest = h("input", { id: box, type: "checkbox", checked: true });
   const head = h("section", { class: "card stack", "aria-label": "World" }, h("p", {}, h("a", { href: link("live") }, "All worlds")), h("h2", {}, id), facts);
   const events = h("section", { class: "card stack", "aria-label": "What happens" }, h("h2", {}, "What happens"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film at once")), nothing, log);

@@ -1,8 +1,8 @@
 // The form of the action space: what an action sets, between which values, and the discretised actions.
 
 import { h } from "../../dom";
-import { unit } from "../../scene/place";
-import { type Component, everything, type Scene } from "../../scene/types";
+import { unit } from "../../scene/action";
+import { type Component, allObjects, type Scene } from "../../scene/types";
 import { choice, type Field, group, named, number } from "./form";
 import type { Desk, Panel } from "./panels";
 import { write } from "./path";
@@ -14,7 +14,7 @@ const SETS: readonly Component["set"][] = ["x", "y", "radius", "angle", "vx", "v
 
 export function actionPanel(desk: Desk): Panel {
   const { action } = desk.scene();
-  const more = h("button", { type: "button", disabled: !everything(desk.scene()).length }, "Add a component");
+  const more = h("button", { type: "button", disabled: !allObjects(desk.scene()).length }, "Add a component");
   more.addEventListener("click", () => desk.change(another(desk.scene()), null));
   if (!action) {
     const note = h("p", { class: "soft" }, "Nothing is placed. Choose the tool Action area and drag where the selected thing may be placed, or add a component.");
@@ -29,7 +29,7 @@ export function actionPanel(desk: Desk): Panel {
 function component(desk: Desk, index: number): Panel {
   const path = `action.components[${index}]`;
   const of = `of component ${index + 1}`;
-  const names = everything(desk.scene()).map((b) => b.name);
+  const names = allObjects(desk.scene()).map((b) => b.name);
   const at = (scene: Scene): Component | undefined => scene.action?.components[index];
   const set = at(desk.scene())!.set;
   const fields = [
@@ -85,17 +85,17 @@ function discrete(scene: Scene, type: string): unknown {
 /** One component more: what is not yet set of the first thing that something is set of. */
 function another(scene: Scene): Scene {
   const list = scene.action?.components ?? [];
-  const target = list.at(-1)?.target ?? everything(scene)[0]?.name;
+  const target = list.at(-1)?.target ?? allObjects(scene)[0]?.name;
   if (target === undefined) return scene;
   const known = list.filter((c) => c.target === target).map((c) => c.set);
-  const one = everything(scene).find((b) => b.name === target);
+  const one = allObjects(scene).find((b) => b.name === target);
   const wanted = SETS.filter((s) => (s !== "radius" || one?.shape.type === "disc") && !known.includes(s))[0] ?? "x";
   return withComponent(scene, ranged(scene, { target, set: wanted, low: 0, high: 1 }));
 }
 
 /** A component with values about what the thing has now. */
 function ranged(scene: Scene, one: Component): Component {
-  const target = everything(scene).find((b) => b.name === one.target);
+  const target = allObjects(scene).find((b) => b.name === one.target);
   const [x, y] = target?.position ?? [0, 0];
   const radius = target?.shape.type === "disc" ? target.shape.radius : 1;
   const ranges: Record<Component["set"], [number, number]> = {
@@ -114,7 +114,7 @@ function ranged(scene: Scene, one: Component): Component {
 /** A box about all that components place. */
 function around(scene: Scene): number[] {
   const of = (set: string): number[] => (scene.action?.components ?? []).filter((c) => c.set === set).flatMap((c) => [c.low, c.high]);
-  const at = everything(scene).flatMap((b) => (b.position ? [b.position] : []));
+  const at = allObjects(scene).flatMap((b) => (b.position ? [b.position] : []));
   const [x, y] = [[...of("x"), ...at.map((p) => p[0]), -1, 1], [...of("y"), ...at.map((p) => p[1]), -1, 1]];
   return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)].map(round);
 }

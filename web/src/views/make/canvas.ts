@@ -1,12 +1,12 @@
 // The picture that is drawn in: what is seen of the world, a grid to measure by, the film over the drawing, handles.
 
 import { put, s, set } from "../../dom";
-import { ticks } from "../../parts/curve";
+import { ticks } from "../../parts/timePlot";
 import { colours } from "../../scene/colour";
 import { line, picture, type Picture } from "../../scene/draw";
-import { at, end, type Film, way } from "../../scene/film";
-import { everything, type Box, type Point, type Scene } from "../../scene/types";
-import { seen } from "../../scene/view";
+import { posesAt, filmLength, type Film, pathUntil } from "../../scene/film";
+import { allObjects, type Box, type Point, type Scene } from "../../scene/types";
+import { sceneExtent } from "../../scene/extent";
 import { areas, type Handle, handles } from "./handles";
 import { thing } from "./things";
 
@@ -66,7 +66,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
   let [film, time, view, wanted, aspect]: [Film | null, number, Box, Box, number] = [null, 0, made.box, made.box, 1.5];
   const pixel = (): number => (view[2] - view[0]) / Math.max(1, svg.clientWidth);
   const step = (): number => grade(pixel() * SNAP);
-  const ghosts = (): void => made.pose("ghost", film ? at(film, time) : new Map());
+  const ghosts = (): void => made.pose("ghost", film ? posesAt(film, time) : new Map());
   const overlay = (): void => {
     put(places, ...areas(shown.scene).map(({ box, bounds }) => outlined(box, bounds ? "bounds" : "area")));
     put(tools, ...grips(shown, pixel()));
@@ -136,7 +136,7 @@ export function outlined([left, bottom, right, top]: Box, look: string): SVGRect
 /** The ways of all bodies. */
 function tracks(film: Film, scene: Scene): SVGElement[] {
   const dealt = colours(scene);
-  return Object.keys(film.bodies).map((name) => line(way(film, name, end(film)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
 }
 
 /** Handles of what is selected. */
@@ -160,9 +160,9 @@ function highlighted(svg: SVGSVGElement, { scene, selected, bad }: Shown): void 
 /** Everything of a scene with some room; of one with nothing in it a few metres. */
 function whole(scene: Scene): Box {
   const rooms = areas(scene).flatMap(({ box }): Point[] => [[box[0], box[1]], [box[2], box[3]]]);
-  const fixed = scene.bodies.some((b) => b.position) || rooms.length ? [] : everything(scene).map((b): Point => b.position ?? [0, 0]);
-  if (!everything(scene).length && !rooms.length) return [-6, -1, 6, 7];
-  const box = seen(scene, [...rooms, ...fixed]);
+  const fixed = scene.bodies.some((b) => b.position) || rooms.length ? [] : allObjects(scene).map((b): Point => b.position ?? [0, 0]);
+  if (!allObjects(scene).length && !rooms.length) return [-6, -1, 6, 7];
+  const box = sceneExtent(scene, [...rooms, ...fixed]);
   const room = ROOM * Math.max(box[2] - box[0], box[3] - box[1]);
   return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
 }

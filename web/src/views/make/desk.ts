@@ -1,6 +1,6 @@
 // The draft on the desk: the scene with its history, what is selected, what the server says of it.
 
-import { placed, share } from "../../scene/place";
+import { applyAction, share } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import { needsAction } from "./film";
 import { begin, change, type History, redo, settle, undo } from "./history";
@@ -35,7 +35,7 @@ export function scene(state: State): Scene {
 export function filled(state: State): Scene {
   const now = scene(state);
   if (!now.action || (state.action === null && !needsAction(now))) return now;
-  return placed(now, state.action ?? now.action.components.map(() => 0.5));
+  return applyAction(now, state.action ?? now.action.components.map(() => 0.5));
 }
 
 /** The scene with what is at a place standing as it is drawn, so that it can be moved from there. */

@@ -1,7 +1,7 @@
 // The form of the effects that the scene has beyond gravity and contact: from the server's library, with their parameters.
 
 import type { Schema } from "../../api/client";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { group, number } from "./form";
 import type { Desk, Panel } from "./panels";
 import { read, write } from "./path";
@@ -39,7 +39,7 @@ function row(desk: Desk, library: Library, term: Term, index: number): Panel {
 }
 
 function adding(desk: Desk, library: Library): HTMLElement {
-  const id = fresh("effect");
+  const id = uniqueId("effect");
   const chosen = h("select", { id }, ...library.map((e) => h("option", { value: e.name }, e.name.replaceAll("_", " "))));
   const equation = h("p", { class: "soft" });
   const about = (): void => void put(equation, library.find((e) => e.name === chosen.value)?.equation);

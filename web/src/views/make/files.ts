@@ -3,8 +3,8 @@
 import { api, ok } from "../../api/client";
 import { FileError, ProblemError } from "../../api/problem";
 import { token } from "../../api/token";
-import { fresh, h } from "../../dom";
-import { give } from "../../scene/handoff";
+import { uniqueId, h } from "../../dom";
+import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { gallery, load, read } from "../play/tasks";
@@ -40,7 +40,7 @@ export async function files(
     context.fail(null);
     read(file).then((one) => drawable(one, file.name, context.signal)).then(opened).catch(context.fail);
   };
-  const id = fresh("file");
+  const id = uniqueId("file");
   const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   input.addEventListener("change", () => {
     const one = input.files?.[0];
@@ -59,7 +59,7 @@ export async function files(
     copy("curl", () => curl(scene(), location.origin, token() !== null)),
     copy("Python", () => python(scene(), location.origin)),
     button("Play in it", () => {
-      give(scene());
+      storeScene(scene());
       location.hash = link("play", ["scene"]);
     }, "main"),
     dialog,

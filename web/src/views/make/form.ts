@@ -1,6 +1,6 @@
 // Fields of a form over a draft: each shows what stands at its path, writes there what is typed, and can be marked wrong.
 
-import { fresh, h, put, set } from "../../dom";
+import { uniqueId, h, put, set } from "../../dom";
 import type { Scene } from "../../scene/types";
 import { meant, read, write } from "./path";
 
@@ -120,7 +120,7 @@ function field(
   typed: (text: string) => string | null,
   event: "input" | "change",
 ): Field {
-  const [id, whyId] = [fresh("field"), fresh("why")];
+  const [id, whyId] = [uniqueId("field"), uniqueId("why")];
   const why = h("p", { class: "why", id: whyId });
   const whose = asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null;
   const title = h("label", { for: id }, asked.label, whose, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);

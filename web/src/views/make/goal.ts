@@ -1,7 +1,7 @@
 // The form of the goal: two things touch or do not, a body's centre is in a region, or a body is above a line.
 
 import { h } from "../../dom";
-import { everything, type Goal, type Scene } from "../../scene/types";
+import { allObjects, type Goal, type Scene } from "../../scene/types";
 import { choice, group, named, number, type Field } from "./form";
 import type { Desk, Panel } from "./panels";
 import { write } from "./path";
@@ -17,7 +17,7 @@ const KINDS: readonly [string, string][] = [
 
 export function goalPanel(desk: Desk): Panel {
   const { goal } = desk.scene();
-  const names = everything(desk.scene()).map((b) => b.name);
+  const names = allObjects(desk.scene()).map((b) => b.name);
   const bodies = desk.scene().bodies.map((b) => b.name);
   const type = choice(desk, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", started(scene, value)));
   type.element.classList.add("broad");

@@ -1,6 +1,6 @@
 // Handles of what is selected: where they are, and what becomes of the scene when one is dragged.
 
-import { everything, type Body, type Box, type Point, type Scene } from "../../scene/types";
+import { allObjects, type Body, type Box, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
 import { beside, far, inside, middle, outward, reach, round, rounded } from "./shapes";
 import { own, places, shifted, thing, turned } from "./things";
@@ -60,7 +60,7 @@ export function hit(scene: Scene, p: Point, near: number): string | null {
 export function areas(scene: Scene): { id: string; box: Box; about: string; bounds: boolean }[] {
   const { action } = scene;
   if (!action) return [];
-  const things = new Map(everything(scene).map((b) => [b.name, b]));
+  const things = new Map(allObjects(scene).map((b) => [b.name, b]));
   const found = [...new Set(action.components.map((c) => c.target))].flatMap((target) => {
     const [x, y] = (["x", "y"] as const).map((set) => action.components.find((c) => c.target === target && c.set === set));
     if (!x && !y) return [];

@@ -1,7 +1,7 @@
 // The keyboard in the picture: everything that the mouse does.
 
 import type { Body, Point, Scene } from "../../scene/types";
-import { corners } from "../../scene/view";
+import { corners } from "../../scene/extent";
 import type { Canvas } from "./canvas";
 import type { Corners, Hand } from "./gestures";
 import { moved } from "./handles";

@@ -1,7 +1,7 @@
 // What the form shows of what is selected: a thing, the goal, the action space, the world.
 
 import { h } from "../../dom";
-import { everything, type Scene } from "../../scene/types";
+import { allObjects, type Scene } from "../../scene/types";
 import { actionPanel } from "./action";
 import { type Draft, type Field, choice, group, number, text } from "./form";
 import { effectsPanel, type Library } from "./effects";
@@ -35,7 +35,7 @@ export function panel(desk: Desk, place: string): Panel {
 /** Changes where the form has to be made anew, and not only filled again. */
 export function kind(scene: Scene, place: string): string {
   const one = thing(scene, place);
-  const names = everything(scene).map((b) => b.name);
+  const names = allObjects(scene).map((b) => b.name);
   if (one) {
     const { shape } = one;
     const parts = shape.type === "polygon" ? shape.vertices.length : shape.type === "compound" ? shape.pieces.length : 0;

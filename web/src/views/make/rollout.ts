@@ -1,13 +1,13 @@
 // Under the picture: the film of the draft, what it came to, with which action it starts.
 
-import { back, isLost } from "../../api/connection";
-import { ProblemError, told } from "../../api/problem";
-import { fresh, h, put } from "../../dom";
+import { reconnected, isLost } from "../../api/connection";
+import { ProblemError, describeError } from "../../api/problem";
+import { uniqueId, h, put } from "../../dom";
 import { latest } from "../../parts/latest";
 import { player } from "../../parts/player";
 import { short } from "../../parts/slider";
-import { end } from "../../scene/film";
-import { unit, value } from "../../scene/place";
+import { filmLength } from "../../scene/film";
+import { unit, valueAt } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import type { Canvas } from "./canvas";
@@ -31,7 +31,7 @@ export interface Told {
 export function rollout(at: Canvas, state: () => State, held: () => boolean, tell: Told, context: Context): Rollout {
   const { signal } = context;
   const play = player(at.time, signal);
-  const id = fresh("live");
+  const id = uniqueId("live");
   const live = h("input", { id, type: "checkbox" });
   live.checked = true;
   const once = h("button", { type: "button" }, "Run");
@@ -53,7 +53,7 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
     note(run ? came(run) : null);
     verdict.dataset.verdict = run?.solved ? "solved" : "";
     at.film(run?.film ?? null);
-    play.load(run?.film ? end(run.film) : 0);
+    play.load(run?.film ? filmLength(run.film) : 0);
     if (run?.film && !held()) play.restart();
   };
   const describe = (): void => {
@@ -82,9 +82,9 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
       if (signal.aborted) return;
       const field = e instanceof ProblemError ? ofScene(e.problem.field) : null;
       fail(field === null ? e : null);
-      if (field !== null) tell.wrong({ field, why: told(e).detail }, now);
+      if (field !== null) tell.wrong({ field, why: describeError(e).detail }, now);
       show(null);
-      if (isLost()) void back().then(() => signal.aborted || work(asked));
+      if (isLost()) void reconnected().then(() => signal.aborted || work(asked));
     }
     describe();
   });
@@ -130,11 +130,11 @@ function ofScene(field: string | null | undefined): string | null {
 function came({ film, solved, end: how, reason }: Run): string {
   if (reason) return `Not run: ${reason}`;
   if (how === "diverged") return "The simulation diverged";
-  const time = film ? short(end(film), "s") : "";
+  const time = film ? short(filmLength(film), "s") : "";
   if (solved === null) return `Ran ${time}; no goal`;
   return solved ? `Goal reached at ${time}` : `Goal not reached in ${time}`;
 }
 
 function worded(now: Scene, action: readonly number[]): string {
-  return (now.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(value(c, action[i] ?? 0.5), unit(c))}`).join(", ");
+  return (now.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0.5), unit(c))}`).join(", ");
 }

@@ -1,7 +1,7 @@
 // Shapes as they are edited: where their middle is, made larger, turned into one another, whether a point is on them.
 
 import type { Body, Point, Shape } from "../../scene/types";
-import { corners, moved } from "../../scene/view";
+import { corners, toWorld } from "../../scene/extent";
 
 /** Lengths of what is drawn are multiples of a millionth: sums leave no tails of digits. */
 export function round(v: number): number {
@@ -24,13 +24,13 @@ export function reach(shape: Shape): number {
 
 /** A place of a thing's own frame in the world, m. */
 export function outward(thing: Body, p: Point): Point {
-  return moved(p, thing.position ?? [0, 0], thing.angle ?? 0);
+  return toWorld(p, thing.position ?? [0, 0], thing.angle ?? 0);
 }
 
 /** A place of the world in a thing's own frame, m. */
 export function inward(thing: Body, p: Point): Point {
   const [x, y] = thing.position ?? [0, 0];
-  return moved([p[0] - x, p[1] - y], [0, 0], -(thing.angle ?? 0));
+  return toWorld([p[0] - x, p[1] - y], [0, 0], -(thing.angle ?? 0));
 }
 
 /** A shape made larger about its middle; a half plane has no size. */
@@ -134,7 +134,7 @@ function away(shape: Shape, p: Point): number {
 
 /** A piece of a compound made larger about the compound's origin. */
 function grown<P extends Shape & { position?: Point; angle?: number }>(piece: P, factor: number): P {
-  const about = moved(middle(piece), [0, 0], piece.angle ?? 0);
+  const about = toWorld(middle(piece), [0, 0], piece.angle ?? 0);
   const own = scaled(piece, factor);
   const [x, y] = piece.position ?? [0, 0];
   // `scaled` keeps the middle of the piece where it is: what that leaves of the way outwards goes to its position.

@@ -1,7 +1,7 @@
 // Things of a scene by their place in it (`bodies[0]`, `statics[2]`): added, taken away, named, moved, turned. Scenes are
 // never changed, only made anew; whatever is not meant stays as it was.
 
-import { type Body, everything, type Point, type Scene } from "../../scene/types";
+import { type Body, allObjects, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
 import { as, inward, middle, outward, round, rounded } from "./shapes";
 
@@ -52,10 +52,10 @@ export function doubled(scene: Scene, place: string, aside: number): { scene: Sc
 export function renamed(scene: Scene, place: string, name: string): Scene | string {
   const old = thing(scene, place)?.name;
   if (old === undefined || old === name) return scene;
-  if (everything(scene).some((b) => b.name === name)) return `Another thing is named "${name}".`;
+  if (allObjects(scene).some((b) => b.name === name)) return `Another thing is named "${name}".`;
   const now = (n: string): string => (n === old ? name : n);
   let next = write(scene, `${place}.name`, name);
-  const shared = everything(scene).filter((b) => b.name === old).length > 1;
+  const shared = allObjects(scene).filter((b) => b.name === old).length > 1;
   if (shared) return next;
   if (next.goal && "bodies" in next.goal) next = { ...next, goal: { ...next.goal, bodies: [now(next.goal.bodies[0]), now(next.goal.bodies[1])] } };
   if (next.goal && "body" in next.goal) next = { ...next, goal: { ...next.goal, body: now(next.goal.body) } };
@@ -141,7 +141,7 @@ export function components(scene: Scene, list: readonly (NonNullable<Scene["acti
 const GRID = 10;
 
 function unused(scene: Scene, stem: string): string {
-  const known = new Set(everything(scene).map((b) => b.name));
+  const known = new Set(allObjects(scene).map((b) => b.name));
   const plain = stem.replace(/ \d+$/, "");
   for (let i = 1; ; i++) {
     const name = i === 1 ? plain : `${plain} ${i}`;

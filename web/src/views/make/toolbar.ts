@@ -1,6 +1,6 @@
 // The row over the picture: tools, whether what they draw moves, undo and redo, how much is seen.
 
-import { fresh, h, put, set } from "../../dom";
+import { uniqueId, h, put, set } from "../../dom";
 import { type Tool, TOOLS } from "./tools";
 
 export interface Toolbar {
@@ -28,7 +28,7 @@ export function toolbar(presses: Presses): Toolbar {
     const made = pressed(title, () => presses.tool(tool));
     return set(made, { "data-tool": tool, title: `${title} (${key})` });
   });
-  const id = fresh("moving");
+  const id = uniqueId("moving");
   const kind = h("select", { id }, h("option", { value: "moves" }, "it moves"), h("option", { value: "stands" }, "it never moves"));
   kind.addEventListener("change", () => presses.moving(kind.value === "moves"));
   const of = h("span", { class: "row kind" }, h("label", { for: id }, "Draws:"), kind);

@@ -1,7 +1,7 @@
 // The simulation's physics: latents as sliders, effects of the library added with a click.
 
 import type { Schema } from "../../api/client";
-import { fresh, h, put } from "../../dom";
+import { uniqueId, h, put } from "../../dom";
 import { short, slider } from "../../parts/slider";
 import type { Scene } from "../../scene/types";
 
@@ -36,7 +36,7 @@ export function latents(scene: Scene, given: Latents, moved: (latents: Latents) 
 export function effects(library: Schema<"EffectOut">[], moved: (terms: Term[]) => void): HTMLElement {
   const terms = new Map<Term, HTMLElement>();
   const list = h("div", { class: "stack" });
-  const id = fresh("effect");
+  const id = uniqueId("effect");
   const options = library.map((e) => h("option", { value: e.name }, e.name.replaceAll("_", " ")));
   const chosen = h("select", { id }, ...options);
   const equation = h("p", { class: "soft" });

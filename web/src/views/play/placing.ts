@@ -4,9 +4,9 @@ import { api, ok } from "../../api/client";
 import { h, put, s, set } from "../../dom";
 import { latest } from "../../parts/latest";
 import { short, slider, type Slider } from "../../parts/slider";
-import { placed, share, targets, unit, value } from "../../scene/place";
+import { applyAction, share, targets, unit, valueAt } from "../../scene/action";
 import type { Picture } from "../../scene/draw";
-import { everything, type Component, type Point, type Scene } from "../../scene/types";
+import { allObjects, type Component, type Point, type Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
 /** Cells of the map of forbidden places, each way: within what one request may hold, 4096. */
@@ -34,7 +34,7 @@ export function placing(scene: Scene, subject: Subject, at: Picture, moved: (act
   const shade = s("path", { class: "shade" });
   at.under.append(shade);
   const sliders: Slider[] = components.map((c, i) => {
-    const text = (now: number): string => short(value(c, now), unit(c));
+    const text = (now: number): string => short(valueAt(c, now), unit(c));
     return slider(`${c.target} ${c.set}`, 0.5, text, (now) => change([[i, now]], c.target));
   });
   const map = latest<null>(async () => {
@@ -124,8 +124,8 @@ function cover(scene: Scene, x: number, y: number, free: readonly boolean[], col
       }
       let to = from;
       while (to < columns && !free[row * columns + to]) to += 1;
-      const [left, right] = [value(cx, from / columns), value(cx, to / columns)];
-      const [bottom, top] = [value(cy, row / rows), value(cy, (row + 1) / rows)];
+      const [left, right] = [valueAt(cx, from / columns), valueAt(cx, to / columns)];
+      const [bottom, top] = [valueAt(cy, row / rows), valueAt(cy, (row + 1) / rows)];
       pieces.push(`M${left} ${bottom}H${right}V${top}H${left}Z`);
       from = to;
     }
@@ -135,7 +135,7 @@ function cover(scene: Scene, x: number, y: number, free: readonly boolean[], col
 
 /** What can be placed, by how near it is to a point. */
 function nearest(scene: Scene, action: readonly number[], names: readonly string[]): (p: Point) => string {
-  const things = everything(placed(scene, action)).filter((b) => names.includes(b.name));
+  const things = allObjects(applyAction(scene, action)).filter((b) => names.includes(b.name));
   return (p) => {
     const far = (q: Point | null | undefined): number => (q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : Infinity);
     return things.sort((a, b) => far(a.position) - far(b.position))[0]?.name ?? "";

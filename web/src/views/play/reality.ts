@@ -1,7 +1,7 @@
 // The real world beside the simulation: which one, how often it was acted in, and the one button that does.
 
 import { all, api, ok, type Schema } from "../../api/client";
-import { fresh, h, put, set } from "../../dom";
+import { uniqueId, h, put, set } from "../../dom";
 import type { Film } from "../../scene/film";
 import type { Context } from "../../view";
 import type { Task } from "./tasks";
@@ -22,7 +22,7 @@ export interface Reality {
 /** `run` gives the action to run; `ran` is told what came of it. */
 export function reality(action: () => number[], ran: (ran: Ran) => void, context: Context): Reality {
   let [task, worlds, placeable, busy]: [Task | null, Schema<"WorldOut">[], boolean, boolean] = [null, [], false, false];
-  const id = fresh("world");
+  const id = uniqueId("world");
   const choice = h("select", { id });
   const count = h("strong", { class: "count" });
   const left = h("span", { class: "soft" });

@@ -1,13 +1,13 @@
 // The film over the scene: bodies, trails, contacts, simulated and real, and the distance between them.
 
 import { h, put, s, set } from "../../dom";
-import { curve } from "../../parts/curve";
+import { timePlot } from "../../parts/timePlot";
 import { player } from "../../parts/player";
 import { short } from "../../parts/slider";
 import { colours } from "../../scene/colour";
 import { line, picture, type Picture } from "../../scene/draw";
-import { at, type Contact, distance, end, type Film, way } from "../../scene/film";
-import { placed } from "../../scene/place";
+import { posesAt, type Contact, distanceOverTime, filmLength, type Film, pathUntil } from "../../scene/film";
+import { applyAction } from "../../scene/action";
 import type { Box, Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
@@ -35,15 +35,15 @@ export function stage(scene: Scene, label: string, context: Context, box?: Box):
   at_.over.append(trails, rings);
   const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
   let lit: { t: number; ring: SVGCircleElement }[] = [];
-  const apart = curve({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
+  const apart = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
   const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
   const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), apart.svg);
   const contacts = h("details", { hidden: true });
   const verdicts = h("div", { class: "row verdicts", role: "status" });
   const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
   const play = player((time) => {
-    if (films.sim) at_.pose("solid", at(films.sim, time));
-    at_.pose("ghost", films.real ? at(films.real, time) : new Map());
+    if (films.sim) at_.pose("solid", posesAt(films.sim, time));
+    at_.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
     for (const { t, ring } of lit) ring.classList.toggle("lit", time >= t && time < t + LIT);
     apart.at(time);
   }, context.signal);
@@ -57,11 +57,11 @@ export function stage(scene: Scene, label: string, context: Context, box?: Box):
     contacts.hidden = !films.sim?.contacts.length;
     gap.hidden = !(films.sim && films.real);
     if (films.sim && films.real) {
-      const { t, bodies } = distance(films.sim, films.real);
+      const { t, bodies } = distanceOverTime(films.sim, films.real);
       const lines = [...bodies].map(([name, y]) => ({ name, colour: dealt.get(name) ?? "currentColor", x: t, y }));
       apart.draw(lines, films.sim.contacts.map((c) => c.t));
     }
-    play.load(Math.max(films.sim ? end(films.sim) : 0, films.real ? end(films.real) : 0));
+    play.load(Math.max(films.sim ? filmLength(films.sim) : 0, films.real ? filmLength(films.real) : 0));
     put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
     at_.svg.dataset.film = String(Number(at_.svg.dataset.film ?? 0) + 1);
   };
@@ -71,8 +71,8 @@ export function stage(scene: Scene, label: string, context: Context, box?: Box):
     draw();
   };
   const place = (action: readonly number[], reason: string | null): void => {
-    at_.redraw(placed(scene, action));
-    if (reason) at_.pose("refused", starts(placed(scene, action)));
+    at_.redraw(applyAction(scene, action));
+    if (reason) at_.pose("refused", starts(applyAction(scene, action)));
   };
   put(at_.svg, s("title", {}, label), ...at_.svg.childNodes);
   return {
@@ -96,7 +96,7 @@ function starts(scene: Scene): Map<string, { x: number; y: number; angle: number
 }
 
 function paths(film: Film, dealt: Map<string, string>, look: string): SVGElement[] {
-  return Object.keys(film.bodies).map((name) => line(way(film, name, end(film)), { class: look, stroke: dealt.get(name) ?? "currentColor" }));
+  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: dealt.get(name) ?? "currentColor" }));
 }
 
 /** Where a real body was seen. */
@@ -107,7 +107,7 @@ function dots(film: Film, dealt: Map<string, string>, width: number): SVGElement
 }
 
 function ringed(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
-  const poses = at(film, contact.t);
+  const poses = posesAt(film, contact.t);
   const points = contact.between.map((name) => poses.get(name)).filter((p) => p !== undefined);
   if (!points.length) return [];
   const [x, y]: Point = [points.reduce((sum, p) => sum + p.x, 0) / points.length, points.reduce((sum, p) => sum + p.y, 0) / points.length];

@@ -2,7 +2,7 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { FileError } from "../../api/problem";
-import { fresh, h, put, set } from "../../dom";
+import { uniqueId, h, put, set } from "../../dom";
 import { picture } from "../../scene/draw";
 import type { Box, Scene } from "../../scene/types";
 import type { Context } from "../../view";
@@ -27,7 +27,7 @@ export function choice(families: Schema<"FamilyOut">[], chosen: (task: Task) => 
     chosen(task);
   };
   const { button: open, dialog } = gallery(families, (id) => void pick(id).catch(context.fail), context);
-  const id = fresh("scene");
+  const id = uniqueId("scene");
   const file = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   const label = h("label", { for: id, class: "button" }, "Open a scene file");
   file.addEventListener("change", () => {

@@ -1,6 +1,6 @@
 // The action space as a map: where one thing is placed, whatever the other numbers of an action are.
 
-import { value } from "../../scene/place";
+import { valueAt } from "../../scene/action";
 import type { Component, Scene } from "../../scene/types";
 
 /** A thing whose place an action sets. */
@@ -56,8 +56,8 @@ export function across(grid: Grid): number {
 export function place(grid: Grid, components: readonly Component[], number: number): [number, number, number, number] {
   const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
   const [column, row] = [number % across(grid), Math.floor(number / across(grid))];
-  const [left, bottom] = [value(cx, grid.columns[column]!), value(cy, grid.rows[row]!)];
-  return [left, bottom, value(cx, grid.columns[column + 1]!) - left, value(cy, grid.rows[row + 1]!) - bottom];
+  const [left, bottom] = [valueAt(cx, grid.columns[column]!), valueAt(cy, grid.rows[row]!)];
+  return [left, bottom, valueAt(cx, grid.columns[column + 1]!) - left, valueAt(cy, grid.rows[row + 1]!) - bottom];
 }
 
 /** For each cell that any action is in, the number of the first action there: of a list from best to worst, its best. */

@@ -2,7 +2,7 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { h, put, set } from "../../dom";
-import { key } from "../../parts/series";
+import { key } from "../../parts/curvePlot";
 import { type Context, link } from "../../view";
 import { evaluations } from "./evaluations";
 import { choice, type Field, given, named, number, refused } from "./fields";

@@ -1,8 +1,8 @@
 // Fields of a form that know what the server calls them, so that a refusal is told where it belongs.
 
 import type { Schema } from "../../api/client";
-import { told } from "../../api/problem";
-import { type Child, fresh, h, put, set } from "../../dom";
+import { describeError } from "../../api/problem";
+import { type Child, uniqueId, h, put, set } from "../../dom";
 
 export interface Field<E extends HTMLInputElement | HTMLSelectElement = HTMLInputElement> {
   element: HTMLElement;
@@ -27,7 +27,7 @@ export function choice(label: string, name: string, options: readonly (readonly 
 }
 
 function field<E extends HTMLInputElement | HTMLSelectElement>(label: string, name: string, input: E, hint?: string): Field<E> {
-  const [id, said] = [fresh("field"), fresh("why")];
+  const [id, said] = [uniqueId("field"), uniqueId("why")];
   const why = h("span", { id: said, class: "why", role: "alert" });
   const about: Child = hint ? h("span", { class: "soft" }, hint) : null;
   set(input, { id, "data-field": name, "aria-describedby": said });
@@ -47,7 +47,7 @@ export function given(field: Field): number | undefined {
 
 /** Tells a refusal at the field that it names and goes there; `false` if it names none of these. */
 export function refused(fields: readonly Field<HTMLInputElement | HTMLSelectElement>[], error: unknown): boolean {
-  const { detail, field: name } = told(error);
+  const { detail, field: name } = describeError(error);
   const found = fields.find((f) => f.name === name && !f.element.hidden && !f.element.closest("[hidden]"));
   if (!found) return false;
   found.refuse(detail);

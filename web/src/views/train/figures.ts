@@ -1,8 +1,8 @@
 // What a comparison shows: solved tasks against attempts, jump starts, and AUCCESS as policies learn on in a world.
 
 import type { Schema } from "../../api/client";
-import { fresh, h, put } from "../../dom";
-import { key, plotted, type Series } from "../../parts/series";
+import { uniqueId, h, put } from "../../dom";
+import { key, curvePlot, type CurveSeries } from "../../parts/curvePlot";
 import { averaged, better, chains, type Evaluation, type Interval, interval, type Learner, mean } from "./scores";
 
 /** An evaluated policy. */
@@ -28,11 +28,11 @@ export interface Figures {
 
 /** The figures, empty at first. */
 export function figures(): Figures {
-  const success = plotted({ about: "Share of tasks solved within so many attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
-  const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
+  const success = curvePlot({ about: "Share of tasks solved within so many attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
+  const learning = curvePlot({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
   const legend = h("figcaption", { class: "row" });
   const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
-  const one = h("input", { type: "checkbox", id: fresh("seeds") });
+  const one = h("input", { type: "checkbox", id: uniqueId("seeds") });
   const seeds = h("p", { class: "seeds" }, one, h("label", { for: one.id }, "One curve for policies that differ by their seed alone: mean and its interval, 95 %"));
   const bandsOf = h("p", { class: "soft" });
   const curves = h("figure", { class: "solved" }, legend, success.svg, bandsOf, seeds);
@@ -69,7 +69,7 @@ function grouped(of: Drawn[]): Drawn {
   return { ...first, id, curve: averaged(of.map((d) => d.curve)), auccess: mean(of.map((d) => d.auccess.value)) };
 }
 
-function line(one: Drawn): Series {
+function line(one: Drawn): CurveSeries {
   const x = one.curve.map((_, i) => i + 1);
   return { name: one.id, look: one.look, x, y: one.curve.map((p) => p.value), low: one.curve.map((p) => p.low), high: one.curve.map((p) => p.high) };
 }
@@ -84,7 +84,7 @@ function jump(one: Drawn, chance: Evaluation | undefined): HTMLElement[] {
 }
 
 /** Policies that learned on from each other, each by what it reaches. */
-function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): Series[] {
+function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): CurveSeries[] {
   const steps: Learner[] = learnt.flatMap((job) => {
     const found = job.result as { policy: string; from: string; interactions: number } | null | undefined;
     return found ? [{ id: found.policy, from: found.from, attempts: found.interactions }] : [];

@@ -3,7 +3,7 @@
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
 import { h, put } from "../../dom";
-import { plotted, type Series } from "../../parts/series";
+import { curvePlot, type CurveSeries } from "../../parts/curvePlot";
 import { short } from "../../parts/slider";
 import { duration } from "../jobs";
 import type { Context } from "../../view";
@@ -44,8 +44,8 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
   const why = h("p", { class: "why" });
   const cancel = h("button", { type: "button" }, "Cancel");
   const outcome = h("p", { role: "status" });
-  const loss = plotted({ about: "Loss over updates", x: "updates", y: "loss, nats" });
-  const validation = plotted({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
+  const loss = curvePlot({ about: "Loss over updates", x: "updates", y: "loss, nats" });
+  const validation = curvePlot({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
   const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "Validation AUCCESS, in simulation"), validation.svg);
   const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
   let curves: Curves = { loss: [], validation: [] };
@@ -79,12 +79,12 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
   return h("div", { class: "stack", "data-job": job.id }, head, bar, why, outcome, h("div", { class: "sides" }, shown, checks));
 }
 
-function series(name: string, look: number, points: readonly Point[]): Series[] {
+function series(name: string, look: number, points: readonly Point[]): CurveSeries[] {
   return points.length ? [{ name, look, x: points.map((p) => p.at), y: points.map((p) => p.value) }] : [];
 }
 
 /** The same without the scatter from batch to batch. */
-function mean(raw: Series): Series {
+function mean(raw: CurveSeries): CurveSeries {
   return { ...raw, name: "mean loss", y: smoothed(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTH))) };
 }
 

@@ -1,10 +1,10 @@
 // What a policy would try first on a task, as a map over the action space; beside it what really solves, from a simulation.
 
 import { api, ok, type Schema } from "../../api/client";
-import { fresh, h, put, s, set } from "../../dom";
+import { uniqueId, h, put, s, set } from "../../dom";
 import { latest } from "../../parts/latest";
 import { picture, type Picture } from "../../scene/draw";
-import { placed, targets, unit, value } from "../../scene/place";
+import { applyAction, targets, unit, valueAt } from "../../scene/action";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
@@ -160,9 +160,9 @@ function shaded(at: Picture, grid: Grid, components: readonly Component[], cells
 function numbered(at: Picture, scene: Scene, grid: Grid, first: readonly (readonly number[])[], solve: readonly boolean[]): void {
   const components = scene.action!.components;
   const size = (at.box[2] - at.box[0]) * 0.032;
-  const points = first.map((a): Point => [value(components[grid.axes.x]!, a[grid.axes.x]!), value(components[grid.axes.y]!, a[grid.axes.y]!)]);
+  const points = first.map((a): Point => [valueAt(components[grid.axes.x]!, a[grid.axes.x]!), valueAt(components[grid.axes.y]!, a[grid.axes.y]!)]);
   const things = first.map((action, i) => {
-    const thing = placed(scene, action).bodies.find((b) => b.name === grid.axes.target);
+    const thing = applyAction(scene, action).bodies.find((b) => b.name === grid.axes.target);
     const r = thing?.shape.type === "disc" ? thing.shape.radius : size / 2;
     return s("circle", { class: `try${solve[i] ? " solves" : ""}`, cx: points[i]![0], cy: points[i]![1], r, "vector-effect": "non-scaling-stroke" });
   });
@@ -224,14 +224,14 @@ function told(scene: Scene, task: string, action: readonly number[] | null, rank
 
 function tryOf(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
   const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "misses");
-  const id = fresh("try");
+  const id = uniqueId("try");
   return h("li", {}, h("div", { class: "row" }, h("span", { id }, words(scene, action)), verdict, h("a", { href: play(task, action), "aria-describedby": id }, "Play it")));
 }
 
 /** An action in SI: `red at (24.70, 17.79) m, radius 2.91 m`. */
 function words(scene: Scene, action: readonly number[]): string {
   const components = scene.action!.components;
-  const said = (i: number): string => value(components[i]!, action[i]!).toFixed(2);
+  const said = (i: number): string => valueAt(components[i]!, action[i]!).toFixed(2);
   const of = (target: string): string => {
     const axes = placeable(scene).find((a) => a.target === target);
     const rest = components.flatMap((c, i) => (c.target !== target || i === axes?.x || i === axes?.y ? [] : [`${c.set} ${said(i)} ${unit(c)}`]));

@@ -1,6 +1,6 @@
-"""The client and its handles."""
+"""The client and its resources."""
 
-from .asking import AsyncAsking
+from .ask_tell import AsyncAskTellJob
 from .branch import AsyncBranch
 from .client import AsyncClient
 from .job import AsyncJob
@@ -9,4 +9,4 @@ from .policy import AsyncPolicy
 from .surface import AsyncSurface
 from .world import AsyncWorld
 
-__all__ = ["AsyncAsking", "AsyncBranch", "AsyncClient", "AsyncJob", "AsyncLikelihood", "AsyncPolicy", "AsyncSurface", "AsyncWorld"]
+__all__ = ["AsyncAskTellJob", "AsyncBranch", "AsyncClient", "AsyncJob", "AsyncLikelihood", "AsyncPolicy", "AsyncSurface", "AsyncWorld"]

@@ -1,4 +1,4 @@
-"""A branch of a rollout: a moment in it, something else done there, and on."""
+"""A branch of a rollout: continues from a snapshot with interventions."""
 
 from __future__ import annotations
 
@@ -6,35 +6,35 @@ from typing import Any
 
 from typing_extensions import Self
 
-from .. import calls
+from .. import requests
 from ..branching import Changes, states
 from ..rollout import Rollout
 from ..scene import Scene
-from .line import AsyncLine
+from .connection import AsyncConnection
 
 
 class AsyncBranch(Changes):
-    """A moment in a rollout of a simulated world, from which to go on with something else done.
+    """A snapshot of a rollout in a simulated world, from which to continue with interventions.
 
-    Changes add up until the end of the `with`; `rollout()` carries them out and may be asked again after more of them.
+    Interventions accumulate until the end of the `with` block; `rollout()` applies them and may be called repeatedly.
     """
 
-    def __init__(self, line: AsyncLine, world: str, answer: dict[str, Any], scene: Scene | None) -> None:
+    def __init__(self, line: AsyncConnection, world: str, answer: dict[str, Any], scene: Scene | None) -> None:
         super().__init__()
-        self._line = line
+        self._connection = line
         self._world = world
         self._scene = scene
-        #: The `iplw.snapshot/1` document: JSON, to be kept as long as the world.
+        #: The `iplw.snapshot/1` document, a JSON value; valid as long as the world exists.
         self.snapshot: dict[str, Any] = answer["snapshot"]
-        #: s since the start of the rollout.
+        #: Time since the start of the rollout, s.
         self.at = float(answer["at"])
-        #: name -> state at that moment.
+        #: name -> state at that time.
         self.bodies = states(answer)
 
     async def rollout(self) -> Rollout:
-        """The rollout with the changes, from its start; without any it is the uninterrupted one, to the bit."""
-        rollout = await self._line.do(calls.branch(self._world, self.snapshot, self.changes))
-        return calls.placed(rollout, self.snapshot, self.changes, self._scene)
+        """The rollout with the interventions, from its start; without any it is bit-identical to the original."""
+        rollout = await self._connection.do(requests.branch(self._world, self.snapshot, self.changes))
+        return requests.with_branch_context(rollout, self.snapshot, self.changes, self._scene)
 
     async def __aenter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""Long work on the server: wait for it, watch it, cancel it."""
+"""Jobs: long-running operations on the server."""
 
 from __future__ import annotations
 
@@ -11,50 +11,50 @@ from contextlib import aclosing
 from pathlib import Path
 from typing import Any
 
-from .. import calls
+from .. import requests
 from ..errors import JobCancelled, JobFailed, Problem, ServerUnavailable
-from ..live import job_card, watching
+from ..notebook import job_card, progress_display
 from ..results import Result, result_of
 from ..rows import Rounds, Rows
 from ..scene import Scene
 from ..trials import Trials
-from .handle import AsyncHandle
+from .resource import AsyncResource
 
-#: Longest time between two looks at a job where events do not come through, s; often at first, for the short ones.
-POLL = 0.25
+#: Maximum polling interval if there are no events, s; it starts shorter, for short jobs.
+MAX_POLL_INTERVAL_S = 0.25
 _ENDED = frozenset({"succeeded", "failed", "cancelled"})
 
 
-class AsyncJob(AsyncHandle):
-    """A handle on one job."""
+class AsyncJob(AsyncResource):
+    """A job."""
 
-    _look = "get_job"
+    _get_operation = "get_job"
 
     @property
     def kind(self) -> str:
-        """What it does: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`, `posterior`, `likelihood`, `plan`."""
+        """Kind of work: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`, `posterior`, `likelihood`, `plan`."""
         return str(self.data["kind"])
 
     @property
     def state(self) -> str:
-        """`queued`, `running`, `waiting`, `succeeded`, `failed` or `cancelled`, as of the last look."""
+        """`queued`, `running`, `waiting`, `succeeded`, `failed` or `cancelled`, as of the last update."""
         return str(self.data["state"])
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will happen, as of the last look."""
+        """Whether the job has ended, as of the last update."""
         return self.state in _ENDED
 
     @property
     def eta(self) -> float | None:
-        """Seconds left at the rate so far, as of the last look; None while not known."""
+        """Estimated remaining time, s, as of the last update; None if unknown."""
         left = (self.data.get("progress") or {}).get("eta_s")
         return None if left is None else float(left)
 
     def result(self) -> Result:
-        """The result of an ended job, a dict of its kind's class (`iplw.Estimate`, ...).
+        """The result of an ended job, an object of its kind's class (`iplw.Estimate`, ...).
 
-        Raises as `wait` does, and `RuntimeError` if it has not ended.
+        Raises as `wait` does, and `RuntimeError` if the job has not ended.
         """
         if self.state == "cancelled":
             raise JobCancelled(self.id)
@@ -62,48 +62,48 @@ class AsyncJob(AsyncHandle):
             error = self.data.get("error")
             raise JobFailed(self.id, Problem.from_json(500, error) if isinstance(error, dict) else None)
         if self.state != "succeeded":
-            raise RuntimeError(f"job {self.id} is {self.state}; wait() for it first")
+            raise RuntimeError(f"job {self.id} is {self.state}; call wait() first")
         result = self.data.get("result")
         return result_of(self.kind, result if isinstance(result, dict) else {})
 
     async def wait(self, progress: bool = False, timeout: float | None = None) -> Result:
-        """The job's result, once it has one: an `Estimate`, a `Diagnosis`, ..., each a dict.
+        """Waits for the end and returns the result: an `Estimate`, a `Diagnosis`, ..., each a dict.
 
-        `progress` draws a card that changes in place in a notebook, and a bar on stderr elsewhere. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
-        `TimeoutError` (the job goes on; wait again or cancel it).
+        `progress` displays a card in a notebook, and a progress bar on stderr elsewhere. Raises `JobFailed`, `JobCancelled`,
+        or, after `timeout` seconds, `TimeoutError` (the job continues).
         """
-        bar = watching() if progress else None
+        display = progress_display() if progress else None
         try:
             async with aclosing(self.follow(timeout)) as states:
                 async for data in states:
-                    if bar:
-                        bar.draw(data)
+                    if display:
+                        display.draw(data)
         finally:
-            if bar:
-                bar.finish()
+            if display:
+                display.finish()
         return self.result()
 
     async def follow(self, timeout: float | None = None) -> AsyncGenerator[dict[str, Any]]:
-        """What the server says of the job, `data`, again and again until it ends.
+        """Yields `data` at each update until the job ends, from events if available, else by polling.
 
-        By events if they come through, else by looking. After `timeout` seconds, `TimeoutError`.
+        Raises `TimeoutError` after `timeout` seconds.
         """
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        last_id, pause = "", POLL / 16
+        last_id, pause = "", MAX_POLL_INTERVAL_S / 16
         while not self.ended:
-            seen = last_id
+            previous_id = last_id
             try:
-                patience = deadline - time.monotonic()
-                async with aclosing(self._line.events(self.id, last_id, patience)) as events:
+                max_silence = deadline - time.monotonic()
+                async with aclosing(self._connection.events(self.id, last_id, max_silence)) as events:
                     async for event in events:
                         last_id = event.id or last_id
                         self.data = json.loads(event.data)
                         yield self.data
                         if self.ended:
                             return
-                        self._in_time(deadline)
+                        self._check_deadline(deadline)
             except (ServerUnavailable, ValueError):
-                # Silence, a proxy that holds events back, or no server at all: looking tells which.
+                # Silence, a proxy that buffers events, or no server: the next request distinguishes them.
                 pass
             except Problem as problem:
                 if problem.status not in (404, 405, 406, 429, 501, 503):
@@ -112,54 +112,54 @@ class AsyncJob(AsyncHandle):
             yield self.data
             if self.ended:
                 return
-            self._in_time(deadline)
-            if last_id == seen:
-                await self._line.sleep(pause)
-                pause = min(2 * pause, POLL)
+            self._check_deadline(deadline)
+            if last_id == previous_id:
+                await self._connection.sleep(pause)
+                pause = min(2 * pause, MAX_POLL_INTERVAL_S)
 
     async def cancel(self) -> None:
-        """Asks the server to stop the job; does nothing to one that has ended."""
+        """Cancels the job; no effect on one that has ended."""
         await self.refresh()
         if not self.ended:
-            await self._line.do(calls.cancel(self.id))
+            await self._connection.do(requests.cancel(self.id))
 
     async def log(self, after: int = 0) -> Rows:
-        """What happened to it, line by line: `number`, `at` (s since 1970), `level`, `text`; those after a number."""
-        return Rows(await self._line.items("get_job_log", id=self.id, after=after))
+        """Log lines with a number greater than `after`: `number`, `at` (s since 1970), `level`, `text`."""
+        return Rows(await self._connection.items("get_job_log", id=self.id, after=after))
 
     async def trials(self) -> Trials:
-        """What an estimation has measured, or a diagnosis was given: `trial`, `t` (s), `bodies` (m, rad); `proposal`, `task`, ..."""
-        op = "list_given_trials" if self.kind == "diagnose" else "list_trials"
-        return Trials(await self._line.items(op, id=self.id))
+        """Trials that an estimation has measured or a diagnosis received: `trial`, `t` (s), `bodies` (m, rad); `proposal`, `task`, ..."""
+        op = "list_diagnosis_trials" if self.kind == "diagnose" else "list_trials"
+        return Trials(await self._connection.items(op, id=self.id))
 
     async def scene(self) -> Scene:
-        """The scene that these trials go with; with them it is what `Client.diagnose` takes."""
+        """The scene of these trials; both are arguments of `Client.diagnose`."""
         if self.kind == "diagnose":
-            given = await self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1}))
-            return Scene(given["scene"])
-        file = await self._line.do(calls.trials(self.id, "scene"))
+            response = await self._connection.do(requests.post("list_diagnosis_trials", {"id": self.id, "limit": 1}))
+            return Scene(response["scene"])
+        file = await self._connection.do(requests.trials(self.id, "scene"))
         return Scene(json.loads(file))
 
     async def rounds(self) -> Rounds:
-        """The course of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""
-        return Rounds(await self._line.items("list_rounds", id=self.id))
+        """The history of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""
+        return Rounds(await self._connection.items("list_rounds", id=self.id))
 
     async def save_trials(self, directory: str | Path) -> None:
-        """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
+        """Writes `trials.csv` and its `scene.json`, as `iplw measure` does."""
         folder = Path(directory)
         folder.mkdir(parents=True, exist_ok=True)
         for format, name in (("csv", "trials.csv"), ("scene", "scene.json")):
-            file = await self._line.do(calls.trials(self.id, format))
+            file = await self._connection.do(requests.trials(self.id, format))
             (folder / name).write_bytes(file)
 
     def _repr_html_(self) -> str:
         log = Rows()
-        # sync: # What is shown is how it stands now, as far as the server can be asked.
+        # sync: # Display the current state, if the server responds.
         # sync: with suppress(Problem, ServerUnavailable):
         # sync:     self.refresh()
         # sync:     log = self.log()
         return job_card(self.data, log)
 
-    def _in_time(self, deadline: float) -> None:
+    def _check_deadline(self, deadline: float) -> None:
         if time.monotonic() > deadline:
-            raise TimeoutError(f"job {self.id} has not ended in time; it goes on: wait() again or cancel() it")
+            raise TimeoutError(f"job {self.id} has not ended within the timeout; it continues: call wait() again or cancel()")

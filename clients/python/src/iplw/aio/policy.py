@@ -1,35 +1,36 @@
-"""A trained policy on the server: what it would do, how good it is, its weights."""
+"""A trained policy on the server."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from .. import calls
-from ..call import given
-from ..ranked import Ranked
-from .handle import AsyncHandle
+from .. import requests
+from ..request import drop_none
+from ..ranking import Ranked
+from .resource import AsyncResource
 from .job import AsyncJob
 from .world import AsyncWorld
 
 
-class AsyncPolicy(AsyncHandle):
-    """A handle on one policy."""
+class AsyncPolicy(AsyncResource):
+    """A policy."""
 
-    _look = "get_policy"
+    _get_operation = "get_policy"
 
     async def act(self, task: str, count: int = 10) -> list[Ranked]:
-        """The policy's `count` best actions on a task, best first."""
-        return await self._line.do(calls.act(self.id, task, count))
+        """The `count` highest-ranked actions on a task, best first."""
+        return await self._connection.do(requests.act(self.id, task, count))
 
     async def evaluate(
         self, world: AsyncWorld | str, *, split: str = "test", attempts: int = 100
     ) -> AsyncJob:
-        """AUCCESS on a world's tasks, as a job: `auccess` in [0, 1] of up to `attempts` (1 to 100) valid ones a task.
+        """Evaluates AUCCESS on the tasks of a world, as a job: `auccess` in [0, 1] from up to `attempts` (1 to 100) valid
+        attempts for each task.
 
-        Attempts on a real world are interactions.
+        Attempts in a real world are interactions.
         """
-        answer = await self._line.do(calls.evaluate(self.id, calls.id_of(world), split, attempts))
-        return AsyncJob(self._line, answer)
+        answer = await self._connection.do(requests.evaluate(self.id, requests.id_of(world), split, attempts))
+        return AsyncJob(self._connection, answer)
 
     async def learn(
         self,
@@ -42,25 +43,25 @@ class AsyncPolicy(AsyncHandle):
         seed: int | None = None,
         key: str | None = None,
     ) -> AsyncJob:
-        """Learns on in a world, as a job whose result names the new policy; attempts are counted there."""
-        body = given(
+        """Continues training in a world, as a job whose result names the new policy; its attempts are counted."""
+        body = drop_none(
             id=self.id,
-            world=calls.id_of(world),
+            world=requests.id_of(world),
             attempts=attempts,
             batches=batches,
             batch_size=batch_size,
             learning_rate=learning_rate,
             seed=seed,
         )
-        return AsyncJob(self._line, await self._line.do(calls.post("learn_policy", body, key)))
+        return AsyncJob(self._connection, await self._connection.do(requests.post("learn_policy", body, key)))
 
     async def download(self, file: str | Path | None = None) -> bytes:
         """The weights as safetensors bytes; also written to `file`, if given."""
-        weights = await self._line.do(calls.weights(self.id))
+        weights = await self._connection.do(requests.weights(self.id))
         if file is not None:
             Path(file).write_bytes(weights)
         return weights
 
     async def delete(self) -> None:
-        """Removes the policy from the server."""
-        await self._line.do(calls.get("delete_policy", self.id))
+        """Deletes the policy from the server."""
+        await self._connection.do(requests.get("delete_policy", self.id))

@@ -1,42 +1,42 @@
-"""A surface on the server: how a family's performance depends on latent factors."""
+"""A surface on the server: performance of a family as a function of latent factors."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from .. import calls
-from .handle import AsyncHandle
+from .. import requests
+from .resource import AsyncResource
 
 
-class AsyncSurface(AsyncHandle):
-    """A handle on one surface."""
+class AsyncSurface(AsyncResource):
+    """A surface."""
 
-    _look = "get_surface"
+    _get_operation = "get_surface"
 
     @property
     def task(self) -> str:
-        """The family it is about."""
+        """Name of the task family."""
         return str(self.data["task"])
 
     @property
     def sensitivities(self) -> list[dict[str, Any]]:
-        """A row a factor: the slope of performance (AUCCESS) over what the prior holds likely."""
+        """One row for each factor: the slope of performance (AUCCESS) over the range that the prior supports."""
         return list(self.data["sensitivities"])
 
     async def points(self) -> dict[str, Any]:
-        """The surface with its points, `iplw.surface/1`, as `iplw surface` writes it."""
+        """The surface with its points: an `iplw.surface/1` document, as written by `iplw surface`."""
         if "surface" not in self.data:
             await self.refresh()
         return dict(self.data["surface"])
 
     async def draw(self, file: str | Path | None = None) -> bytes:
         """A heat map as SVG; also written to `file`, if given."""
-        drawn = await self._line.do(calls.draw(self.id))
+        drawn = await self._connection.do(requests.draw(self.id))
         if file is not None:
             Path(file).write_bytes(drawn)
         return drawn
 
     async def delete(self) -> None:
-        """Removes the surface from the server."""
-        await self._line.do(calls.get("delete_surface", self.id))
+        """Deletes the surface from the server."""
+        await self._connection.do(requests.get("delete_surface", self.id))

@@ -1,4 +1,4 @@
-"""A world on the server: reset, step, roll out batches, look."""
+"""A world on the server: reset, step, batches of rollouts, rendering."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Any
 from numpy.typing import NDArray
 from typing_extensions import Self
 
-from .. import calls
+from .. import requests
 from ..errors import Problem
 from ..film import Film
-from ..rollout import Action, Rollout, Rollouts, told
+from ..rollout import Action, Rollout, Rollouts, with_context
 from ..scene import Scene
 from .branch import AsyncBranch
-from .handle import AsyncHandle
+from .resource import AsyncResource
 from .job import AsyncJob
-from .line import AsyncLine
+from .connection import AsyncConnection
 
 
-class AsyncWorld(AsyncHandle):
-    """A handle on one world; also a context manager that deletes it."""
+class AsyncWorld(AsyncResource):
+    """A world; as a context manager it deletes the world on exit."""
 
-    _look = "get_world"
+    _get_operation = "get_world"
     _closed = False
 
-    def __init__(self, line: AsyncLine, data: dict[str, Any], scene: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, line: AsyncConnection, data: dict[str, Any], scene: Mapping[str, Any] | None = None) -> None:
         super().__init__(line, data)
-        # Of its own, where it was made of one; and of tasks that were looked at.
+        # Scenes by task id: the custom scene, if any, and scenes already requested.
         self._scenes = {str(data["task"]): Scene(scene)} if scene is not None else {}
         self._task: str | None = (data.get("state") or {}).get("task")
 
@@ -38,45 +38,45 @@ class AsyncWorld(AsyncHandle):
 
     @property
     def latents(self) -> dict[str, float] | None:
-        """Density (kg/m^2), friction and restitution, as of the last look; None if the world is sealed."""
+        """Density (kg/m^2), friction and restitution, as of the last update; None if the world is sealed."""
         latents: dict[str, float] | None = self.data["latents"]
         return latents
 
     @property
     def dimension(self) -> int:
-        """Numbers in an action vector."""
+        """Number of components of an action vector."""
         return int(self.data["action_space"]["dimension"])
 
     @property
     def actions(self) -> int:
-        """How many discrete actions there are."""
+        """Number of discrete actions."""
         return int(self.data["action_space"]["count"])
 
     # sync: @property
     async def interactions(self) -> int:
-        """Valid attempts on this world so far; asks the server."""
+        """Number of valid attempts so far, from the server."""
         await self.refresh()
         return int(self.data["interactions"])
 
     async def reset(
         self, *, seed: int | None = None, task: str | None = None, split: str | None = None
-    ) -> calls.Start:
-        """Starts an episode on `task`, or on one drawn from `split` by `seed`: (observation, info).
+    ) -> requests.Start:
+        """Starts an episode on `task`, or on a task sampled from `split` by `seed`: (observation, info).
 
-        observation: (F,) state of the bodies, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
+        observation: (F,) features of the state, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
         """
-        observation, info = await self._line.do(calls.reset(self.id, seed, task, split))
+        observation, info = await self._connection.do(requests.reset(self.id, seed, task, split))
         self._task = info["task"]
         return observation, info
 
-    async def step(self, action: Action) -> calls.Step:
-        """Acts once: (observation, reward, terminated, truncated, info).
+    async def step(self, action: Action) -> requests.Step:
+        """Executes one action: (observation, reward, terminated, truncated, info).
 
-        An action that cannot be placed leaves the episode open: `info["valid"]` is False and
-        `info["reason"]` says why. The observation is (F,), at the end; the reward 1.0 if the goal was reached, else 0.0.
-        `Problem` before `reset` and after the end of an episode (409), and once a budget is spent (429).
+        An invalid action does not end the episode: `info["valid"]` is False and `info["reason"]` gives the reason. The
+        observation is (F,), at the end; the reward is 1.0 if the goal was reached, else 0.0. `Problem` before `reset` and
+        after the end of an episode (409), and if the budget is spent (429).
         """
-        return await self._line.do(calls.step(self.id, action))
+        return await self._connection.do(requests.step(self.id, action))
 
     async def rollout(
         self,
@@ -88,20 +88,19 @@ class AsyncWorld(AsyncHandle):
         batch: int = 1024,
         interventions: Sequence[Sequence[Mapping[str, Any]]] | None = None,
     ) -> Rollouts:
-        """Rolls out many actions on one task (default: the episode's), each from the start, as one batch.
+        """Simulates many actions on one task (default: the episode's), each from the start, as one batch.
 
-        actions: (n, dimension) in [0, 1], (n,) indices, or a list of both. On a real world each valid one is an interaction.
-        More than `batch` actions go out in several requests; if one is refused, those before it have
-        happened. `stop=False` goes on after the goal is reached. `interventions` are done in the middle of rollouts of a
-        simulated world: a list for each action, or one for all, of dicts such as `{"type": "remove", "at": 1.5, "body":
-        "plank"}` (`docs/formats.md`).
+        actions: (n, dimension) in [0, 1], (n,) indices, or a list of both. In a real world each valid action is an
+        interaction. More than `batch` actions are sent in several requests; if one is rejected, those before it have been
+        executed. `stop=False` continues after the goal is reached. `interventions` (simulated worlds): a list for each action,
+        or one for all, of dicts such as `{"type": "remove", "at": 1.5, "body": "plank"}` (`docs/reference/formats.md`).
         """
         scene = await self.scene(task) if trajectories else None
         results: list[Rollout] = []
-        for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch, interventions):
-            part = await self._line.do(call)
+        for request in requests.rollouts(self.id, actions, task, trajectories, stop, batch, interventions):
+            part = await self._connection.do(request)
             results.extend(part)
-        return Rollouts(told(results, actions, scene, stop, interventions) if trajectories else results)
+        return Rollouts(with_context(results, actions, scene, stop, interventions) if trajectories else results)
 
     async def branch(
         self,
@@ -111,23 +110,24 @@ class AsyncWorld(AsyncHandle):
         task: str | None = None,
         stop: bool = True,
     ) -> AsyncBranch:
-        """A moment `at` (s since the start; the nearest time step) in a rollout, from which to go on with something else done.
+        """A snapshot of a rollout at time `at` (s since the start; the nearest time step), from which to continue with
+        interventions.
 
-        `rollout` is one that `rollout(..., trajectories=True)` or a branch gave, an action, or None for the step that was
-        made last. `Problem` on a real or sealed world (403), and beyond the rollout's end (422).
+        `rollout`: a result of `rollout(..., trajectories=True)` or of a branch, an action, or None for the last step.
+        `Problem` in a real or sealed world (403), and beyond the rollout's end (422).
         """
-        answer = await self._line.do(calls.snapshot(self.id, rollout, at, task, stop))
-        return AsyncBranch(self._line, self.id, answer, await self.scene(answer["snapshot"]["task"]))
+        answer = await self._connection.do(requests.snapshot(self.id, rollout, at, task, stop))
+        return AsyncBranch(self._connection, self.id, answer, await self.scene(answer["snapshot"]["task"]))
 
     async def scene(self, task: str | None = None) -> Scene | None:
-        """The scene of a task (default: the episode's) before anything is placed; None where the server does not tell.
+        """The scene of a task (default: the episode's) before the action; None if the server does not disclose it.
 
-        Latents in it are the family's own, not those that this world was given.
+        It has the family's latents, not those of this world.
         """
         name = task or self._task or str(self.data["task"])
         if name not in self._scenes and ":" in name:
             try:
-                self._scenes[name] = Scene((await self._line.do(calls.task(name)))["scene"])
+                self._scenes[name] = Scene((await self._connection.do(requests.task(name)))["scene"])
             except Problem:
                 return None
         return self._scenes.get(name)
@@ -135,17 +135,17 @@ class AsyncWorld(AsyncHandle):
     async def evaluate(
         self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100
     ) -> AsyncJob:
-        """AUCCESS of a policy of your own, as a job: its actions for each task, best first, are tried here.
+        """Evaluates AUCCESS of an external policy, as a job, from its ranked actions for each task, best first.
 
-        `ranking` maps task ids to (n, dimension) actions; those that cannot be placed do not count. Attempts on a
-        real world are interactions.
+        `ranking` maps task ids to (n, dimension) actions; invalid actions do not count. Attempts in a real world are
+        interactions.
         """
-        answer = await self._line.do(calls.evaluate_ranking(self.id, ranking, attempts))
-        return AsyncJob(self._line, answer)
+        answer = await self._connection.do(requests.evaluate_ranking(self.id, ranking, attempts))
+        return AsyncJob(self._connection, answer)
 
     async def set_latents(self, **latents: float) -> Self:
-        """Sets some of density (kg/m^2; or `mass`), friction, restitution. A sealed world refuses with a `Problem` (403)."""
-        self.data = await self._line.do(calls.set_latents(self.id, latents))
+        """Sets density (kg/m^2; or `mass`), friction or restitution. `Problem` (403) in a sealed world."""
+        self.data = await self._connection.do(requests.set_latents(self.id, latents))
         return self
 
     async def render(
@@ -158,26 +158,26 @@ class AsyncWorld(AsyncHandle):
         width: int | None = None,
         fps: int | None = None,
     ) -> bytes:
-        """A picture as PNG or SVG: the `scene`, or the `end`, a `filmstrip`, an `animation` (SVG) or a `film` (APNG).
+        """Renders PNG or SVG: the `scene`, or the `end`, a `filmstrip`, an `animation` (SVG) or a `film` (APNG).
 
-        All but the scene show the step that was made last, as it was observed and at no interaction. With an `action`
-        they attempt it, on `task`, which in a real world is an interaction.
+        All views except the scene show the last step, as observed, without an interaction. With an `action` they execute it on
+        `task`, which is an interaction in a real world.
         """
-        return await self._line.do(calls.render(self.id, format, view, action, task, width, fps))
+        return await self._connection.do(requests.render(self.id, format, view, action, task, width, fps))
 
     async def film(self, *, width: int = 256, fps: int = 30) -> Film:
-        """The step that was made last, frame by frame, as it was observed: noise and all, at no interaction.
+        """The film of the last step, as observed (with noise), without an interaction.
 
-        `width` in pixels, 16 to 4096; `fps` frames a second, 1 to 60. Where no step was made, a `Problem` (409).
+        `width` in px, 16 to 4096; `fps` in frames per second, 1 to 60. `Problem` (409) if there was no step.
         """
-        return await self._line.do(calls.film(self.id, width, fps))
+        return await self._connection.do(requests.film(self.id, width, fps))
 
     async def close(self) -> None:
-        """Deletes the world; a second call does nothing, nor does a world or server that is already gone."""
+        """Deletes the world; idempotent, and ignores a world or server that is already gone."""
         if self._closed:
             return
         self._closed = True
-        await self._line.forget(calls.get("delete_world", self.id))
+        await self._connection.forget(requests.get("delete_world", self.id))
 
     async def __aenter__(self) -> Self:
         return self

@@ -1,19 +1,19 @@
-"""What comes back: values in the order of what was asked, and where each was computed."""
+"""Results of a sweep, with the machines that computed them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
-from .place import Ran
+from .machine import Ran
 
 T = TypeVar("T")
 
 
 class Results(list[T]):
-    """A list of values, one an item, in the items' order.
+    """A list of values, one for each item, in the order of the items.
 
-    `items[i]` is what was asked, `ran[i]` where and how long it was computed (None where it failed).
+    `items[i]` is the input; `ran[i]` says where and how long it was computed (None if it failed).
     """
 
     def __init__(self, values: Iterable[T], items: Sequence[Any], ran: Sequence[Ran | None]) -> None:
@@ -23,10 +23,10 @@ class Results(list[T]):
 
     @property
     def kinds(self) -> list[tuple[str, ...]]:
-        """The kinds of machines that computed: program, fused operations or none, C library."""
+        """Kinds of machines used: program, architecture with or without FMA, C library."""
         return sorted({ran.machine.kind() for ran in self.ran if ran is not None})
 
     @property
     def alike(self) -> bool:
-        """Whether all machines were of one kind: then bits are the same on any."""
+        """Whether all machines were of one kind, so that results are bit-reproducible on any of them."""
         return len(self.kinds) <= 1

@@ -1,4 +1,4 @@
-"""The program's commands on many machines: estimations, evaluations, diagnoses, and any other."""
+"""Commands of the program on a cluster: estimations, evaluations, diagnoses, and any other."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any, Literal, TypedDict
 
 from typing_extensions import Unpack
 
-from ..unit import Output, check, command, compute
-from .mapped import map
+from ..cli import Output, check, command, compute
+from .parallel import map
 from .results import Results
 
-#: A command, or several that run one after the other in one directory.
+#: A command, or several that run argv after the other in argv directory.
 Unit = Sequence[str] | Sequence[Sequence[str]]
 
 
 class Options(TypedDict, total=False):
-    """How units are carried out; see `iplw.cluster.map`."""
+    """Execution options; see `iplw.cluster.map`."""
 
     num_cpus: int
     tries: int
@@ -34,13 +34,13 @@ def run(
 ) -> Results[Output]:
     """Runs commands of the program on the cluster, `[["estimate", "--seed", "1"], ["estimate", "--seed", "2"]]`.
 
-    A unit is a command or a list of commands, in a directory of its own with `files` in it (path below it -> contents,
-    or a path here to read). Options that name files or directories name them below that directory; whatever commands
-    write there comes back as `Output.files`. `--threads` is added and follows `num_cpus`.
+    A unit is a command or a list of commands, in a separate directory with `files` in it (relative path -> content,
+    or a local path to read). Paths in options are relative to that directory; files that commands write there are returned
+    as `Output.files`. `--threads` is set to `num_cpus`.
     """
-    wanted = [_commands(unit) for unit in units]
-    shared = {name: _content(given) for name, given in (files or {}).items()}
-    return map(partial(_output, shared, _threads(options)), wanted, **_with_label(options, "commands"))
+    commands_by_unit = [_commands(unit) for unit in units]
+    shared = {name: _content(content) for name, content in (files or {}).items()}
+    return map(partial(_output, shared, _threads(options)), commands_by_unit, **_with_label(options, "commands"))
 
 
 def estimate(
@@ -52,11 +52,11 @@ def estimate(
     settings: Mapping[str, object] | None = None,
     **options: Unpack[Options],
 ) -> Results[dict[str, Any]]:
-    """Estimates latents of hidden worlds: `iplw estimate` for each seed and each combination of what `over` varies.
+    """Estimates latents of hidden worlds: `iplw estimate` for each seed and each combination of `over`.
 
-    `settings` are the command's options (`{"preset": "paper", "rounds": 3, "real": {"damping": 0.8}}`); `over` gives
-    several values to some: `{"real": [{"damping": 0.8}, {"damping": 0.9}]}`. Results are the command's reports, without
-    the seconds it took (`ran` has those); `items` are the combinations, the seed varying fastest.
+    `settings`: options of the command (`{"preset": "paper", "rounds": 3, "real": {"damping": 0.8}}`); `over`: options with
+    several values: `{"real": [{"damping": 0.8}, {"damping": 0.9}]}`. Results are the command's reports, without `seconds`
+    (see `ran`); `items` are the combinations, with the seed varying fastest.
     """
     fixed = {"task": task, **(settings or {}), **({"surface": "surface.json"} if surface else {}), "json": True}
     files = {"surface.json": Path(surface).read_bytes()} if surface else {}
@@ -74,7 +74,7 @@ def evaluate(
     settings: Mapping[str, object] | None = None,
     **options: Unpack[Options],
 ) -> Results[dict[str, Any]]:
-    """Tries a policy (weights, or their file) in hidden worlds: `iplw evaluate`, varied as `estimate` is."""
+    """Evaluates a policy (weights, or their file) in hidden worlds: `iplw evaluate`, varied as in `estimate`."""
     weights = policy if isinstance(policy, bytes) else Path(policy).read_bytes()
     fixed = {"task": task, **(settings or {}), "policy": "policy.safetensors", "json": True}
     work = partial(_report, "evaluate", fixed, {"policy.safetensors": weights}, _threads(options))
@@ -89,11 +89,11 @@ def diagnose(
     settings: Mapping[str, object] | None = None,
     **options: Unpack[Options],
 ) -> Results[dict[str, Any]]:
-    """A matrix of hidden worlds, each measured and diagnosed: `iplw measure`, then `iplw diagnose` on its trials.
+    """Measures and diagnoses a grid of hidden worlds: `iplw measure`, then `iplw diagnose` on its trials.
 
     `settings` and `over` are options of `iplw measure`: `over={"effect": ["wind:...", ["quadratic_drag:k=0.05",
-    "linear_drag:c=0.2"]]}` (a list is several effects at once), `settings={"trials": 20, "noise": 0.002}`. The seed is
-    both commands'. Results are the reports (`iplw.diagnosis`).
+    "linear_drag:c=0.2"]]}` (a list gives several effects together), `settings={"trials": 20, "noise": 0.002}`. Both commands
+    use the seed. Results are the reports (`iplw.diagnosis`).
     """
     fixed = {"task": task, **(settings or {})}
     work = partial(_diagnosis, fixed, _threads(options))
@@ -101,27 +101,27 @@ def diagnose(
 
 
 def _combinations(over: Mapping[str, Iterable[object]] | None, seeds: Iterable[int]) -> list[dict[str, Any]]:
-    varied: dict[str, list[object]] = {name: list(values) for name, values in (over or {}).items()}
-    if "seed" in varied:
+    grid: dict[str, list[object]] = {name: list(values) for name, values in (over or {}).items()}
+    if "seed" in grid:
         raise ValueError("over has 'seed'; allowed: seeds=...")
-    varied["seed"] = list(seeds)
-    return [dict(zip(varied, chosen, strict=True)) for chosen in itertools.product(*varied.values())]
+    grid["seed"] = list(seeds)
+    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
 
 
 def _report(
     name: str, fixed: dict[str, Any], files: dict[str, bytes], threads: int, item: dict[str, Any]
 ) -> dict[str, Any]:
-    found = compute([command(name, **fixed, **item)], files=files, threads=threads).json()
-    # A clock's: all else is the same whenever and wherever it is computed.
-    found.pop("seconds", None)
-    return dict(found)
+    report = compute([command(name, **fixed, **item)], files=files, threads=threads).json()
+    # The only field that is not reproducible.
+    report.pop("seconds", None)
+    return dict(report)
 
 
 def _diagnosis(fixed: dict[str, Any], threads: int, item: dict[str, Any]) -> dict[str, Any]:
     measure = command("measure", **fixed, **item, out="measured")
     files = {"scene": "measured/scene.json", "trials": "measured/trials.csv"}
-    diagnose = command("diagnose", **files, seed=item["seed"], out="found")
-    return dict(compute([measure, diagnose], threads=threads).json("found/report.json"))
+    diagnose = command("diagnose", **files, seed=item["seed"], out="diagnosis")
+    return dict(compute([measure, diagnose], threads=threads).json("diagnosis/report.json"))
 
 
 def _output(files: dict[str, bytes], threads: int, commands: list[list[str]]) -> Output:
@@ -129,15 +129,15 @@ def _output(files: dict[str, bytes], threads: int, commands: list[list[str]]) ->
 
 
 def _commands(unit: Unit) -> list[list[str]]:
-    """A unit as a list of commands, each of those that compute."""
+    """A unit as a list of validated commands."""
     if isinstance(unit, str) or not unit:
         raise ValueError(f'a unit is {unit!r}; allowed: a command such as ["estimate", "--seed", "1"], or several')
     first = unit[0]
-    return [check(one) for one in ([unit] if isinstance(first, str) else unit)]  # type: ignore[arg-type]
+    return [check(argv) for argv in ([unit] if isinstance(first, str) else unit)]  # type: ignore[arg-type]
 
 
-def _content(given: bytes | str | Path) -> bytes:
-    return given if isinstance(given, bytes) else Path(given).read_bytes()
+def _content(content: bytes | str | Path) -> bytes:
+    return content if isinstance(content, bytes) else Path(content).read_bytes()
 
 
 def _threads(options: Options) -> int:

@@ -1,4 +1,4 @@
-"""Worlds for OpenEnv: a server that its clients drive, and a typed client.
+"""OpenEnv server of worlds, with a typed client.
 
     python -m iplw.openenv --task bowling --world sim --port 8000
 
@@ -9,22 +9,22 @@
         result = env.step(IplwAction(action=[0.5, 0.9, 0.3]))
         print(result.observation.valid, result.observation.solved, result.reward, result.done)
 
-Needs `pip install 'iplw[openenv]'`. The files, from the top down; each uses only those below it:
+Requires `pip install 'iplw[openenv]'`. The modules, from the top down; each imports only those below it:
 
-| file | what |
+| module | contents |
 |---|---|
-| `__main__`, `server` | the command; the same as an ASGI application for `uvicorn`, which `openenv.yaml` names |
-| `app` | the application: OpenEnv's routes over environments of ours |
+| `__main__`, `server` | the command; the ASGI application for `uvicorn`, named in `openenv.yaml` |
+| `app` | the application: OpenEnv's routes over our environments |
 | `environment` | `reset`, `step`, `state` of one session |
 | `client` | the typed client |
-| `models` | what goes over the wire: action, observation, state |
-| `settings`, `budget`, `guard` | what a server is started with; real interactions of all sessions; who may connect |
+| `models` | action, observation and state on the wire |
+| `settings`, `budget`, `middleware` | server settings; budget of real interactions over all sessions; origin checks |
 """
 
 try:
     import openenv as _  # noqa: F401
 except ImportError as error:
-    raise ImportError(f"iplw.openenv needs OpenEnv: pip install 'iplw[openenv]' ({error})") from error
+    raise ImportError(f"iplw.openenv requires OpenEnv: pip install 'iplw[openenv]' ({error})") from error
 
 from .app import make_app
 from .budget import Budget

@@ -1,4 +1,4 @@
-"""Serves worlds to OpenEnv's clients: `python -m iplw.openenv --task bowling --world sim --port 8000`."""
+"""Serves worlds to OpenEnv clients: `python -m iplw.openenv --task bowling --world sim --port 8000`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .settings import read
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serves until it is told to stop; 2 where what was given is not allowed."""
-    given, settings = read(arguments)
+    """Serves until it is stopped; exit code 2 for invalid settings."""
+    options, settings = read(arguments)
     try:
         app = make_app(settings)
-        listener = socket.create_server((given.host, given.port))
+        listener = socket.create_server((options.host, options.port))
     except (IplwError, ValueError, OSError) as error:
         print(f"iplw.openenv: {error}", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""The application: OpenEnv's routes (`/ws`, `/reset`, `/step`, `/state`, `/schema`, ...) over sessions of ours."""
+"""The application: OpenEnv's routes (`/ws`, `/reset`, `/step`, `/state`, `/schema`, ...) over our environments."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from openenv.core.env_server.http_server import create_app
 from openenv.core.env_server.types import ConcurrencyConfig
 
 from .. import Client, Problem, ServerUnavailable
-from ..envs import settings_of
+from ..envs import world_settings
 from .budget import Budget
 from .environment import IplwEnvironment
-from .guard import Guard
+from .middleware import OriginMiddleware
 from .models import IplwAction, IplwObservation
 from .settings import Settings
 
-#: What a session raises -> the status over HTTP; over the WebSocket all are messages.
-STATUS: dict[type[Exception], int] = {ValueError: 422, RuntimeError: 409, PermissionError: 429, ServerUnavailable: 503}
+#: Exception of a session -> HTTP status; over the WebSocket all are messages.
+STATUS_BY_ERROR: dict[type[Exception], int] = {ValueError: 422, RuntimeError: 409, PermissionError: 429, ServerUnavailable: 503}
 
 
-def make_app(settings: Settings, client: Client | None = None, budget: Budget | None = None) -> Guard:
+def make_app(settings: Settings, client: Client | None = None, budget: Budget | None = None) -> OriginMiddleware:
     """An ASGI application that serves these worlds; `uvicorn.run(make_app(Settings()))`.
 
-    Makes one world to see that it can, so that a task or setting that there is not is a `Problem` or `ValueError` here.
-    `client`: a connection to the iplw server, whose caller closes it; without one it is made, and lasts as long as the
-    process. `budget` counts real interactions; by default that of the settings.
+    Creates one world to validate the settings: an invalid task or setting raises `Problem` or `ValueError` here. `client`: a
+    connection to the iplw server, closed by the caller; by default one is created for the lifetime of the process. `budget`:
+    counter of real interactions; by default that of the settings.
     """
     client = client or Client(settings.url)
-    client.create_world(**settings_of(settings.task, settings.world)).close()
+    client.create_world(**world_settings(settings.task, settings.world)).close()
     app = create_app(
         partial(IplwEnvironment, client, settings, budget or Budget(settings.budget)),
         IplwAction,
@@ -39,16 +39,16 @@ def make_app(settings: Settings, client: Client | None = None, budget: Budget | 
         env_name="iplw",
         concurrency_config=ConcurrencyConfig(max_concurrent_envs=settings.sessions, session_timeout=settings.idle),
     )
-    for kind, status in STATUS.items():
-        app.add_exception_handler(kind, _teller(status))
-    app.add_exception_handler(Problem, _teller(None))
-    return Guard(app, settings.origins, settings.hosts)
+    for kind, status in STATUS_BY_ERROR.items():
+        app.add_exception_handler(kind, _error_handler(status))
+    app.add_exception_handler(Problem, _error_handler(None))
+    return OriginMiddleware(app, settings.origins, settings.hosts)
 
 
-def _teller(status: int | None) -> Callable[[Request, Any], JSONResponse]:
-    """What tells an exception over HTTP, where OpenEnv would say no more than `Internal Server Error`."""
+def _error_handler(status: int | None) -> Callable[[Request, Any], JSONResponse]:
+    """An exception handler that returns the message; OpenEnv would return `Internal Server Error`."""
 
-    def tell(_: Request, error: Any) -> JSONResponse:
+    def handle(_: Request, error: Any) -> JSONResponse:
         return JSONResponse({"detail": str(error)}, error.status if status is None else status)
 
-    return tell
+    return handle

@@ -1,4 +1,4 @@
-"""How many real interactions all sessions of a server may spend together."""
+"""Budget of real interactions, shared by all sessions of a server."""
 
 from __future__ import annotations
 
@@ -8,55 +8,54 @@ from contextlib import contextmanager
 
 
 class Budget:
-    """Counts real interactions over all sessions; safe among threads.
+    """Thread-safe counter of real interactions over all sessions.
 
-    Each session's world counts its own, but a session that ends takes its count along; this one stays for as long as
-    the server runs.
+    The worlds count their own interactions, but are deleted with their sessions; this counter lasts as long as the server.
     """
 
-    def __init__(self, most: int | None = None) -> None:
-        """`most`: interactions allowed; None for any number."""
-        if most is not None and most < 0:
-            raise ValueError(f"budget is {most}; allowed: a whole number from 0, or none")
-        #: Interactions allowed; None for any number.
-        self.most = most
+    def __init__(self, limit: int | None = None) -> None:
+        """`limit`: maximum number of interactions; None for no limit."""
+        if limit is not None and limit < 0:
+            raise ValueError(f"budget is {limit}; allowed: an integer from 0, or none")
+        #: Maximum number of interactions; None for no limit.
+        self.limit = limit
         self._spent = 0
         self._lock = threading.Lock()
 
     @property
     def remaining(self) -> int | None:
         """Interactions left; None without a limit."""
-        return None if self.most is None else self.most - self._spent
+        return None if self.limit is None else self.limit - self._spent
 
     @property
     def spent(self) -> int:
-        """Interactions made, with those under way."""
+        """Interactions attempt, with those under way."""
         return self._spent
 
     @contextmanager
     def attempt(self) -> Iterator[Attempt]:
-        """Holds one interaction while it is under way; `PermissionError` if none is left.
+        """Reserves one interaction; `PermissionError` if none is left.
 
-        It is given back if the attempt says that it did not count, and kept if nobody knows: an attempt that fails
-        half-way may have happened.
+        It is released if the attempt is known not to count. An attempt that fails half-way may have been executed and
+        stays counted.
         """
         with self._lock:
-            if self.most is not None and self._spent >= self.most:
+            if self.limit is not None and self._spent >= self.limit:
                 raise PermissionError(
-                    f"the budget of {self.most} real interactions, over all sessions of this server, is spent"
+                    f"the budget of {self.limit} real interactions, over all sessions of this server, is spent"
                 )
             self._spent += 1
-        made = Attempt()
+        attempt = Attempt()
         try:
-            yield made
+            yield attempt
         finally:
-            if not made.counts:
+            if not attempt.counts:
                 with self._lock:
                     self._spent -= 1
 
 
 class Attempt:
-    """One interaction under way."""
+    """One interaction in progress."""
 
-    #: Whether it counts: it does unless it is known not to.
+    #: Whether it counts; False if it is known not to have been executed.
     counts = True

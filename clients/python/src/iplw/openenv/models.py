@@ -1,4 +1,4 @@
-"""What goes over the wire: action, observation and state, as OpenEnv's own types with our fields."""
+"""Action, observation and state on the wire, as subtypes of OpenEnv's."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ class IplwAction(Action):
 
     @classmethod
     def model_validate(cls, obj: Any, **how: Any) -> Self:
-        """Reads an action; a `ValueError` says in one line what is wrong.
+        """Validates an action; `ValueError` with a one-line message if it is invalid.
 
-        OpenEnv's client shows the message of an error and drops the details, where pydantic has all it has to say. An
-        action may be text, too, `"[0.5, 0.9, 0.3]"`: what OpenEnv's page sends, and language models write.
+        OpenEnv's client displays an error's message but not the details where pydantic puts them. A JSON string such as
+        `"[0.5, 0.9, 0.3]"` is accepted: OpenEnv's web page and language models send it.
         """
         if isinstance(obj, Mapping) and isinstance(obj.get("action"), str):
             with suppress(ValueError):
                 obj = {**obj, "action": json.loads(obj["action"])}
         try:
-            made: Self = super().model_validate(obj, **how)
+            action: Self = super().model_validate(obj, **how)
         except ValidationError as error:
-            raise ValueError(_told(obj, error)) from None
-        return made
+            raise ValueError(_error_message(obj, error)) from None
+        return action
 
 
 class IplwObservation(Observation):
-    """What is seen, and what became of the action. After `reset` nothing has become of any: `valid` is None."""
+    """Observation and result of the action. After `reset`, `valid` is None."""
 
     features: list[float] = Field(description="(F,) state of the bodies, each in [0, 1]; after a step, at its end")
     task: str = Field(description="id of the task: bowling:017")
@@ -59,7 +59,7 @@ class IplwObservation(Observation):
 
 
 class IplwState(State):
-    """Where a session stands."""
+    """State of a session."""
 
     task: str | None = Field(None, description="id of the episode's task; null before the first reset")
     world: str = Field("sim", description="sim, or real: its latents are hidden and its interactions counted")
@@ -71,12 +71,12 @@ class IplwState(State):
     )
 
 
-def _told(given: Any, error: ValidationError) -> str:
-    """Pydantic's errors as one line, without naming each form that an action might have had."""
+def _error_message(value: Any, error: ValidationError) -> str:
+    """Pydantic's errors as one line."""
     allowed = "allowed: an index, or a list of numbers from 0 to 1, one a component"
-    if not isinstance(given, Mapping):
-        return f"the action is {given!r}; allowed: an object with the field `action`"
-    for said in error.errors():
-        if said["loc"][0] != "action":
-            return f"`{'.'.join(map(str, said['loc']))}`: {said['msg']}; allowed: action, metadata"
-    return f"`action` is {given['action']!r}; {allowed}" if "action" in given else f"`action` is missing; {allowed}"
+    if not isinstance(value, Mapping):
+        return f"the action is {value!r}; allowed: an object with the field `action`"
+    for issue in error.errors():
+        if issue["loc"][0] != "action":
+            return f"`{'.'.join(map(str, issue['loc']))}`: {issue['msg']}; allowed: action, metadata"
+    return f"`action` is {value['action']!r}; {allowed}" if "action" in value else f"`action` is missing; {allowed}"

@@ -1,6 +1,6 @@
-"""The application for `uvicorn iplw.openenv.server:app`, as `openenv.yaml` names it.
+"""ASGI application for `uvicorn iplw.openenv.server:app`, named in `openenv.yaml`.
 
-IPLW_OPENENV in the environment has the arguments of `python -m iplw.openenv`: `--world real --budget 100`.
+The environment variable IPLW_OPENENV holds arguments of `python -m iplw.openenv`: `--world real --budget 100`.
 """
 
 from __future__ import annotations

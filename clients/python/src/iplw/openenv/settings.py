@@ -1,4 +1,4 @@
-"""What a server is started with, from a command line."""
+"""Settings of the OpenEnv server, from the command line."""
 
 from __future__ import annotations
 
@@ -8,90 +8,90 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-#: What an observation may hold beside features.
-SHOWN = ("scene", "picture")
+#: Optional fields of observations.
+OPTIONAL_FIELDS = ("scene", "picture")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What worlds the sessions get, and how many there may be."""
+    """Worlds of the sessions, and limits."""
 
     #: A family (`bowling`) or one task of it (`bowling:017`); None with a `scene` in `world`.
     task: str | None = "bowling"
     #: `sim`, `real`, or the settings of `Client.create_world`: `{"kind": "real", "damping": 0.8}`.
     world: str | Mapping[str, Any] = "sim"
-    #: What `reset` draws tasks from, if it does not say.
+    #: Default split of `reset`.
     split: str = "train"
-    #: What observations hold beside features: `scene`, `picture`.
+    #: Optional fields of observations: `scene`, `picture`.
     show: tuple[str, ...] = ()
-    #: Real interactions of all sessions together; None for any number.
+    #: Maximum number of real interactions over all sessions; None for no limit.
     budget: int | None = None
-    #: Most sessions at once; one more is refused.
+    #: Maximum number of concurrent sessions.
     sessions: int = 64
-    #: A session that does nothing for so long loses its world, s; None for never.
+    #: Idle time after which the world of a session is deleted, s; None for never.
     idle: float | None = 3600.0
     #: Address of an iplw server; None for a private one.
     url: str | None = None
-    #: Origins of pages that may connect, beside those that the server itself serves.
+    #: Allowed origins of web pages, in addition to pages of this server.
     origins: tuple[str, ...] = ()
-    #: Names that the server may be called by, beside addresses and `localhost`.
+    #: Allowed host names, in addition to IP addresses and `localhost`.
     hosts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if unknown := sorted(set(self.show) - set(SHOWN)):
-            raise ValueError(f"show is {unknown}; allowed: {', '.join(SHOWN)}")
+        if unknown := sorted(set(self.show) - set(OPTIONAL_FIELDS)):
+            raise ValueError(f"show is {unknown}; allowed: {', '.join(OPTIONAL_FIELDS)}")
         if self.sessions < 1:
-            raise ValueError(f"sessions is {self.sessions}; allowed: from 1")
+            raise ValueError(f"sessions is {self.sessions}; allowed: 1 or more")
         if self.idle is not None and not self.idle > 0:
             raise ValueError(f"idle is {self.idle}; allowed: more than 0 s")
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of `python -m iplw.openenv`."""
-    about = "Worlds of iplw, for OpenEnv's clients."
-    made = argparse.ArgumentParser(prog="python -m iplw.openenv", description=about)
-    made.add_argument("--task", default="bowling", help="a family (bowling) or one task of it (bowling:017)")
+    about = "Serves iplw worlds to OpenEnv clients."
+    parser = argparse.ArgumentParser(prog="python -m iplw.openenv", description=about)
+    parser.add_argument("--task", default="bowling", help="a family (bowling) or one task of it (bowling:017)")
     settings = 'sim, real, or settings: {"kind": "real", "damping": 0.8}'
-    made.add_argument("--world", default="sim", type=_world, help=settings)
-    made.add_argument("--scene", type=_document, metavar="FILE", help="an iplw.scene/1 document instead of a task")
-    made.add_argument("--split", default="train", choices=("train", "validation", "test"), help="what reset draws from")
-    made.add_argument("--show", action="append", default=[], choices=SHOWN, help="more that observations hold")
-    made.add_argument("--budget", type=int, help="real interactions of all sessions together (default: any number)")
-    made.add_argument("--sessions", type=int, default=64, help="most sessions at once (64)")
-    made.add_argument("--idle", type=float, default=3600.0, metavar="S", help="an idle session loses its world (3600)")
-    made.add_argument("--url", help="an iplw server (default: IPLW_URL, or a private one)")
-    made.add_argument("--allow-origin", action="append", default=[], help="a page of another origin that may connect")
-    made.add_argument("--allow-host", action="append", default=[], help="a name that the server may be called by")
-    made.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1); there are no tokens")
-    made.add_argument("--port", type=int, default=8000, help="port to listen on (8000); 0 takes a free one")
-    return made
+    parser.add_argument("--world", default="sim", type=_world, help=settings)
+    parser.add_argument("--scene", type=_document, metavar="FILE", help="an iplw.scene/1 document instead of a task")
+    parser.add_argument("--split", default="train", choices=("train", "validation", "test"), help="default split of reset")
+    parser.add_argument("--show", action="append", default=[], choices=OPTIONAL_FIELDS, help="add a field to observations")
+    parser.add_argument("--budget", type=int, help="maximum number of real interactions over all sessions (default: no limit)")
+    parser.add_argument("--sessions", type=int, default=64, help="maximum number of concurrent sessions (64)")
+    parser.add_argument("--idle", type=float, default=3600.0, metavar="S", help="idle time after which a session's world is deleted (3600)")
+    parser.add_argument("--url", help="address of an iplw server (default: IPLW_URL, or a private one)")
+    parser.add_argument("--allow-origin", action="append", default=[], help="allow web pages of another origin to connect")
+    parser.add_argument("--allow-host", action="append", default=[], help="allow another host name for this server")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1); there is no authentication")
+    parser.add_argument("--port", type=int, default=8000, help="port to listen on (8000); 0 for a free one")
+    return parser
 
 
-def settings_of(given: argparse.Namespace) -> Settings:
+def settings_of(arguments: argparse.Namespace) -> Settings:
     """The settings of a command line."""
-    world = given.world
-    if given.scene is not None:
-        world = {**({"kind": world} if isinstance(world, str) else world), "scene": given.scene}
+    world = arguments.world
+    if arguments.scene is not None:
+        world = {**({"kind": world} if isinstance(world, str) else world), "scene": arguments.scene}
     return Settings(
-        task=given.task if given.scene is None else None,
+        task=arguments.task if arguments.scene is None else None,
         world=world,
-        split=given.split,
-        show=tuple(given.show),
-        budget=given.budget,
-        sessions=given.sessions,
-        idle=given.idle,
-        url=given.url,
-        origins=tuple(given.allow_origin),
-        hosts=tuple(given.allow_host),
+        split=arguments.split,
+        show=tuple(arguments.show),
+        budget=arguments.budget,
+        sessions=arguments.sessions,
+        idle=arguments.idle,
+        url=arguments.url,
+        origins=tuple(arguments.allow_origin),
+        hosts=tuple(arguments.allow_host),
     )
 
 
 def read(arguments: Sequence[str] | None = None) -> tuple[argparse.Namespace, Settings]:
-    """What was given, and the settings of it; ends the program with a line where it is not allowed."""
+    """What was arguments, and the settings of it; ends the program with a line where it is not allowed."""
     command = parser()
-    given = command.parse_args(arguments)
+    options = command.parse_args(arguments)
     try:
-        return given, settings_of(given)
+        return options, settings_of(options)
     except ValueError as error:
         command.error(str(error))
 
@@ -99,14 +99,14 @@ def read(arguments: Sequence[str] | None = None) -> tuple[argparse.Namespace, Se
 def _world(text: str) -> str | dict[str, Any]:
     if not text.lstrip().startswith("{"):
         return text
-    made: dict[str, Any] = json.loads(text)
-    return made
+    parser: dict[str, Any] = json.loads(text)
+    return parser
 
 
 def _document(path: str) -> dict[str, Any]:
     try:
         with open(path, encoding="utf-8") as file:
-            made: dict[str, Any] = json.load(file)
+            parser: dict[str, Any] = json.load(file)
     except (OSError, ValueError) as error:
         raise argparse.ArgumentTypeError(f"{path}: {error}") from error
-    return made
+    return parser

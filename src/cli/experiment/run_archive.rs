@@ -1,0 +1,219 @@
+//! Saves the results of a run in a data directory for a server: estimation, diagnosis, training and evaluation as jobs, and the policies,
+//! in the form of a server's own jobs.
+
+use iplw::error::{Error, Result};
+use iplw::experiment::quickstart::{QuickstartArtifacts, QuickstartReport, TrainedPolicy, TrainingRecord};
+use iplw::experiment::{EstimateConfig, PendingRound, Round};
+use iplw::job::id;
+use iplw::reality::trials_to_csv;
+use iplw::store::{JobState, LogLevel, MeasuredOutcomes, PolicyRow, Store};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+/// Adds a run of one seed to a data directory.
+pub fn save(store: &Store, report: &QuickstartReport, keepsakes: &QuickstartArtifacts) -> Result<()> {
+    let shelf = RunArchive { store, family: &report.config.family, seed: report.config.seeds[0] };
+    let estimation = shelf.estimation(report, keepsakes)?;
+    shelf.diagnosis(&estimation, keepsakes)?;
+    for schooled in &keepsakes.policies {
+        let policy = match &schooled.training {
+            Some(lesson) => shelf.training(schooled, lesson)?,
+            None => "random".into(),
+        };
+        shelf.evaluation(&policy, schooled, report)?;
+    }
+    store.flush_log()
+}
+
+struct RunArchive<'a> {
+    store: &'a Store,
+    family: &'a str,
+    seed: u64,
+}
+
+impl RunArchive<'_> {
+    fn estimation(&self, report: &QuickstartReport, keepsakes: &QuickstartArtifacts) -> Result<String> {
+        let setup = EstimateConfig { seed: self.seed, ..report.config.estimate.clone() };
+        let config = json!({
+            "task": self.family, "strategy": setup.strategy, "rounds": setup.rounds, "actions": setup.actions,
+            "samples": setup.cem.samples, "seed": self.seed,
+        });
+        let plan = json!({"task": self.family, "setup": value(&setup)?, "real": "asked", "budget": null});
+        let rounds = |job: i64| -> Result<()> {
+            keepsakes.rounds.iter().enumerate().try_for_each(|(n, round)| self.round(job, n as u64, round))
+        };
+        self.job("iplw", config, plan, value(&report.estimates[0])?, &rounds)
+    }
+
+    fn round(&self, job: i64, number: u64, round: &Round) -> Result<()> {
+        let Round { proposals, choice, rollouts, .. } = round.clone();
+        self.store.open_round(job, number, &text(&PendingRound { proposals, choice, rollouts })?)?;
+        let mut measured: MeasuredOutcomes = round.proposals.iter().map(|p| (p.number, None)).collect();
+        for answer in &round.answers {
+            measured.insert(answer.number, Some(text(&answer.observed)?));
+        }
+        self.store.put_measured(job, &measured, None, None)?;
+        self.store.close_round(job, number, &text(&Round { answers: Vec::new(), ..round.clone() })?)
+    }
+
+    fn diagnosis(&self, estimation: &str, keepsakes: &QuickstartArtifacts) -> Result<String> {
+        let (scene, finding) = &keepsakes.diagnosed;
+        let trials = keepsakes.trials.len();
+        let config = json!({"job": estimation, "scene": scene.name, "trials": trials, "seed": self.seed});
+        let csv = trials_to_csv(&keepsakes.trials);
+        let plan = json!({"scene": scene.to_json(), "trials": csv, "seed": self.seed});
+        let mut result = value(&finding.diagnosis)?;
+        result["extended_scene"] = value(&finding.extended)?;
+        self.job("diagnose", config, plan, result, &|_| Ok(()))
+    }
+
+    /// Saves a training; returns the id of the policy.
+    fn training(&self, schooled: &TrainedPolicy, lesson: &TrainingRecord) -> Result<String> {
+        let Some(weights) = schooled.policy.to_safetensors() else {
+            return Err(Error::Failed("the policy has no weights".into()));
+        };
+        let policy = value(&schooled.method)?.as_str().unwrap_or_default().to_string();
+        let name = lesson.training.name();
+        let config = json!({
+            "task": self.family, "training": name, "about": schooled.method.title(), "seed": self.seed,
+        });
+        let result = json!({
+            "policy": policy,
+            "loss": lesson.loss,
+            "examples": lesson.examples,
+            "solving": lesson.solving,
+            "training": value(&lesson.training)?,
+            "labels": value(&lesson.labels)?,
+            "config": value(&lesson.setup)?,
+        });
+        let job = self.job("train", config.clone(), json!({}), result, &|_| Ok(()))?;
+        let row = PolicyRow {
+            id: policy.clone(),
+            task: self.family.into(),
+            training: name.into(),
+            about: schooled.policy.describe(),
+            config,
+            job: Some(job),
+            version: env!("CARGO_PKG_VERSION").into(),
+            bytes: weights.len() as u64,
+            owner: None,
+        };
+        self.store.put_policy(&row, &weights, None)?;
+        Ok(policy)
+    }
+
+    fn evaluation(
+        &self,
+        policy: &str,
+        schooled: &TrainedPolicy,
+        report: &QuickstartReport,
+    ) -> Result<String> {
+        let world = format!("the hidden {} world of the run", self.family);
+        let config = json!({"policy": policy, "world": world, "split": "test", "seed": self.seed});
+        let found = &schooled.evaluation;
+        let result = json!({
+            "auccess": found.auccess,
+            "solved_within": found.curve.to_vec(),
+            "world_kind": "real",
+            "config": value(&report.config.evaluate)?,
+        });
+        self.job("evaluate", config, json!({}), result, &|_| Ok(()))
+    }
+
+    /// Saves a successful job and the data that `parts` adds; returns its id.
+    fn job(
+        &self,
+        kind: &str,
+        config: Value,
+        plan: Value,
+        result: Value,
+        parts: &dyn Fn(i64) -> Result<()>,
+    ) -> Result<String> {
+        let mut row = self.store.add_job(kind, &config, &plan, self.seed, None, &|_| None)?;
+        parts(row.number)?;
+        (row.state, row.result) = (JobState::Succeeded, Some(result));
+        row.events += 1;
+        self.store.update_job(&row)?;
+        self.store.note_line(row.number, LogLevel::Info, "imported from `iplw run`");
+        Ok(id(row.number))
+    }
+}
+
+fn value(of: &impl Serialize) -> Result<Value> {
+    serde_json::to_value(of).map_err(|e| Error::Failed(format!("cannot serialise a result: {e}")))
+}
+
+fn text(of: &impl Serialize) -> Result<String> {
+    serde_json::to_string(of).map_err(|e| Error::Failed(format!("cannot serialise a result: {e}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use iplw::experiment::quickstart::{QuickstartConfig, quickstart};
+    use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
+    use iplw::progress::NoProgress;
+    use iplw::reality::standard;
+    use iplw::serve::{ServeConfig, Server};
+    use iplw::task::{LabelCounts, family};
+
+    use super::*;
+
+    /// A minimal run.
+    fn story() -> (QuickstartReport, QuickstartArtifacts) {
+        let family = family("basketball").unwrap();
+        let mut estimate = EstimateConfig::fast(family.prior);
+        (estimate.rounds, estimate.actions, estimate.candidates) = (1, 2, 20);
+        (estimate.cem.samples, estimate.cem.elites) = (8, 2);
+        let labels = LabelCounts { per_task: 4, ..family.learning.study_labels };
+        let config = QuickstartConfig {
+            family: "basketball".into(),
+            seeds: vec![3],
+            estimate,
+            label: LabelConfig::preset(&labels, 0),
+            train: TrainConfig { batches: 1, batch_size: 4, ..TrainConfig::preset(&family.learning) },
+            evaluate: EvaluateConfig { candidates: 4, ..EvaluateConfig::phyre(0) },
+        };
+        let tasks: Vec<_> = family.tasks();
+        quickstart(&tasks, &standard(family), &config, &|| 0.0, &NoProgress).unwrap()
+    }
+
+    #[test]
+    fn a_server_lists_the_jobs_of_a_run() {
+        let place = tempfile::tempdir().unwrap();
+        let (report, keepsakes) = story();
+        save(&Store::open(place.path()).unwrap(), &report, &keepsakes).unwrap();
+        let http = "127.0.0.1:0".parse().unwrap();
+        let config = ServeConfig { http, data_dir: Some(place.path().into()), ..ServeConfig::default() };
+        let (told, address) = std::sync::mpsc::channel();
+        let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+        let serving = std::thread::spawn(move || {
+            tokio::runtime::Runtime::new().unwrap().block_on(async {
+                let server = Server::bind(config).await.unwrap();
+                told.send(server.address()).unwrap();
+                server.run(async move { drop(stopped.await) }).await.unwrap();
+            });
+        });
+        let url = format!("http://{}/v1", address.recv().unwrap());
+        let get = |path: &str| -> Value {
+            let answer = reqwest::blocking::get(format!("{url}{path}")).unwrap();
+            assert_eq!(answer.status(), 200, "{path}");
+            answer.json().unwrap()
+        };
+        let jobs = get("/jobs?state=succeeded");
+        let kinds: Vec<&str> =
+            jobs["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
+        let of = |kind: &str| kinds.iter().filter(|k| **k == kind).count();
+        assert_eq!((of("iplw"), of("diagnose"), of("train"), of("evaluate")), (1, 1, 6, 7), "{kinds:?}");
+        assert_eq!(get("/jobs")["jobs"].as_array().unwrap().len(), kinds.len(), "nothing is left to do");
+        let trials = get("/jobs/job-1/trials");
+        assert_eq!(trials["trials"].as_array().unwrap().len(), keepsakes.trials.len());
+        assert_eq!(get("/jobs/job-1")["result"]["seed"], 3);
+        assert!(get("/jobs/job-2")["result"]["extended_scene"]["bodies"].is_array());
+        assert!(get("/jobs/job-1/log")["lines"][0]["text"].as_str().unwrap().contains("iplw run"));
+        let policies = get("/policies");
+        let ours = policies["policies"].as_array().unwrap().iter().find(|p| p["id"] == "iplw").unwrap();
+        assert_eq!(ours["task"], "basketball");
+        drop(stop);
+        serving.join().unwrap();
+    }
+}

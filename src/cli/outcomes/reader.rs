@@ -1,0 +1,180 @@
+//! Reading and validating tables of outcomes.
+
+use std::hash::{DefaultHasher, Hasher};
+use std::path::{Path, PathBuf};
+
+use iplw::error::{Error, Result};
+use iplw::policy::OutcomeTable;
+use iplw::rng;
+use iplw::task::{Task, ValidAction, family};
+use serde::Deserialize;
+use serde_json::Value;
+
+/// Value of a table's `format`.
+pub const FORMAT: &str = "iplw.outcomes/1";
+
+/// A table with its metadata.
+pub struct OutcomesTable {
+    pub table: OutcomeTable,
+    /// Contents of `outcomes.json`.
+    pub about: Value,
+    /// Digest of the contents, comparable within one build of the program.
+    pub digest: u64,
+}
+
+/// The required fields of `outcomes.json`.
+#[derive(Deserialize)]
+struct OutcomesHeader {
+    format: String,
+    family: String,
+    digest: String,
+    tasks: Vec<TaskEntry>,
+}
+
+#[derive(Deserialize)]
+struct TaskEntry {
+    id: String,
+    /// Digest of the scene, see [`scene_digest`].
+    scene: String,
+}
+
+/// Digest of a task's scene: scenes may change under the same id when a family is certified again.
+pub fn scene_digest(task: &Task) -> String {
+    format!("{:016x}", rng::derive_seed(0, &task.scene.to_json(), 0))
+}
+
+/// Reads the table in a directory given by `option`.
+fn read_table(option: &str, folder: &Path) -> Result<OutcomesTable> {
+    read_files(folder).map_err(|e| e.in_file(format!("{option} {}", folder.display())))
+}
+
+/// Reads tables of different families, with action vectors of the same length.
+pub fn read_all(option: &str, folders: &[PathBuf]) -> Result<Vec<OutcomesTable>> {
+    let all: Vec<OutcomesTable> = folders.iter().map(|f| read_table(option, f)).collect::<Result<_>>()?;
+    for (i, one) in all.iter().enumerate() {
+        let (name, width) = (one.table.family(), |r: &OutcomesTable| r.table.actions()[0].values().len());
+        if all[..i].iter().any(|other| other.table.family() == name) {
+            return Err(Error::input(option, folders[i].display(), format!("only one table of {name}")));
+        }
+        if width(one) != width(&all[0]) {
+            let value = format!("{} with actions of {} components", folders[i].display(), width(one));
+            let allowed = format!(
+                "{} components as in {}: the tables have to fit each other",
+                width(&all[0]),
+                folders[0].display()
+            );
+            return Err(Error::input(option, value, allowed));
+        }
+    }
+    Ok(all)
+}
+
+fn read_files(folder: &Path) -> Result<OutcomesTable> {
+    let bytes = |name: &str| {
+        let path = folder.join(name);
+        std::fs::read(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                let allowed = "a finished table of `iplw outcomes` (run it again to resume)";
+                Error::input(name, "not there", allowed)
+            }
+            _ => Error::io(&path, e),
+        })
+    };
+    let text = bytes("outcomes.json")?;
+    let invalid =
+        |e: serde_json::Error| Error::input("outcomes.json", format!("{e}"), "what `iplw outcomes` wrote");
+    let about: Value = serde_json::from_slice(&text).map_err(invalid)?;
+    let header_fields = OutcomesHeader::deserialize(&about).map_err(invalid)?;
+    if header_fields.format != FORMAT {
+        return Err(Error::input("format", format!("{:?}", header_fields.format), format!("{FORMAT:?}")));
+    }
+    let family = family(&header_fields.family)?;
+    if family.digest != header_fields.digest {
+        let allowed = format!("{:?}: {} was changed, recompute its table", family.digest, family.name);
+        return Err(Error::input("digest", format!("{:?}", header_fields.digest), allowed));
+    }
+    let all = family.tasks();
+    let find = |named: &TaskEntry| {
+        let found = all.iter().find(|t| t.id == named.id).cloned();
+        let found = found.ok_or_else(|| {
+            Error::input("tasks", format!("{:?}", named.id), format!("tasks of {}", family.name))
+        })?;
+        if scene_digest(&found) != named.scene {
+            let allowed = format!("the current tasks of {}: recompute its table", family.name);
+            return Err(Error::input("tasks", format!("{:?} with another scene", named.id), allowed));
+        }
+        Ok(found)
+    };
+    let tasks: Vec<Task> = header_fields.tasks.iter().map(find).collect::<Result<_>>()?;
+    let (actions, outcomes) = (bytes("actions.npy")?, bytes("outcomes.npy")?);
+    let mut hasher = DefaultHasher::new();
+    [&text, &actions, &outcomes].into_iter().for_each(|part| hasher.write(part));
+    let ([count, width], data) = array("actions.npy", &actions, "<f8", 8)?;
+    let values: Vec<f64> =
+        data.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes"))).collect();
+    let space = family.tasks().first().map(|t| t.actions().clone());
+    let action = |v: &[f64]| -> Result<ValidAction> {
+        space.as_ref().ok_or_else(|| Error::Failed("a family without tasks".into()))?.validate(v)
+    };
+    let actions = values.chunks(width.max(1)).map(action).collect::<Result<Vec<_>>>();
+    let actions = actions.map_err(|e| e.in_field("actions.npy"))?;
+    let (shape, data) = array("outcomes.npy", &outcomes, "|i1", 1)?;
+    if shape != [tasks.len(), count] {
+        let allowed = format!("[{}, {count}]: tasks and actions of this table", tasks.len());
+        return Err(Error::input("outcomes.npy shape", format!("{shape:?}"), allowed));
+    }
+    let outcomes = data.iter().map(|b| *b as i8).collect();
+    let table = OutcomeTable::new(family.name, tasks, actions, outcomes)?;
+    Ok(OutcomesTable { table, about, digest: hasher.finish() })
+}
+
+/// Shape and data of a two-dimensional array written by `iplw outcomes` or NumPy's `save`.
+fn array<'a>(file: &str, bytes: &'a [u8], kind: &str, size: usize) -> Result<([usize; 2], &'a [u8])> {
+    let refused = |value: &str| {
+        Error::input(
+            file,
+            value,
+            format!("a complete two-dimensional NumPy array of type {kind:?} in C order"),
+        )
+    };
+    let fixed =
+        bytes.get(..10).filter(|b| b.starts_with(b"\x93NUMPY\x01")).ok_or_else(|| refused("no array"))?;
+    let length = usize::from(u16::from_le_bytes([fixed[8], fixed[9]]));
+    let header = bytes.get(10..10 + length).and_then(|b| std::str::from_utf8(b).ok());
+    let header = header.ok_or_else(|| refused("an array whose header is cut short"))?;
+    let has = |text: &str| header.contains(text);
+    if !(has(&format!("'descr': '{kind}'")) && has("'fortran_order': False")) {
+        return Err(refused("an array of another type or order"));
+    }
+    let inner = header.split_once("'shape': (").and_then(|(_, rest)| rest.split_once(')'));
+    let shape: Vec<usize> =
+        inner.map_or("", |(s, _)| s).split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    let [rows, columns] = shape[..] else { return Err(refused("an array of another shape")) };
+    let data = &bytes[10 + length..];
+    match rows.checked_mul(columns).and_then(|n| n.checked_mul(size)) {
+        Some(wanted) if wanted == data.len() => Ok(([rows, columns], data)),
+        _ => Err(refused(&format!("an array of {rows} by {columns} that holds {} bytes", data.len()))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::writer::npy;
+    use super::*;
+
+    #[test]
+    fn reads_written_arrays_and_rejects_others() {
+        let bytes = npy("|i1", [2, 3], &[1, 255, 0, 1, 1, 0]);
+        assert_eq!(array("a", &bytes, "|i1", 1).unwrap(), ([2, 3], &[1, 255, 0, 1, 1, 0][..]));
+        let longer = [bytes.clone(), vec![0]].concat();
+        let fortran = String::from_utf8_lossy(&bytes[10..]).replace("False", "True ");
+        let turned = [&bytes[..10], fortran.as_bytes()].concat();
+        for (broken, kind) in
+            [(&bytes[..bytes.len() - 1], "|i1"), (&bytes[..40], "|i1"), (&bytes[..5], "|i1"), (&bytes, "<f8")]
+        {
+            assert!(array("a", broken, kind, 1).is_err(), "{} bytes as {kind}", broken.len());
+        }
+        assert!(array("a", &longer, "|i1", 1).is_err() && array("a", &turned, "|i1", 1).is_err());
+        assert!(array("a", &npy("|i1", [usize::MAX, 2], &[]), "|i1", 1).is_err());
+    }
+}

@@ -1,0 +1,121 @@
+//! Writing tables of outcomes row by row, as NumPy arrays.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use iplw::error::{Error, Result};
+use serde_json::Value;
+
+use crate::cli::output;
+
+/// A table in progress: rows are appended to `outcomes.part` until it is complete.
+pub struct TableWriter {
+    folder: PathBuf,
+    /// Number of complete rows.
+    pub rows: usize,
+}
+
+impl TableWriter {
+    /// Starts a table of `rows` tasks and `width` actions, or resumes one with the same metadata. Other files are never overwritten.
+    pub fn open(folder: &Path, of: &Value, [rows, width]: [usize; 2]) -> Result<TableWriter> {
+        let mut table = TableWriter { folder: folder.into(), rows: 0 };
+        let about = folder.join("outcomes.json");
+        let there = ["outcomes.json", "outcomes.npy", "outcomes.part", "actions.npy"]
+            .iter()
+            .any(|f| folder.join(f).exists());
+        if there {
+            let text = std::fs::read_to_string(&about).unwrap_or_default();
+            if serde_json::from_str::<Value>(&text).ok().as_ref() != Some(of) {
+                let allowed = "another directory: this one has other files, or a table of other tasks, actions or physics";
+                return Err(Error::input("--out", folder.display(), allowed));
+            }
+            if table.finished_path().exists() {
+                eprintln!("  the table is complete");
+                return Ok(TableWriter { rows, ..table });
+            }
+            table.rows = std::fs::metadata(table.partial_path()).map_or(0, |m| m.len() as usize / width);
+        }
+        // A partially written row is removed and recomputed.
+        let part = OpenOptions::new().create(true).append(true).open(table.partial_path());
+        let cut = part.and_then(|part| part.set_len((table.rows * width) as u64));
+        cut.map_err(|e| Error::io(&table.partial_path(), e))?;
+        if table.rows > 0 {
+            eprintln!("  resumes after {} tasks in {}", table.rows, table.partial_path().display());
+        }
+        output::write_whole(&about, format!("{of:#}\n").as_bytes())?;
+        Ok(table)
+    }
+
+    fn partial_path(&self) -> PathBuf {
+        self.folder.join("outcomes.part")
+    }
+
+    fn finished_path(&self) -> PathBuf {
+        self.folder.join("outcomes.npy")
+    }
+
+    pub fn add(&mut self, row: &[i8]) -> Result<()> {
+        let bytes: Vec<u8> = row.iter().map(|o| *o as u8).collect();
+        let added = OpenOptions::new().append(true).open(self.partial_path()).and_then(|mut part| {
+            part.write_all(&bytes)?;
+            part.sync_data()
+        });
+        added.map_err(|e| Error::io(&self.partial_path(), e))?;
+        self.rows += 1;
+        Ok(())
+    }
+
+    /// Writes the final array, removes the partial file, and returns the data.
+    pub fn finish(self, [rows, columns]: [usize; 2]) -> Result<Vec<u8>> {
+        let read = |path: PathBuf| std::fs::read(&path).map_err(|e| Error::io(&path, e));
+        if self.finished_path().exists() {
+            let bytes = read(self.finished_path())?;
+            return match bytes.len().checked_sub(rows * columns) {
+                Some(header) => Ok(bytes[header..].to_vec()),
+                None => Err(Error::input(
+                    "--out",
+                    self.finished_path().display(),
+                    "a complete table; this file is truncated",
+                )),
+            };
+        }
+        let found = read(self.partial_path())?;
+        output::write_whole(&self.finished_path(), &npy("|i1", [rows, columns], &found))?;
+        std::fs::remove_file(self.partial_path()).map_err(|e| Error::io(&self.partial_path(), e))?;
+        Ok(found)
+    }
+}
+
+/// A two-dimensional array in NumPy's format, version 1.0, in C order.
+pub fn npy(kind: &str, [rows, columns]: [usize; 2], data: &[u8]) -> Vec<u8> {
+    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    // The header is padded so that the data start at a multiple of 64 bytes.
+    let length = (10 + header.len() + 1).next_multiple_of(64) - 10;
+    header += &" ".repeat(length - 1 - header.len());
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((length as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn follows_the_numpy_format() {
+        let bytes = npy("|i1", [2, 3], &[1, 255, 0, 1, 1, 0]);
+        assert_eq!((bytes.len() - 6) % 64, 0);
+        assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+        let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        let header = std::str::from_utf8(&bytes[10..10 + length]).unwrap();
+        assert!(
+            header.starts_with("{'descr': '|i1', 'fortran_order': False, 'shape': (2, 3), }")
+                && header.ends_with('\n')
+        );
+        assert_eq!(&bytes[10 + length..], [1, 255, 0, 1, 1, 0]);
+    }
+}

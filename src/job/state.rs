@@ -1,0 +1,451 @@
+//! State shared by a runner and its workers: the queue, and the jobs in memory.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::active::ActiveJob;
+use super::eta::EtaEstimator;
+use super::record::{Figure, id};
+use super::work::{JobContext, JobReporter, Work, WorkFactories, WorkOutcome};
+use crate::error::{Error, Result};
+use crate::store::{JobRow, JobState, LogLevel, Store};
+
+/// Limits of a runner, and its error format.
+#[derive(Clone, Copy)]
+pub struct RunnerConfig {
+    /// Jobs running at a time.
+    pub workers: usize,
+    /// Maximum queued jobs.
+    pub queue: usize,
+    /// Threads of a running job; 0 for the size of rayon's global pool.
+    pub threads: usize,
+    /// Maximum computing time of a job between its start and its end or wait.
+    pub max_run_time: Option<Duration>,
+    /// Formats an error for the job's owner.
+    pub explain: fn(&Error) -> Value,
+}
+
+/// Callback for jobs that have ended.
+pub type OnJobEnd = Box<dyn Fn(&JobRow) + Send + Sync>;
+
+/// Starts without progress after which a job fails.
+pub const MAX_STARTS_WITHOUT_PROGRESS: u32 = 5;
+
+/// The runner's state without the worker handles.
+pub struct RunnerState {
+    pub store: Arc<Store>,
+    pub work_factories: WorkFactories,
+    pub config: RunnerConfig,
+    pub on_job_end: OnJobEnd,
+    pub state: Mutex<JobQueue>,
+    /// Notified when a job is queued or the runner stops.
+    pub wake: Condvar,
+    pub stopping: AtomicBool,
+    /// Origin of the runner's clock.
+    pub origin: Instant,
+}
+
+/// The jobs in memory.
+#[derive(Default)]
+pub struct JobQueue {
+    /// Queued jobs in order of arrival; [`JobQueue::pop_next`] chooses the next.
+    pub queue: VecDeque<i64>,
+    /// Clients in the order of their last started job.
+    recent_clients: VecDeque<String>,
+    /// Jobs that have not ended, and recently ended ones, whose events can be watched.
+    pub jobs: BTreeMap<i64, ActiveJob>,
+}
+
+/// When the queue is full, a client with fewer than this fraction of it may still queue: no client can lock out the others.
+const RESERVED_QUEUE_DIVISOR: usize = 8;
+/// Maximum clients remembered for round-robin scheduling.
+const MAX_REMEMBERED_CLIENTS: usize = 256;
+
+impl JobQueue {
+    /// Whether the queue is full for a client.
+    pub fn is_full(&self, client: &str, most: usize) -> bool {
+        let own = self.queue.iter().filter(|n| self.jobs.get(n).is_some_and(|l| l.client == client)).count();
+        self.queue.len() >= most && (own >= most / RESERVED_QUEUE_DIVISOR || self.queue.len() >= 2 * most)
+    }
+
+    /// Removes the oldest ended jobs from memory; they are stored, and only their events are lost.
+    fn evict_ended(&mut self) {
+        let ended = self.jobs.iter().rev().filter(|(_, l)| l.row.state.ended());
+        let retained = ended.scan((0, 0), |(count, bytes), (number, live)| {
+            (*count, *bytes) = (*count + 1, *bytes + live.size);
+            Some((
+                *number,
+                *count == 1 || (*count <= MAX_ENDED_JOBS_IN_MEMORY && *bytes <= MAX_ENDED_JOB_BYTES),
+            ))
+        });
+        let old: Vec<i64> = retained.filter(|(_, retained)| !retained).map(|(number, _)| number).collect();
+        old.iter().for_each(|number| drop(self.jobs.remove(number)));
+    }
+
+    /// The next job: the oldest one of the client with the fewest running jobs, and among those of the client whose last start is
+    /// longest ago.
+    fn pop_next(&mut self) -> Option<i64> {
+        let mut running: BTreeMap<&str, usize> = BTreeMap::new();
+        for live in self.jobs.values().filter(|l| l.row.state == JobState::Running) {
+            *running.entry(&live.client).or_default() += 1;
+        }
+        let turn = |client: &str| {
+            let last = self.recent_clients.iter().rposition(|c| c == client);
+            (running.get(client).copied().unwrap_or(0), last)
+        };
+        let waiting = self.queue.iter().enumerate();
+        // A queued job that is not in memory was cancelled.
+        let eligible = waiting.filter_map(|(at, number)| Some((turn(&self.jobs.get(number)?.client), at)));
+        let Some((_, at)) = eligible.min() else {
+            self.queue.clear();
+            return None;
+        };
+        let number = self.queue.remove(at)?;
+        let client = self.jobs.get(&number)?.client.clone();
+        self.recent_clients.retain(|c| *c != client);
+        self.recent_clients.push_back(client);
+        // A client whose last start is that long ago counts as new.
+        let many = self.recent_clients.len().saturating_sub(MAX_REMEMBERED_CLIENTS);
+        self.recent_clients.drain(..many);
+        Some(number)
+    }
+}
+
+impl RunnerState {
+    /// Locks the jobs.
+    pub fn state(&self) -> MutexGuard<'_, JobQueue> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Time since the runner started.
+    pub fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    /// Writes a line to a job's log.
+    pub fn log_line(&self, number: i64, text: &str) {
+        self.store.note_line(number, LogLevel::Info, text);
+    }
+
+    /// Builds a job's work from its plan.
+    pub fn build_work(&self, kind: &str, plan: &Value) -> Result<Work> {
+        match self.work_factories.get(kind) {
+            Some(work_factory) if !plan.is_null() => work_factory(plan),
+            _ => Err(Error::Interrupted {
+                reason:
+                    "the server stopped while the job ran, and this version cannot resume it; start it again"
+                        .into(),
+            }),
+        }
+    }
+
+    /// Resumes a job of an earlier server.
+    pub fn resume(&self, mut row: JobRow) -> Result<()> {
+        let mut state = self.state();
+        let (number, waiting) = (row.number, row.state == JobState::Waiting);
+        let work = if row.starts >= MAX_STARTS_WITHOUT_PROGRESS {
+            let times = row.starts;
+            let reason = format!("the server ended {times} times while this job ran without progress");
+            Err(Error::Failed(format!(
+                "{reason}; reduce the job, or check the server's log before you try again"
+            )))
+        } else {
+            self.build_work(&row.kind, &row.plan)
+        };
+        if !waiting {
+            row.state = JobState::Queued;
+        }
+        row.events += 1;
+        self.store.update_job(&row)?;
+        let times = match row.starts {
+            0 => String::new(),
+            1 => "; it was started once before without progress".into(),
+            n => format!("; it was started {n} times before without progress"),
+        };
+        let goes = if waiting { "the job waits for results again" } else { "the job is queued again" };
+        self.log_line(number, &format!("the server was started: {goes}{times}"));
+        state.jobs.insert(number, ActiveJob::new(row, "", None));
+        match work {
+            Err(e) => self.end(&mut state, number, Err(e)),
+            Ok(_) if waiting => {}
+            Ok(work) => {
+                state.queue.push_back(number);
+                state.jobs.entry(number).and_modify(|live| live.work = Some(work));
+            }
+        }
+        Ok(())
+    }
+
+    /// Main loop of a worker.
+    pub fn run_worker(&self, pool: &rayon::ThreadPool) {
+        while let Some((number, work, cancel, owner)) = self.take() {
+            let id = id(number);
+            let stage = Running { shared: self, number, cancel: &cancel, started: Instant::now() };
+            let context = JobContext { id: &id, number, owner: owner.as_deref(), stage: &stage };
+            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
+                .unwrap_or_else(|_| Err(Error::Failed("a bug in the program: the work panicked".into())));
+            let mut state = self.state();
+            match result {
+                Ok(WorkOutcome::Waiting) => self.wait_for_results(&mut state, number),
+                Ok(WorkOutcome::Done(value)) => self.end(&mut state, number, Ok(value)),
+                Err(Error::Cancelled)
+                    if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
+                {
+                    // The store has it queued; its watchers learn that it will continue.
+                    self.log_line(number, "the server stops; the next one resumes the job");
+                    if let Some(live) = state.jobs.get_mut(&number) {
+                        live.row.state = JobState::Queued;
+                        live.emit(None);
+                    }
+                }
+                Err(e) => self.end(&mut state, number, Err(e)),
+            }
+        }
+    }
+
+    /// Takes the next job and marks it as running; `None` when the runner stops.
+    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>, Option<String>)> {
+        let mut state = self.state();
+        loop {
+            if self.stopping.load(Ordering::SeqCst) {
+                return None;
+            }
+            if let Some(number) = state.pop_next() {
+                let next_job = state.jobs.get_mut(&number).and_then(|live| {
+                    let work = live.work.take()?;
+                    live.row.state = JobState::Running;
+                    live.results_complete = false;
+                    live.eta = EtaEstimator::default();
+                    live.figures.clear();
+                    live.emit(None);
+                    self.log_line(number, "started");
+                    if let Err(e) = self.store.begin_job(number) {
+                        // The job runs all the same; only this start is not counted if it ends the server.
+                        tracing::error!("the start of job {number} could not be stored: {e}");
+                    }
+                    Some((number, work, live.cancel.clone(), live.row.owner.clone()))
+                });
+                if next_job.is_some() {
+                    return next_job;
+                }
+                continue;
+            }
+            state = self.wake.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Lets a job wait for results, unless they have arrived.
+    fn wait_for_results(&self, state: &mut JobQueue, number: i64) {
+        let Some(live) = state.jobs.get_mut(&number) else { return };
+        if live.cancel.load(Ordering::SeqCst) {
+            return self.end(state, number, Err(Error::Cancelled));
+        }
+        let go_on =
+            live.results_complete.then(|| self.build_work(&live.row.kind, &live.row.plan)).transpose();
+        live.row.state = if live.results_complete { JobState::Queued } else { JobState::Waiting };
+        self.log_line(
+            number,
+            if live.results_complete {
+                "all results have arrived; queued again"
+            } else {
+                "waits for results"
+            },
+        );
+        live.emit(None);
+        if let Err(e) = self.store.update_job(&live.row) {
+            // At worst a restart finds it running and lets it wait again.
+            tracing::error!("job {number} could not be stored: {e}");
+        }
+        match go_on {
+            Ok(Some(work)) => {
+                live.work = Some(work);
+                state.queue.push_back(number);
+                self.wake.notify_one();
+            }
+            Ok(None) => {}
+            Err(e) => self.end(state, number, Err(e)),
+        }
+    }
+
+    /// Stores the end of a job and notifies its watchers.
+    pub fn end(&self, state: &mut JobQueue, number: i64, result: Result<Value>) {
+        state.queue.retain(|n| *n != number);
+        let Some(live) = state.jobs.get_mut(&number) else { return };
+        live.work = None;
+        match result {
+            Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
+            Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
+            Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config.explain)(&e))),
+        }
+        match live.row.error.as_ref().map(|e| e["detail"].as_str().unwrap_or("unknown reason")) {
+            Some(why) => self.store.note_line(number, LogLevel::Error, &format!("failed: {why}")),
+            None => self.log_line(number, live.row.state.name()),
+        }
+        live.row.events += 1;
+        let stored = self.store.update_job(&live.row);
+        live.row.events -= 1;
+        if let Err(e) = stored {
+            // The result stays available in memory; the log reports that it is not stored.
+            tracing::error!("job {number} could not be stored: {e}");
+        }
+        live.emit(None);
+        (self.on_job_end)(&live.row);
+        live.size = live.row.size();
+        state.evict_ended();
+    }
+}
+
+/// Maximum ended jobs kept in memory.
+const MAX_ENDED_JOBS_IN_MEMORY: usize = 64;
+/// Maximum size of ended jobs kept in memory, bytes as JSON; the latest is kept whatever its size.
+const MAX_ENDED_JOB_BYTES: usize = 8 * 1024 * 1024;
+
+/// Maximum figures of an event; further ones are dropped.
+const MAX_FIGURES_PER_EVENT: usize = 256;
+
+/// A running job.
+struct Running<'a> {
+    shared: &'a RunnerState,
+    number: i64,
+    /// Set to cancel the job.
+    cancel: &'a AtomicBool,
+    started: Instant,
+}
+
+impl JobReporter for Running<'_> {
+    fn look(&self) -> Result<()> {
+        if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
+            return Err(Error::Cancelled);
+        }
+        if let Some(most) = self.shared.config.max_run_time.filter(|most| self.started.elapsed() > *most) {
+            return Err(Error::Deadline { seconds: most.as_secs_f64() });
+        }
+        Ok(())
+    }
+
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.look()?;
+        let mut state = self.shared.state();
+        if let Some(live) = state.jobs.get_mut(&self.number) {
+            // One event a percent: every event is sent to every watcher.
+            let percent = |done: u64, total: u64| (done * 100).checked_div(total).unwrap_or(0);
+            let (row, now) = (&mut live.row, self.shared.now());
+            let news = row.stage != stage || percent(row.done, row.total) != percent(done, total);
+            if row.stage != stage || done < row.done {
+                live.eta.start_stage(now, done);
+            }
+            (row.done, row.total) = (done, total);
+            if row.stage != stage {
+                row.stage = stage.to_string();
+                self.shared.log_line(self.number, stage);
+            }
+            if news {
+                live.emit(live.eta.seconds_left(now, done, total));
+            }
+        }
+        Ok(())
+    }
+
+    fn warn(&self, text: &str) {
+        self.shared.store.note_line(self.number, LogLevel::Warning, text);
+    }
+
+    fn figure(&self, figure: Figure) {
+        if let Some(live) = self.shared.state().jobs.get_mut(&self.number)
+            && live.figures.len() < MAX_FIGURES_PER_EVENT
+        {
+            live.figures.push(figure);
+        }
+    }
+
+    fn round(&self, done: u64, total: u64) {
+        if let Some(live) = self.shared.state().jobs.get_mut(&self.number)
+            && live.eta.finish_round(self.shared.now(), done, total)
+        {
+            self.shared.log_line(self.number, &format!("{done} of {total} rounds are finished"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A queue of jobs; each letter is the client of one.
+    fn queued(clients: &str) -> JobQueue {
+        let store = Store::in_memory().unwrap();
+        let mut state = JobQueue::default();
+        for client in clients.chars() {
+            let row = store.add_job("act", &json!({}), &json!(1), 0, None, &|_| None).unwrap();
+            state.queue.push_back(row.number);
+            state.jobs.insert(row.number, ActiveJob::new(row, &client.to_string(), None));
+        }
+        state
+    }
+
+    /// Clients of the jobs in the order in which they start, with this many workers.
+    fn begun(mut state: JobQueue, workers: usize) -> String {
+        let (mut running, mut order) = (VecDeque::new(), String::new());
+        while let Some(number) = state.pop_next() {
+            let live = state.jobs.get_mut(&number).unwrap();
+            live.row.state = JobState::Running;
+            order += &live.client;
+            running.push_back(number);
+            if running.len() == workers {
+                let ended = running.pop_front().unwrap();
+                state.jobs.get_mut(&ended).unwrap().row.state = JobState::Succeeded;
+            }
+        }
+        order
+    }
+
+    #[test]
+    fn schedules_clients_round_robin() {
+        assert_eq!(begun(queued("aaaaaa"), 2), "aaaaaa");
+        assert_eq!(begun(queued("aaaaaabb"), 1), "ababaaaa");
+        assert_eq!(begun(queued("aaaaaabbc"), 2), "abcabaaaa");
+        let mut state = queued("aabb");
+        assert_eq!(state.pop_next(), Some(1), "the oldest of its client");
+        state.jobs.get_mut(&1).unwrap().row.state = JobState::Running;
+        assert_eq!(state.pop_next(), Some(3), "who has one running waits for who has none");
+        state.jobs.remove(&2);
+        assert_eq!(
+            (state.pop_next(), state.pop_next()),
+            (Some(4), None),
+            "what is no longer at hand is left out"
+        );
+    }
+
+    #[test]
+    fn evicts_old_and_large_ended_jobs() {
+        let ended = |count: usize, size: usize| {
+            let mut state = queued(&"a".repeat(count));
+            for live in state.jobs.values_mut() {
+                (live.row.state, live.size) = (JobState::Succeeded, size);
+            }
+            state.jobs.get_mut(&1).unwrap().row.state = JobState::Waiting;
+            state.evict_ended();
+            (state.jobs.len(), *state.jobs.keys().nth(1).unwrap())
+        };
+        assert_eq!(ended(70, 1000), (65, 7), "64, and the one that has not ended");
+        assert_eq!(ended(10, MAX_ENDED_JOB_BYTES / 4), (5, 7));
+        assert_eq!(ended(10, 2 * MAX_ENDED_JOB_BYTES), (2, 10));
+    }
+
+    #[test]
+    fn full_queue_reserves_places() {
+        let full = queued(&"a".repeat(16));
+        assert!(full.is_full("a", 16) && !full.is_full("b", 16) && !full.is_full("a", 17));
+        let own = queued(&("a".repeat(14) + "bb"));
+        assert!(own.is_full("b", 16), "it has its two");
+        assert!(queued(&"a".repeat(32)).is_full("b", 16), "twice is the end of it");
+        assert!(queued("a").is_full("b", 1), "a queue of one has nothing to keep");
+    }
+}

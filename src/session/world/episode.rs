@@ -1,0 +1,251 @@
+//! Episodes: reset and step.
+
+use std::sync::Arc;
+
+use rand::RngExt;
+
+use super::World;
+use super::attempt::AttemptSpec;
+use crate::budget::Budget;
+use crate::error::{Error, Result};
+use crate::rng;
+use crate::session::action::Action;
+use crate::session::catalogue::TaskContext;
+use crate::session::observation::ObservationLayout;
+use crate::session::state::{LastStep, Phase, conflict, lock};
+use crate::session::watch::{Recording, StepOutcome, WorldEventKind};
+use crate::task::{Split, ValidAction};
+use crate::trajectory::{Termination, Trajectory};
+use crate::world::Latents;
+
+/// Options of a reset.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reset {
+    /// Restarts the world's task sequence with this seed.
+    pub seed: Option<u64>,
+    /// Id of the task. Default: the next of the task sequence.
+    pub task: Option<String>,
+    /// Split to draw from. Default: train, or all tasks if the world has no training tasks.
+    pub split: Option<Split>,
+}
+
+/// The start of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EpisodeStart {
+    /// (n_features,) in [0, 1].
+    pub observation: Vec<f64>,
+    pub task: String,
+    pub split: Split,
+}
+
+/// The result of a step: Gymnasium's tuple (never truncated) with its info.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepResult {
+    /// (n_features,) in [0, 1], of the final state.
+    pub observation: Vec<f64>,
+    /// 1 if solved, else 0.
+    pub reward: f64,
+    pub terminated: bool,
+    /// Why the action could not be placed; `None` if it was.
+    pub invalid: Option<String>,
+    pub solved: bool,
+    /// Simulated time steps.
+    pub steps: u32,
+    pub task: String,
+    /// Valid attempts in this world so far.
+    pub interactions: u64,
+    pub collisions: u32,
+    pub rolling_steps: u32,
+    pub end: Option<Termination>,
+}
+
+/// Where a reset gets its task.
+pub(super) enum TaskSource {
+    /// The task at this index.
+    Fixed(usize),
+    /// A random one of these indices; never empty.
+    Pool(Arc<[usize]>),
+}
+
+/// The parts of a trajectory that a step reports.
+pub(super) struct StepSummary {
+    observation: Vec<f64>,
+    solved: bool,
+    steps: u32,
+    collisions: u32,
+    rolling_steps: u32,
+    end: Termination,
+    /// Recording for watchers; `None` if there are none.
+    film: Option<Recording>,
+}
+
+impl StepSummary {
+    pub(super) fn of(layout: &ObservationLayout, trajectory: &Trajectory, watched: bool) -> StepSummary {
+        StepSummary {
+            observation: layout.observe(Some(trajectory)),
+            solved: trajectory.solved(),
+            steps: trajectory.outcome.steps,
+            collisions: trajectory.collisions,
+            rolling_steps: trajectory.rolling_steps,
+            end: trajectory.outcome.end,
+            film: watched.then(|| Recording::of(trajectory)),
+        }
+    }
+}
+
+impl World {
+    /// Starts an episode.
+    pub fn reset(&self, reset: &Reset) -> Result<EpisodeStart> {
+        let task_source = self.task_source(reset)?;
+        let _turn = lock(&self.turn);
+        Ok(self.begin_episode(task_source, reset))
+    }
+
+    /// Where a reset gets its task.
+    pub(super) fn task_source(&self, reset: &Reset) -> Result<TaskSource> {
+        let given = reset.task.as_deref().map(|id| self.tasks.find(id)).transpose()?;
+        let pool = self.pool(reset.split)?;
+        match (given, reset.split) {
+            (Some(task), Some(split)) if !pool.contains(&task) => {
+                let own = self.tasks.tasks[task].split.name();
+                let allowed = format!("{own:?}, where the task is");
+                Err(Error::input("split", format!("{:?}", split.name()), allowed))
+            }
+            (Some(task), _) => Ok(TaskSource::Fixed(task)),
+            (None, _) => Ok(TaskSource::Pool(pool)),
+        }
+    }
+
+    /// Starts an episode; the caller holds the turn lock.
+    pub(super) fn begin_episode(&self, task_source: TaskSource, reset: &Reset) -> EpisodeStart {
+        let mut state = lock(&self.state);
+        if let Some(seed) = reset.seed {
+            state.resets = rng::stream(seed, "reset");
+        }
+        let index = match task_source {
+            TaskSource::Fixed(task) => task,
+            TaskSource::Pool(pool) => pool[state.resets.random_range(0..pool.len())],
+        };
+        state.task = Some(index);
+        state.split = reset.split;
+        state.phase = Phase::Ready;
+        state.episodes += 1;
+        let interactions = state.interactions;
+        drop(state);
+        let TaskContext { task, layout } = self.tasks.context(index);
+        let reset = || WorldEventKind::Reset { task: task.id.clone(), split: task.split };
+        self.events.publish(interactions, reset);
+        EpisodeStart { observation: layout.observe(None), task: task.id.clone(), split: task.split }
+    }
+
+    /// Attempts one action; see the table of phases in the module documentation.
+    pub fn step(&self, action: &Action, budget: &dyn Budget) -> Result<StepResult> {
+        let _turn = lock(&self.turn);
+        let (context, latents) = self.ready_task()?;
+        let task = context.task;
+        let action = action.resolve(task.actions(), "action")?;
+        let trial = AttemptSpec {
+            task,
+            actions: std::slice::from_ref(&action),
+            latents,
+            stop: true,
+            interventions: &[],
+        };
+        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
+        let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
+        let watched = self.events.is_active();
+        let seen = result.map(|t| StepSummary::of(context.layout, &t, watched));
+        Ok(self.finish_step(context, action, latents, seen, interactions))
+    }
+
+    /// The task of the episode that waits for an action, and the current latents.
+    pub(super) fn ready_task(&self) -> Result<(TaskContext<'_>, Latents)> {
+        let state = lock(&self.state);
+        match (state.phase, state.task) {
+            (Phase::Ready, Some(task)) => Ok((self.tasks.context(task), state.latents)),
+            (Phase::Done, _) => Err(conflict("the episode has ended; reset the world first")),
+            _ => Err(conflict("no episode has begun; reset the world first")),
+        }
+    }
+
+    /// Records the outcome of an action; a valid one ends the episode.
+    pub(super) fn finish_step(
+        &self,
+        context: TaskContext,
+        action: ValidAction,
+        latents: Latents,
+        mut seen: std::result::Result<StepSummary, String>,
+        interactions: u64,
+    ) -> StepResult {
+        let task_id = context.task.id.clone();
+        self.events.publish(interactions, || {
+            let (task, action) = (task_id.clone(), action.values().to_vec());
+            WorldEventKind::Step { task, action, outcome: outcome(&mut seen) }
+        });
+        match seen {
+            Err(reason) => StepResult {
+                observation: context.layout.observe(None),
+                reward: 0.0,
+                terminated: false,
+                invalid: Some(reason),
+                solved: false,
+                steps: 0,
+                task: task_id,
+                interactions,
+                collisions: 0,
+                rolling_steps: 0,
+                end: None,
+            },
+            Ok(seen) => {
+                let mut state = lock(&self.state);
+                state.phase = Phase::Done;
+                state.last = state.task.map(|task| LastStep { task, action, latents, interactions });
+                drop(state);
+                StepResult {
+                    observation: seen.observation,
+                    reward: f64::from(u8::from(seen.solved)),
+                    terminated: true,
+                    invalid: None,
+                    solved: seen.solved,
+                    steps: seen.steps,
+                    task: task_id,
+                    interactions,
+                    collisions: seen.collisions,
+                    rolling_steps: seen.rolling_steps,
+                    end: Some(seen.end),
+                }
+            }
+        }
+    }
+
+    /// Indices of the tasks that a reset draws from; never empty.
+    fn pool(&self, split: Option<Split>) -> Result<Arc<[usize]>> {
+        let of = |split| Some(self.tasks.pool(Some(split))).filter(|pool| !pool.is_empty());
+        match split {
+            Some(split) => of(split).cloned().ok_or_else(|| {
+                let there: Vec<String> = [Split::Train, Split::Validation, Split::Test]
+                    .into_iter()
+                    .filter(|s| of(*s).is_some())
+                    .map(|s| format!("{:?}", s.name()))
+                    .collect();
+                Error::input(
+                    "split",
+                    format!("{:?}", split.name()),
+                    format!("{} in this world", there.join(", ")),
+                )
+            }),
+            None => Ok(of(Split::Train).unwrap_or_else(|| self.tasks.pool(None)).clone()),
+        }
+    }
+}
+
+/// The outcome as published to watchers; takes the recording out of the summary.
+fn outcome(seen: &mut std::result::Result<StepSummary, String>) -> StepOutcome {
+    match seen {
+        Err(reason) => StepOutcome::Refused(reason.clone()),
+        Ok(seen) => {
+            let StepSummary { solved, steps, end, .. } = *seen;
+            StepOutcome::Done { solved, steps, end, film: seen.film.take() }
+        }
+    }
+}

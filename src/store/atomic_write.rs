@@ -1,0 +1,126 @@
+//! Atomic file writes.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Writes a file atomically by a temporary file and a rename: readers see the old or the new contents. File and directory are
+/// sync_directory before it returns.
+///
+/// A path that is not a regular file (a device such as `/dev/null`, a pipe) is written directly, since a rename would replace
+/// it.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    match fs::metadata(path) {
+        Ok(there) if !there.is_file() && !there.is_dir() => {
+            let opened = fs::OpenOptions::new().write(true).open(path);
+            opened.and_then(|mut sink| sink.write_all(bytes)).map_err(|e| Error::io(path, e))
+        }
+        _ => write_atomically(path, bytes, &|p| File::create(p), sync_directory),
+    }
+}
+
+/// [`write_whole`] for files that only their owner can read.
+pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomically(path, bytes, &private, sync_directory)
+}
+
+fn private(path: &Path) -> io::Result<File> {
+    super::permissions::options().write(true).truncate(true).open(path)
+}
+
+/// Renames a complete file to its final name and syncs both.
+pub fn rename_into_place(part: &Path, path: &Path) -> Result<()> {
+    let directory = path.parent().unwrap_or(Path::new("."));
+    let done = File::open(part)
+        .and_then(|file| file.sync_all())
+        .and_then(|()| fs::rename(part, path))
+        .and_then(|()| sync_directory(directory));
+    done.map_err(|e| Error::io(path, e))
+}
+
+fn write_atomically(
+    path: &Path,
+    bytes: &[u8],
+    create: &dyn Fn(&Path) -> io::Result<File>,
+    sync: impl Fn(&Path) -> io::Result<()>,
+) -> Result<()> {
+    let directory = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+    let done = create(&part)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| fs::rename(&part, path))
+        .and_then(|()| sync(directory));
+    done.map_err(|e| {
+        let _ = fs::remove_file(&part);
+        Error::io(path, e)
+    })
+}
+
+/// Syncs a directory.
+#[cfg(unix)]
+pub fn sync_directory(directory: &Path) -> io::Result<()> {
+    File::open(directory)?.sync_all()
+}
+
+/// Directories cannot be opened on this platform, and renames are durable.
+#[cfg(not(unix))]
+pub fn sync_directory(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+
+    #[test]
+    fn atomic_write_syncs_directory() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("new").join("file");
+        let synced_files = RefCell::new(Vec::new());
+        let sync = |directory: &Path| {
+            synced_files.borrow_mut().push((directory.to_path_buf(), fs::read(&path)?));
+            sync_directory(directory)
+        };
+        write_atomically(&path, b"whole", &|p| File::create(p), sync).unwrap();
+        assert_eq!(
+            *synced_files.borrow(),
+            [(place.path().join("new"), b"whole".to_vec())],
+            "once it has its name"
+        );
+        write_whole(&path, b"newer").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"newer");
+        assert_eq!(fs::read_dir(place.path().join("new")).unwrap().count(), 1, "nothing is left beside it");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn writes_to_pipe_directly() {
+        let place = tempfile::tempdir().unwrap();
+        let pipe = place.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        write_whole(&pipe, b"whole").unwrap();
+        assert_eq!(reader.join().unwrap(), b"whole");
+        assert!(!fs::metadata(&pipe).unwrap().is_file(), "the pipe is still a pipe");
+    }
+
+    #[test]
+    fn failed_write_leaves_no_file() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join("taken")).unwrap();
+        assert!(write_whole(&place.path().join("taken"), b"x").is_err());
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+}

@@ -1,4 +1,0 @@
-/** Lets something else be drawn: between two pieces of work that together would be seen as a stutter. */
-export function pause(): Promise<void> {
-  return new Promise((resolve) => setTimeout(resolve, 0));
-}

@@ -1,0 +1,99 @@
+// What part of the world a picture shows.
+
+import type { Box, Goal, Point, Scene, Shape } from "./types";
+
+/** Statics widen a picture by at most this share of what else is seen; longer ones are cut off. */
+const MAX_STATIC_SHARE = 0.25;
+const MARGIN = 0.02;
+
+/** The box to show, m: bodies, the goal, where an action may place things, and statics as far as they are near. */
+export function sceneExtent(scene: Scene, also: readonly Point[] = []): Box {
+  const points: Point[] = [...also];
+  for (const body of scene.bodies) if (body.position) points.push(...corners(body.shape, body.position, body.angle ?? 0));
+  if (scene.goal?.type === "inside") points.push(...scene.goal.region);
+  if (scene.goal?.type === "above") points.push(...goalLinePoint(scene, scene.goal));
+  const bounds = scene.action?.bounds;
+  if (bounds) points.push(...(Array.isArray(bounds) ? ends(bounds) : [bounds.min, bounds.max]));
+  let box = around(points) ?? [-1, -1, 1, 1];
+  const size = Math.max(box[2] - box[0], box[3] - box[1], 1e-3);
+  const reach: Box = [box[0] - MAX_STATIC_SHARE * size, box[1] - MAX_STATIC_SHARE * size, box[2] + MAX_STATIC_SHARE * size, box[3] + MAX_STATIC_SHARE * size];
+  for (const object of scene.statics ?? []) {
+    if (object.shape.type === "halfspace") continue;
+    const objectBox = around(corners(object.shape, object.position ?? [0, 0], object.angle ?? 0));
+    if (!objectBox) continue;
+    const near: Box = [Math.max(objectBox[0], reach[0]), Math.max(objectBox[1], reach[1]), Math.min(objectBox[2], reach[2]), Math.min(objectBox[3], reach[3])];
+    if (near[0] <= near[2] && near[1] <= near[3]) box = join(box, near);
+  }
+  const pad = MARGIN * Math.max(box[2] - box[0], box[3] - box[1], 1e-3);
+  return [box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad];
+}
+
+/** Points that a shape reaches, in the world's frame. */
+export function corners(shape: Shape, position: Point, angle: number): Point[] {
+  const at = (p: Point): Point => toWorld(p, position, angle);
+  const about = (p: Point, r: number): Point[] => [[p[0] - r, p[1] - r], [p[0] + r, p[1] + r]];
+  switch (shape.type) {
+    case "disc":
+      return about(position, shape.radius);
+    case "box": {
+      const { half_width: w, half_height: h } = shape;
+      return ([[-w, -h], [w, -h], [w, h], [-w, h]] as Point[]).map(at);
+    }
+    case "polygon":
+      return shape.vertices.map(at);
+    case "segment":
+      return [shape.from, shape.to].flatMap((p) => about(at(p), shape.radius ?? 0));
+    case "compound":
+      return shape.pieces.flatMap((p) => corners(p, at(p.position ?? [0, 0]), angle + (p.angle ?? 0)));
+    case "halfspace":
+      return [];
+  }
+}
+
+/** A point of a body's frame in the world's. */
+export function toWorld(p: Point, position: Point, angle: number): Point {
+  const [sin, cos] = [Math.sin(angle), Math.cos(angle)];
+  return [position[0] + p[0] * cos - p[1] * sin, position[1] + p[0] * sin + p[1] * cos];
+}
+
+/** Where the line that a body is to be above passes it, if it stands somewhere. */
+function goalLinePoint(scene: Scene, goal: Extract<Goal, { type: "above" }>): Point[] {
+  const at = scene.bodies.find((b) => b.name === goal.body)?.position;
+  const [[ax, ay], [bx, by]] = goalLine(goal);
+  return at && ax !== bx ? [[at[0], ay + ((at[0] - ax) / (bx - ax)) * (by - ay)]] : [];
+}
+
+/** Two points of the line that a body is to be above. */
+export function goalLine(goal: Extract<Goal, { type: "above" }>): [Point, Point] {
+  return goal.line ?? [[0, goal.height ?? 0], [1, goal.height ?? 0]];
+}
+
+/** The part of a half plane `normal . p <= offset` that a box shows, as a polygon. */
+export function halfPlane(normal: Point, offset: number, box: Box): Point[] {
+  const inside = (p: Point): number => offset - normal[0] * p[0] - normal[1] * p[1];
+  const square: Point[] = [[box[0], box[1]], [box[2], box[1]], [box[2], box[3]], [box[0], box[3]]];
+  return square.flatMap((p, i) => {
+    const q = square[(i + 1) % 4]!;
+    const [a, b] = [inside(p), inside(q)];
+    const vertices: Point[] = a >= 0 ? [p] : [];
+    if (a >= 0 !== b >= 0) {
+      const s = a / (a - b);
+      vertices.push([p[0] + s * (q[0] - p[0]), p[1] + s * (q[1] - p[1])]);
+    }
+    return vertices;
+  });
+}
+
+function around(points: readonly Point[]): Box | null {
+  if (!points.length) return null;
+  const [x, y] = [points.map((p) => p[0]), points.map((p) => p[1])];
+  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
+}
+
+function join(a: Box, b: Box): Box {
+  return [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.max(a[2], b[2]), Math.max(a[3], b[3])];
+}
+
+function ends(box: Box): Point[] {
+  return [[box[0], box[1]], [box[2], box[3]]];
+}
