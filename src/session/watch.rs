@@ -318,7 +318,7 @@ mod tests {
         for kind in [WorldKind::Sim, WorldKind::Real] {
             let world = world(kind);
             world.reset(&Reset::default()).unwrap();
-            assert_eq!(buffered(&world), 0, "nobody watches");
+            assert_eq!(buffered(&world), 0, "no watchers");
             let mut watcher = world.watch(0);
             world.reset(&Reset::default()).unwrap();
             let index = |i| Action::Index(i);

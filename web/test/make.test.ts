@@ -2,16 +2,16 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Body, Point, Scene } from "../src/scene/types";
 import { corners } from "../src/scene/extent";
-import { changed, filled, grounded, placeOf, put, started, undone } from "../src/views/make/desk";
-import { spread } from "../src/views/make/film";
-import { written } from "../src/views/make/form";
-import { areas, dragged, handles, hit, moved } from "../src/views/make/handles";
+import { applyChange, displayedScene, withDisplayedPose, locationOf, moveObject, initialState, undoChange } from "../src/views/make/editorState";
+import { quasiRandomPoint } from "../src/views/make/simulate";
+import { withNumber } from "../src/views/make/formFields";
+import { placementAreas, dragHandle, handles, hitTest, moveSelection } from "../src/views/make/handles";
 import { begin, change, redo, settle, undo } from "../src/views/make/history";
-import { meant, read, write } from "../src/views/make/path";
-import { as, far, hull, middle, outward, scaled } from "../src/views/make/shapes";
-import { curl, filename, pretty, python } from "../src/views/make/share";
-import { centred, converted, doubled, removed, renamed, thing, turned } from "../src/views/make/things";
-import { closed, drawn, usual } from "../src/views/make/tools";
+import { affectedFields, read, write } from "../src/views/make/path";
+import { convertShape, distanceTo, hull, middle, toWorldFrame, scaled } from "../src/views/make/shapes";
+import { curl, filename, pretty, python } from "../src/views/make/export";
+import { recentred, convertObject, duplicateObject, removeObject, renameObject, objectAt, rotated } from "../src/views/make/objects";
+import { drawPolygon, drawShape, drawDefault } from "../src/views/make/tools";
 
 const scene: Scene = {
   format: "iplw.scene/1",
@@ -56,13 +56,13 @@ test("paths read and write what the server names, and leave the rest as it was",
 
 test("a problem is about the field it names, else those within it, else the one around it", () => {
   const fields = ["bodies[0].position[0]", "bodies[0].position[1]", "bodies[0].shape.type", "bodies[0]", "bodies[01]"];
-  assert.deepEqual(meant(fields, "bodies[0].position[1]"), ["bodies[0].position[1]"]);
-  assert.deepEqual(meant(fields, "bodies[0].position"), fields.slice(0, 2));
-  assert.deepEqual(meant(fields, "bodies[0].mass"), ["bodies[0]"]);
-  assert.deepEqual(meant(fields, "goal.body"), []);
-  assert.equal(placeOf("bodies[0].mass"), "bodies[0]");
-  assert.equal(placeOf("action.components[1].low"), "action");
-  assert.equal(placeOf("gravity[0]"), "world");
+  assert.deepEqual(affectedFields(fields, "bodies[0].position[1]"), ["bodies[0].position[1]"]);
+  assert.deepEqual(affectedFields(fields, "bodies[0].position"), fields.slice(0, 2));
+  assert.deepEqual(affectedFields(fields, "bodies[0].mass"), ["bodies[0]"]);
+  assert.deepEqual(affectedFields(fields, "goal.body"), []);
+  assert.equal(locationOf("bodies[0].mass"), "bodies[0]");
+  assert.equal(locationOf("action.components[1].low"), "action");
+  assert.equal(locationOf("gravity[0]"), "world");
 });
 
 test("changes of one drag are undone together, others one by one", () => {
@@ -70,45 +70,45 @@ test("changes of one drag are undone together, others one by one", () => {
   for (const v of [1, 2, 3]) now = change(now, v, "drag-1");
   now = change(settle(now), 4, "drag-1");
   now = change(now, 5);
-  assert.equal(undo(now).now, 4);
-  assert.equal(undo(undo(now)).now, 3);
-  assert.equal(undo(undo(undo(now))).now, 0);
-  assert.equal(undo(undo(undo(undo(now)))).now, 0);
-  assert.equal(redo(undo(now)).now, 5);
-  assert.equal(redo(change(undo(now), 9)).now, 9);
+  assert.equal(undo(now).present, 4);
+  assert.equal(undo(undo(now)).present, 3);
+  assert.equal(undo(undo(undo(now))).present, 0);
+  assert.equal(undo(undo(undo(undo(now)))).present, 0);
+  assert.equal(redo(undo(now)).present, 5);
+  assert.equal(redo(change(undo(now), 9)).present, 9);
 });
 
 test("names go along, and what is gone is named nowhere", () => {
-  const other = renamed(scene, "bodies[0]", "puck") as Scene;
-  assert.equal(renamed(scene, "bodies[0]", "plank"), `Another thing is named "plank".`);
+  const other = renameObject(scene, "bodies[0]", "puck") as Scene;
+  assert.equal(renameObject(scene, "bodies[0]", "plank"), `Another thing is named "plank".`);
   assert.ok(!JSON.stringify(other).includes('"ball"'));
   assert.deepEqual(other.goal, { type: "contact", bodies: ["puck", "floor"], hold_s: 1 });
   assert.deepEqual(other.settings, { slow: { bodies: { puck: { mass: 0.5 } } } });
-  const less = removed(scene, "bodies[0]");
+  const less = removeObject(scene, "bodies[0]");
   assert.ok(!JSON.stringify(less).includes('"ball"'));
   assert.equal(less.goal, undefined);
   assert.deepEqual(less.action!.discrete, { type: "grid", counts: [4] });
-  assert.equal(removed(less, "bodies[0]").action, undefined);
+  assert.equal(removeObject(less, "bodies[0]").action, undefined);
   assert.deepEqual(less.effects, scene.effects);
-  assert.deepEqual(doubled(scene, "bodies[0]", 1).scene.bodies[2], { ...scene.bodies[0], name: "ball 2", position: [1, 6] });
+  assert.deepEqual(duplicateObject(scene, "bodies[0]", 1).scene.bodies[2], { ...scene.bodies[0], name: "ball 2", position: [1, 6] });
 });
 
 test("a body becomes a static without what only bodies have, and back with what they need", () => {
   const heavy = write(scene, "bodies[0]", { ...scene.bodies[0]!, mass: 2, velocity: [1, 0] });
-  const fixed = converted(heavy, "bodies[0]");
+  const fixed = convertObject(heavy, "bodies[0]");
   assert.equal(fixed.place, "statics[1]");
-  assert.deepEqual(thing(fixed.scene, "statics[1]"), scene.bodies[0]);
-  const loose = converted(scene, "statics[0]");
+  assert.deepEqual(objectAt(fixed.scene, "statics[1]"), scene.bodies[0]);
+  const loose = convertObject(scene, "statics[0]");
   assert.equal(loose.place, "bodies[2]");
-  const { shape } = thing(loose.scene, "bodies[2]")!;
+  const { shape } = objectAt(loose.scene, "bodies[2]")!;
   assert.ok(shape.type === "segment" && shape.radius! > 0);
 });
 
 test("what is turned keeps its middle", () => {
   for (const shape of [scene.statics![0]!.shape, { type: "polygon", vertices: [[0, 0], [2, 0], [1, 3]] } as Body["shape"], scene.bodies[1]!.shape]) {
     const one: Body = { name: "a", shape, position: [3, -1], angle: 0.2 };
-    near(outward(turned(one, 2), middle(shape)), outward(one, middle(shape)), 1e-5);
-    near(outward(centred(one), middle(centred(one).shape)), outward(one, middle(shape)), 1e-5);
+    near(toWorldFrame(rotated(one, 2), middle(shape)), toWorldFrame(one, middle(shape)), 1e-5);
+    near(toWorldFrame(recentred(one), middle(recentred(one).shape)), toWorldFrame(one, middle(shape)), 1e-5);
   }
 });
 
@@ -123,84 +123,84 @@ test("what is made larger grows about its middle, compounds with all their piece
   const [small, large] = [corners(shape, [0, 0], 0), corners(scaled(shape, 2), [0, 0], 0)];
   large.forEach((p, i) => near(p, [2 * small[i]![0], 2 * small[i]![1]], 1e-5));
   assert.deepEqual(scaled({ type: "segment", from: [1, 1], to: [3, 1] }, 2), { type: "segment", from: [0, 1], to: [4, 1] });
-  assert.deepEqual(as({ type: "disc", radius: 2 }, "box"), { type: "box", half_width: 2, half_height: 2 });
+  assert.deepEqual(convertShape({ type: "disc", radius: 2 }, "box"), { type: "box", half_width: 2, half_height: 2 });
 });
 
 test("a hull is convex and counter-clockwise, whatever is clicked", () => {
   assert.deepEqual(hull([[0, 0], [0, 2], [2, 2], [1, 1], [2, 0], [1, 0], [0, 0]]), [[0, 0], [2, 0], [2, 2], [0, 2]]);
   assert.equal(hull([[0, 0], [1, 1], [2, 2]]).length < 3, true);
-  const done = closed(scene, [[0, 0], [0, 3], [3, 0]], true)!;
-  assert.deepEqual(corners(thing(done.scene, done.place)!.shape, thing(done.scene, done.place)!.position!, 0), [[0, 0], [3, 0], [0, 3]]);
+  const done = drawPolygon(scene, [[0, 0], [0, 3], [3, 0]], true)!;
+  assert.deepEqual(corners(objectAt(done.scene, done.place)!.shape, objectAt(done.scene, done.place)!.position!, 0), [[0, 0], [3, 0], [0, 3]]);
 });
 
 test("a corner that is dragged leaves the one opposite, and a handle turns to where it is put", () => {
-  const before = thing(scene, "bodies[1]")!;
-  const fixed = outward(before, [-2, -0.5]);
-  const after = thing(dragged(scene, "bodies[1]", "2", [8, 5]), "bodies[1]")!;
+  const before = objectAt(scene, "bodies[1]")!;
+  const fixed = toWorldFrame(before, [-2, -0.5]);
+  const after = objectAt(dragHandle(scene, "bodies[1]", "2", [8, 5]), "bodies[1]")!;
   const shape = after.shape as { half_width: number; half_height: number };
-  near(outward(after, [-shape.half_width, -shape.half_height]), fixed, 1e-5);
-  near(outward(after, [shape.half_width, shape.half_height]), [8, 5], 1e-5);
-  assert.equal(thing(dragged(scene, "bodies[1]", "turn", [0, 2]), "bodies[1]")!.angle, 1.57);
-  assert.deepEqual(thing(dragged(scene, "bodies[0]", "radius", [0, 8]), "bodies[0]")!.shape, { type: "disc", radius: 3 });
+  near(toWorldFrame(after, [-shape.half_width, -shape.half_height]), fixed, 1e-5);
+  near(toWorldFrame(after, [shape.half_width, shape.half_height]), [8, 5], 1e-5);
+  assert.equal(objectAt(dragHandle(scene, "bodies[1]", "turn", [0, 2]), "bodies[1]")!.angle, 1.57);
+  assert.deepEqual(objectAt(dragHandle(scene, "bodies[0]", "radius", [0, 8]), "bodies[0]")!.shape, { type: "disc", radius: 3 });
   assert.deepEqual(handles(scene, "bodies[0]", 1).map((h) => h.id), ["radius", "turn"]);
 });
 
 test("where an action places things is a rectangle with handles", () => {
-  assert.deepEqual(areas(scene).map((a) => a.box), [[-1, 4, 1, 6], [-10, 0, 10, 10]]);
-  const wider = dragged(scene, "action", "2:ball", [3, 9]);
-  assert.deepEqual(areas(wider)[0]!.box, [-1, 4, 3, 9]);
-  assert.deepEqual(dragged(scene, "action", "0:ball", [3, 9]).action!.components[0], { target: "ball", set: "x", low: 1, high: 1 });
-  assert.deepEqual(dragged(scene, "action", "move:", [1, 5]).action!.bounds, [-9, 0, 11, 10]);
-  assert.deepEqual(areas(moved(scene, "action", [1, 1])).map((a) => a.box), [[0, 5, 2, 7], [-9, 1, 11, 11]]);
+  assert.deepEqual(placementAreas(scene).map((a) => a.box), [[-1, 4, 1, 6], [-10, 0, 10, 10]]);
+  const wider = dragHandle(scene, "action", "2:ball", [3, 9]);
+  assert.deepEqual(placementAreas(wider)[0]!.box, [-1, 4, 3, 9]);
+  assert.deepEqual(dragHandle(scene, "action", "0:ball", [3, 9]).action!.components[0], { target: "ball", set: "x", low: 1, high: 1 });
+  assert.deepEqual(dragHandle(scene, "action", "move:", [1, 5]).action!.bounds, [-9, 0, 11, 10]);
+  assert.deepEqual(placementAreas(moveSelection(scene, "action", [1, 1])).map((a) => a.box), [[0, 5, 2, 7], [-9, 1, 11, 11]]);
 });
 
 test("the topmost thing is hit, and thin ones when one is near", () => {
-  assert.equal(hit(scene, [0.9, 5], 0.2), "bodies[0]");
-  assert.equal(hit(scene, [3, 0.1], 0.2), "statics[0]");
-  assert.equal(hit(scene, [3, 0.5], 0.2), null);
-  assert.equal(hit(scene, [-1.1, 4.2], 0.2), "action");
-  assert.equal(far({ name: "half", shape: { type: "halfspace", normal: [0, 1], offset: 2 } }, [5, 3]), 1);
+  assert.equal(hitTest(scene, [0.9, 5], 0.2), "bodies[0]");
+  assert.equal(hitTest(scene, [3, 0.1], 0.2), "statics[0]");
+  assert.equal(hitTest(scene, [3, 0.5], 0.2), null);
+  assert.equal(hitTest(scene, [-1.1, 4.2], 0.2), "action");
+  assert.equal(distanceTo({ name: "half", shape: { type: "halfspace", normal: [0, 1], offset: 2 } }, [5, 3]), 1);
 });
 
 test("tools draw what was dragged", () => {
   const blank: Scene = { format: "iplw.scene/1", bodies: [] };
   const view: [number, number, number, number] = [-10, -5, 10, 5];
-  const draw = (tool: "disc" | "box" | "segment" | "goal" | "area" | "bounds", on = blank, moving = true) => drawn(on, tool, [1, 1], [3, 2], moving, view, "bodies[0]");
+  const draw = (tool: "disc" | "box" | "segment" | "goal" | "area" | "bounds", on = blank, moving = true) => drawShape(on, tool, [1, 1], [3, 2], moving, view, "bodies[0]");
   assert.deepEqual(draw("box")!.scene.bodies, [{ name: "box", shape: { type: "box", half_width: 1, half_height: 0.5 }, position: [2, 1.5] }]);
   const segment = draw("segment", blank, false)!.scene.statics![0]!;
   assert.deepEqual(corners(segment.shape, segment.position!, 0).slice(0, 1), [[1, 1]]);
   assert.equal(draw("area"), null);
-  assert.equal(drawn(blank, "disc", [1, 1], [1, 1], true, view, ""), null);
+  assert.equal(drawShape(blank, "disc", [1, 1], [1, 1], true, view, ""), null);
   const ball = draw("disc")!.scene;
   assert.deepEqual(draw("goal", ball)!.scene.goal, { type: "inside", body: "disc", region: [[1, 1], [3, 1], [3, 2], [1, 2]] });
   assert.deepEqual(draw("area", ball)!.scene.action, { components: [{ target: "disc", set: "x", low: 1, high: 3 }, { target: "disc", set: "y", low: 1, high: 2 }] });
   const grown = draw("area", scene)!.scene.action!;
   assert.deepEqual([grown.components.length, grown.components[0]!.high], [3, 3]);
-  assert.equal(usual(blank, "disc", [0, 0], true, view, "", 0.1)!.scene.bodies.length, 1);
+  assert.equal(drawDefault(blank, "disc", [0, 0], true, view, "", 0.1)!.scene.bodies.length, 1);
 });
 
 test("bodies that an action places stand where it places them, and are moved from there", () => {
   const { position: _, ...ball } = scene.bodies[0]!;
   const open = { ...scene, bodies: [ball, scene.bodies[1]!] };
-  const state = { ...started(open), action: [1, 0.5, 0], selected: "bodies[0]" };
-  assert.deepEqual(filled(state).bodies[0]!.position, [1, 4]);
-  const base = grounded(state, "bodies[0]");
+  const state = { ...initialState(open), action: [1, 0.5, 0], selected: "bodies[0]" };
+  assert.deepEqual(displayedScene(state).bodies[0]!.position, [1, 4]);
+  const base = withDisplayedPose(state, "bodies[0]");
   assert.deepEqual(base.bodies[0]!.position, [1, 4]);
-  const after = put(state, moved(base, "bodies[0]", [0, 1]), null);
+  const after = moveObject(state, moveSelection(base, "bodies[0]", [0, 1]), null);
   assert.equal(after.action, null);
-  assert.deepEqual(filled(after).bodies[0]!.position, [1, 5]);
-  assert.equal(undone(after).history.now, open);
+  assert.deepEqual(displayedScene(after).bodies[0]!.position, [1, 5]);
+  assert.equal(undoChange(after).history.present, open);
   // A selection of what is gone is none.
-  assert.equal(changed(state, removed(open, "bodies[0]"), null).selected, "bodies[0]");
-  assert.equal(changed({ ...state, selected: "bodies[1]" }, removed(open, "bodies[1]"), null).selected, "world");
+  assert.equal(applyChange(state, removeObject(open, "bodies[0]"), null).selected, "bodies[0]");
+  assert.equal(applyChange({ ...state, selected: "bodies[1]" }, removeObject(open, "bodies[1]"), null).selected, "world");
 });
 
 test("half a pair is completed, and an empty field leaves it out", () => {
   const asked = { label: "x", path: "bodies[0].velocity[0]", empty: "0", pair: [0, 0] as [number, number] };
-  const fast = written(scene, asked, 3);
+  const fast = withNumber(scene, asked, 3);
   assert.deepEqual(fast.bodies[0]!.velocity, [3, 0]);
-  assert.deepEqual(written(fast, { ...asked, path: "bodies[0].velocity[1]" }, 4).bodies[0]!.velocity, [3, 4]);
-  assert.equal("velocity" in written(fast, asked, undefined).bodies[0]!, false);
+  assert.deepEqual(withNumber(fast, { ...asked, path: "bodies[0].velocity[1]" }, 4).bodies[0]!.velocity, [3, 4]);
+  assert.equal("velocity" in withNumber(fast, asked, undefined).bodies[0]!, false);
 });
 
 test("a saved scene is the scene; what is copied survives the shell and Python", () => {
@@ -213,7 +213,7 @@ test("a saved scene is the scene; what is copied survives the shell and Python",
 });
 
 test("actions that are tried are spread over the cube, its middle first", () => {
-  assert.deepEqual(spread(3, 0), [0.5, 0.5, 0.5]);
-  const cells = new Set(Array.from({ length: 200 }, (_, i) => spread(2, i).map((v) => Math.floor(v * 5)).join()));
+  assert.deepEqual(quasiRandomPoint(3, 0), [0.5, 0.5, 0.5]);
+  const cells = new Set(Array.from({ length: 200 }, (_, i) => quasiRandomPoint(2, i).map((v) => Math.floor(v * 5)).join()));
   assert.equal(cells.size, 25);
 });

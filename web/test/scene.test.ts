@@ -3,7 +3,7 @@ import { test } from "node:test";
 import { ticks } from "../src/parts/timePlot";
 import { latest } from "../src/parts/latest";
 import { posesAt, distanceOverTime, type Film, pathUntil } from "../src/scene/film";
-import { applyAction, share, valueAt } from "../src/scene/action";
+import { applyAction, shareFor, valueAt } from "../src/scene/action";
 import type { Scene } from "../src/scene/types";
 import { halfPlane, sceneExtent } from "../src/scene/extent";
 
@@ -30,9 +30,9 @@ test("an action sets what its components name, and leaves the scene as it was", 
   assert.deepEqual(done.bodies[0]!.shape, { type: "disc", radius: 1.5 });
   assert.equal(scene.bodies[0]!.position, undefined);
   const x = scene.action!.components[0]!;
-  assert.equal(share(x, valueAt(x, 0.3)), 0.3);
-  assert.equal(share(x, 99), 1);
-  assert.equal(share(scene.action!.components[1]!, 5), 0);
+  assert.equal(shareFor(x, valueAt(x, 0.3)), 0.3);
+  assert.equal(shareFor(x, 99), 1);
+  assert.equal(shareFor(scene.action!.components[1]!, 5), 0);
 });
 
 test("a picture shows bodies, and long floors no further than near them", () => {

@@ -76,7 +76,7 @@ pub fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
     }
 }
 
-/// Whether the policy is one of [`ALWAYS`].
+/// Whether the policy is one of [`BUILT_IN_POLICIES`].
 pub fn is_built_in(id: &str) -> bool {
     BUILT_IN_POLICIES.iter().any(|p| p.0 == id)
 }

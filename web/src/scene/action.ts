@@ -8,7 +8,7 @@ export function valueAt(component: Component, share: number): number {
 }
 
 /** The share at which a component sets `wanted`, within 0 to 1. */
-export function share(component: Component, target: number): number {
+export function shareFor(component: Component, target: number): number {
   const span = component.high - component.low;
   return span === 0 ? 0 : Math.min(1, Math.max(0, (target - component.low) / span));
 }

@@ -4,7 +4,7 @@ import { all, api, ok } from "../api/client";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { files } from "./make/files";
-import { studio } from "./make/studio";
+import { sceneEditor } from "./make/editor";
 import { load } from "./play/tasks";
 import "./make.css";
 
@@ -20,21 +20,21 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const task = context.query.get("task");
   const [first, library] = await Promise.all([
-    task ? load(task, signal).then((one) => one.scene) : null,
+    task ? load(task, signal).then((loaded) => loaded.scene) : null,
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   // A reload is to bring the draft back, and not the task again.
   if (task) history.replaceState(null, "", link("make"));
-  const desk = studio(first, library, context);
-  const said = h("p", { class: "soft make-said", role: "status" });
-  const { element, drop } = await files(desk.scene, desk.open, (text) => put(said, text), context);
-  put(place, h("div", { class: "card stack" }, element, said), desk.element);
-  dropped(place, drop, signal);
-  desk.start();
+  const editor = sceneEditor(first, library, context);
+  const status = h("p", { class: "soft make-said", role: "status" });
+  const { element, drop } = await files(editor.scene, editor.open, (text) => put(status, text), context);
+  put(place, h("div", { class: "card stack" }, element, status), editor.element);
+  onFileDrop(place, drop, signal);
+  editor.start();
 }
 
 /** Files that are dropped anywhere in the view. */
-function dropped(place: HTMLElement, drop: (file: File) => void, signal: AbortSignal): void {
+function onFileDrop(place: HTMLElement, drop: (file: File) => void, signal: AbortSignal): void {
   place.addEventListener("dragover", (event) => event.preventDefault(), { signal });
   place.addEventListener("drop", (event) => {
     event.preventDefault();

@@ -7,16 +7,16 @@ import { line, picture, type Picture } from "../../scene/draw";
 import { posesAt, filmLength, type Film, pathUntil } from "../../scene/film";
 import { allObjects, type Box, type Point, type Scene } from "../../scene/types";
 import { sceneExtent } from "../../scene/extent";
-import { areas, type Handle, handles } from "./handles";
-import { thing } from "./things";
+import { placementAreas, type Handle, handles } from "./handles";
+import { objectAt } from "./objects";
 
 /** What is shown of a draft. */
-export interface Shown {
+export interface CanvasContent {
   /** The scene as it is drawn, every body somewhere. */
   scene: Scene;
   selected: string;
   /** Name of the thing that the server complains about. */
-  bad: string | null;
+  invalidName: string | null;
 }
 
 export interface Canvas {
@@ -28,7 +28,7 @@ export interface Canvas {
   step: () => number;
   /** The nearest point of that grid. */
   snap: (p: Point) => Point;
-  show: (shown: Shown) => void;
+  show: (content: CanvasContent) => void;
   /** The handle of what is selected that is nearest to a point, within so many pixels. */
   handle: (p: Point, near: number) => string | null;
   /** What a gesture would draw; nothing where none is under way. */
@@ -44,73 +44,73 @@ export interface Canvas {
 }
 
 /** Pixels: between two lines of the grid at least, and the grid of the mouse at least. */
-const [LINES, SNAP] = [56, 3];
+const [MIN_GRID_SPACING_PX, MIN_SNAP_PX] = [56, 3];
 /** Radius of a handle, and how far the turning one stands off, pixels. */
-const [HANDLE, OFF] = [7, 26];
+const [HANDLE_RADIUS_PX, TURN_HANDLE_GAP_PX] = [7, 26];
 /** Room around the scene when all of it is shown, share of its size. */
-const ROOM = 0.08;
+const FIT_MARGIN = 0.08;
 /** Widths of the world that can be shown, m. */
-const [NARROW, WIDE] = [1e-3, 1e5];
+const [MIN_WIDTH_M, MAX_WIDTH_M] = [1e-3, 1e5];
 
 export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas {
-  const made = picture(first, label, [-6, -1, 6, 7]);
-  const { svg } = made;
+  const drawing = picture(first, label, [-6, -1, 6, 7]);
+  const { svg } = drawing;
   set(svg, { tabindex: 0, role: "application" });
-  const [grid, places, trails, tools, words] = [s("path", { class: "grid" }), s("g"), s("g"), s("g", { class: "handles" }), s("g", { class: "words" })];
+  const [grid, places, trails, tools, labelsGroup] = [s("path", { class: "grid" }), s("g"), s("g"), s("g", { class: "handles" }), s("g", { class: "words" })];
   const preview = s("g", { class: "sketch" });
   svg.querySelector("g")!.prepend(grid);
-  made.under.append(places);
-  made.over.append(trails, preview, tools);
-  svg.append(words);
-  let shown: Shown = { scene: first, selected: "world", bad: null };
-  let [film, time, view, wanted, aspect]: [Film | null, number, Box, Box, number] = [null, 0, made.box, made.box, 1.5];
+  drawing.under.append(places);
+  drawing.over.append(trails, preview, tools);
+  svg.append(labelsGroup);
+  let content: CanvasContent = { scene: first, selected: "world", invalidName: null };
+  let [film, time, view, requestedBox, aspect]: [Film | null, number, Box, Box, number] = [null, 0, drawing.box, drawing.box, 1.5];
   const pixel = (): number => (view[2] - view[0]) / Math.max(1, svg.clientWidth);
-  const step = (): number => grade(pixel() * SNAP);
-  const ghosts = (): void => made.pose("ghost", film ? posesAt(film, time) : new Map());
+  const step = (): number => roundLength(pixel() * MIN_SNAP_PX);
+  const ghosts = (): void => drawing.pose("ghost", film ? posesAt(film, time) : new Map());
   const overlay = (): void => {
-    put(places, ...areas(shown.scene).map(({ box, bounds }) => outlined(box, bounds ? "bounds" : "area")));
-    put(tools, ...grips(shown, pixel()));
-    put(words, ...labels(view, pixel()), ...areas(shown.scene).map((a) => named(a, pixel())));
-    highlighted(svg, shown);
+    put(places, ...placementAreas(content.scene).map(({ box, bounds }) => rectangleElement(box, bounds ? "bounds" : "area")));
+    put(tools, ...handleElements(content, pixel()));
+    put(labelsGroup, ...labels(view, pixel()), ...placementAreas(content.scene).map((a) => areaLabel(a, pixel())));
+    highlight(svg, content);
   };
   const draw = (): void => {
-    made.redraw(shown.scene);
+    drawing.redraw(content.scene);
     ghosts();
     overlay();
   };
   const look = (box: Box): void => {
-    wanted = box;
-    view = shaped(wanted, aspect);
-    made.frame(view);
+    requestedBox = box;
+    view = withAspect(requestedBox, aspect);
+    drawing.frame(view);
     set(grid, { d: lines(view, spacing(view, pixel())) });
     draw();
   };
   const resized = new ResizeObserver(() => {
     if (!svg.clientWidth || !svg.clientHeight) return;
     aspect = svg.clientWidth / svg.clientHeight;
-    look(wanted);
+    look(requestedBox);
   });
   resized.observe(svg);
   signal.addEventListener("abort", () => resized.disconnect());
   return {
     svg,
-    picture: made,
+    picture: drawing,
     pixel,
     step,
-    snap: (p) => [gridded(p[0], step()), gridded(p[1], step())],
+    snap: (p) => [snapped(p[0], step()), snapped(p[1], step())],
     show: (now) => {
-      shown = now;
+      content = now;
       draw();
     },
     handle: (p, near) => {
       const far = (h: Handle): number => Math.hypot(h.at[0] - p[0], h.at[1] - p[1]);
-      const [first] = handles(shown.scene, shown.selected, OFF * pixel()).sort((a, b) => far(a) - far(b));
+      const [first] = handles(content.scene, content.selected, TURN_HANDLE_GAP_PX * pixel()).sort((a, b) => far(a) - far(b));
       return first && far(first) <= near * pixel() ? first.id : null;
     },
     sketch: (...elements) => void put(preview, ...elements),
     film: (now) => {
       film = now;
-      put(trails, ...(film ? tracks(film, shown.scene) : []));
+      put(trails, ...(film ? trajectories(film, content.scene) : []));
       ghosts();
       svg.dataset.film = String(Number(svg.dataset.film ?? 0) + 1);
     },
@@ -118,73 +118,73 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
       time = now;
       ghosts();
     },
-    fit: () => look(whole(shown.scene)),
+    fit: () => look(fitBox(content.scene)),
     zoom: (factor) => {
       const [x, y] = [(view[0] + view[2]) / 2, (view[1] + view[3]) / 2];
       const [w, h] = [((view[2] - view[0]) / 2) * factor, ((view[3] - view[1]) / 2) * factor];
-      if (2 * w > NARROW && 2 * w < WIDE) look([x - w, y - h, x + w, y + h]);
+      if (2 * w > MIN_WIDTH_M && 2 * w < MAX_WIDTH_M) look([x - w, y - h, x + w, y + h]);
     },
     pan: ([x, y]) => look([view[0] + x, view[1] + y, view[2] + x, view[3] + y]),
   };
 }
 
 /** A box with a frame, m; drawn while something is being drawn, too. */
-export function outlined([left, bottom, right, top]: Box, look: string): SVGRectElement {
+export function rectangleElement([left, bottom, right, top]: Box, look: string): SVGRectElement {
   return s("rect", { class: look, x: left, y: bottom, width: Math.max(0, right - left), height: Math.max(0, top - bottom), "vector-effect": "non-scaling-stroke" });
 }
 
 /** The ways of all bodies. */
-function tracks(film: Film, scene: Scene): SVGElement[] {
-  const dealt = colours(scene);
-  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+function trajectories(film: Film, scene: Scene): SVGElement[] {
+  const bodyColours = colours(scene);
+  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: "trail", stroke: bodyColours.get(name) ?? "currentColor" }));
 }
 
 /** Handles of what is selected. */
-function grips({ scene, selected }: Shown, pixel: number): SVGElement[] {
-  return handles(scene, selected, OFF * pixel).map(({ id, look, at: [x, y], about }) => {
-    const place = { cx: x, cy: y, r: HANDLE * pixel, "vector-effect": "non-scaling-stroke" };
+function handleElements({ scene, selected }: CanvasContent, pixel: number): SVGElement[] {
+  return handles(scene, selected, TURN_HANDLE_GAP_PX * pixel).map(({ id, look, at: [x, y], about }) => {
+    const place = { cx: x, cy: y, r: HANDLE_RADIUS_PX * pixel, "vector-effect": "non-scaling-stroke" };
     return s("circle", { class: `handle ${look}`, "data-handle": id, ...place }, s("title", {}, about));
   });
 }
 
 /** Marks what is selected, and what is wrong. */
-function highlighted(svg: SVGSVGElement, { scene, selected, bad }: Shown): void {
-  const chosen = thing(scene, selected)?.name;
+function highlight(svg: SVGSVGElement, { scene, selected, invalidName: invalidName }: CanvasContent): void {
+  const selectedName = objectAt(scene, selected)?.name;
   for (const group of svg.querySelectorAll<SVGGElement>("[data-name]")) {
-    group.classList.toggle("selected", group.dataset.name === chosen);
-    group.classList.toggle("bad", group.dataset.name === bad);
+    group.classList.toggle("selected", group.dataset.name === selectedName);
+    group.classList.toggle("bad", group.dataset.name === invalidName);
   }
   svg.classList.toggle("goal-selected", selected === "goal");
 }
 
 /** Everything of a scene with some room; of one with nothing in it a few metres. */
-function whole(scene: Scene): Box {
-  const rooms = areas(scene).flatMap(({ box }): Point[] => [[box[0], box[1]], [box[2], box[3]]]);
+function fitBox(scene: Scene): Box {
+  const rooms = placementAreas(scene).flatMap(({ box }): Point[] => [[box[0], box[1]], [box[2], box[3]]]);
   const fixed = scene.bodies.some((b) => b.position) || rooms.length ? [] : allObjects(scene).map((b): Point => b.position ?? [0, 0]);
   if (!allObjects(scene).length && !rooms.length) return [-6, -1, 6, 7];
   const box = sceneExtent(scene, [...rooms, ...fixed]);
-  const room = ROOM * Math.max(box[2] - box[0], box[3] - box[1]);
+  const room = FIT_MARGIN * Math.max(box[2] - box[0], box[3] - box[1]);
   return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
 }
 
 /** A box widened to an aspect. */
-function shaped(box: Box, aspect: number): Box {
+function withAspect(box: Box, aspect: number): Box {
   const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
   const w = Math.max(box[2] - box[0], aspect * (box[3] - box[1])) / 2;
   return [x - w, y - w / aspect, x + w, y + w / aspect];
 }
 
 /** The round number (1, 2, 5 times a power of ten) that is next from a length, m. */
-function grade(length: number): number {
+function roundLength(length: number): number {
   return ticks(length, 1)[1] ?? length;
 }
 
-function gridded(v: number, step: number): number {
+function snapped(v: number, step: number): number {
   return Number((Math.round(v / step) * step).toPrecision(12));
 }
 
 function spacing(view: Box, pixel: number): number {
-  return Math.max(grade(LINES * pixel), (view[2] - view[0]) / 100);
+  return Math.max(roundLength(MIN_GRID_SPACING_PX * pixel), (view[2] - view[0]) / 100);
 }
 
 function multiples(from: number, to: number, step: number): number[] {
@@ -207,7 +207,7 @@ function labels(view: Box, pixel: number): SVGElement[] {
 }
 
 /** What a rectangle is, inside it: bounds and the place of a thing are often the same. */
-function named({ box, id, bounds }: { box: Box; id: string; bounds: boolean }, pixel: number): SVGElement {
+function areaLabel({ box, id, bounds }: { box: Box; id: string; bounds: boolean }, pixel: number): SVGElement {
   return bounds ? word([box[2] - 4 * pixel, box[1]], "bounds", pixel, "end") : word([box[0], box[3] - 18 * pixel], `place of ${id}`, pixel);
 }
 

@@ -8,7 +8,7 @@ import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { gallery, load, read } from "../play/tasks";
-import { curl, filename, pretty, python } from "./share";
+import { curl, filename, pretty, python } from "./export";
 
 const KEY = "iplw-draft";
 
@@ -18,41 +18,41 @@ export function empty(): Scene {
 }
 
 /** The draft of this tab, if there is one. */
-export function kept(): Scene | null {
+export function storedDraft(): Scene | null {
   const text = sessionStorage.getItem(KEY);
   return text ? (JSON.parse(text) as Scene) : null;
 }
 
-export function keep(scene: Scene): void {
+export function storeDraft(scene: Scene): void {
   sessionStorage.setItem(KEY, JSON.stringify(scene));
 }
 
 /** Buttons for all of it; `opened` is given a scene that is to be drawn on, `scene` says which one is drawn. */
 export async function files(
   scene: () => Scene,
-  opened: (scene: Scene) => void,
-  said: (text: string) => void,
+  onOpen: (scene: Scene) => void,
+  onMessage: (text: string) => void,
   context: Context,
 ): Promise<{ element: HTMLElement; drop: (file: File) => void }> {
   const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
-  const { button: task, dialog } = gallery(families, (id) => void load(id, context.signal).then((one) => opened(one.scene)).catch(context.fail), context);
-  const take = (file: File): void => {
+  const { button: task, dialog } = gallery(families, (id) => void load(id, context.signal).then((one) => onOpen(one.scene)).catch(context.fail), context);
+  const openFile = (file: File): void => {
     context.fail(null);
-    read(file).then((one) => drawable(one, file.name, context.signal)).then(opened).catch(context.fail);
+    read(file).then((one) => validated(one, file.name, context.signal)).then(onOpen).catch(context.fail);
   };
   const id = uniqueId("file");
   const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   input.addEventListener("change", () => {
     const one = input.files?.[0];
-    if (one) take(one);
+    if (one) openFile(one);
     input.value = "";
   });
   const copy = (what: string, text: () => string): HTMLElement =>
-    button(`Copy as ${what}`, () => void copied(text(), what).then((done) => said(`${done} ${lacking(scene())}`)).catch(context.fail));
+    button(`Copy as ${what}`, () => void copyToClipboard(text(), what).then((done) => onMessage(`${done} ${missingParts(scene())}`)).catch(context.fail));
   const element = h(
     "div",
     { class: "row make-files", role: "group", "aria-label": "File" },
-    button("New", () => opened(empty())),
+    button("New", () => onOpen(empty())),
     task,
     h("span", { class: "file" }, input, h("label", { for: id, class: "button" }, "Open a scene file")),
     button("Save", () => save(scene())),
@@ -64,11 +64,11 @@ export async function files(
     }, "main"),
     dialog,
   );
-  return { element, drop: take };
+  return { element, drop: openFile };
 }
 
 /** The scene, if it can be drawn: what the server cannot even read is refused in its words. Wrong values can be mended here. */
-async function drawable(scene: Scene, name: string, signal: AbortSignal): Promise<Scene> {
+async function validated(scene: Scene, name: string, signal: AbortSignal): Promise<Scene> {
   try {
     await ok(api.POST("/v1/simulate", { body: { scene: { ...scene, steps: 1 } as unknown as Record<string, never> }, signal }));
   } catch (e) {
@@ -80,7 +80,7 @@ async function drawable(scene: Scene, name: string, signal: AbortSignal): Promis
 }
 
 /** What the server would miss. */
-function lacking(scene: Scene): string {
+function missingParts(scene: Scene): string {
   const missing = [scene.goal ? "" : "a goal", scene.action ? "" : "an action space"].filter(Boolean);
   return missing.length ? `The server makes a world of it when it has ${missing.join(" and ")}.` : "";
 }
@@ -92,15 +92,15 @@ function save(scene: Scene): void {
 }
 
 /** Into the clipboard; where the browser has none (plain HTTP elsewhere), shown to be copied by hand. */
-async function copied(text: string, what: string): Promise<string> {
+async function copyToClipboard(text: string, what: string): Promise<string> {
   try {
     await navigator.clipboard.writeText(text);
     return `Copied: a world of this scene, as ${what}.`;
   } catch {
     const close = h("button", { type: "button" }, "Close");
     const area = h("textarea", { rows: 14, readonly: true, "aria-label": `The scene as ${what}` }, text);
-    const why = h("p", {}, "The browser does not let this page copy: select the text and copy it.");
-    const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, why, area, close);
+    const message = h("p", {}, "The browser does not let this page copy: select the text and copy it.");
+    const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, message, area, close);
     close.addEventListener("click", () => (dialog.close(), dialog.remove()));
     document.body.append(dialog);
     dialog.showModal();
@@ -110,7 +110,7 @@ async function copied(text: string, what: string): Promise<string> {
 }
 
 function button(title: string, act: () => void, look = ""): HTMLButtonElement {
-  const made = h("button", { type: "button", class: look || null }, title);
-  made.addEventListener("click", act);
-  return made;
+  const element = h("button", { type: "button", class: look || null }, title);
+  element.addEventListener("click", act);
+  return element;
 }

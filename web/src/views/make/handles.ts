@@ -2,8 +2,8 @@
 
 import { allObjects, type Body, type Box, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
-import { beside, far, inside, middle, outward, reach, round, rounded } from "./shapes";
-import { own, places, shifted, thing, turned } from "./things";
+import { distanceToSegment, distanceTo, inside, middle, toWorldFrame, halfExtent, round, rounded } from "./shapes";
+import { roundedInBodyFrame, objectPaths, translated, objectAt, rotated } from "./objects";
 
 export interface Handle {
   /** Unique within what is selected. */
@@ -16,69 +16,69 @@ export interface Handle {
 
 /** Handles of what is at a place; `gap` is how far the turning one stands off, m. */
 export function handles(scene: Scene, place: string, gap: number): Handle[] {
-  const one = thing(scene, place);
-  if (one) return !one.position && place.startsWith("bodies") ? [] : [...sizes(one), ...turn(one, gap)];
+  const object = objectAt(scene, place);
+  if (object) return !object.position && place.startsWith("bodies") ? [] : [...sizeHandles(object), ...turnHandle(object, gap)];
   if (place === "goal" && scene.goal?.type === "inside") return scene.goal.region.map((at, i) => size(`${i}`, at, "Move this corner of the region"));
-  if (place === "action") return areas(scene).flatMap(({ id, box, about }) => rectangle(id, box, about));
+  if (place === "action") return placementAreas(scene).flatMap(({ id, box, about }) => rectangle(id, box, about));
   return [];
 }
 
 /** The scene after a handle was dragged to a point, m. */
-export function dragged(scene: Scene, place: string, id: string, to: Point): Scene {
-  const one = thing(scene, place);
-  if (one) return write(scene, place, id === "turn" ? faced(one, to) : stretched(one, id, to));
+export function dragHandle(scene: Scene, place: string, id: string, to: Point): Scene {
+  const object = objectAt(scene, place);
+  if (object) return write(scene, place, id === "turn" ? turnedTowards(object, to) : resized(object, id, to));
   if (place === "goal" && scene.goal?.type === "inside") return write(scene, `goal.region[${id}]`, rounded(to));
-  if (place === "action") return reshaped(scene, id, to);
+  if (place === "action") return resizedArea(scene, id, to);
   return scene;
 }
 
 /** The scene with what is at a place moved, m. */
-export function moved(scene: Scene, place: string, by: Point): Scene {
-  const one = thing(scene, place);
-  if (one) return write(scene, place, shifted(one, by));
+export function moveSelection(scene: Scene, place: string, by: Point): Scene {
+  const object = objectAt(scene, place);
+  if (object) return write(scene, place, translated(object, by));
   const shift = (p: Point): Point => rounded([p[0] + by[0], p[1] + by[1]]);
   if (place === "goal" && scene.goal?.type === "inside") return write(scene, "goal.region", scene.goal.region.map(shift));
   if (place !== "action") return scene;
-  return areas(scene).reduce((now, { id, box }) => placedArea(now, id, [...shift([box[0], box[1]]), ...shift([box[2], box[3]])] as Box), scene);
+  return placementAreas(scene).reduce((now, { id, box }) => placedArea(now, id, [...shift([box[0], box[1]]), ...shift([box[2], box[3]])] as Box), scene);
 }
 
 /** What is at a point: the topmost thing within `near`, m, the goal's region, or a side of where the action places things. */
-export function hit(scene: Scene, p: Point, near: number): string | null {
-  const drawn = places(scene).filter((at) => thing(scene, at)!.position || at.startsWith("statics"));
+export function hitTest(scene: Scene, p: Point, radius: number): string | null {
+  const visible = objectPaths(scene).filter((at) => objectAt(scene, at)!.position || at.startsWith("statics"));
   // Bodies lie over statics, later ones over earlier.
-  const order = [...drawn.filter((at) => at.startsWith("statics")), ...drawn.filter((at) => at.startsWith("bodies"))].reverse();
-  const distances = order.map((at) => far(thing(scene, at)!, p));
-  const under = order.find((_, i) => distances[i] === 0);
-  const closest = order.filter((_, i) => distances[i]! <= near).sort((a, b) => distances[order.indexOf(a)]! - distances[order.indexOf(b)]!)[0];
-  if (under ?? closest) return under ?? closest!;
-  if (areas(scene).some(({ box }) => sides(box).some(([a, b]) => beside(p, a, b) <= near))) return "action";
+  const order = [...visible.filter((at) => at.startsWith("statics")), ...visible.filter((at) => at.startsWith("bodies"))].reverse();
+  const distances = order.map((at) => distanceTo(objectAt(scene, at)!, p));
+  const topmost = order.find((_, i) => distances[i] === 0);
+  const closest = order.filter((_, i) => distances[i]! <= radius).sort((a, b) => distances[order.indexOf(a)]! - distances[order.indexOf(b)]!)[0];
+  if (topmost ?? closest) return topmost ?? closest!;
+  if (placementAreas(scene).some(({ box }) => sides(box).some(([a, b]) => distanceToSegment(p, a, b) <= radius))) return "action";
   if (scene.goal?.type === "inside" && inside(scene.goal.region, p)) return "goal";
   return null;
 }
 
 /** Where the action places things, and the box that they must stay in: rectangles of the world, m. */
-export function areas(scene: Scene): { id: string; box: Box; about: string; bounds: boolean }[] {
+export function placementAreas(scene: Scene): { id: string; box: Box; about: string; bounds: boolean }[] {
   const { action } = scene;
   if (!action) return [];
-  const things = new Map(allObjects(scene).map((b) => [b.name, b]));
-  const found = [...new Set(action.components.map((c) => c.target))].flatMap((target) => {
+  const objects = new Map(allObjects(scene).map((b) => [b.name, b]));
+  const targets = [...new Set(action.components.map((c) => c.target))].flatMap((target) => {
     const [x, y] = (["x", "y"] as const).map((set) => action.components.find((c) => c.target === target && c.set === set));
     if (!x && !y) return [];
-    const at = things.get(target)?.position ?? [0, 0];
+    const at = objects.get(target)?.position ?? [0, 0];
     const box: Box = [x?.low ?? at[0], y?.low ?? at[1], x?.high ?? at[0], y?.high ?? at[1]];
     return [{ id: target, box, about: `where ${target} may be placed`, bounds: false }];
   });
   const { bounds } = action;
   const limits: Box | null = !bounds ? null : Array.isArray(bounds) ? bounds : [...bounds.min, ...bounds.max];
-  return limits ? [...found, { id: BOUNDS, box: limits, about: "the bounds of what is placed", bounds: true }] : found;
+  return limits ? [...targets, { id: BOUNDS_ID, box: limits, about: "the bounds of what is placed", bounds: true }] : targets;
 }
 
 /** No name of a thing: names have 1 to 100 characters. */
-const BOUNDS = "";
+const BOUNDS_ID = "";
 
-function sizes(one: Body): Handle[] {
-  const { shape } = one;
-  const at = (p: Point): Point => outward(one, p);
+function sizeHandles(object: Body): Handle[] {
+  const { shape } = object;
+  const at = (p: Point): Point => toWorldFrame(object, p);
   switch (shape.type) {
     case "disc":
       return [size("radius", at([shape.radius, 0]), "Change the radius")];
@@ -96,47 +96,47 @@ function sizes(one: Body): Handle[] {
   }
 }
 
-function turn(one: Body, gap: number): Handle[] {
-  if (one.shape.type === "halfspace") return [];
-  const [x, y] = middle(one.shape);
-  return [{ id: "turn", look: "turn", at: outward(one, [x, y + reach(one.shape) + gap]), about: "Turn" }];
+function turnHandle(object: Body, gap: number): Handle[] {
+  if (object.shape.type === "halfspace") return [];
+  const [x, y] = middle(object.shape);
+  return [{ id: "turn", look: "turn", at: toWorldFrame(object, [x, y + halfExtent(object.shape) + gap]), about: "Turn" }];
 }
 
 /** A thing turned so that its turning handle, above its middle, points to a place. */
-function faced(one: Body, to: Point): Body {
-  const at = outward(one, middle(one.shape));
+function turnedTowards(object: Body, to: Point): Body {
+  const at = toWorldFrame(object, middle(object.shape));
   const angle = Math.atan2(to[1] - at[1], to[0] - at[0]) - Math.PI / 2;
-  return turned(one, Math.round(near(angle, one.angle ?? 0) * 100) / 100);
+  return rotated(object, Math.round(nearestTurn(angle, object.angle ?? 0) * 100) / 100);
 }
 
 /** The same direction with as few turns from another as can be. */
-function near(angle: number, other: number): number {
+function nearestTurn(angle: number, other: number): number {
   return angle + 2 * Math.PI * Math.round((other - angle) / (2 * Math.PI));
 }
 
 /** Smallest length that dragging makes, m. */
-const LEAST = 1e-3;
+const MIN_LENGTH_M = 1e-3;
 
-function stretched(one: Body, id: string, to: Point): Body {
-  const { shape } = one;
-  const p = own(one, to);
+function resized(object: Body, id: string, to: Point): Body {
+  const { shape } = object;
+  const p = roundedInBodyFrame(object, to);
   switch (shape.type) {
     case "disc":
-      return { ...one, shape: { ...shape, radius: Math.max(LEAST, round(Math.hypot(p[0], p[1]))) } };
+      return { ...object, shape: { ...shape, radius: Math.max(MIN_LENGTH_M, round(Math.hypot(p[0], p[1]))) } };
     case "box": {
       // The corner opposite stays.
       const [w, h] = [shape.half_width, shape.half_height];
       const fixed: Point = ([[w, h], [-w, h], [-w, -h], [w, -h]] as Point[])[Number(id)]!;
-      const half: Point = [Math.max(LEAST, round(Math.abs(p[0] - fixed[0]) / 2)), Math.max(LEAST, round(Math.abs(p[1] - fixed[1]) / 2))];
+      const half: Point = [Math.max(MIN_LENGTH_M, round(Math.abs(p[0] - fixed[0]) / 2)), Math.max(MIN_LENGTH_M, round(Math.abs(p[1] - fixed[1]) / 2))];
       const centre: Point = [fixed[0] + Math.sign(p[0] - fixed[0] || 1) * half[0], fixed[1] + Math.sign(p[1] - fixed[1] || 1) * half[1]];
-      return { ...one, shape: { ...shape, half_width: half[0], half_height: half[1] }, position: rounded(outward(one, centre)) };
+      return { ...object, shape: { ...shape, half_width: half[0], half_height: half[1] }, position: rounded(toWorldFrame(object, centre)) };
     }
     case "polygon":
-      return { ...one, shape: { ...shape, vertices: shape.vertices.map((v, i) => (i === Number(id) ? p : v)) } };
+      return { ...object, shape: { ...shape, vertices: shape.vertices.map((v, i) => (i === Number(id) ? p : v)) } };
     case "segment":
-      return { ...one, shape: { ...shape, [id]: p } };
+      return { ...object, shape: { ...shape, [id]: p } };
     default:
-      return one;
+      return object;
   }
 }
 
@@ -145,10 +145,10 @@ function rectangle(id: string, box: Box, about: string): Handle[] {
   return [...corners, { id: `move:${id}`, look: "move", at: [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2], about: `Move ${about}` }];
 }
 
-function reshaped(scene: Scene, handle: string, to: Point): Scene {
+function resizedArea(scene: Scene, handle: string, to: Point): Scene {
   const [which = "", ...rest] = handle.split(":");
   const id = rest.join(":");
-  const box = areas(scene).find((a) => a.id === id)?.box;
+  const box = placementAreas(scene).find((a) => a.id === id)?.box;
   if (!box) return scene;
   if (which === "move") {
     const by: Point = [to[0] - (box[0] + box[2]) / 2, to[1] - (box[1] + box[3]) / 2];
@@ -168,7 +168,7 @@ function placedArea(scene: Scene, id: string, [left, bottom, right, top]: Box): 
   const { action } = scene;
   if (!action) return scene;
   const box: Box = [round(left), round(bottom), round(right), round(top)];
-  if (id === BOUNDS) return { ...scene, action: { ...action, bounds: box } };
+  if (id === BOUNDS_ID) return { ...scene, action: { ...action, bounds: box } };
   const components = action.components.map((c) => {
     if (c.target !== id || (c.set !== "x" && c.set !== "y")) return c;
     return c.set === "x" ? { ...c, low: box[0], high: box[2] } : { ...c, low: box[1], high: box[3] };

@@ -2,25 +2,25 @@
 
 export interface History<T> {
   readonly past: readonly T[];
-  readonly now: T;
+  readonly present: T;
   readonly future: readonly T[];
   /** What the last change belongs to: changes with the same key are undone together. */
   readonly key: string | null;
 }
 
 /** Changes that are kept; older ones cannot be undone. */
-const KEPT = 500;
+const MAX_UNDO_STEPS = 500;
 
-export function begin<T>(now: T): History<T> {
-  return { past: [], now, future: [], key: null };
+export function begin<T>(present: T): History<T> {
+  return { past: [], present: present, future: [], key: null };
 }
 
 /** One change more. With a `key` that is also the last change's it becomes one with it: a drag, or a number being typed. */
-export function change<T>(history: History<T>, now: T, key: string | null = null): History<T> {
-  if (now === history.now) return history;
-  const joins = key !== null && key === history.key;
-  const past = joins ? history.past : [...history.past, history.now].slice(-KEPT);
-  return { past, now, future: [], key };
+export function change<T>(history: History<T>, present: T, key: string | null = null): History<T> {
+  if (present === history.present) return history;
+  const merges = key !== null && key === history.key;
+  const past = merges ? history.past : [...history.past, history.present].slice(-MAX_UNDO_STEPS);
+  return { past, present: present, future: [], key };
 }
 
 /** The last change is over: the next one is undone by itself. */
@@ -31,11 +31,11 @@ export function settle<T>(history: History<T>): History<T> {
 export function undo<T>(history: History<T>): History<T> {
   const before = history.past.at(-1);
   if (before === undefined) return history;
-  return { past: history.past.slice(0, -1), now: before, future: [history.now, ...history.future], key: null };
+  return { past: history.past.slice(0, -1), present: before, future: [history.present, ...history.future], key: null };
 }
 
 export function redo<T>(history: History<T>): History<T> {
   const [next, ...future] = history.future;
   if (next === undefined) return history;
-  return { past: [...history.past, history.now], now: next, future, key: null };
+  return { past: [...history.past, history.present], present: next, future, key: null };
 }

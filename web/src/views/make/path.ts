@@ -7,16 +7,16 @@ export function keys(path: string): (string | number)[] {
 
 /** What a document has at a path; `undefined` where it ends before. */
 export function read(of: unknown, path: string): unknown {
-  return keys(path).reduce<unknown>((now, key) => (now as Record<string | number, unknown> | null | undefined)?.[key], of);
+  return keys(path).reduce<unknown>((value, key) => (value as Record<string | number, unknown> | null | undefined)?.[key], of);
 }
 
 /** The document with another value at a path; `undefined` takes the field or item away. Everything else is kept. */
 export function write<T>(of: T, path: string, value: unknown): T {
-  return changed(of, keys(path), value) as T;
+  return setAt(of, keys(path), value) as T;
 }
 
 /** Whether a path is another one or lies within it. */
-export function within(path: string, ancestor: string): boolean {
+export function isWithin(path: string, ancestor: string): boolean {
   if (!path.startsWith(ancestor)) return false;
   const next = path[ancestor.length];
   return next === undefined || next === "." || next === "[";
@@ -24,26 +24,26 @@ export function within(path: string, ancestor: string): boolean {
 
 /** Of fields on a form, those that a problem with `named` is about: the field itself, else those within it, else the one it
  * lies within. */
-export function meant(fields: readonly string[], named: string): string[] {
-  const same = fields.filter((f) => f === named);
+export function affectedFields(fields: readonly string[], path: string): string[] {
+  const same = fields.filter((f) => f === path);
   if (same.length) return same;
-  const below = fields.filter((f) => within(f, named));
+  const below = fields.filter((f) => isWithin(f, path));
   if (below.length) return below;
-  const above = fields.filter((f) => within(named, f)).sort((a, b) => b.length - a.length);
+  const above = fields.filter((f) => isWithin(path, f)).sort((a, b) => b.length - a.length);
   return above.slice(0, 1);
 }
 
-function changed(of: unknown, [key, ...rest]: (string | number)[], value: unknown): unknown {
+function setAt(of: unknown, [key, ...rest]: (string | number)[], value: unknown): unknown {
   if (key === undefined) return value;
   if (typeof key === "number") {
     const list = Array.isArray(of) ? [...of] : [];
-    const next = changed(list[key], rest, value);
+    const next = setAt(list[key], rest, value);
     if (next === undefined) list.splice(key, 1);
     else list[key] = next;
     return list;
   }
   const { [key]: old, ...others } = (of ?? {}) as Record<string, unknown>;
-  const next = changed(old, rest, value);
+  const next = setAt(old, rest, value);
   if (next === undefined) return others;
   // In its old place, so that a saved file differs only where something was changed.
   return old === undefined ? { ...others, [key]: next } : { ...(of as object), [key]: next };

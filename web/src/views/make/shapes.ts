@@ -17,20 +17,20 @@ export function middle(shape: Shape): Point {
 }
 
 /** Half the larger side of the box around a shape, m. */
-export function reach(shape: Shape): number {
+export function halfExtent(shape: Shape): number {
   const box = extent(shape);
   return box ? Math.max(box[2] - box[0], box[3] - box[1]) / 2 : 0;
 }
 
 /** A place of a thing's own frame in the world, m. */
-export function outward(thing: Body, p: Point): Point {
-  return toWorld(p, thing.position ?? [0, 0], thing.angle ?? 0);
+export function toWorldFrame(object: Body, p: Point): Point {
+  return toWorld(p, object.position ?? [0, 0], object.angle ?? 0);
 }
 
 /** A place of the world in a thing's own frame, m. */
-export function inward(thing: Body, p: Point): Point {
-  const [x, y] = thing.position ?? [0, 0];
-  return toWorld([p[0] - x, p[1] - y], [0, 0], -(thing.angle ?? 0));
+export function toBodyFrame(object: Body, p: Point): Point {
+  const [x, y] = object.position ?? [0, 0];
+  return toWorld([p[0] - x, p[1] - y], [0, 0], -(object.angle ?? 0));
 }
 
 /** A shape made larger about its middle; a half plane has no size. */
@@ -47,17 +47,17 @@ export function scaled(shape: Shape, factor: number): Shape {
     case "segment":
       return { ...shape, from: point(shape.from), to: point(shape.to) };
     case "compound":
-      return { ...shape, pieces: shape.pieces.map((p) => grown(p, factor)) };
+      return { ...shape, pieces: shape.pieces.map((p) => scaledPiece(p, factor)) };
     case "halfspace":
       return shape;
   }
 }
 
 /** A shape of another type, of about the same size. */
-export function as(shape: Shape, type: Shape["type"]): Shape {
+export function convertShape(shape: Shape, type: Shape["type"]): Shape {
   if (shape.type === type) return shape;
   const [x, y] = middle(shape);
-  const r = round(reach(shape) || 1);
+  const r = round(halfExtent(shape) || 1);
   const box = extent(shape) ?? [x - r, y - r, x + r, y + r];
   const [w, h] = [round((box[2] - box[0]) / 2) || r, round((box[3] - box[1]) / 2) || round(r / 10)];
   switch (type) {
@@ -80,19 +80,19 @@ export function as(shape: Shape, type: Shape["type"]): Shape {
 export function hull(points: readonly Point[]): Point[] {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const half = (list: Point[]): Point[] => {
-    const kept: Point[] = [];
+    const chain: Point[] = [];
     for (const p of list) {
-      while (kept.length > 1 && cross(kept.at(-2)!, kept.at(-1)!, p) <= 1e-12) kept.pop();
-      kept.push(p);
+      while (chain.length > 1 && cross(chain.at(-2)!, chain.at(-1)!, p) <= 1e-12) chain.pop();
+      chain.push(p);
     }
-    return kept.slice(0, -1);
+    return chain.slice(0, -1);
   };
   return [...half(sorted), ...half(sorted.reverse())];
 }
 
 /** How far a point is from a thing, m; 0 within it. */
-export function far(thing: Body, p: Point): number {
-  return away(thing.shape, inward(thing, p));
+export function distanceTo(object: Body, p: Point): number {
+  return distanceToShape(object.shape, toBodyFrame(object, p));
 }
 
 /** Whether a point is within a polygon. */
@@ -106,14 +106,14 @@ export function inside(polygon: readonly Point[], p: Point): boolean {
 }
 
 /** How far a point is from the line between two others, m. */
-export function beside(p: Point, a: Point, b: Point): number {
+export function distanceToSegment(p: Point, a: Point, b: Point): number {
   const [x, y] = [b[0] - a[0], b[1] - a[1]];
   const size = x * x + y * y;
   const t = size > 0 ? Math.min(1, Math.max(0, ((p[0] - a[0]) * x + (p[1] - a[1]) * y) / size)) : 0;
   return Math.hypot(p[0] - a[0] - t * x, p[1] - a[1] - t * y);
 }
 
-function away(shape: Shape, p: Point): number {
+function distanceToShape(shape: Shape, p: Point): number {
   switch (shape.type) {
     case "disc":
       return Math.max(0, Math.hypot(p[0], p[1]) - shape.radius);
@@ -121,25 +121,25 @@ function away(shape: Shape, p: Point): number {
       return Math.hypot(Math.max(0, Math.abs(p[0]) - shape.half_width), Math.max(0, Math.abs(p[1]) - shape.half_height));
     case "polygon": {
       const { vertices: v } = shape;
-      return inside(v, p) ? 0 : Math.min(...v.map((a, i) => beside(p, a, v[(i + 1) % v.length]!)));
+      return inside(v, p) ? 0 : Math.min(...v.map((a, i) => distanceToSegment(p, a, v[(i + 1) % v.length]!)));
     }
     case "segment":
-      return Math.max(0, beside(p, shape.from, shape.to) - (shape.radius ?? 0));
+      return Math.max(0, distanceToSegment(p, shape.from, shape.to) - (shape.radius ?? 0));
     case "halfspace":
       return Math.max(0, shape.normal[0] * p[0] + shape.normal[1] * p[1] - shape.offset);
     case "compound":
-      return Math.min(...shape.pieces.map((piece) => far({ name: "", shape: piece, position: piece.position ?? [0, 0], angle: piece.angle ?? 0 }, p)));
+      return Math.min(...shape.pieces.map((piece) => distanceTo({ name: "", shape: piece, position: piece.position ?? [0, 0], angle: piece.angle ?? 0 }, p)));
   }
 }
 
 /** A piece of a compound made larger about the compound's origin. */
-function grown<P extends Shape & { position?: Point; angle?: number }>(piece: P, factor: number): P {
+function scaledPiece<P extends Shape & { position?: Point; angle?: number }>(piece: P, factor: number): P {
   const about = toWorld(middle(piece), [0, 0], piece.angle ?? 0);
-  const own = scaled(piece, factor);
+  const resized = scaled(piece, factor);
   const [x, y] = piece.position ?? [0, 0];
   // `scaled` keeps the middle of the piece where it is: what that leaves of the way outwards goes to its position.
   const position = rounded([factor * x + (factor - 1) * about[0], factor * y + (factor - 1) * about[1]]);
-  return { ...own, ...(position[0] || position[1] || piece.position ? { position } : {}) } as P;
+  return { ...resized, ...(position[0] || position[1] || piece.position ? { position } : {}) } as P;
 }
 
 function extent(shape: Shape): [number, number, number, number] | null {

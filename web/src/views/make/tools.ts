@@ -2,7 +2,7 @@
 
 import { type Box, type Component, type Point, type Scene } from "../../scene/types";
 import { hull, round, rounded } from "./shapes";
-import { added, centred, components, moves, thing } from "./things";
+import { addObject, recentred, setComponents, isBody, objectAt } from "./objects";
 
 export type Tool = "select" | "disc" | "box" | "polygon" | "segment" | "goal" | "area" | "bounds";
 
@@ -19,7 +19,7 @@ export const TOOLS: readonly { tool: Tool; title: string; key: string; hint: str
 ];
 
 /** Why a tool drew nothing. */
-export function nothing(scene: Scene, tool: Tool): string {
+export function emptyDrawingMessage(scene: Scene, tool: Tool): string {
   if (tool === "bounds" && !scene.action) return "Bounds are the action's: draw an action area first.";
   if (tool === "goal" && !scene.bodies.length) return "Draw a body first: a goal region is where its centre has to be.";
   if (tool === "area" && !scene.bodies.length) return "Draw a thing first: an action area is where it may be placed.";
@@ -27,28 +27,28 @@ export function nothing(scene: Scene, tool: Tool): string {
 }
 
 /** A scene after a gesture, and what is selected then. */
-export interface Drawn {
+export interface DrawingResult {
   scene: Scene;
   place: string;
 }
 
 /** What a drag from one point to another draws; `moving`: things that move. `view` is what is seen, m. */
-export function drawn(scene: Scene, tool: Tool, from: Point, to: Point, moving: boolean, view: Box, selected: string): Drawn | null {
+export function drawShape(scene: Scene, tool: Tool, from: Point, to: Point, moving: boolean, view: Box, selected: string): DrawingResult | null {
   const box: Box = [Math.min(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[0], to[0]), Math.max(from[1], to[1])];
   const [w, h] = [round((box[2] - box[0]) / 2), round((box[3] - box[1]) / 2)];
   const centre = rounded([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]);
   switch (tool) {
     case "disc": {
       const radius = round(Math.hypot(to[0] - from[0], to[1] - from[1]));
-      return radius > 0 ? added(scene, { name: "disc", shape: { type: "disc", radius }, position: rounded(from) }, moving) : null;
+      return radius > 0 ? addObject(scene, { name: "disc", shape: { type: "disc", radius }, position: rounded(from) }, moving) : null;
     }
     case "box":
-      return w > 0 && h > 0 ? added(scene, { name: "box", shape: { type: "box", half_width: w, half_height: h }, position: centre }, moving) : null;
+      return w > 0 && h > 0 ? addObject(scene, { name: "box", shape: { type: "box", half_width: w, half_height: h }, position: centre }, moving) : null;
     case "segment": {
       if (from[0] === to[0] && from[1] === to[1]) return null;
       // What moves has to have a thickness.
-      const radius = moving ? round((view[2] - view[0]) * THICK) : 0;
-      return added(scene, centred({ name: "segment", shape: { type: "segment", from, to, radius } }), moving);
+      const radius = moving ? round((view[2] - view[0]) * SEGMENT_RADIUS_SHARE) : 0;
+      return addObject(scene, recentred({ name: "segment", shape: { type: "segment", from, to, radius } }), moving);
     }
     case "goal":
       return w > 0 && h > 0 && scene.bodies.length ? { scene: goal(scene, box, selected), place: "goal" } : null;
@@ -62,46 +62,46 @@ export function drawn(scene: Scene, tool: Tool, from: Point, to: Point, moving: 
 }
 
 /** What corners that were clicked draw. */
-export function closed(scene: Scene, corners: readonly Point[], moving: boolean): Drawn | null {
+export function drawPolygon(scene: Scene, corners: readonly Point[], moving: boolean): DrawingResult | null {
   const vertices = hull(corners);
-  return vertices.length < 3 ? null : added(scene, centred({ name: "polygon", shape: { type: "polygon", vertices } }), moving);
+  return vertices.length < 3 ? null : addObject(scene, recentred({ name: "polygon", shape: { type: "polygon", vertices } }), moving);
 }
 
 /** A gesture that draws something of a usual size in the middle of the view: for a click, and for the keyboard. */
-export function usual(scene: Scene, tool: Tool, at: Point, moving: boolean, view: Box, selected: string, step: number): Drawn | null {
+export function drawDefault(scene: Scene, tool: Tool, at: Point, moving: boolean, view: Box, selected: string, step: number): DrawingResult | null {
   const r = Math.max(step, Math.round((view[2] - view[0]) / 20 / step) * step);
-  const around = (w: number, h: number): Drawn | null => drawn(scene, tool, [at[0] - w, at[1] - h], [at[0] + w, at[1] + h], moving, view, selected);
-  if (tool === "disc") return drawn(scene, tool, at, [at[0] + r, at[1]], moving, view, selected);
-  if (tool === "polygon") return closed(scene, [[at[0] - r, at[1] - r], [at[0] + r, at[1] - r], [at[0], at[1] + r]], moving);
+  const around = (w: number, h: number): DrawingResult | null => drawShape(scene, tool, [at[0] - w, at[1] - h], [at[0] + w, at[1] + h], moving, view, selected);
+  if (tool === "disc") return drawShape(scene, tool, at, [at[0] + r, at[1]], moving, view, selected);
+  if (tool === "polygon") return drawPolygon(scene, [[at[0] - r, at[1] - r], [at[0] + r, at[1] - r], [at[0], at[1] + r]], moving);
   if (tool === "segment") return around(4 * r, 0);
-  if (tool === "bounds") return drawn(scene, tool, [view[0], view[1]], [view[2], view[3]], moving, view, selected);
+  if (tool === "bounds") return drawShape(scene, tool, [view[0], view[1]], [view[2], view[3]], moving, view, selected);
   return tool === "box" ? around(r, r) : around(2 * r, r);
 }
 
 /** Half the thickness of a segment that moves, share of the view's width. */
-const THICK = 0.006;
+const SEGMENT_RADIUS_SHARE = 0.006;
 
 function goal(scene: Scene, [left, bottom, right, top]: Box, selected: string): Scene {
   const region = ([[left, bottom], [right, bottom], [right, top], [left, top]] as Point[]).map(rounded);
   if (scene.goal?.type === "inside") return { ...scene, goal: { ...scene.goal, region } };
-  const body = (moves(selected) ? thing(scene, selected)?.name : undefined) ?? scene.bodies[0]?.name ?? "";
+  const body = (isBody(selected) ? objectAt(scene, selected)?.name : undefined) ?? scene.bodies[0]?.name ?? "";
   return { ...scene, goal: { type: "inside", body, region } };
 }
 
-function area(scene: Scene, [left, bottom, right, top]: Box, selected: string): Drawn | null {
-  const target = (thing(scene, selected) ?? scene.bodies[0])?.name;
+function area(scene: Scene, [left, bottom, right, top]: Box, selected: string): DrawingResult | null {
+  const target = (objectAt(scene, selected) ?? scene.bodies[0])?.name;
   if (target === undefined) return null;
-  const own: Component[] = [
+  const position: Component[] = [
     { target, set: "x", low: round(left), high: round(right) },
     { target, set: "y", low: round(bottom), high: round(top) },
   ];
-  return { scene: own.reduce(withComponent, scene), place: "action" };
+  return { scene: position.reduce(withComponent, scene), place: "action" };
 }
 
 /** The scene with a component of the action in the place of the one that sets the same, or as one more. */
-export function withComponent(scene: Scene, one: Component): Scene {
+export function withComponent(scene: Scene, component: Component): Scene {
   const action = scene.action ?? { components: [] };
-  const index = action.components.findIndex((c) => c.target === one.target && c.set === one.set);
-  const list = index < 0 ? [...action.components, one] : action.components.map((c, i) => (i === index ? { ...c, ...one } : c));
-  return components({ ...scene, action }, list);
+  const index = action.components.findIndex((c) => c.target === component.target && c.set === component.set);
+  const list = index < 0 ? [...action.components, component] : action.components.map((c, i) => (i === index ? { ...c, ...component } : c));
+  return setComponents({ ...scene, action }, list);
 }

@@ -4,7 +4,7 @@ import { api, ok } from "../../api/client";
 import { h, put, s, set } from "../../dom";
 import { latest } from "../../parts/latest";
 import { short, slider, type Slider } from "../../parts/slider";
-import { applyAction, share, targets, unit, valueAt } from "../../scene/action";
+import { applyAction, shareFor, targets, unit, valueAt } from "../../scene/action";
 import type { Picture } from "../../scene/draw";
 import { allObjects, type Component, type Point, type Scene } from "../../scene/types";
 import type { Context } from "../../view";
@@ -56,8 +56,8 @@ export function placing(scene: Scene, subject: Subject, at: Picture, moved: (act
   const to = (p: Point): void => {
     const [x, y] = [axis("x"), axis("y")];
     const values: [number, number][] = [];
-    if (x >= 0) values.push([x, share(components[x]!, p[0])]);
-    if (y >= 0) values.push([y, share(components[y]!, p[1])]);
+    if (x >= 0) values.push([x, shareFor(components[x]!, p[0])]);
+    if (y >= 0) values.push([y, shareFor(components[y]!, p[1])]);
     if (values.length) change(values);
   };
   byMouse(at, () => nearest(scene, action, names), (name) => (active = name), () => map(null), to);

@@ -2,7 +2,7 @@
 
 import { uniqueId, h, put, set } from "../../dom";
 import type { Scene } from "../../scene/types";
-import { meant, read, write } from "./path";
+import { affectedFields, read, write } from "./path";
 
 /** The draft that a form is about. */
 export interface Draft {
@@ -17,11 +17,11 @@ export interface Field {
   path: string;
   show: (scene: Scene) => void;
   /** Marks it wrong and says why, where it is not said elsewhere; `null` takes that away. */
-  mark: (why: string | null, said?: boolean) => void;
+  mark: (message: string | null, showText?: boolean) => void;
 }
 
 /** What stands at a path that the scene leaves out, and what happens where nothing is typed. */
-export interface Asked {
+export interface FieldSpec {
   label: string;
   path: string;
   unit?: string;
@@ -35,28 +35,28 @@ export interface Asked {
 }
 
 /** A number, in SI units. */
-export function number(draft: Draft, asked: Asked): Field {
-  const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: asked.empty });
-  return field(draft, asked, input, (scene) => {
-    const now = read(scene, asked.path);
+export function number(draft: Draft, spec: FieldSpec): Field {
+  const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: spec.empty });
+  return field(draft, spec, input, (scene) => {
+    const now = read(scene, spec.path);
     // Ninths of a millionth are rounding: they stay in the scene, and out of sight.
     return typeof now === "number" ? String(Number(now.toPrecision(9))) : "";
   }, (text) => {
     const value = text === "" ? undefined : Number(text);
-    if (value === undefined && asked.empty === undefined) return "A number is needed here.";
+    if (value === undefined && spec.empty === undefined) return "A number is needed here.";
     if (value !== undefined && !Number.isFinite(value)) return "This is no number.";
-    draft.change(written(draft.scene(), asked, value), `type-${asked.path}`);
+    draft.change(withNumber(draft.scene(), spec, value), `type-${spec.path}`);
     return null;
   }, "input");
 }
 
 /** A text; `changed` makes the scene of it, or says why it cannot be. */
-export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: string) => Scene | string): Field {
+export function text(draft: Draft, spec: FieldSpec, changed: (scene: Scene, value: string) => Scene | string): Field {
   const input = h("input", { type: "text", autocomplete: "off", spellcheck: "false" });
-  return field(draft, asked, input, (scene) => String(read(scene, asked.path) ?? ""), (value) => {
+  return field(draft, spec, input, (scene) => String(read(scene, spec.path) ?? ""), (value) => {
     const next = changed(draft.scene(), value);
     if (typeof next === "string") return next;
-    draft.change(next, `type-${asked.path}`);
+    draft.change(next, `type-${spec.path}`);
     return null;
   }, "input");
 }
@@ -64,7 +64,7 @@ export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: 
 /** One of a list; `of` says which stands in the scene, `changed` makes the scene of another one. */
 export function choice(
   draft: Draft,
-  asked: Asked,
+  spec: FieldSpec,
   options: readonly [string, string][],
   of: (scene: Scene) => string,
   changed: (scene: Scene, value: string) => Scene,
@@ -76,16 +76,16 @@ export function choice(
     if (![...input.options].some((o) => o.value === now)) input.append(h("option", { value: now }, now || "none"));
     return now;
   };
-  return field(draft, asked, input, show, (value) => {
+  return field(draft, spec, input, show, (value) => {
     draft.change(changed(draft.scene(), value), null);
     return null;
   }, "change");
 }
 
 /** A name among others at a path. */
-export function named(draft: Draft, asked: Asked, names: readonly string[]): Field {
+export function nameChoice(draft: Draft, spec: FieldSpec, names: readonly string[]): Field {
   const options = names.map((n): [string, string] => [n, n]);
-  return choice(draft, asked, options, (scene) => String(read(scene, asked.path) ?? ""), (scene, value) => write(scene, asked.path, value));
+  return choice(draft, spec, options, (scene) => String(read(scene, spec.path) ?? ""), (scene, value) => write(scene, spec.path, value));
 }
 
 /** Fields side by side under a title. */
@@ -94,16 +94,16 @@ export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLEle
 }
 
 /** Marks the fields that a problem is about; whether there were any. */
-export function marked(fields: readonly Field[], problem: { field: string; why: string } | null): Field[] {
-  const paths = problem ? meant(fields.map((f) => f.path), problem.field) : [];
-  const wrong = fields.filter((f) => paths.includes(f.path));
+export function markFields(fields: readonly Field[], problem: { field: string; message: string } | null): Field[] {
+  const paths = problem ? affectedFields(fields.map((f) => f.path), problem.field) : [];
+  const invalid = fields.filter((f) => paths.includes(f.path));
   // Said once, at the first.
-  for (const f of fields) f.mark(wrong.includes(f) ? problem!.why : null, f === wrong[0]);
-  return wrong;
+  for (const f of fields) f.mark(invalid.includes(f) ? problem!.message : null, f === invalid[0]);
+  return invalid;
 }
 
 /** The scene with a number at a path; of a pair that the scene leaves out, the other is as it is understood. */
-export function written(scene: Scene, { path, pair, empty }: Asked, value: number | undefined): Scene {
+export function withNumber(scene: Scene, { path, pair, empty }: FieldSpec, value: number | undefined): Scene {
   const [, parent, index] = /^(.*)\[(\d)\]$/.exec(path) ?? [];
   if (!pair || parent === undefined) return write(scene, path, value);
   const now = (read(scene, parent) as [number, number] | null | undefined) ?? pair;
@@ -114,51 +114,51 @@ export function written(scene: Scene, { path, pair, empty }: Asked, value: numbe
 
 function field(
   draft: Draft,
-  asked: Asked,
+  spec: FieldSpec,
   input: HTMLInputElement | HTMLSelectElement,
   of: (scene: Scene) => string,
-  typed: (text: string) => string | null,
+  onInput: (text: string) => string | null,
   event: "input" | "change",
 ): Field {
   const [id, whyId] = [uniqueId("field"), uniqueId("why")];
-  const why = h("p", { class: "why", id: whyId });
-  const whose = asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null;
-  const title = h("label", { for: id }, asked.label, whose, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
-  set(input, { id, "data-field": asked.path });
+  const message = h("p", { class: "why", id: whyId });
+  const context = spec.of ? h("span", { class: "unseen" }, ` ${spec.of}`) : null;
+  const title = h("label", { for: id }, spec.label, context, spec.unit ? h("span", { class: "soft" }, ` ${spec.unit}`) : null);
+  set(input, { id, "data-field": spec.path });
   const element = h("div", { class: "field" }, title, input);
-  const mark = (text: string | null, said = true): void => {
-    const words = said ? text : null;
+  const mark = (text: string | null, showText = true): void => {
+    const words = showText ? text : null;
     set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": words === null ? null : whyId });
-    put(why, words);
-    if (words === null) return why.remove();
+    put(message, words);
+    if (words === null) return message.remove();
     // Across all columns, where there are some.
     const row = element.closest(".fields, .corner") ?? element;
-    if (why.parentElement !== row) row.append(why);
+    if (message.parentElement !== row) row.append(message);
   };
-  let [own, unused] = [false, false];
+  let [hasLocalError, hasUnusedInput] = [false, false];
   input.addEventListener(event, () => {
     // Half a number ("-") is waited for.
-    const wrong = input.validity.badInput ? null : typed(input.value);
-    own = wrong !== null;
-    unused = own || input.validity.badInput;
-    if (own) mark(wrong);
+    const invalid = input.validity.badInput ? null : onInput(input.value);
+    hasLocalError = invalid !== null;
+    hasUnusedInput = hasLocalError || input.validity.badInput;
+    if (hasLocalError) mark(invalid);
   });
   const show = (scene: Scene): void => {
     if (document.activeElement === input && event === "input") return;
-    own = false;
+    hasLocalError = false;
     input.value = of(scene);
   };
   // What could not be used is not left standing.
   input.addEventListener("blur", () => {
-    if (!unused) return;
-    [own, unused] = [false, false];
+    if (!hasUnusedInput) return;
+    [hasLocalError, hasUnusedInput] = [false, false];
     mark(null);
     input.value = of(draft.scene());
   });
   return {
     element,
-    path: asked.path,
+    path: spec.path,
     show,
-    mark: (text, said) => own || mark(text, said),
+    mark: (text, showText) => hasLocalError || mark(text, showText),
   };
 }

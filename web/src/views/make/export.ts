@@ -10,15 +10,15 @@ export function pretty(scene: Scene): string {
 
 /** A name of a file for it. */
 export function filename(scene: Scene): string {
-  const plain = (scene.name ?? "").replaceAll(/[^\p{L}\p{N}._-]+/gu, "-").replaceAll(/^[-.]+|-+$/g, "");
-  return `${plain || "scene"}.json`;
+  const safe = (scene.name ?? "").replaceAll(/[^\p{L}\p{N}._-]+/gu, "-").replaceAll(/^[-.]+|-+$/g, "");
+  return `${safe || "scene"}.json`;
 }
 
 /** A world of the scene, made by curl. With a token the shell's IPLW_TOKEN is used: it is not copied. */
 export function curl(scene: Scene, server: string, token: boolean): string {
-  const who = token ? `  -H "Authorization: Bearer $IPLW_TOKEN" \\\n` : "";
+  const authorization = token ? `  -H "Authorization: Bearer $IPLW_TOKEN" \\\n` : "";
   const body = pretty(scene).trimEnd().replaceAll("'", `'\\''`);
-  return `curl -s ${server}/v1/worlds -H 'Content-Type: application/json' \\\n${who}  -d '{"scene": ${body}}'\n`;
+  return `curl -s ${server}/v1/worlds -H 'Content-Type: application/json' \\\n${authorization}  -d '{"scene": ${body}}'\n`;
 }
 
 /** The same with the Python client, and a first step. */
@@ -40,8 +40,8 @@ export function python(scene: Scene, server: string): string {
 }
 
 function field(value: unknown): string {
-  const many = Array.isArray(value) && value.some((v) => typeof v === "object" && v !== null);
-  if (!many) return inline(value);
+  const isObjectList = Array.isArray(value) && value.some((v) => typeof v === "object" && v !== null);
+  if (!isObjectList) return inline(value);
   return `[\n${(value as unknown[]).map((v) => `    ${inline(v)}`).join(",\n")}\n  ]`;
 }
 

@@ -2,16 +2,16 @@
 
 import { s } from "../../dom";
 import type { Point, Scene } from "../../scene/types";
-import { type Canvas, outlined } from "./canvas";
-import { dragged, hit, moved } from "./handles";
-import { closed, drawn, type Tool, usual } from "./tools";
+import { type Canvas, rectangleElement } from "./canvas";
+import { dragHandle, hitTest, moveSelection } from "./handles";
+import { drawPolygon, drawShape, type Tool, drawDefault } from "./tools";
 
 /** What a gesture sees of the draft, and does to it. */
-export interface Hand {
+export interface EditorActions {
   /** The scene as it is drawn, every body somewhere. */
   scene: () => Scene;
   /** The draft with what is at a place standing where it is drawn. */
-  grounded: (place: string) => Scene;
+  sceneWithDisplayedPose: (place: string) => Scene;
   selected: () => string;
   tool: () => Tool;
   /** Whether what is drawn moves. */
@@ -20,52 +20,52 @@ export interface Hand {
   /** A step of a gesture; those with the same key are undone together. */
   change: (scene: Scene, key: string) => void;
   /** A gesture is over: what it drew is selected, and things are selected again. */
-  drew: (done: { scene: Scene; place: string } | null) => void;
-  over: () => void;
+  onDrawn: (done: { scene: Scene; place: string } | null) => void;
+  onEnd: () => void;
 }
 
 /** How near the mouse has to be, or a finger to a handle, and how far it has to go before something is dragged, pixels. */
-const [NEAR, FINGER, START] = [9, 20, 3];
+const [MOUSE_RADIUS_PX, TOUCH_RADIUS_PX, DRAG_THRESHOLD_PX] = [9, 20, 3];
 
 /** Corners of a polygon that is being drawn; Enter closes it, Escape gives it up. */
-export interface Corners {
+export interface PolygonDrawing {
   count: () => number;
   close: () => void;
   drop: () => void;
 }
 
-export function gestures(at: Canvas, hand: Hand, signal: AbortSignal): Corners {
-  let going: { move: (p: Point, event: PointerEvent) => void; done: (p: Point) => void; from: [number, number]; began: boolean } | null = null;
+export function pointerInput(at: Canvas, actions: EditorActions, signal: AbortSignal): PolygonDrawing {
+  let active: { move: (p: Point, event: PointerEvent) => void; done: (p: Point) => void; from: [number, number]; started: boolean } | null = null;
   let number = 0;
-  const corners = polygon(at, hand);
+  const corners = polygon(at, actions);
   const svg = at.svg;
   const start = (event: PointerEvent): void => {
-    if (event.button !== 0 || going) return;
+    if (event.button !== 0 || active) return;
     svg.setPointerCapture(event.pointerId);
     svg.focus({ preventScroll: true });
     number += 1;
     const p = at.picture.at(event);
-    const gesture = hand.tool() === "select" ? editing(event, p, `drag-${number}`) : hand.tool() === "polygon" ? corners.at(p) : drawing(p);
-    if (gesture) going = { ...gesture, from: [event.clientX, event.clientY], began: false };
+    const gesture = actions.tool() === "select" ? editing(event, p, `drag-${number}`) : actions.tool() === "polygon" ? corners.at(p) : drawing(p);
+    if (gesture) active = { ...gesture, from: [event.clientX, event.clientY], started: false };
   };
   const editing = (event: PointerEvent, from: Point, key: string): Gesture => {
-    const handle = at.handle(from, event.pointerType === "touch" ? FINGER : NEAR);
-    const place = handle === null ? hit(hand.scene(), from, NEAR * at.pixel()) : hand.selected();
-    if (place === null) return panning(at, from, () => hand.select("world"));
-    if (handle === null) hand.select(place);
-    const before = hand.grounded(place);
+    const handle = at.handle(from, event.pointerType === "touch" ? TOUCH_RADIUS_PX : MOUSE_RADIUS_PX);
+    const place = handle === null ? hitTest(actions.scene(), from, MOUSE_RADIUS_PX * at.pixel()) : actions.selected();
+    if (place === null) return panning(at, from, () => actions.select("world"));
+    if (handle === null) actions.select(place);
+    const before = actions.sceneWithDisplayedPose(place);
     const corner = at.snap(from);
     return {
       move: (p) => {
         const to = at.snap(p);
-        const next = handle !== null ? dragged(before, place, handle, handle === "turn" ? p : to) : moved(before, place, [to[0] - corner[0], to[1] - corner[1]]);
-        hand.change(next, key);
+        const next = handle !== null ? dragHandle(before, place, handle, handle === "turn" ? p : to) : moveSelection(before, place, [to[0] - corner[0], to[1] - corner[1]]);
+        actions.change(next, key);
       },
-      done: () => hand.over(),
+      done: () => actions.onEnd(),
     };
   };
   const drawing = (from: Point): Gesture => {
-    const [tool, corner] = [hand.tool(), at.snap(from)];
+    const [tool, corner] = [actions.tool(), at.snap(from)];
     let to: Point | null = null;
     return {
       move: (p) => {
@@ -74,21 +74,21 @@ export function gestures(at: Canvas, hand: Hand, signal: AbortSignal): Corners {
       },
       done: () => {
         at.sketch();
-        const [scene, moving, view, selected] = [hand.grounded(""), hand.moving(), at.picture.box, hand.selected()] as const;
-        hand.drew(to ? drawn(scene, tool, corner, to, moving, view, selected) : usual(scene, tool, corner, moving, view, selected, at.step()));
+        const [scene, moving, view, selected] = [actions.sceneWithDisplayedPose(""), actions.moving(), at.picture.box, actions.selected()] as const;
+        actions.onDrawn(to ? drawShape(scene, tool, corner, to, moving, view, selected) : drawDefault(scene, tool, corner, moving, view, selected, at.step()));
       },
     };
   };
   svg.addEventListener("pointerdown", start, { signal });
   svg.addEventListener("pointermove", (event) => {
     const p = at.picture.at(event);
-    if (!going) return corners.toward(at.snap(p));
-    going.began ||= Math.hypot(event.clientX - going.from[0], event.clientY - going.from[1]) >= START;
-    if (going.began) going.move(p, event);
+    if (!active) return corners.toward(at.snap(p));
+    active.started ||= Math.hypot(event.clientX - active.from[0], event.clientY - active.from[1]) >= DRAG_THRESHOLD_PX;
+    if (active.started) active.move(p, event);
   }, { signal });
   const stop = (event: PointerEvent): void => {
-    going?.done(at.picture.at(event));
-    going = null;
+    active?.done(at.picture.at(event));
+    active = null;
   };
   svg.addEventListener("pointerup", stop, { signal });
   svg.addEventListener("pointercancel", stop, { signal });
@@ -119,25 +119,25 @@ function panning(at: Canvas, from: Point, click: () => void): Gesture {
 }
 
 /** A polygon, corner by corner. */
-function polygon(at: Canvas, hand: Hand): Corners & { at: (p: Point) => null; toward: (p: Point) => void } {
+function polygon(at: Canvas, actions: EditorActions): PolygonDrawing & { at: (p: Point) => null; toward: (p: Point) => void } {
   let corners: Point[] = [];
   const show = (to: Point | null): void => {
-    const way = to ? [...corners, to] : corners;
-    at.sketch(...(way.length ? [s("polyline", { points: way.map((p) => p.join(",")).join(" "), "vector-effect": "non-scaling-stroke" })] : []));
+    const points = to ? [...corners, to] : corners;
+    at.sketch(...(points.length ? [s("polyline", { points: points.map((p) => p.join(",")).join(" "), "vector-effect": "non-scaling-stroke" })] : []));
   };
   const close = (): void => {
     if (!corners.length) return;
-    const done = closed(hand.grounded(""), corners, hand.moving());
+    const done = drawPolygon(actions.sceneWithDisplayedPose(""), corners, actions.moving());
     // Two corners are none: more are waited for.
     if (!done) return;
     corners = [];
     at.sketch();
-    hand.drew(done);
+    actions.onDrawn(done);
   };
   return {
     at: (p) => {
       const [first, corner] = [corners[0], at.snap(p)];
-      if (first && corners.length > 2 && Math.hypot(first[0] - p[0], first[1] - p[1]) < NEAR * at.pixel()) close();
+      if (first && corners.length > 2 && Math.hypot(first[0] - p[0], first[1] - p[1]) < MOUSE_RADIUS_PX * at.pixel()) close();
       else corners.push(corner);
       show(null);
       return null;
@@ -156,5 +156,5 @@ function preview(tool: Tool, from: Point, to: Point): SVGElement[] {
   const look = { "vector-effect": "non-scaling-stroke" };
   if (tool === "disc") return [s("circle", { cx: from[0], cy: from[1], r: Math.hypot(to[0] - from[0], to[1] - from[1]), ...look })];
   if (tool === "segment") return [s("line", { x1: from[0], y1: from[1], x2: to[0], y2: to[1], ...look })];
-  return [outlined([Math.min(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[0], to[0]), Math.max(from[1], to[1])], tool)];
+  return [rectangleElement([Math.min(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[0], to[0]), Math.max(from[1], to[1])], tool)];
 }

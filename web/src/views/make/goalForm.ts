@@ -2,10 +2,10 @@
 
 import { h } from "../../dom";
 import { allObjects, type Goal, type Scene } from "../../scene/types";
-import { choice, group, named, number, type Field } from "./form";
-import type { Desk, Panel } from "./panels";
+import { choice, group, nameChoice, number, type Field } from "./formFields";
+import type { FormContext, Panel } from "./panel";
 import { write } from "./path";
-import { corners } from "./thing";
+import { corners } from "./objectForm";
 
 const KINDS: readonly [string, string][] = [
   ["", "none"],
@@ -15,36 +15,36 @@ const KINDS: readonly [string, string][] = [
   ["above", "a body is above a height"],
 ];
 
-export function goalPanel(desk: Desk): Panel {
-  const { goal } = desk.scene();
-  const names = allObjects(desk.scene()).map((b) => b.name);
-  const bodies = desk.scene().bodies.map((b) => b.name);
-  const type = choice(desk, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", started(scene, value)));
+export function goalPanel(context: FormContext): Panel {
+  const { goal } = context.scene();
+  const names = allObjects(context.scene()).map((b) => b.name);
+  const bodies = context.scene().bodies.map((b) => b.name);
+  const type = choice(context, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", defaultGoal(scene, value)));
   type.element.classList.add("broad");
-  const hold = number(desk, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
+  const hold = number(context, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
   const note = h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.");
   if (!goal) return { element: h("div", { class: "stack" }, type.element, note), fields: [type] };
   if (goal.type === "contact" || goal.type === "apart") {
     const parts = [
-      named(desk, { label: "One thing", path: "goal.bodies[0]" }, names),
-      named(desk, { label: "The other", path: "goal.bodies[1]" }, names),
-      number(desk, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
+      nameChoice(context, { label: "One thing", path: "goal.bodies[0]" }, names),
+      nameChoice(context, { label: "The other", path: "goal.bodies[1]" }, names),
+      number(context, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
       hold,
     ];
     return { element: h("div", { class: "stack" }, type.element, group(goal.type === "contact" ? "Contact" : "Apart", ...parts)), fields: [type, ...parts] };
   }
-  const body = named(desk, { label: "Body", path: "goal.body" }, bodies);
+  const body = nameChoice(context, { label: "Body", path: "goal.body" }, bodies);
   if (goal.type === "above") {
-    const line: Field[] = goal.line ? [] : [number(desk, { label: "Height", path: "goal.height", unit: "m" })];
+    const line: Field[] = goal.line ? [] : [number(context, { label: "Height", path: "goal.height", unit: "m" })];
     const about = goal.line ? h("p", { class: "soft" }, "The line through two points is said in the scene's file.") : null;
     return { element: h("div", { class: "stack" }, type.element, group("Above", body, ...line, hold), about), fields: [type, body, ...line, hold] };
   }
-  const region = corners(desk, "goal.region", "Region");
+  const region = corners(context, "goal.region", "Region");
   return { element: h("div", { class: "stack" }, type.element, group("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
 }
 
 /** A goal of a kind to begin with: about the first bodies. */
-function started(scene: Scene, type: string): Goal | undefined {
+function defaultGoal(scene: Scene, type: string): Goal | undefined {
   const names = [...scene.bodies, ...(scene.statics ?? [])].map((b) => b.name);
   const hold = scene.goal?.hold_s === undefined ? {} : { hold_s: scene.goal.hold_s };
   if (type === "contact") return { type, bodies: [names[0] ?? "", names[1] ?? ""], ...hold };

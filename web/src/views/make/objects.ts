@@ -3,54 +3,54 @@
 
 import { type Body, allObjects, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
-import { as, inward, middle, outward, round, rounded } from "./shapes";
+import { convertShape, toBodyFrame, middle, toWorldFrame, round, rounded } from "./shapes";
 
 /** The thing at a place; `null` where none is. */
-export function thing(scene: Scene, place: string): Body | null {
+export function objectAt(scene: Scene, place: string): Body | null {
   const [, list, index] = /^(bodies|statics)\[(\d+)\]$/.exec(place) ?? [];
   if (!list) return null;
   return (list === "bodies" ? scene.bodies : (scene.statics ?? []))[Number(index)] ?? null;
 }
 
 /** Places of all things: those that move, then those that do not. */
-export function places(scene: Scene): string[] {
+export function objectPaths(scene: Scene): string[] {
   return [...scene.bodies.map((_, i) => `bodies[${i}]`), ...(scene.statics ?? []).map((_, i) => `statics[${i}]`)];
 }
 
 /** Whether what is at a place moves. */
-export function moves(place: string): boolean {
+export function isBody(place: string): boolean {
   return place.startsWith("bodies");
 }
 
 /** One thing more, with a name that no other has; and its place. */
-export function added(scene: Scene, one: Body, moving: boolean): { scene: Scene; place: string } {
+export function addObject(scene: Scene, object: Body, moving: boolean): { scene: Scene; place: string } {
   const list = moving ? "bodies" : "statics";
   const place = `${list}[${(scene[list] ?? []).length}]`;
-  return { scene: write(scene, place, { ...one, name: unused(scene, one.name) }), place };
+  return { scene: write(scene, place, { ...object, name: uniqueName(scene, object.name) }), place };
 }
 
 /** Without a thing, and without what the scene said of it: action components, overrides; a goal about it goes, too. */
-export function removed(scene: Scene, place: string): Scene {
-  const gone = thing(scene, place)?.name;
-  if (gone === undefined) return scene;
+export function removeObject(scene: Scene, place: string): Scene {
+  const removedName = objectAt(scene, place)?.name;
+  if (removedName === undefined) return scene;
   let next = write(scene, place, undefined);
-  if (goalNames(next).includes(gone)) next = write(next, "goal", undefined);
-  if (next.action) next = components(next, next.action.components.map((c) => (c.target === gone ? null : c)));
-  if (next.carriers?.includes(gone)) next = { ...next, carriers: next.carriers.filter((n) => n !== gone) };
-  return overrides(next, (name) => (name === gone ? null : name));
+  if (goalNames(next).includes(removedName)) next = write(next, "goal", undefined);
+  if (next.action) next = setComponents(next, next.action.components.map((c) => (c.target === removedName ? null : c)));
+  if (next.carriers?.includes(removedName)) next = { ...next, carriers: next.carriers.filter((n) => n !== removedName) };
+  return renameOverrides(next, (name) => (name === removedName ? null : name));
 }
 
 /** The same again, beside it; and its place. */
-export function doubled(scene: Scene, place: string, aside: number): { scene: Scene; place: string } {
-  const one = thing(scene, place);
-  if (!one) return { scene, place };
-  return added(scene, shifted(structuredClone(one), [aside, aside]), moves(place));
+export function duplicateObject(scene: Scene, place: string, aside: number): { scene: Scene; place: string } {
+  const object = objectAt(scene, place);
+  if (!object) return { scene, place };
+  return addObject(scene, translated(structuredClone(object), [aside, aside]), isBody(place));
 }
 
 /** A thing by another name, wherever the scene names it; why not, if another thing has the name: what the scene says of one
  * would be of both. */
-export function renamed(scene: Scene, place: string, name: string): Scene | string {
-  const old = thing(scene, place)?.name;
+export function renameObject(scene: Scene, place: string, name: string): Scene | string {
+  const old = objectAt(scene, place)?.name;
   if (old === undefined || old === name) return scene;
   if (allObjects(scene).some((b) => b.name === name)) return `Another thing is named "${name}".`;
   const now = (n: string): string => (n === old ? name : n);
@@ -59,62 +59,62 @@ export function renamed(scene: Scene, place: string, name: string): Scene | stri
   if (shared) return next;
   if (next.goal && "bodies" in next.goal) next = { ...next, goal: { ...next.goal, bodies: [now(next.goal.bodies[0]), now(next.goal.bodies[1])] } };
   if (next.goal && "body" in next.goal) next = { ...next, goal: { ...next.goal, body: now(next.goal.body) } };
-  if (next.action) next = components(next, next.action.components.map((c) => (c.target === old ? { ...c, target: name } : c)));
+  if (next.action) next = setComponents(next, next.action.components.map((c) => (c.target === old ? { ...c, target: name } : c)));
   if (next.carriers) next = { ...next, carriers: next.carriers.map(now) };
-  return overrides(next, now);
+  return renameOverrides(next, now);
 }
 
 /** A body made a static, or a static a body; what the other kind does not have goes. Its new place. */
-export function converted(scene: Scene, place: string): { scene: Scene; place: string } {
-  const one = thing(scene, place);
-  if (!one) return { scene, place };
-  const moving = !moves(place);
-  const { velocity: _v, angular_velocity: _w, mass: _m, density: _d, ...rest } = one;
-  const kept: Body = moving ? { ...rest, shape: movable(one), position: one.position ?? [0, 0] } : { ...rest, position: one.position ?? [0, 0] };
+export function convertObject(scene: Scene, place: string): { scene: Scene; place: string } {
+  const object = objectAt(scene, place);
+  if (!object) return { scene, place };
+  const moving = !isBody(place);
+  const { velocity: _v, angular_velocity: _w, mass: _m, density: _d, ...rest } = object;
+  const convertedBody: Body = moving ? { ...rest, shape: movableShape(object), position: object.position ?? [0, 0] } : { ...rest, position: object.position ?? [0, 0] };
   const list = moving ? "bodies" : "statics";
   const without = write(scene, place, undefined);
-  return { scene: write(without, `${list}[${(without[list] ?? []).length}]`, kept), place: `${list}[${(without[list] ?? []).length}]` };
+  return { scene: write(without, `${list}[${(without[list] ?? []).length}]`, convertedBody), place: `${list}[${(without[list] ?? []).length}]` };
 }
 
 /** A thing elsewhere, m. */
-export function shifted(one: Body, by: Point): Body {
-  const { shape } = one;
+export function translated(object: Body, by: Point): Body {
+  const { shape } = object;
   if (shape.type === "halfspace") {
     const offset = round(shape.offset + shape.normal[0] * by[0] + shape.normal[1] * by[1]);
-    return { ...one, shape: { ...shape, offset } };
+    return { ...object, shape: { ...shape, offset } };
   }
-  const [x, y] = one.position ?? [0, 0];
-  return { ...one, position: rounded([x + by[0], y + by[1]]) };
+  const [x, y] = object.position ?? [0, 0];
+  return { ...object, position: rounded([x + by[0], y + by[1]]) };
 }
 
 /** A thing turned to an angle, rad, about its middle; a half plane about the point of it that is nearest to its origin. */
-export function turned(one: Body, angle: number): Body {
-  const { shape } = one;
+export function rotated(object: Body, angle: number): Body {
+  const { shape } = object;
   if (shape.type === "halfspace") {
-    const by = angle - (one.angle ?? 0);
+    const by = angle - (object.angle ?? 0);
     const [x, y] = shape.normal;
     const [sin, cos] = [Math.sin(by), Math.cos(by)];
-    return { ...one, shape: { ...shape, normal: rounded([x * cos - y * sin, x * sin + y * cos]) } };
+    return { ...object, shape: { ...shape, normal: rounded([x * cos - y * sin, x * sin + y * cos]) } };
   }
-  const own = middle(shape);
-  const was = outward(one, own);
-  const now = outward({ ...one, angle }, own);
-  return shifted({ ...one, angle: round(angle) }, [was[0] - now[0], was[1] - now[1]]);
+  const centre = middle(shape);
+  const was = toWorldFrame(object, centre);
+  const now = toWorldFrame({ ...object, angle }, centre);
+  return translated({ ...object, angle: round(angle) }, [was[0] - now[0], was[1] - now[1]]);
 }
 
 /** A thing whose own frame has its origin in its middle, standing where it stood: so it turns about itself by its angle. */
-export function centred(one: Body): Body {
-  const { shape } = one;
-  const own = middle(shape);
-  if (shape.type !== "polygon" && shape.type !== "segment") return one;
-  const back = (p: Point): Point => rounded([p[0] - own[0], p[1] - own[1]]);
+export function recentred(object: Body): Body {
+  const { shape } = object;
+  const centre = middle(shape);
+  if (shape.type !== "polygon" && shape.type !== "segment") return object;
+  const back = (p: Point): Point => rounded([p[0] - centre[0], p[1] - centre[1]]);
   const moved = shape.type === "polygon" ? { ...shape, vertices: shape.vertices.map(back) } : { ...shape, from: back(shape.from), to: back(shape.to) };
-  return { ...one, shape: moved, position: rounded(outward(one, own)) };
+  return { ...object, shape: moved, position: rounded(toWorldFrame(object, centre)) };
 }
 
 /** The place of a point of the world in a thing's frame, without tails of digits. */
-export function own(one: Body, p: Point): Point {
-  return rounded(inward(one, p));
+export function roundedInBodyFrame(object: Body, p: Point): Point {
+  return rounded(toBodyFrame(object, p));
 }
 
 /** Names that a goal is about. */
@@ -125,40 +125,40 @@ export function goalNames(scene: Scene): string[] {
 
 /** The scene with other components of the action, `null` for those that go; counts of a grid go along, and the action
  * itself when nothing is left. */
-export function components(scene: Scene, list: readonly (NonNullable<Scene["action"]>["components"][number] | null)[]): Scene {
+export function setComponents(scene: Scene, list: readonly (NonNullable<Scene["action"]>["components"][number] | null)[]): Scene {
   const { action } = scene;
   if (!action) return scene;
-  const kept = list.filter((c) => c !== null);
-  if (!kept.length) return write(scene, "action", undefined);
-  const next = { ...action, components: kept };
+  const convertedBody = list.filter((c) => c !== null);
+  if (!convertedBody.length) return write(scene, "action", undefined);
+  const next = { ...action, components: convertedBody };
   const { discrete } = action;
   if (discrete?.type !== "grid") return { ...scene, action: next };
-  const counts = list.flatMap((c, i) => (c === null ? [] : [discrete.counts[i] ?? GRID]));
+  const counts = list.flatMap((c, i) => (c === null ? [] : [discrete.counts[i] ?? DEFAULT_GRID_CELLS]));
   return { ...scene, action: { ...next, discrete: { ...discrete, counts } } };
 }
 
 /** Cells of a grid of actions along a component that is new. */
-const GRID = 10;
+const DEFAULT_GRID_CELLS = 10;
 
-function unused(scene: Scene, stem: string): string {
-  const known = new Set(allObjects(scene).map((b) => b.name));
+function uniqueName(scene: Scene, stem: string): string {
+  const names = new Set(allObjects(scene).map((b) => b.name));
   const plain = stem.replace(/ \d+$/, "");
   for (let i = 1; ; i++) {
     const name = i === 1 ? plain : `${plain} ${i}`;
-    if (!known.has(name)) return name;
+    if (!names.has(name)) return name;
   }
 }
 
 /** What moves is bounded, and thicker than a line. */
-function movable(one: Body): Body["shape"] {
-  const { shape } = one;
-  if (shape.type === "halfspace") return as(shape, "box");
+function movableShape(object: Body): Body["shape"] {
+  const { shape } = object;
+  if (shape.type === "halfspace") return convertShape(shape, "box");
   if (shape.type === "segment" && !shape.radius) return { ...shape, radius: round(Math.hypot(shape.to[0] - shape.from[0], shape.to[1] - shape.from[1]) / 40) };
   return shape;
 }
 
 /** Overrides by setting with other names; `null` takes one away. */
-function overrides(scene: Scene, now: (name: string) => string | null): Scene {
+function renameOverrides(scene: Scene, now: (name: string) => string | null): Scene {
   const settings = scene.settings as Record<string, Record<string, Record<string, unknown>>> | undefined;
   if (!settings) return scene;
   const names = (of: Record<string, unknown>): Record<string, unknown> =>
