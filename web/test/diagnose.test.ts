@@ -2,14 +2,14 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { marks, range } from "../src/parts/plot";
 import { column } from "../src/views/diagnose/columns";
-import { cut, sent, split, tracks, usual } from "../src/views/diagnose/file";
-import { cells } from "../src/views/diagnose/fields";
-import { cutAt } from "../src/views/diagnose/paths";
+import { parseFile, textToSend, split, tracks, defaultColumns } from "../src/views/diagnose/parseFile";
+import { cells } from "../src/views/diagnose/forceFields";
+import { splitAt } from "../src/views/diagnose/trajectories";
 import { means } from "../src/views/diagnose/plots";
-import { around, launched, plainReport, type Report, way } from "../src/views/diagnose/report";
-import { body, columnsOf, empty, guess, missing, pixelByFall, tracksOf } from "../src/views/diagnose/setup";
-import { glance, read, SILENT, touches } from "../src/views/diagnose/tracks";
-import { gained, interval, plain, sizes, verdict } from "../src/views/diagnose/words";
+import { extentOfTrials, sceneOfTrial, plainReport, type Report, trajectoryOf } from "../src/views/diagnose/report";
+import { requestBody, columnsOf, emptySetup, guessReading, missingInput, pixelSizeFromGravity, tracksOf } from "../src/views/diagnose/setup";
+import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/views/diagnose/tracks";
+import { gainText, interval, plain, estimatesText, verdictText } from "../src/views/diagnose/messages";
 
 /** Names and what the server takes them for (src/reality/columns.rs has the same list). */
 test("names of columns are understood as the server does", () => {
@@ -60,46 +60,46 @@ test("files are cut whatever separates them, with what stands above", () => {
     fall("Time (ms)\tx (mm)\ty (mm)", (t, y) => `${t * 1e3}\t0\t${y * 1e3}`).replaceAll("\n", "\r\n"),
   ];
   for (const text of files) {
-    const file = cut("a.csv", text);
-    const [track] = read(file, usual(file), SILENT);
+    const file = parseFile("a.csv", text);
+    const [track] = readTracks(file, defaultColumns(file), NO_OPTIONS);
     assert.equal(track!.trial, "a");
     assert.equal(track!.t.length, 20, text.slice(0, 20));
-    assert.ok(Math.abs(glance([track!]).upwards! + 9.81) < 1e-3, text.slice(0, 20));
+    assert.ok(Math.abs(summarise([track!]).upwardAcceleration! + 9.81) < 1e-3, text.slice(0, 20));
   }
-  assert.equal(cut("b", "hello world").named, false);
+  assert.equal(parseFile("b", "hello world").hasHeader, false);
 });
 
 test("of several tracks one is read, and columns chosen by hand are said in the header that is sent", () => {
-  const two = cut("k.csv", "Time;Ball/0/X;Ball/0/Y;Hand/0/X;Hand/0/Y\n0;1;2;3;4\n1;2;3;4;5");
+  const two = parseFile("k.csv", "Time;Ball/0/X;Ball/0/Y;Hand/0/X;Hand/0/Y\n0;1;2;3;4\n1;2;3;4;5");
   assert.deepEqual(tracks(two), ["Ball/0", "Hand/0"]);
-  assert.equal(usual(two, "hand/0").x, 3);
-  const odd = cut("o.csv", "when,left,height\n0,1,2\n1,2,3");
+  assert.equal(defaultColumns(two, "hand/0").x, 3);
+  const odd = parseFile("o.csv", "when,left,height\n0,1,2\n1,2,3");
   const chosen = { clock: 0, x: 1, y: 2, trial: -1, body: -1 };
-  assert.equal(sent(odd, chosen), "t,x,y\n0,1,2\n1,2,3");
-  assert.deepEqual(usual(cut("o.csv", sent(odd, chosen))), chosen);
-  const plainFile = cut("p.csv", "t,x,y\n0,1,2");
-  assert.equal(sent(plainFile, usual(plainFile)), "t,x,y\n0,1,2");
-  const both = cut("q.csv", "frame,t (s),x_px,y_px,x (cm),y (cm)\n0,0,1,2,3,4");
-  assert.equal(sent(both, { ...usual(both), clock: 0 }), "frame,unused1,unused2,unused3,x_cm,y_cm\n0,0,1,2,3,4");
+  assert.equal(textToSend(odd, chosen), "t,x,y\n0,1,2\n1,2,3");
+  assert.deepEqual(defaultColumns(parseFile("o.csv", textToSend(odd, chosen))), chosen);
+  const plainFile = parseFile("p.csv", "t,x,y\n0,1,2");
+  assert.equal(textToSend(plainFile, defaultColumns(plainFile)), "t,x,y\n0,1,2");
+  const both = parseFile("q.csv", "frame,t (s),x_px,y_px,x (cm),y (cm)\n0,0,1,2,3,4");
+  assert.equal(textToSend(both, { ...defaultColumns(both), clock: 0 }), "frame,unused1,unused2,unused3,x_cm,y_cm\n0,0,1,2,3,4");
 });
 
 test("a setup asks for what the file does not say, and guesses what the picture shows", () => {
-  const setup = { ...empty(), files: [cut("a.csv", fall("frame,x_px,y_px", (t, y) => `${t / 0.02},0,${-y / 0.002}`))] };
-  assert.match(missing(setup)!, /pixels/);
-  assert.equal(guess(setup).length, 1);
-  assert.equal(setup.said.yDown, true);
-  setup.said.fps = 50;
-  assert.ok(Math.abs(pixelByFall(setup)! - 0.002) < 1e-6);
-  setup.said.metresPerPixel = 0.002;
-  assert.equal(missing(setup), null);
-  assert.ok(Math.abs(glance(tracksOf(setup)).upwards! + 9.81) < 1e-6);
-  const asked = body(setup);
+  const setup = { ...emptySetup(), files: [parseFile("a.csv", fall("frame,x_px,y_px", (t, y) => `${t / 0.02},0,${-y / 0.002}`))] };
+  assert.match(missingInput(setup)!, /pixels/);
+  assert.equal(guessReading(setup).length, 1);
+  assert.equal(setup.reading.yDown, true);
+  setup.reading.fps = 50;
+  assert.ok(Math.abs(pixelSizeFromGravity(setup)! - 0.002) < 1e-6);
+  setup.reading.metresPerPixel = 0.002;
+  assert.equal(missingInput(setup), null);
+  assert.ok(Math.abs(summarise(tracksOf(setup)).upwardAcceleration! + 9.81) < 1e-6);
+  const asked = requestBody(setup);
   assert.deepEqual(asked.reading, { fps: 50, metres_per_pixel: 0.002, y_down: true });
   assert.deepEqual(asked.ball, { radius: 0.02, gravity: 9.81 });
   assert.equal(columnsOf(setup, setup.files[0]!).clock, 0);
-  const silent = { ...empty(), files: [cut("a.csv", fall("t,x,y", (t, y) => `${t},0,${y}`))] };
-  assert.deepEqual(guess(silent), []);
-  assert.equal("reading" in body(silent), false);
+  const silent = { ...emptySetup(), files: [parseFile("a.csv", fall("t,x,y", (t, y) => `${t},0,${y}`))] };
+  assert.deepEqual(guessReading(silent), []);
+  assert.equal("reading" in requestBody(silent), false);
 });
 
 test("a floor is where bounces meet, and nothing that only flies has one", () => {
@@ -107,10 +107,10 @@ test("a floor is where bounces meet, and nothing that only flies has one", () =>
     const height = (t: number): number => 0.02 + Math.abs(((t + 0.013 * id) % 0.5) - 0.25) * 4;
     return Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`);
   };
-  const file = cut("b.csv", ["trial,t,x,y", ...rows(0), ...rows(1), ...rows(2)].join("\n"));
-  assert.ok(Math.abs(touches(read(file, usual(file), SILENT))! - 0.02) < 1e-9);
-  const air = cut("c.csv", fall("trial,t,x,y", (t, y) => `1,${t},0,${y}`));
-  assert.equal(touches(read(air, usual(air), SILENT)), null);
+  const file = parseFile("b.csv", ["trial,t,x,y", ...rows(0), ...rows(1), ...rows(2)].join("\n"));
+  assert.ok(Math.abs(typicalBounceHeight(readTracks(file, defaultColumns(file), NO_OPTIONS))! - 0.02) < 1e-9);
+  const air = parseFile("c.csv", fall("trial,t,x,y", (t, y) => `1,${t},0,${y}`));
+  assert.equal(typicalBounceHeight(readTracks(air, defaultColumns(air), NO_OPTIONS)), null);
 });
 
 const columns = ["t", "body", "stretch", "x", "y", "before_x", "before_y", "after_x", "after_y", "sd_before_x", "sd_before_y", "sd_after_x", "sd_after_y"];
@@ -123,13 +123,13 @@ function report(): Report {
 }
 
 test("a launch's way has both models, and starts the extended scene", () => {
-  const own = way(report().paths, 4)!;
+  const own = trajectoryOf(report().paths, 4)!;
   assert.deepEqual(own.begins, [3]);
   assert.ok(Math.abs(own.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(own.before.at[0]![0] + 0.4) < 1e-12);
   assert.ok(Number.isNaN(own.before.sd[0]![0]));
-  assert.deepEqual(cutAt(own.t, own.begins), [[0, 0.1, 0.3], [0.4]]);
-  assert.equal(way(report().paths, 9), null);
-  const { position, velocity } = launched(report(), 4)!.bodies[0]!;
+  assert.deepEqual(splitAt(own.t, own.begins), [[0, 0.1, 0.3], [0.4]]);
+  assert.equal(trajectoryOf(report().paths, 9), null);
+  const { position, velocity } = sceneOfTrial(report(), 4)!.bodies[0]!;
   assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);
   assert.deepEqual(velocity!.map((v) => Number(v.toFixed(9))), [3, 2]);
   assert.equal("evidence" in plainReport(report()), false);
@@ -139,24 +139,24 @@ test("a launch's way has both models, and starts the extended scene", () => {
   const of = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
   found.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
   Object.assign(found.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
-  const scene = launched(found, 4)!;
+  const scene = sceneOfTrial(found, 4)!;
   assert.equal(scene.bodies[0]!.mass, 0.01);
   assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
   assert.equal(scene.settings, undefined);
-  const [left, bottom, right, top] = around(found)!;
+  const [left, bottom, right, top] = extentOfTrials(found)!;
   assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });
 
 test("a verdict is said in words", () => {
-  assert.equal(verdict(report()), "The simulation lacks quadratic drag");
-  assert.equal(verdict({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing, and these trials cannot tell which: a b; none (the base model)");
+  assert.equal(verdictText(report()), "The simulation lacks quadratic drag");
+  assert.equal(verdictText({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing, and these trials cannot tell which: a b; none (the base model)");
   assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
   const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
   const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", p_value: 0, parameters }];
-  assert.equal(sizes(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
-  assert.equal(sizes(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
+  assert.equal(estimatesText(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
+  assert.equal(estimatesText(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
   assert.equal(interval([null, 1]), "no bound from these trials");
-  assert.match(gained({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
+  assert.match(gainText({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
 });
 
 test("plots have round marks within their range, and means of as many each", () => {
@@ -180,7 +180,7 @@ test("a bounce early or late between two pictures is at the same height", () => 
       return u < 0 ? -v * u - 0.5 * g * u * u : 0.8 * v * u - 0.5 * g * u * u;
     };
     const rows = [0, 1].flatMap((id) => Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`));
-    const file = cut("b.csv", ["trial,t,x,y", ...rows].join("\n"));
-    assert.ok(Math.abs(touches(read(file, usual(file), SILENT))!) < 1e-6, `phase ${phase}`);
+    const file = parseFile("b.csv", ["trial,t,x,y", ...rows].join("\n"));
+    assert.ok(Math.abs(typicalBounceHeight(readTracks(file, defaultColumns(file), NO_OPTIONS))!) < 1e-6, `phase ${phase}`);
   }
 });

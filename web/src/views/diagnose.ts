@@ -3,8 +3,8 @@
 
 import { h, put } from "../dom";
 import type { View } from "../view";
-import { desk } from "./diagnose/desk";
-import { running } from "./diagnose/running";
+import { setupView } from "./diagnose/setupView";
+import { progressView } from "./diagnose/progressView";
 import "./diagnose.css";
 
 export const diagnose: View = {
@@ -13,8 +13,8 @@ export const diagnose: View = {
   about: "Drop the tracks of a film, and read what the simulation gets wrong.",
   open: (place, context) => {
     // Its looks are its own.
-    const own = h("div", { class: "diagnose" });
-    put(place, own);
-    return context.rest[0] ? running(own, context.rest[0], context) : desk(own, context);
+    const container = h("div", { class: "diagnose" });
+    put(place, container);
+    return context.rest[0] ? progressView(container, context.rest[0], context) : setupView(container, context);
   },
 };

@@ -54,43 +54,43 @@ const inPixels = (c: string): string[] => [`pixel${c}`, `${c}pixel`, `px${c}`, `
 const PIXEL = LENGTHS.at(-1)![0];
 const SEPARATORS = /[/_ .-]/g;
 /** `v_x` is no x of something called v. */
-const NO_TRACKS = new Set("v a p f d vel velocity speed acc accel acceleration momentum force err error std".split(" "));
+const NOT_TRACK_NAMES = new Set("v a p f d vel velocity speed acc accel acceleration momentum force err error std".split(" "));
 
 /** What a column of this name holds. */
 export function column(name: string): Column {
   const written = name.trim().replace(/^\ufeff/, "").trim();
-  const found = (quantity: Quantity, of: Unit | null, track: string | null = null): Column => ({ name: written, quantity, unit: of, track });
-  const [rest, own] = withoutUnit(written);
-  const known = named(rest);
-  if (known && fits(known, own)) return found(known, own);
-  for (const c of ["x", "y"] as const) if (inPixels(c).includes(plain(rest))) return found(c, PIXEL);
-  for (const [time, names] of TIMES.slice(0, 2)) if (names.slice(1).includes(plain(written))) return found("time", time);
-  const cut = lastSeparator(rest);
-  if (cut >= 0) {
-    const tail = plain(rest.slice(cut + 1));
-    const track = rest.slice(0, cut).replace(/[/_ .-]+$/, "");
+  const columnOf = (quantity: Quantity, of: Unit | null, track: string | null = null): Column => ({ name: written, quantity, unit: of, track });
+  const [rest, unitOfName] = withoutUnit(written);
+  const quantity_ = quantityNamed(rest);
+  if (quantity_ && unitFits(quantity_, unitOfName)) return columnOf(quantity_, unitOfName);
+  for (const c of ["x", "y"] as const) if (inPixels(c).includes(normalise(rest))) return columnOf(c, PIXEL);
+  for (const [time, names] of TIMES.slice(0, 2)) if (names.slice(1).includes(normalise(written))) return columnOf("time", time);
+  const separatorAt = lastSeparator(rest);
+  if (separatorAt >= 0) {
+    const tail = normalise(rest.slice(separatorAt + 1));
+    const track = rest.slice(0, separatorAt).replace(/[/_ .-]+$/, "");
     // A single capital may be a name.
-    const spelt = track.length === 1 ? track : plain(track);
-    if ((tail === "x" || tail === "y") && fits(tail, own) && !NO_TRACKS.has(spelt)) return found(tail, own, track.trim());
+    const spelt = track.length === 1 ? track : normalise(track);
+    if ((tail === "x" || tail === "y") && unitFits(tail, unitOfName) && !NOT_TRACK_NAMES.has(spelt)) return columnOf(tail, unitOfName, track.trim());
   }
   return { name: written, quantity: null, unit: null, track: null };
 }
 
 /** The unit of a name among some. */
 export function unitNamed(units: Units, name: string): Unit | null {
-  const wanted = name.trim().toLowerCase();
-  return units.find(([, names]) => names.includes(wanted))?.[0] ?? null;
+  const normalised = name.trim().toLowerCase();
+  return units.find(([, names]) => names.includes(normalised))?.[0] ?? null;
 }
 
 /** A name without its unit: `Time (s)`, `X [m]`, `x/m`, `x_px`. */
 function withoutUnit(name: string): [string, Unit | null] {
-  const known = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
+  const quantity_ = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
   const bracketed = /^([^([]*)[([]([^)\]]*)[)\]]$/.exec(name);
-  const inside = bracketed && known(bracketed[2]!);
+  const inside = bracketed && quantity_(bracketed[2]!);
   if (inside) return [bracketed[1]!.trim(), inside];
-  const cut = lastSeparator(name);
-  const tail = cut > 0 ? known(name.slice(cut + 1)) : null;
-  return tail ? [name.slice(0, cut).trim(), tail] : [name, null];
+  const separatorAt = lastSeparator(name);
+  const tail = separatorAt > 0 ? quantity_(name.slice(separatorAt + 1)) : null;
+  return tail ? [name.slice(0, separatorAt).trim(), tail] : [name, null];
 }
 
 function lastSeparator(name: string): number {
@@ -98,19 +98,19 @@ function lastSeparator(name: string): number {
 }
 
 /** Whether a unit is one of what is measured. */
-function fits(quantity: Quantity, of: Unit | null): boolean {
+function unitFits(quantity: Quantity, of: Unit | null): boolean {
   if (!of) return true;
   const among = (units: Units): boolean => units.some(([u]) => u === of);
   return quantity === "time" ? among(TIMES) : quantity === "x" || quantity === "y" ? among(LENGTHS) : false;
 }
 
-function named(name: string): Quantity | null {
-  const wanted = plain(name);
-  const found = Object.entries(NAMES).find(([, names]) => names.includes(wanted));
-  return (found?.[0] as Quantity | undefined) ?? null;
+function quantityNamed(name: string): Quantity | null {
+  const normalised = normalise(name);
+  const columnOf = Object.entries(NAMES).find(([, names]) => names.includes(normalised));
+  return (columnOf?.[0] as Quantity | undefined) ?? null;
 }
 
 /** In small letters, without anything between the words. */
-function plain(name: string): string {
+function normalise(name: string): string {
   return name.replace(SEPARATORS, "").toLowerCase();
 }

@@ -4,26 +4,26 @@ import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
 import { plot, type PlotSeries } from "../../parts/plot";
 import { columnOf, type Evidence, type Launch, type Report, type Table } from "./report";
-import { symbol, title } from "./words";
+import { symbol, title } from "./messages";
 
 /** Standard deviations to either side of 95 % of a normal distribution. */
-const RANGE = 1.96;
+const Z_95 = 1.96;
 /** How far beside its mark what is known of a launch from the others stands. */
-const BESIDE = 0.3;
+const TRIAL_OFFSET = 0.3;
 /** Fewest observations of a mean along a curve, and most means. */
-const [LEAST, MEANS] = [12, 24];
+const [MIN_OBSERVATIONS_PER_MEAN, MAX_MEANS] = [12, 24];
 /** Speed of approach, as a share of the largest, below which a bounce tells nothing. */
-const FAINT = 0.05;
+const MIN_APPROACH_SHARE = 0.05;
 
 /** A plot for every amplitude of the reported model. */
-export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
-  const names = found.effects.flatMap((e) => [...new Set(e.parameters.map((p) => p.name))].map((name) => [e, name] as const));
+export function parameterPlots(report: Report, signal: AbortSignal): HTMLElement[] {
+  const names = report.effects.flatMap((e) => [...new Set(e.parameters.map((p) => p.name))].map((name) => [e, name] as const));
   return names.flatMap(([effect, name]) => {
-    const own = found.launches.flatMap((l) => l.sizes.filter((s) => s.effect === effect.name && s.parameter === name).map((s) => ({ launch: l, ...s })));
-    if (!own.length) return [];
-    const alone = own.filter((s) => s.alone !== null);
+    const estimates = report.launches.flatMap((l) => l.sizes.filter((s) => s.effect === effect.name && s.parameter === name).map((s) => ({ launch: l, ...s })));
+    if (!estimates.length) return [];
+    const separate = estimates.filter((s) => s.alone !== null);
     const pooled = (l: Launch) => effect.parameters.find((p) => p.name === name && (p.setting === null || p.setting === l.setting));
-    const shared = own.map((s) => ({ x: s.launch.trial, p: pooled(s.launch) })).filter((s) => s.p !== undefined);
+    const shared = estimates.map((s) => ({ x: s.launch.trial, p: pooled(s.launch) })).filter((s) => s.p !== undefined);
     const series: PlotSeries[] = [
       {
         name: "all launches, and one spread about it",
@@ -34,8 +34,8 @@ export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
         low: shared.map((s) => s.p!.value - (s.p!.spread ?? 0)),
         high: shared.map((s) => s.p!.value + (s.p!.spread ?? 0)),
       },
-      intervals("the launch alone, 95 %", "--real", alone.map((s) => [s.launch.trial, s.alone![0], RANGE * s.alone![1]]), true),
-      intervals("knowing the others, 95 %", "--sim", own.map((s) => [s.launch.trial + BESIDE, s.value, RANGE * s.sd]), false),
+      intervals("the launch alone, 95 %", "--real", separate.map((s) => [s.launch.trial, s.alone![0], Z_95 * s.alone![1]]), true),
+      intervals("knowing the others, 95 %", "--sim", estimates.map((s) => [s.launch.trial + TRIAL_OFFSET, s.value, Z_95 * s.sd]), false),
     ];
     const unit = effect.parameters.find((p) => p.name === name)?.unit;
     const note = "A launch by itself tells a size by least squares; knowing how sizes are spread among the others, by best linear prediction.";
@@ -48,7 +48,7 @@ function intervals(name: string, colour: string, of: readonly (readonly [number,
 }
 
 /** What residuals can be drawn over, with its axis. */
-const OVER: Record<string, [string, (e: Table) => number[]]> = {
+const ABSCISSAE: Record<string, [string, (e: Table) => number[]]> = {
   time: ["t, s", (e) => columnOf(e, "t")],
   x: ["x, m", (e) => columnOf(e, "x")],
   y: ["y, m", (e) => columnOf(e, "y")],
@@ -58,36 +58,36 @@ const OVER: Record<string, [string, (e: Table) => number[]]> = {
 };
 
 /** Residuals before and after over one thing at a time; their size by setting; accelerations over speed. */
-export function residuals(found: Report, signal: AbortSignal): HTMLElement[] {
-  const { evidence } = found;
+export function residuals(report: Report, signal: AbortSignal): HTMLElement[] {
+  const { evidence } = report;
   if (!evidence?.points.rows.length) return [];
   const place = h("div", { class: "pair" });
   const show = (name: string): void => put(place, ...(["x", "y"] as const).map((axis) => residual(evidence.points, name, axis, signal))) && undefined;
-  const over = choice("Over", Object.keys(OVER).map((name) => [name, name] as const), "time", show);
+  const abscissa = choice("Over", Object.keys(ABSCISSAE).map((name) => [name, name] as const), "time", show);
   show("time");
-  return [h("div", { class: "row" }, over.element), place, h("div", { class: "pair" }, bySetting(evidence, signal), accelerations(evidence, signal))];
+  return [h("div", { class: "row" }, abscissa.element), place, h("div", { class: "pair" }, bySetting(evidence, signal), accelerations(evidence, signal))];
 }
 
-function residual(points: Table, over: string, axis: "x" | "y", signal: AbortSignal): HTMLElement {
-  const [label, of] = OVER[over]!;
+function residual(points: Table, abscissa: string, axis: "x" | "y", signal: AbortSignal): HTMLElement {
+  const [label, of] = ABSCISSAE[abscissa]!;
   const [x, before, after] = [of(points), columnOf(points, `before_${axis}`), columnOf(points, `after_${axis}`)];
   const curve = means(x, before.map((v, i) => v - after[i]!));
-  const told = curve.y.some((v) => v !== 0) ? [{ name: "what the extension makes of it, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
+  const informative = curve.y.some((v) => v !== 0) ? [{ name: "what the extension makes of it, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
   const series: PlotSeries[] = [
     { name: "before", look: "dots", colour: "--real", dashed: true, x, y: before },
     { name: "after", look: "dots", colour: "--sim", x, y: after },
-    ...told,
+    ...informative,
   ];
-  return plot({ title: `Residual in ${axis} over ${over}`, x: label, y: `seen less simulated ${axis}, m` }, series, signal);
+  return plot({ title: `Residual in ${axis} over ${abscissa}`, x: label, y: `seen less simulated ${axis}, m` }, series, signal);
 }
 
 function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
   const { points, settings } = evidence;
-  const [own, speed, bx, by] = [columnOf(points, "setting"), speeds(points), columnOf(points, "before_x"), columnOf(points, "before_y")];
+  const [estimates, speed, bx, by] = [columnOf(points, "setting"), speeds(points), columnOf(points, "before_x"), columnOf(points, "before_y")];
   const colours = ["--real", "--sim", "--good", "--bad", "--warn", "--soft"];
   const series = settings.slice(0, colours.length).map((name, k): PlotSeries => {
-    const mine = own.flatMap((v, i) => (v === k ? [i] : []));
-    return { name: name || "all launches", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: mine.map((i) => speed[i]!), y: mine.map((i) => Math.hypot(bx[i]!, by[i]!)) };
+    const rows = estimates.flatMap((v, i) => (v === k ? [i] : []));
+    return { name: name || "all launches", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: rows.map((i) => speed[i]!), y: rows.map((i) => Math.hypot(bx[i]!, by[i]!)) };
   });
   return plot({ title: "Size of the residual before, by setting", x: "speed, m/s", y: "residual, m" }, series, signal);
 }
@@ -96,56 +96,56 @@ function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | n
   const { pushes } = evidence;
   if (!pushes.rows.length) return null;
   const speed = columnOf(pushes, "speed");
-  const found = (axis: string): PlotSeries[] => {
+  const report = (axis: string): PlotSeries[] => {
     const y = columnOf(pushes, `found_${axis}`);
     return y.some((v) => v !== 0) ? [{ name: `${axis} by the extension, mean`, look: "line", colour: axis === "ax" ? "--real" : "--sim", ...means(speed, y) }] : [];
   };
   const series: PlotSeries[] = [
     { name: "ax", look: "dots", colour: "--real", dashed: true, x: speed, y: columnOf(pushes, "ax") },
     { name: "ay", look: "dots", colour: "--sim", x: speed, y: columnOf(pushes, "ay") },
-    ...found("ax"),
-    ...found("ay"),
+    ...report("ax"),
+    ...report("ay"),
   ];
   return plot({ title: "Acceleration that the base model lacks", x: "speed, m/s", y: "acceleration, m/s²", note: "By pieces of flight." }, series, signal);
 }
 
 /** What contacts gave, as seen and by both models. */
-export function bounces(found: Report, signal: AbortSignal): HTMLElement[] {
-  const all = found.evidence?.bounces;
+export function bounces(report: Report, signal: AbortSignal): HTMLElement[] {
+  const all = report.evidence?.bounces;
   if (!all?.rows.length) return [];
   const largest = Math.max(...columnOf(all, "seen_approach").filter(Number.isFinite));
-  const approaches = ["seen", "base", "extended"].map((who) => all.columns.indexOf(`${who}_approach`));
-  const told: Table = { columns: all.columns, rows: all.rows.filter((row) => approaches.every((i) => (row[i] ?? 0) > FAINT * largest)) };
-  if (!told.rows.length) return [];
+  const approaches = ["seen", "base", "extended"].map((sources) => all.columns.indexOf(`${sources}_approach`));
+  const informative: Table = { columns: all.columns, rows: all.rows.filter((row) => approaches.every((i) => (row[i] ?? 0) > MIN_APPROACH_SHARE * largest)) };
+  if (!informative.rows.length) return [];
   const who = [["seen", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
-  const of = (k: number, name: string): number[] => columnOf(told, `${["seen", "base", "extended"][k]}_${name}`);
-  const drawn = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
+  const of = (k: number, name: string): number[] => columnOf(informative, `${["seen", "base", "extended"][k]}_${name}`);
+  const bouncePlot = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
     plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): PlotSeries => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
   const [impact, impulse] = ["impact speed, m/s", "impulse over mass, m/s"];
   return [
     h("div", { class: "pair" },
-      drawn("Impulse along the normal", impact, impulse, (k) => [of(k, "approach"), of(k, "normal")]),
-      drawn("Impulse along the surface", "slip before, m/s", impulse, (k) => [of(k, "slip"), of(k, "along")]),
-      drawn("Restitution", impact, "rebound over impact speed", (k) => [of(k, "approach"), of(k, "normal").map((v, i) => v / of(k, "approach")[i]! - 1)])),
+      bouncePlot("Impulse along the normal", impact, impulse, (k) => [of(k, "approach"), of(k, "normal")]),
+      bouncePlot("Impulse along the surface", "slip before, m/s", impulse, (k) => [of(k, "slip"), of(k, "along")]),
+      bouncePlot("Restitution", impact, "rebound over impact speed", (k) => [of(k, "approach"), of(k, "normal").map((v, i) => v / of(k, "approach")[i]! - 1)])),
   ];
 }
 
 /** The probabilities of launches in order, beside where they are if predictions are right. */
-export function predictive(found: NonNullable<Report["predictive"]>, signal: AbortSignal): HTMLElement | null {
-  const n = found.sorted.length;
+export function predictivePlot(report: NonNullable<Report["predictive"]>, signal: AbortSignal): HTMLElement | null {
+  const n = report.sorted.length;
   if (n < 2) return null;
-  const x = found.sorted.map((_, k) => (k + 1) / (n + 1));
+  const x = report.sorted.map((_, k) => (k + 1) / (n + 1));
   const series: PlotSeries[] = [
-    { name: "if predictions are right, 95 %", look: "line", colour: "--soft", x, y: x, low: found.sorted.map((s) => s[1]), high: found.sorted.map((s) => s[2]) },
-    { name: "launches", look: "dots", colour: "--sim", x, y: found.sorted.map((s) => s[0]) },
+    { name: "if predictions are right, 95 %", look: "line", colour: "--soft", x, y: x, low: report.sorted.map((s) => s[1]), high: report.sorted.map((s) => s[2]) },
+    { name: "launches", look: "dots", colour: "--sim", x, y: report.sorted.map((s) => s[0]) },
   ];
   const note = "Below the band: launches further off than predicted. A flat middle: launches more alike than predictions allow for.";
   return plot({ title: "Launches as the others predict them", x: "share of launches", y: "probability of one further off", note }, series, signal);
 }
 
 /** Autocorrelation of residuals, where the result has it. */
-export function correlation(found: Report, signal: AbortSignal): HTMLElement[] {
-  const both = found.evidence?.autocorrelation;
+export function correlation(report: Report, signal: AbortSignal): HTMLElement[] {
+  const both = report.evidence?.autocorrelation;
   if (!both) return [];
   const x = both[0].map((_, lag) => lag);
   const series: PlotSeries[] = [
@@ -158,7 +158,7 @@ export function correlation(found: Report, signal: AbortSignal): HTMLElement[] {
 /** Means of neighbours along x, about as many in each. */
 export function means(x: readonly number[], y: readonly number[]): { x: number[]; y: number[] } {
   const points = x.map((v, i) => [v, y[i]!] as const).filter((p) => p.every(Number.isFinite)).sort((a, b) => a[0] - b[0]);
-  const count = Math.min(MEANS, Math.max(1, Math.floor(points.length / LEAST)));
+  const count = Math.min(MAX_MEANS, Math.max(1, Math.floor(points.length / MIN_OBSERVATIONS_PER_MEAN)));
   if (!points.length) return { x: [], y: [] };
   const bins = Array.from({ length: count }, (_, k) => points.slice(Math.floor((k * points.length) / count), Math.floor(((k + 1) * points.length) / count)));
   const mean = (bin: typeof points, k: 0 | 1): number => bin.reduce((sum, p) => sum + p[k], 0) / bin.length;

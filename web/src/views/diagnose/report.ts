@@ -94,8 +94,8 @@ export interface Report {
 }
 
 /** The report as the command line writes it. */
-export function plainReport(found: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
-  const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = found;
+export function plainReport(report: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
+  const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = report;
   return rest;
 }
 
@@ -106,17 +106,17 @@ export function columnOf(table: Table, name: string): number[] {
 }
 
 /** A launch along its way: what was seen, and where both models had it, with what they predict. */
-export interface Way {
+export interface TrialTrajectory {
   trial: number;
   t: number[];
   seen: Point[];
   /** Breaks between stretches: indices at which a new one begins. */
   begins: number[];
-  before: Model;
-  after: Model;
+  before: ModelPrediction;
+  after: ModelPrediction;
 }
 
-export interface Model {
+export interface ModelPrediction {
   at: Point[];
   /** Seen less simulated, m. */
   off: Point[];
@@ -125,7 +125,7 @@ export interface Model {
 }
 
 /** A launch's way; of several bodies the first. */
-export function way(paths: Report["paths"], trial: number): Way | null {
+export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajectory | null {
   const rows = paths.launches.find((l) => l.trial === trial)?.rows ?? [];
   const body = paths.columns.indexOf("body");
   const own: Table = { columns: paths.columns, rows: rows.filter((r) => body < 0 || r[body] === rows[0]![body]) };
@@ -135,7 +135,7 @@ export function way(paths: Report["paths"], trial: number): Way | null {
     return a.map((v, i): Point => [v, b[i]!]);
   };
   const seen = pairs("x", "y");
-  const model = (side: string): Model => {
+  const model = (side: string): ModelPrediction => {
     const off = pairs(`${side}_x`, `${side}_y`);
     return { off, at: seen.map((p, i): Point => [p[0] - off[i]![0], p[1] - off[i]![1]]), sd: pairs(`sd_${side}_x`, `sd_${side}_y`) };
   };
@@ -145,16 +145,16 @@ export function way(paths: Report["paths"], trial: number): Way | null {
 }
 
 /** Trials by how far off they are beside what was predicted: the furthest first. */
-export function byDistance(found: Report): number[] {
-  const told = [...(found.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
-  return told.length ? told : found.paths.launches.map((l) => l.trial);
+export function trialsByDistance(report: Report): number[] {
+  const told = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
+  return told.length ? told : report.paths.launches.map((l) => l.trial);
 }
 
 /** The extended scene as a launch started, in its setting: places and velocities of the first body, from the parabola through the first three places
  * of the extended model. `null` where the launch does not tell it. */
-export function launched(found: Report, trial: number): Scene | null {
-  const own = way(found.paths, trial);
-  const scene = found.extended_scene;
+export function sceneOfTrial(report: Report, trial: number): Scene | null {
+  const own = trajectoryOf(report.paths, trial);
+  const scene = report.extended_scene;
   const body = scene?.bodies[0];
   if (!own || !scene || !body) return null;
   const last = own.begins[0] ?? own.t.length;
@@ -166,12 +166,12 @@ export function launched(found: Report, trial: number): Scene | null {
     return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
   };
   const velocity: Point = [along(0), along(1)];
-  const launch = found.launches.find((l) => l.trial === trial);
+  const launch = report.launches.find((l) => l.trial === trial);
   const { settings, ...plain } = scene;
   const over = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
   const set = <T extends { name: string }>(thing: T, by: Record<string, object> | undefined): T => ({ ...thing, ...by?.[thing.name] });
   const [moving, ...others] = scene.bodies.map((b) => set(b, over?.bodies));
-  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...ofSetting(found, e.name, launch?.setting ?? null) } }));
+  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
   return {
     ...plain,
     name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
@@ -184,14 +184,14 @@ export function launched(found: Report, trial: number): Scene | null {
 type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
 
 /** The parameters that an effect has in a setting of its own. */
-function ofSetting(found: Report, effect: string, setting: string | null): Record<string, number> {
-  const own = found.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
+function parametersOfSetting(report: Report, effect: string, setting: string | null): Record<string, number> {
+  const own = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
   return Object.fromEntries(own.map((p) => [p.name, p.value]));
 }
 
 /** What is to be in sight of a launch, m: where launches were seen, with room at the sides. */
-export function around(found: Report): Box | null {
-  const [x, y] = ["x", "y"].map((name) => found.paths.launches.flatMap((l) => columnOf({ columns: found.paths.columns, rows: l.rows }, name)));
+export function extentOfTrials(report: Report): Box | null {
+  const [x, y] = ["x", "y"].map((name) => report.paths.launches.flatMap((l) => columnOf({ columns: report.paths.columns, rows: l.rows }, name)));
   const [across, up] = [range(x!), range(y!)];
   if (!across || !up) return null;
   const pad = 0.08 * Math.max(across[1] - across[0], up[1] - up[0], 0.1);

@@ -4,36 +4,36 @@ import { api, all, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { type Context, link } from "../../view";
-import { fieldLeft, fieldMissing } from "./fields";
-import { next } from "./next";
-import { paths } from "./paths";
-import { bounces, correlation, predictive, residuals, sizes } from "./plots";
-import { byDistance, launched, plainReport, type Report } from "./report";
-import { play } from "./play";
-import { effects, facts, gains, latents, rivals, ties } from "./tables";
-import { checked, digits, interval, plain, sentence, set, symbol, verdict, VERDICTS } from "./words";
+import { residualField, missingAccelerationField } from "./forceFields";
+import { nextExperiment } from "./nextExperiment";
+import { trajectories } from "./trajectories";
+import { bounces, correlation, predictivePlot, residuals, parameterPlots } from "./plots";
+import { trialsByDistance, sceneOfTrial, plainReport, type Report } from "./report";
+import { openInPlay } from "./openInPlay";
+import { effectsTable, factsList, gainsTable, latentsTable, setsTable, credibleSetList } from "./tables";
+import { predictiveCheckText, digits, interval, plain, sentence, effectSetName, symbol, verdictText, VERDICT_LABELS } from "./messages";
 
 /** Shows a result in place of what was there. */
-export async function result(place: HTMLElement, found: Report, job: Schema<"JobOut">, context: Context): Promise<void> {
+export async function showResult(place: HTMLElement, report: Report, job: Schema<"JobOut">, context: Context): Promise<void> {
   const { signal } = context;
-  const scene = found.extended_scene ?? { format: "iplw.scene/1" as const, bodies: [] };
+  const scene = report.extended_scene ?? { format: "iplw.scene/1" as const, bodies: [] };
   const body = h("div", { class: "stack" });
   put(place, body);
-  body.append(head(found, job, context));
+  body.append(head(report, job, context));
   const sections: [string, () => (HTMLElement | null)[]][] = [
-    ["Effects", () => [effects(found)]],
-    ["Sets that tie", () => [ties(found)]],
-    ["Next experiment", () => next(found, context)],
-    ["Paths before and after", () => paths(found, scene, signal)],
-    ["What is missing, and what is left", () => [fieldMissing(found, scene), ...fieldLeft(found, scene)]],
-    ["Sizes launch by launch", () => sizes(found, signal)],
-    ["Rivals", () => [rivals(found)]],
-    ["Gain", () => [gains(found)]],
-    ["Latents", () => [latents(found)]],
-    ["Residuals before and after", () => residuals(found, signal)],
-    ["What contacts gave", () => bounces(found, signal)],
-    ["Predictive check", () => (found.predictive ? [h("p", {}, checked(found.predictive)), predictive(found.predictive, signal)] : [])],
-    ["Figures", () => [facts(found), ...correlation(found, signal)]],
+    ["Effects", () => [effectsTable(report)]],
+    ["Sets that tie", () => [credibleSetList(report)]],
+    ["Next experiment", () => nextExperiment(report, context)],
+    ["Paths before and after", () => trajectories(report, scene, signal)],
+    ["What is missing, and what is left", () => [missingAccelerationField(report, scene), ...residualField(report, scene)]],
+    ["Sizes launch by launch", () => parameterPlots(report, signal)],
+    ["Rivals", () => [setsTable(report)]],
+    ["Gain", () => [gainsTable(report)]],
+    ["Latents", () => [latentsTable(report)]],
+    ["Residuals before and after", () => residuals(report, signal)],
+    ["What contacts gave", () => bounces(report, signal)],
+    ["Predictive check", () => (report.predictive ? [h("p", {}, predictiveCheckText(report.predictive)), predictivePlot(report.predictive, signal)] : [])],
+    ["Figures", () => [factsList(report), ...correlation(report, signal)]],
   ];
   for (const [title, make] of sections) {
     await yieldToBrowser();
@@ -45,55 +45,55 @@ export async function result(place: HTMLElement, found: Report, job: Schema<"Job
 }
 
 /** The verdict in words, what it is in symbols, and what can be done with it. */
-function head(found: Report, job: Schema<"JobOut">, context: Context): HTMLElement {
+function head(report: Report, job: Schema<"JobOut">, context: Context): HTMLElement {
   const equations = h("div", { class: "stack equations" });
-  named(found, equations, context).catch(context.fail);
+  showEffects(report, equations, context).catch(context.fail);
   const config = job.config as { scene?: string; trials?: number; job?: string | null };
-  const about = [config.scene || "a scene", config.trials === undefined ? "" : `${config.trials} trials`, config.job ? `of ${config.job}` : "", `seed ${found.seed}`];
+  const about = [config.scene || "a scene", config.trials === undefined ? "" : `${config.trials} trials`, config.job ? `of ${config.job}` : "", `seed ${report.seed}`];
   return h(
     "section",
-    { class: "card stack verdict", "aria-label": "Verdict", "data-verdict": found.verdict },
-    h("div", { class: "row between" }, h("span", { class: `badge ${found.verdict}` }, VERDICTS[found.verdict]), h("span", { class: "soft" }, about.filter(Boolean).join(", "))),
-    h("h2", {}, sentence(verdict(found))),
+    { class: "card stack verdict", "aria-label": "Verdict", "data-verdict": report.verdict },
+    h("div", { class: "row between" }, h("span", { class: `badge ${report.verdict}` }, VERDICT_LABELS[report.verdict]), h("span", { class: "soft" }, about.filter(Boolean).join(", "))),
+    h("h2", {}, sentence(verdictText(report))),
     equations,
-    h("p", {}, plain(found.reason)),
-    found.residual_law
-      ? h("div", {}, h("p", {}, found.residual_law.offered ? "What is left, as an acceleration without a name; it is part of the extended scene:" : "What is left, as an acceleration without a name; on held-out trials it does not help:"), h("pre", { tabindex: 0, "aria-label": "Formula of what is left" }, found.residual_law.formula))
+    h("p", {}, plain(report.reason)),
+    report.residual_law
+      ? h("div", {}, h("p", {}, report.residual_law.offered ? "What is left, as an acceleration without a name; it is part of the extended scene:" : "What is left, as an acceleration without a name; on held-out trials it does not help:"), h("pre", { tabindex: 0, "aria-label": "Formula of what is left" }, report.residual_law.formula))
       : null,
-    actions(found, job),
+    actions(report, job),
   );
 }
 
 /** Found effects with their equations and sizes. */
-async function named(found: Report, place: HTMLElement, { signal }: Context): Promise<void> {
+async function showEffects(report: Report, place: HTMLElement, { signal }: Context): Promise<void> {
   const lines = (library: readonly Schema<"EffectOut">[]): HTMLElement[] =>
-    found.effects.map((e) => {
+    report.effects.map((e) => {
       const equation = library.find((known) => known.name === e.name)?.equation;
       // Of many settings the table has the sizes.
-      const few = e.parameters.length <= 3 ? e.parameters.map((p) => `${p.name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)} ${symbol(p.unit)} (95 %: ${interval(p.ci95)})`) : [];
-      return h("p", {}, h("strong", {}, set([e.name])), equation ? [": ", equation].join("") : null, few.length ? h("span", { class: "sizes" }, few.join("; ")) : null);
+      const values = e.parameters.length <= 3 ? e.parameters.map((p) => `${p.name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)} ${symbol(p.unit)} (95 %: ${interval(p.ci95)})`) : [];
+      return h("p", {}, h("strong", {}, effectSetName([e.name])), equation ? [": ", equation].join("") : null, values.length ? h("span", { class: "sizes" }, values.join("; ")) : null);
     });
   put(place, ...lines([]));
-  if (!found.effects.length) return;
+  if (!report.effects.length) return;
   const library = await all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects);
   put(place, ...lines(library));
 }
 
-function actions(found: Report, job: Schema<"JobOut">): HTMLElement {
+function actions(report: Report, job: Schema<"JobOut">): HTMLElement {
   const button = (text: string, act: () => void, main = false): HTMLElement => {
     const element = h("button", { type: "button", class: main ? "main" : null }, text);
     element.addEventListener("click", act);
     return element;
   };
-  const scene = found.extended_scene;
-  const order = byDistance(found);
-  const start = launched(found, order[order.length >> 1] ?? 0) ?? scene;
+  const scene = report.extended_scene;
+  const order = trialsByDistance(report);
+  const start = sceneOfTrial(report, order[order.length >> 1] ?? 0) ?? scene;
   return h(
     "div",
     { class: "row" },
-    scene && start ? button("Play in the extended world", () => play(start, found), true) : null,
+    scene && start ? button("Play in the extended world", () => openInPlay(start, report), true) : null,
     scene ? button("Download the extended scene", () => save("extended_scene.json", scene)) : null,
-    button("Download report.json", () => save("report.json", plainReport(found))),
+    button("Download report.json", () => save("report.json", plainReport(report))),
     h("a", { href: link("diagnose") }, "Another diagnosis"),
     h("a", { href: link("jobs", [job.id]) }, "The job"),
   );

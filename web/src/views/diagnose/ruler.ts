@@ -6,19 +6,19 @@ import type { Picture } from "../../scene/draw";
 import type { Point } from "../../scene/types";
 
 /** The length that was said last, m; and what was measured, in pixels. */
-const held: { known: number | null; pixels: number | null } = { known: null, pixels: null };
+const measured: { known: number | null; pixels: number | null } = { known: null, pixels: null };
 
 /** A ruler over a picture in which a pixel is `drawn` m; `told` has the size of a pixel, m. */
-export function ruler(at: Picture, drawn: number, told: (metresPerPixel: number) => void): HTMLElement {
+export function ruler(at: Picture, metresPerPixelDrawn: number, onScale: (metresPerPixel: number) => void): HTMLElement {
   const line = s("line", { class: "ruler", "vector-effect": "non-scaling-stroke", visibility: "hidden" });
   at.over.append(line);
-  const tell = (): void => {
-    if (held.known !== null && held.known > 0 && held.pixels) told(Number((held.known / held.pixels).toPrecision(5)));
-    else if (held.pixels) field.refuse("How long is it?");
+  const report = (): void => {
+    if (measured.known !== null && measured.known > 0 && measured.pixels) onScale(Number((measured.known / measured.pixels).toPrecision(5)));
+    else if (measured.pixels) field.refuse("How long is it?");
   };
-  const field: Field = numeric("Or drag along something that is as long as", "m", held.known, (v) => {
-    held.known = v;
-    if (held.pixels) tell();
+  const field: Field = numeric("Or drag along something that is as long as", "m", measured.known, (v) => {
+    measured.known = v;
+    if (measured.pixels) report();
   });
   let from: Point | null = null;
   at.svg.classList.add("measured");
@@ -39,8 +39,8 @@ export function ruler(at: Picture, drawn: number, told: (metresPerPixel: number)
     const length = Math.hypot(to[0] - from[0], to[1] - from[1]);
     from = null;
     if (length === 0) return;
-    held.pixels = length / drawn;
-    tell();
+    measured.pixels = length / metresPerPixelDrawn;
+    report();
   });
   return h("div", { class: "ruled" }, field.element);
 }

@@ -2,8 +2,8 @@
 
 import type { Schema } from "../../api/client";
 import type { Scene } from "../../scene/types";
-import { type Columns, type Cut, sent, usual } from "./file";
-import { asks, read, type Said, SILENT, touches, type Track, upwards } from "./tracks";
+import { type ColumnSelection, type ParsedFile, textToSend, defaultColumns } from "./parseFile";
+import { unitsUnknown, readTracks, type ReadingOptions, NO_OPTIONS, typicalBounceHeight, type Track, upwardAcceleration } from "./tracks";
 
 export interface Ball {
   /** m */
@@ -17,12 +17,12 @@ export interface Ball {
 }
 
 export interface Setup {
-  files: Cut[];
+  files: ParsedFile[];
   /** Chosen by hand, for files with the columns of the first; `null`: as the server finds them. */
-  columns: Columns | null;
-  said: Said;
+  columns: ColumnSelection | null;
+  reading: ReadingOptions;
   /** What the tracks are of; of a job, its own trials. */
-  of: "ball" | "scene" | "task" | "job";
+  subject: "ball" | "scene" | "task" | "job";
   ball: Ball;
   /** Of a file or a task. */
   scene: Scene | null;
@@ -33,55 +33,55 @@ export interface Setup {
 /** A table tennis ball: while a ball flies, its size matters to nothing but a bounce. */
 const BALL: Ball = { radius: 0.02, mass: null, gravity: 9.81, floor: null };
 
-export function empty(): Setup {
-  return { files: [], columns: null, said: { ...SILENT }, of: "ball", ball: { ...BALL }, scene: null, sceneName: "", job: "" };
+export function emptySetup(): Setup {
+  return { files: [], columns: null, reading: { ...NO_OPTIONS }, subject: "ball", ball: { ...BALL }, scene: null, sceneName: "", job: "" };
 }
 
 /** The columns of a file. */
-export function columnsOf(setup: Setup, file: Cut): Columns {
+export function columnsOf(setup: Setup, file: ParsedFile): ColumnSelection {
   const first = setup.files[0];
   if (setup.columns && file.columns.length === first?.columns.length) return setup.columns;
-  return usual(file, setup.said.track, setup.said.metresPerPixel !== null);
+  return defaultColumns(file, setup.reading.track, setup.reading.metresPerPixel !== null);
 }
 
 /** All tracks, as they are read now. */
 export function tracksOf(setup: Setup): Track[] {
-  return setup.files.flatMap((file) => read(file, columnsOf(setup, file), setup.said));
+  return setup.files.flatMap((file) => readTracks(file, columnsOf(setup, file), setup.reading));
 }
 
 /** What looking at the tracks suggests where nobody said anything: y downwards, a floor. In words, what was set. */
-export function guess(setup: Setup): string[] {
-  const told: string[] = [];
+export function guessReading(setup: Setup): string[] {
+  const notes: string[] = [];
   const first = setup.files[0];
-  if (!first) return told;
+  if (!first) return notes;
   const gravity = setup.ball.gravity;
-  const { pixels } = unitsAsked(setup);
+  const { pixels } = unitsNeeded(setup);
   let tracks = tracksOf(setup);
-  const up = upwards(tracks);
+  const up = upwardAcceleration(tracks);
   // In units of nobody's knowledge only the direction is told.
-  if (setup.said.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
-    setup.said.yDown = true;
+  if (setup.reading.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
+    setup.reading.yDown = true;
     tracks = tracksOf(setup);
-    told.push("y was set to be counted downwards: read upwards, what is thrown would fall up.");
+    notes.push("y was set to be counted downwards: read upwards, what is thrown would fall up.");
   }
-  const scaled = !pixels || setup.said.metresPerPixel !== null;
-  const touch = setup.of === "ball" && scaled && setup.ball.floor === null ? touches(tracks) : null;
-  if (touch !== null) {
-    setup.ball.floor = Number((touch - setup.ball.radius).toFixed(4));
-    told.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (centre less radius).`);
+  const scaled = !pixels || setup.reading.metresPerPixel !== null;
+  const contactHeight = setup.subject === "ball" && scaled && setup.ball.floor === null ? typicalBounceHeight(tracks) : null;
+  if (contactHeight !== null) {
+    setup.ball.floor = Number((contactHeight - setup.ball.radius).toFixed(4));
+    notes.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (centre less radius).`);
   }
-  return told;
+  return notes;
 }
 
 /** m of a pixel with which the tracks would fall as gravity has it. */
-export function pixelByFall(setup: Setup): number | null {
-  const up = upwards(tracksOf({ ...setup, said: { ...setup.said, metresPerPixel: 1, lengthUnit: "" } }));
+export function pixelSizeFromGravity(setup: Setup): number | null {
+  const up = upwardAcceleration(tracksOf({ ...setup, reading: { ...setup.reading, metresPerPixel: 1, lengthUnit: "" } }));
   return up ? Number((setup.ball.gravity / Math.abs(up)).toPrecision(4)) : null;
 }
 
 /** The scene that tracks are drawn over. */
 export function sceneOf(setup: Setup): Scene {
-  if (setup.of === "scene" || setup.of === "task") return setup.scene ?? { format: "iplw.scene/1", bodies: [] };
+  if (setup.subject === "scene" || setup.subject === "task") return setup.scene ?? { format: "iplw.scene/1", bodies: [] };
   const { radius, floor } = setup.ball;
   const body = { name: "ball", shape: { type: "disc" as const, radius: Math.max(0, radius) } };
   const ground = { name: "floor", shape: { type: "halfspace" as const, normal: [0, 1] as [number, number], offset: floor ?? 0 } };
@@ -89,42 +89,42 @@ export function sceneOf(setup: Setup): Scene {
 }
 
 /** Whether the size of a pixel, and the number of pictures a second, must be said. */
-export function unitsAsked(setup: Setup): { pixels: boolean; pictures: boolean } {
+export function unitsNeeded(setup: Setup): { pixels: boolean; pictures: boolean } {
   const first = setup.files[0];
-  const own = first ? asks(first, columnsOf(setup, first)) : { pixels: false, pictures: false };
-  return { pixels: own.pixels || setup.said.lengthUnit === "px", pictures: own.pictures || setup.said.timeUnit === "frames" };
+  const needed = first ? unitsUnknown(first, columnsOf(setup, first)) : { pixels: false, pictures: false };
+  return { pixels: needed.pixels || setup.reading.lengthUnit === "px", pictures: needed.pictures || setup.reading.timeUnit === "frames" };
 }
 
 /** Why it cannot be asked for yet; `null` if it can. */
-export function missing(setup: Setup): string | null {
-  if (setup.of === "job") return setup.job ? null : "Choose an estimation whose trials are to be diagnosed.";
+export function missingInput(setup: Setup): string | null {
+  if (setup.subject === "job") return setup.job ? null : "Choose an estimation whose trials are to be diagnosed.";
   if (!setup.files.length) return "Drop a CSV of tracks, or choose one.";
-  if (setup.of !== "ball" && !setup.scene) return setup.of === "task" ? "Choose a task." : "Open a scene file.";
-  const { pixels, pictures } = unitsAsked(setup);
-  if (pixels && setup.said.metresPerPixel === null) return "Coordinates are in pixels: say how many metres one is.";
-  if (pictures && setup.said.fps === null) return "Times are numbers of pictures: say how many there are in a second.";
+  if (setup.subject !== "ball" && !setup.scene) return setup.subject === "task" ? "Choose a task." : "Open a scene file.";
+  const { pixels, pictures } = unitsNeeded(setup);
+  if (pixels && setup.reading.metresPerPixel === null) return "Coordinates are in pixels: say how many metres one is.";
+  if (pictures && setup.reading.fps === null) return "Times are numbers of pictures: say how many there are in a second.";
   return null;
 }
 
 /** The request. */
-export function body(setup: Setup): Schema<"DiagnosisIn"> {
-  if (setup.of === "job") return { job: setup.job };
-  const texts = setup.files.map((file) => [file.name, sent(file, columnsOf(setup, file), setup.said.track)] as const);
+export function requestBody(setup: Setup): Schema<"DiagnosisIn"> {
+  if (setup.subject === "job") return { job: setup.job };
+  const texts = setup.files.map((file) => [file.name, textToSend(file, columnsOf(setup, file), setup.reading.track)] as const);
   const trials = texts.length === 1 ? texts[0]![1] : Object.fromEntries(texts);
-  const reading = readingOf(setup.said);
+  const reading = readingRequest(setup.reading);
   const { radius, mass, gravity, floor } = setup.ball;
-  const of = setup.of === "ball" ? { ball: { radius, gravity, ...(mass === null ? {} : { mass }), ...(floor === null ? {} : { floor }) } } : { scene: setup.scene as unknown as Record<string, never> };
-  return { ...of, trials, ...(Object.keys(reading).length ? { reading } : {}) };
+  const subject = setup.subject === "ball" ? { ball: { radius, gravity, ...(mass === null ? {} : { mass }), ...(floor === null ? {} : { floor }) } } : { scene: setup.scene as unknown as Record<string, never> };
+  return { ...subject, trials, ...(Object.keys(reading).length ? { reading } : {}) };
 }
 
 /** What was said, as the server takes it. */
-export function readingOf(said: Said): Schema<"ReadingIn"> {
+export function readingRequest(reading: ReadingOptions): Schema<"ReadingIn"> {
   return {
-    ...(said.fps === null ? {} : { fps: said.fps }),
-    ...(said.metresPerPixel === null ? {} : { metres_per_pixel: said.metresPerPixel }),
-    ...(said.lengthUnit && said.lengthUnit !== "px" ? { length_unit: said.lengthUnit } : {}),
-    ...(said.timeUnit && said.timeUnit !== "frames" ? { time_unit: said.timeUnit } : {}),
-    ...(said.yDown === null ? {} : { y_down: said.yDown }),
-    ...(said.track ? { track: said.track } : {}),
+    ...(reading.fps === null ? {} : { fps: reading.fps }),
+    ...(reading.metresPerPixel === null ? {} : { metres_per_pixel: reading.metresPerPixel }),
+    ...(reading.lengthUnit && reading.lengthUnit !== "px" ? { length_unit: reading.lengthUnit } : {}),
+    ...(reading.timeUnit && reading.timeUnit !== "frames" ? { time_unit: reading.timeUnit } : {}),
+    ...(reading.yDown === null ? {} : { y_down: reading.yDown }),
+    ...(reading.track ? { track: reading.track } : {}),
   };
 }

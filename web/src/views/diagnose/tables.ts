@@ -2,10 +2,10 @@
 
 import { h } from "../../dom";
 import type { HeldOut, Report, Score } from "./report";
-import { chance, digits, interval, metres, set, sizes, symbol, title } from "./words";
+import { probability, digits, interval, metres, effectSetName, estimatesText, symbol, title } from "./messages";
 
 /** Sets that are shown at once. */
-const BEST = 8;
+const MAX_SETS_SHOWN = 8;
 /** A column's heading; those of numbers stand to the right. */
 type Heading = string | { number: string };
 
@@ -22,41 +22,41 @@ export function table(caption: string, headings: readonly Heading[], rows: reado
   );
 }
 
-export function effects(found: Report): HTMLElement | null {
-  const rows = found.effects.flatMap((e) =>
-    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), chance(e.p_value)]),
+export function effectsTable(report: Report): HTMLElement | null {
+  const rows = report.effects.flatMap((e) =>
+    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), probability(e.p_value)]),
   );
   if (!rows.length) return null;
   const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Spread by launch" }, { number: "p" }];
   return table("Effects found; p is corrected for the search over the library", headings, rows);
 }
 
-export function ties(found: Report): HTMLElement | null {
-  if (found.rivals.length < 2) return null;
-  return h("ul", { class: "ties" }, ...found.rivals.map((r) => h("li", {}, set(r))));
+export function credibleSetList(report: Report): HTMLElement | null {
+  if (report.rivals.length < 2) return null;
+  return h("ul", { class: "ties" }, ...report.rivals.map((r) => h("li", {}, effectSetName(r))));
 }
 
 /** The best of the sets that were fitted, the others behind a click, and those that could not be. */
-export function rivals(found: Report): HTMLElement | null {
-  if (!found.scores.length) return null;
+export function setsTable(report: Report): HTMLElement | null {
+  if (!report.scores.length) return null;
   const headings: Heading[] = ["Set", { number: "Score, nats" }, { number: "Worse, probability" }, "Sizes, where it ties"];
-  const row = (s: Score): string[] => [set(s.effects), s.score.toFixed(1), s.probability_worse.toFixed(3), sizes(s.sizes)];
-  const rest = found.scores.slice(BEST).map(row);
+  const row = (s: Score): string[] => [effectSetName(s.effects), s.score.toFixed(1), s.probability_worse.toFixed(3), estimatesText(s.sizes)];
+  const rest = report.scores.slice(MAX_SETS_SHOWN).map(row);
   const note = "Sets of effects by log predictive density of launches told from the others, beside the best set's; and the bootstrap's probability that a set predicts worse";
   return h(
     "div",
     { class: "stack" },
-    table(note, headings, found.scores.slice(0, BEST).map(row)),
+    table(note, headings, report.scores.slice(0, MAX_SETS_SHOWN).map(row)),
     rest.length ? h("details", {}, h("summary", {}, `Every other set that was fitted (${rest.length})`), table("The other sets", headings, rest)) : null,
-    found.failed.length ? h("p", { class: "soft" }, `Could not be fitted, and have not lost: ${found.failed.map(set).join("; ")}.`) : null,
+    report.failed.length ? h("p", { class: "soft" }, `Could not be fitted, and have not lost: ${report.failed.map(effectSetName).join("; ")}.`) : null,
   );
 }
 
-export function gains(found: Report): HTMLElement | null {
+export function gainsTable(report: Report): HTMLElement | null {
   const all: [string, HeldOut | null | undefined][] = [
-    ["held-out trials", found.gain.held_out],
-    ["held-out trials, with the law without a name", found.residual_law?.held_out],
-    ["a setting never fitted", found.gain.extrapolation],
+    ["held-out trials", report.gain.held_out],
+    ["held-out trials, with the law without a name", report.residual_law?.held_out],
+    ["a setting never fitted", report.gain.extrapolation],
   ];
   const rows = all.flatMap(([on, g]) =>
     g ? [[on, String(g.trials), metres(g.base_rmse), metres(g.extended_rmse), metres(g.floor_rmse), g.excess_removed === null ? "-" : `${(100 * g.excess_removed).toFixed(1)} %`]] : [],
@@ -66,23 +66,23 @@ export function gains(found: Report): HTMLElement | null {
   return table("Errors on trials that were not fitted; starts are fitted for every trial, everything else comes from other trials", headings, rows);
 }
 
-export function latents(found: Report): HTMLElement | null {
-  const rows = found.calibrated.map((c) => [title(c.name), digits(c.value), c.identifiable ? interval(c.ci95) : "not told by these trials"]);
+export function latentsTable(report: Report): HTMLElement | null {
+  const rows = report.calibrated.map((c) => [title(c.name), digits(c.value), c.identifiable ? interval(c.ci95) : "not told by these trials"]);
   return rows.length ? table("Latents estimated along", ["Latent", { number: "Value" }, "95 % interval"], rows) : null;
 }
 
 /** The figures behind the verdict. */
-export function facts(found: Report): HTMLElement {
-  const { residual: r, unlike } = found;
+export function factsList(report: Report): HTMLElement {
+  const { residual: r, unlike } = report;
   const rows: [string, string][] = [
     ["Error of the base model", metres(r.base_rmse)],
     ["Noise floor", metres(r.floor_rmse)],
-    ["p of no misfit", chance(r.lack_of_fit_p)],
-    ["p of white residuals", chance(r.whiteness_p)],
+    ["p of no misfit", probability(r.lack_of_fit_p)],
+    ["p of white residuals", probability(r.whiteness_p)],
     ["Correlation of neighbouring residuals", r.autocorrelation.toFixed(2)],
     ["Correlation of the noise", r.noise_correlation.toFixed(2)],
-    ["Unexplained share of the excess", found.unexplained_share === null ? "nothing to explain" : found.unexplained_share.toFixed(3)],
-    ...(found.remainder ? [["What is left", found.remainder.text] as [string, string]] : []),
+    ["Unexplained share of the excess", report.unexplained_share === null ? "nothing to explain" : report.unexplained_share.toFixed(3)],
+    ...(report.remainder ? [["What is left", report.remainder.text] as [string, string]] : []),
     ...unlike.map((u): [string, string] => [`Launches differ in ${title(u.effect)} ${u.parameter}`, `by ${digits(u.spread)} ${symbol(u.unit)} (standard deviation)`]),
   ];
   return h("dl", { class: "facts figures" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));

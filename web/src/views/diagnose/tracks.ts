@@ -2,10 +2,10 @@
 
 import type { Point } from "../../scene/types";
 import { LENGTHS, TIMES, unitNamed } from "./columns";
-import { type Columns, type Cut, number } from "./file";
+import { type ColumnSelection, type ParsedFile, number } from "./parseFile";
 
 /** What a file does not say of itself; empty for what nobody said. */
-export interface Said {
+export interface ReadingOptions {
   fps: number | null;
   metresPerPixel: number | null;
   lengthUnit: string;
@@ -24,35 +24,35 @@ export interface Track {
   at: Point[];
 }
 
-export const SILENT: Said = { fps: null, metresPerPixel: null, lengthUnit: "", timeUnit: "", yDown: null, track: "" };
+export const NO_OPTIONS: ReadingOptions = { fps: null, metresPerPixel: null, lengthUnit: "", timeUnit: "", yDown: null, track: "" };
 
 /** The tracks of a file. */
-export function read(of: Cut, columns: Columns, said: Said): Track[] {
-  const [scale, tick, up] = [length(of, columns, said), second(of, columns, said), said.yDown ? -1 : 1];
-  const found = new Map<string, Track>();
+export function readTracks(of: ParsedFile, columns: ColumnSelection, options: ReadingOptions): Track[] {
+  const [scale, tick, up] = [metresPerUnit(of, columns, options), secondsPerUnit(of, columns, options), options.yDown ? -1 : 1];
+  const heights = new Map<string, Track>();
   const stem = of.name.replace(/\.[^.]*$/, "");
   for (const row of of.rows) {
     const [t, x, y] = [number(row[columns.clock]), number(row[columns.x]), number(row[columns.y])];
     const body = columns.body >= 0 ? (row[columns.body]?.trim() ?? "") : "";
-    if (![t, x, y].every(Number.isFinite) || (said.track && columns.body >= 0 && body.toLowerCase() !== said.track.toLowerCase())) continue;
+    if (![t, x, y].every(Number.isFinite) || (options.track && columns.body >= 0 && body.toLowerCase() !== options.track.toLowerCase())) continue;
     const trial = columns.trial >= 0 ? (row[columns.trial]?.trim() ?? "") : stem;
     const key = `${trial}\n${body}`;
-    let track = found.get(key);
-    if (!track) found.set(key, (track = { trial, body, t: [], at: [] }));
+    let track = heights.get(key);
+    if (!track) heights.set(key, (track = { trial, body, t: [], at: [] }));
     track.t.push(t * tick);
     track.at.push([x * scale, up * y * scale]);
   }
-  return [...found.values()];
+  return [...heights.values()];
 }
 
 /** Whether coordinates are in pixels, and times in pictures, whose size must be said. */
-export function asks(of: Cut, columns: Columns): { pixels: boolean; pictures: boolean } {
+export function unitsUnknown(of: ParsedFile, columns: ColumnSelection): { pixels: boolean; pictures: boolean } {
   const clock = of.columns[columns.clock];
   return { pixels: of.columns[columns.x]?.unit?.size === null, pictures: clock?.quantity === "frame" || clock?.unit?.size === null };
 }
 
 /** How many tracks, samples, how far, how long; and the acceleration upwards that they fly with, m/s^2. */
-export interface Glance {
+export interface TracksSummary {
   trials: number;
   samples: number;
   width: number;
@@ -60,10 +60,10 @@ export interface Glance {
   seconds: number;
   lowest: number;
   /** `null` where it is not told. */
-  upwards: number | null;
+  upwardAcceleration: number | null;
 }
 
-export function glance(tracks: readonly Track[]): Glance {
+export function summarise(tracks: readonly Track[]): TracksSummary {
   const [box, samples] = [[Infinity, Infinity, -Infinity, -Infinity] as [number, number, number, number], tracks.reduce((n, t) => n + t.t.length, 0)];
   for (const { at } of tracks) {
     for (const [x, y] of at) {
@@ -75,20 +75,20 @@ export function glance(tracks: readonly Track[]): Glance {
   }
   const seconds = tracks.reduce((most, { t }) => Math.max(most, (t.at(-1) ?? 0) - (t[0] ?? 0)), 0);
   const trials = new Set(tracks.map((t) => t.trial)).size;
-  return { trials, samples, width: box[2] - box[0], height: box[3] - box[1], seconds, lowest: box[1], upwards: upwards(tracks) };
+  return { trials, samples, width: box[2] - box[0], height: box[3] - box[1], seconds, lowest: box[1], upwardAcceleration: upwardAcceleration(tracks) };
 }
 
 /** Pieces that a track is cut into, and fewest samples of one. */
-const [PIECES, PIECE] = [3, 8];
+const [MAX_PIECES, MIN_SAMPLES_PER_PIECE] = [3, 8];
 
 /** The median over pieces of tracks of the curvature of a parabola fitted to y; of the pieces those count that it fits best, so
  * that bounces do not. */
-export function upwards(tracks: readonly Track[]): number | null {
+export function upwardAcceleration(tracks: readonly Track[]): number | null {
   const fits = tracks.flatMap(({ t, at }) => {
-    const count = Math.max(1, Math.min(PIECES, Math.floor(t.length / PIECE)));
+    const count = Math.max(1, Math.min(MAX_PIECES, Math.floor(t.length / MIN_SAMPLES_PER_PIECE)));
     return Array.from({ length: count }, (_, k) => {
       const [from, to] = [Math.floor((k * t.length) / count), Math.floor(((k + 1) * t.length) / count)];
-      return parabola(t.slice(from, to), at.slice(from, to).map((p) => p[1]));
+      return fitParabola(t.slice(from, to), at.slice(from, to).map((p) => p[1]));
     }).filter((f) => f !== null);
   });
   fits.sort((a, b) => a.off - b.off);
@@ -97,68 +97,68 @@ export function upwards(tracks: readonly Track[]): number | null {
 }
 
 /** The second derivative of the parabola nearest to values, and the mean square of how far off they are. */
-function parabola(t: readonly number[], y: readonly number[]): { curve: number; off: number } | null {
+function fitParabola(t: readonly number[], y: readonly number[]): { curve: number; off: number } | null {
   const n = t.length;
   const middle = t.reduce((a, b) => a + b, 0) / n;
   const moment = (k: number): number => t.reduce((sum, v) => sum + (v - middle) ** k, 0) / n;
   const [m2, m3, m4] = [moment(2), moment(3), moment(4)];
-  if (n < PIECE || m2 <= 0) return null;
+  if (n < MIN_SAMPLES_PER_PIECE || m2 <= 0) return null;
   const basis = t.map((v) => (v - middle) ** 2 - m2 - (m3 / m2) * (v - middle));
   const square = m4 - m2 * m2 - (m3 * m3) / m2;
   if (square <= 1e-12 * m2 * m2) return null;
-  const bend = basis.reduce((sum, b, i) => sum + b * y[i]!, 0) / n / square;
+  const curvature = basis.reduce((sum, b, i) => sum + b * y[i]!, 0) / n / square;
   const mean = y.reduce((a, b) => a + b, 0) / n;
   const slope = t.reduce((sum, v, i) => sum + (v - middle) * y[i]!, 0) / n / m2;
-  const left = y.reduce((sum, v, i) => sum + (v - mean - slope * (t[i]! - middle) - bend * basis[i]!) ** 2, 0) / n;
-  return { curve: 2 * bend, off: left };
+  const misfit = y.reduce((sum, v, i) => sum + (v - mean - slope * (t[i]! - middle) - curvature * basis[i]!) ** 2, 0) / n;
+  return { curve: 2 * curvature, off: misfit };
 }
 
 /** Times the usual change of velocity between samples, and m/s: by which a path must turn upwards to have bounced. */
-const SHARPLY = [8, 0.5] as const;
+const MIN_BOUNCE_TURN = [8, 0.5] as const;
 
 /** Heights of the centre at which tracks turn upwards sharply, as in a bounce: where the parabolas before and after meet. */
-export function contacts(tracks: readonly Track[]): number[] {
+export function bounceHeights(tracks: readonly Track[]): number[] {
   return tracks.flatMap(({ t, at }) => {
     const speed = (i: number): number => (at[i + 1]![1] - at[i]![1]) / (t[i + 1]! - t[i]!);
     const speeds = Array.from({ length: Math.max(0, t.length - 1) }, (_, i) => speed(i));
     const turns = speeds.slice(1).map((v, i) => v - speeds[i]!);
     const median = (of: number[]): number => of.sort((a, b) => a - b)[of.length >> 1] ?? 0;
-    const sharp = Math.max(SHARPLY[1], SHARPLY[0] * median(turns.map(Math.abs)));
-    const bend = median(turns.map((v, i) => (2 * v) / (t[i + 2]! - t[i]!)));
+    const sharp = Math.max(MIN_BOUNCE_TURN[1], MIN_BOUNCE_TURN[0] * median(turns.map(Math.abs)));
+    const curvature = median(turns.map((v, i) => (2 * v) / (t[i + 2]! - t[i]!)));
     const turn = (i: number): number => (speeds[i + 1] ?? -Infinity) - speeds[i - 1]!;
-    const found: number[] = [];
+    const heights: number[] = [];
     // The interval with the bounce in it is between one that falls and one that rises, and they differ the most.
     for (let i = 1; i + 1 < speeds.length; i++) {
       const [down, up] = [speeds[i - 1]!, speeds[i + 1]!];
       if (!(down < 0 && up > 0 && up - down > sharp) || turn(i + 1) > up - down) continue;
       const span = t[i + 1]! - t[i]!;
       // Speeds are those in the middle of their intervals.
-      const before = down + 0.5 * bend * (t[i]! - t[i - 1]!);
-      const after = up - 0.5 * bend * (t[i + 2]! - t[i + 1]!);
-      const when = (at[i + 1]![1] - at[i]![1] - after * span + 0.5 * bend * span * span) / (before - after + bend * span);
+      const before = down + 0.5 * curvature * (t[i]! - t[i - 1]!);
+      const after = up - 0.5 * curvature * (t[i + 2]! - t[i + 1]!);
+      const when = (at[i + 1]![1] - at[i]![1] - after * span + 0.5 * curvature * span * span) / (before - after + curvature * span);
       const since = Math.min(span, Math.max(0, when));
-      found.push(at[i]![1] + before * since + 0.5 * bend * since * since);
+      heights.push(at[i]![1] + before * since + 0.5 * curvature * since * since);
       i += 1;
     }
-    return found;
+    return heights;
   });
 }
 
 /** The height of the centre when the ball touches what it bounces off; `null` where hardly anything bounces. */
-export function touches(tracks: readonly Track[]): number | null {
-  const found = contacts(tracks).sort((a, b) => a - b);
-  return found.length > 1 && found.length > tracks.length / 10 ? found[found.length >> 1]! : null;
+export function typicalBounceHeight(tracks: readonly Track[]): number | null {
+  const heights = bounceHeights(tracks).sort((a, b) => a - b);
+  return heights.length > 1 && heights.length > tracks.length / 10 ? heights[heights.length >> 1]! : null;
 }
 
-function length(of: Cut, columns: Columns, said: Said): number {
-  const own = of.columns[columns.x]?.unit;
-  if (said.metresPerPixel !== null && (!own || own.size === null)) return said.metresPerPixel;
-  return own?.size ?? (unitNamed(LENGTHS, said.lengthUnit)?.size || 1);
+function metresPerUnit(of: ParsedFile, columns: ColumnSelection, options: ReadingOptions): number {
+  const unit = of.columns[columns.x]?.unit;
+  if (options.metresPerPixel !== null && (!unit || unit.size === null)) return options.metresPerPixel;
+  return unit?.size ?? (unitNamed(LENGTHS, options.lengthUnit)?.size || 1);
 }
 
-function second(of: Cut, columns: Columns, said: Said): number {
+function secondsPerUnit(of: ParsedFile, columns: ColumnSelection, options: ReadingOptions): number {
   const clock = of.columns[columns.clock];
   const pictures = clock?.quantity === "frame" || clock?.unit?.size === null;
-  if (said.fps !== null && (pictures || !clock?.unit)) return 1 / said.fps;
-  return clock?.unit?.size ?? (unitNamed(TIMES, said.timeUnit)?.size || 1);
+  if (options.fps !== null && (pictures || !clock?.unit)) return 1 / options.fps;
+  return clock?.unit?.size ?? (unitNamed(TIMES, options.timeUnit)?.size || 1);
 }

@@ -1,6 +1,5 @@
 // The form of the effects that the scene has beyond gravity and contact: from the server's library, with their parameters.
 
-import type { Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
 import { group, number } from "./formFields";
 import type { FormContext, Library, Panel } from "./panel";

@@ -3,7 +3,7 @@
 import { h } from "../../dom";
 import { allObjects, type Scene } from "../../scene/types";
 import { actionPanel } from "./actionForm";
-import { type Draft, type Field, choice, group, number, text } from "./formFields";
+import { choice, group, number, text } from "./formFields";
 import { effectsPanel } from "./effectsForm";
 import { goalPanel } from "./goalForm";
 import type { FormContext, Panel } from "./panel";

@@ -3,7 +3,8 @@
 import { h, put } from "../../dom";
 import { locationOf, currentScene, type EditorState } from "./editorState";
 import { markFields } from "./formFields";
-import { type FormContext, formKey, panel, type Panel } from "./panels";
+import type { FormContext, Panel } from "./panel";
+import { formKey, panel } from "./panels";
 import { objectAt } from "./objects";
 
 export interface PropertiesPanel {

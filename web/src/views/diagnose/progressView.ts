@@ -6,13 +6,13 @@ import { h, put } from "../../dom";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
 import type { Report } from "./report";
-import { result } from "./result";
-import { given } from "./sight";
+import { showResult } from "./result";
+import { submittedTracks } from "./preview";
 
 type Job = Schema<"JobOut">;
 
 /** Follows a job until it ends, and shows what it found. */
-export async function running(place: HTMLElement, id: string, context: Context): Promise<void> {
+export async function progressView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
   const first = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
   if (first.kind !== "diagnose") throw new Error(`${id} is no diagnosis. Jobs lists what it is.`);
@@ -23,14 +23,14 @@ export async function running(place: HTMLElement, id: string, context: Context):
     if (job.state === "succeeded") {
       done = true;
       context.say("The diagnosis is finished.");
-      result(place, job.result as unknown as Report, job, context).catch(context.fail);
+      showResult(place, job.result as unknown as Report, job, context).catch(context.fail);
     } else view.show(job);
   };
   const tracks = h("div", { class: "stack given" });
   put(place, view.element, tracks);
   show(first);
   if (done) return;
-  given(id, signal).then((seen) => put(tracks, ...seen)).catch(context.fail);
+  submittedTracks(id, signal).then((stagesSeen) => put(tracks, ...stagesSeen)).catch(context.fail);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
@@ -39,8 +39,8 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
   const state = h("span", { class: "state" });
   const [bar, words, stages] = [h("progress", { "aria-label": `Progress of ${id}` }), h("span", { class: "soft" }), h("ol", { class: "stages" })];
   const cancel = h("button", { type: "button" }, "Cancel");
-  const trouble = h("p", { class: "why" });
-  const seen: string[] = [];
+  const failure = h("p", { class: "why" });
+  const stagesSeen: string[] = [];
   cancel.addEventListener("click", () => {
     cancel.disabled = true;
     put(cancel, "Cancelling…");
@@ -57,7 +57,7 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
     bar,
     words,
     stages,
-    trouble,
+    failure,
     h("div", { class: "row" }, cancel, h("a", { href: link("diagnose") }, "Back to the tracks"), h("a", { href: link("jobs", [id]) }, "The job")),
   );
   const show = (job: Job): void => {
@@ -65,14 +65,14 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
     put(state, job.state);
     state.className = `state ${job.state}`;
     bar.hidden = cancel.hidden = ended;
-    put(trouble, job.state === "failed" ? (job.error?.detail ?? "It failed without a word.") : null);
+    put(failure, job.state === "failed" ? (job.error?.detail ?? "It failed without a word.") : null);
     const { stage, done, total, eta_s: left } = job.progress;
     if (total > 0) [bar.max, bar.value] = [total, done];
     else bar.removeAttribute("value");
     put(words, ended ? null : `${total > 0 ? `${done} of ${total}` : ""}${typeof left === "number" ? `, ${duration(left)} left of this stage` : ""}`);
-    if (stage && seen.at(-1) !== stage) {
-      seen.push(stage);
-      put(stages, ...seen.map((text) => h("li", { "aria-current": text === stage && !ended ? "step" : null }, text)));
+    if (stage && stagesSeen.at(-1) !== stage) {
+      stagesSeen.push(stage);
+      put(stages, ...stagesSeen.map((text) => h("li", { "aria-current": text === stage && !ended ? "step" : null }, text)));
       if (!ended) context.say(stage);
     }
     put(element.querySelector("h2")!, { failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" }[job.state] ?? (job.state === "queued" ? "The diagnosis waits for its turn" : "The diagnosis runs"));

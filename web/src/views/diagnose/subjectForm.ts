@@ -7,42 +7,42 @@ import type { Context } from "../../view";
 import { load, read } from "../play/tasks";
 import type { Setup } from "./setup";
 
-export interface Subject {
+export interface SubjectForm {
   element: HTMLElement;
   fields: Record<string, Field>;
 }
 
 /** The fields; `changed` after every change, `again` after one that other fields depend on. */
-export function subject(setup: Setup, changed: () => void, again: () => void, context: Context): Subject {
+export function subjectForm(setup: Setup, onChange: () => void, rebuild: () => void, context: Context): SubjectForm {
   const kinds = [["ball", "one ball that flies"], ["scene", "a scene file"], ["task", "a task's scene"], ["job", "an estimation's trials"]] as const;
-  const kind = radios("They are of", kinds, setup.of, (v) => {
-    setup.of = v as Setup["of"];
+  const kind = radios("They are of", kinds, setup.subject, (v) => {
+    setup.subject = v as Setup["subject"];
     [setup.scene, setup.sceneName] = [null, ""];
-    again();
+    rebuild();
   });
-  if (setup.of === "ball") {
-    const { element, fields } = ball(setup, changed, again);
+  if (setup.subject === "ball") {
+    const { element, fields } = ball(setup, onChange, rebuild);
     return { element: h("div", { class: "stack" }, kind, element), fields };
   }
-  const own = setup.of === "scene" ? file(setup, again, context) : setup.of === "task" ? task(setup, again, context) : jobs(setup, changed, context);
-  return { element: h("div", { class: "stack" }, kind, own), fields: {} };
+  const choices = setup.subject === "scene" ? file(setup, rebuild, context) : setup.subject === "task" ? task(setup, rebuild, context) : jobs(setup, onChange, context);
+  return { element: h("div", { class: "stack" }, kind, choices), fields: {} };
 }
 
-function ball(setup: Setup, changed: () => void, again: () => void): Subject {
+function ball(setup: Setup, onChange: () => void, rebuild: () => void): SubjectForm {
   const { ball } = setup;
-  const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), changed()));
-  const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), changed()));
-  const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), changed()));
-  const floor = numeric("Its height", "m", ball.floor, (v) => ((ball.floor = v), changed()));
-  const there = h("input", { type: "checkbox", checked: ball.floor !== null });
-  there.addEventListener("change", () => ((ball.floor = there.checked ? 0 : null), again()));
-  const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, there, "There is a floor"), ball.floor === null ? null : floor.element);
+  const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), onChange()));
+  const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), onChange()));
+  const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), onChange()));
+  const floor = numeric("Its height", "m", ball.floor, (v) => ((ball.floor = v), onChange()));
+  const hasFloor = h("input", { type: "checkbox", checked: ball.floor !== null });
+  hasFloor.addEventListener("change", () => ((ball.floor = hasFloor.checked ? 0 : null), rebuild()));
+  const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, hasFloor, "There is a floor"), ball.floor === null ? null : floor.element);
   const note = h("p", { class: "soft" }, "While it flies, radius and mass hardly matter; where it bounces, the radius does.");
   const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground, note);
   return { element, fields: { "ball.radius": radius, "ball.mass": mass, "ball.gravity": gravity, ...(ball.floor === null ? {} : { "ball.floor": floor }) } };
 }
 
-function file(setup: Setup, again: () => void, context: Context): HTMLElement {
+function file(setup: Setup, rebuild: () => void, context: Context): HTMLElement {
   const id = uniqueId("scene");
   const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   input.addEventListener("change", () => {
@@ -52,7 +52,7 @@ function file(setup: Setup, again: () => void, context: Context): HTMLElement {
     read(one)
       .then((scene) => {
         [setup.scene, setup.sceneName] = [scene, scene.name || one.name];
-        again();
+        rebuild();
       })
       .catch(context.fail);
     input.value = "";
@@ -60,12 +60,12 @@ function file(setup: Setup, again: () => void, context: Context): HTMLElement {
   return h("div", { class: "row file" }, input, h("label", { for: id, class: "button" }, "Open a scene file"), h("strong", {}, setup.sceneName));
 }
 
-function task(setup: Setup, again: () => void, context: Context): HTMLElement {
+function task(setup: Setup, rebuild: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
   const pick = async (id: string): Promise<void> => {
     const { scene } = await load(id, context.signal);
     [setup.scene, setup.sceneName] = [scene, id];
-    again();
+    rebuild();
   };
   const fill = async (): Promise<void> => {
     const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
@@ -78,14 +78,14 @@ function task(setup: Setup, again: () => void, context: Context): HTMLElement {
 }
 
 /** Newest estimations that are looked at, and most that are listed. */
-const [LOOKED, LISTED] = [200, 20];
+const [MAX_JOBS_READ, MAX_JOBS_LISTED] = [200, 20];
 
-function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement {
+function jobs(setup: Setup, onChange: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
   const fill = async (): Promise<void> => {
-    const own = await estimations(context.signal);
-    if (!own.length) return void put(place, h("p", { class: "soft" }, "No estimation has measured anything yet."));
-    const field = choice("Estimation", [["", "choose"], ...own.map((job) => [job.id, told(job)] as const)], setup.job, (v) => ((setup.job = v), changed()));
+    const choices = await estimations(context.signal);
+    if (!choices.length) return void put(place, h("p", { class: "soft" }, "No estimation has measured anything yet."));
+    const field = choice("Estimation", [["", "choose"], ...choices.map((job) => [job.id, jobLabel(job)] as const)], setup.job, (v) => ((setup.job = v), onChange()));
     put(place, field.element);
   };
   fill().catch(context.fail);
@@ -94,12 +94,12 @@ function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement 
 
 /** Estimations that may have measured something, the newest first. */
 async function estimations(signal: AbortSignal): Promise<Schema<"JobOut">[]> {
-  const query = { kind: "iplw", order: "newest", results: false, limit: LOOKED };
+  const query = { kind: "iplw", order: "newest", results: false, limit: MAX_JOBS_READ };
   const { jobs } = await ok(api.GET("/v1/jobs", { params: { query }, signal }));
-  return jobs.filter((job) => job.state !== "queued" && job.state !== "failed").slice(0, LISTED);
+  return jobs.filter((job) => job.state !== "queued" && job.state !== "failed").slice(0, MAX_JOBS_LISTED);
 }
 
-function told(job: Schema<"JobOut">): string {
+function jobLabel(job: Schema<"JobOut">): string {
   const task = (job.config as Record<string, unknown>).task;
   return `${job.id}${typeof task === "string" ? `: ${task}` : ""} (${job.state})`;
 }

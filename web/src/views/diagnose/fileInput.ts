@@ -3,10 +3,10 @@
 import { FileError } from "../../api/problem";
 import { uniqueId, h } from "../../dom";
 import { yieldToBrowser } from "../../parts/yieldToBrowser";
-import { cut, type Cut } from "./file";
+import { parseFile, type ParsedFile } from "./parseFile";
 
 /** The place for files; `taken` has them cut. */
-export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void>, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
+export function fileInput(place: HTMLElement, onFiles: (files: ParsedFile[]) => Promise<void>, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
   const id = uniqueId("tracks");
   const input = h("input", { id, type: "file", accept: ".csv,.tsv,.txt,text/csv,text/plain", multiple: true, class: "unseen" });
   const zone = h(
@@ -16,22 +16,22 @@ export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void
     h("label", { for: id, class: "button" }, "Choose tracks (CSV)"),
     h("span", { class: "soft" }, "or drop them here. As Tracker, Kinovea or a data frame write them; several files are a launch each."),
   );
-  const take = (files: readonly File[]): void => {
+  const readFiles = (files: readonly File[]): void => {
     if (!files.length) return;
-    cuts(files)
-      .then((found) => (signal.aborted ? undefined : taken(found)))
+    parseFiles(files)
+      .then((parsed) => (signal.aborted ? undefined : onFiles(parsed)))
       .catch(fail);
   };
   input.addEventListener("change", () => {
-    take([...(input.files ?? [])]);
+    readFiles([...(input.files ?? [])]);
     input.value = "";
   });
-  const over = (event: DragEvent): void => {
+  const onDragOver = (event: DragEvent): void => {
     if (!event.dataTransfer?.types.includes("Files")) return;
     event.preventDefault();
     zone.classList.add("over");
   };
-  place.addEventListener("dragover", over, { signal });
+  place.addEventListener("dragover", onDragOver, { signal });
   place.addEventListener("dragleave", () => zone.classList.remove("over"), { signal });
   place.addEventListener(
     "drop",
@@ -40,7 +40,7 @@ export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void
       const files = [...(event.dataTransfer?.files ?? [])];
       if (!files.length) return;
       event.preventDefault();
-      take(files);
+      readFiles(files);
     },
     { signal },
   );
@@ -48,13 +48,13 @@ export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void
 }
 
 /** Files cut one at a time, so that the page stays quick between them. */
-async function cuts(files: readonly File[]): Promise<Cut[]> {
-  const found: Cut[] = [];
+async function parseFiles(files: readonly File[]): Promise<ParsedFile[]> {
+  const parsed: ParsedFile[] = [];
   for (const file of files) {
-    found.push(cut(file.name, await text(file)));
+    parsed.push(parseFile(file.name, await text(file)));
     await yieldToBrowser();
   }
-  return found;
+  return parsed;
 }
 
 async function text(file: File): Promise<string> {

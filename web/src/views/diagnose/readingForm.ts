@@ -3,8 +3,8 @@
 import { h } from "../../dom";
 import { choice, type Field, numeric, radios } from "../../parts/field";
 import { LENGTHS, TIMES } from "./columns";
-import { tracks } from "./file";
-import { columnsOf, pixelByFall, type Setup, unitsAsked } from "./setup";
+import { tracks } from "./parseFile";
+import { columnsOf, pixelSizeFromGravity, type Setup, unitsNeeded } from "./setup";
 
 export interface Reading {
   element: HTMLElement;
@@ -13,12 +13,12 @@ export interface Reading {
 }
 
 /** The fields of a setup; `changed` after every change, `again` after one that other fields depend on. */
-export function reading(setup: Setup, changed: () => void, again: () => void): Reading {
+export function readingForm(setup: Setup, changed: () => void, again: () => void): Reading {
   const first = setup.files[0];
   if (!first) return { element: h("div"), fields: {} };
-  const { said } = setup;
+  const { reading: said } = setup;
   const chosen = columnsOf(setup, first);
-  const { pixels, pictures } = unitsAsked(setup);
+  const { pixels, pictures } = unitsNeeded(setup);
   const own = (i: number, none: string): string => first.columns[i]?.unit?.name ?? none;
   const length = choice("Lengths in", units(LENGTHS.map(([u]) => u.name), `the file's (${own(chosen.x, "m")})`), said.lengthUnit, (v) => {
     said.lengthUnit = v;
@@ -33,7 +33,7 @@ export function reading(setup: Setup, changed: () => void, again: () => void): R
   const pixel = numeric("Metres per pixel", "m", said.metresPerPixel, (v) => ((said.metresPerPixel = v), changed()));
   const fall = h("button", { type: "button" }, "As gravity has it");
   fall.addEventListener("click", () => {
-    said.metresPerPixel = pixelByFall(setup);
+    said.metresPerPixel = pixelSizeFromGravity(setup);
     again();
   });
   const fps = numeric("Pictures a second", "1/s", said.fps, (v) => ((said.fps = v), changed()));

@@ -4,22 +4,22 @@
 import { column, type Column, type Quantity } from "./columns";
 
 /** A file as it was cut. */
-export interface Cut {
+export interface ParsedFile {
   name: string;
   text: string;
   /** Lines above the header. */
-  above: number;
+  linesAbove: number;
   /** A character, or ` ` for blanks. */
   separator: string;
   columns: Column[];
   /** Cells of the lines below. */
   rows: string[][];
   /** Whether a line that names a clock and a coordinate was found. */
-  named: boolean;
+  hasHeader: boolean;
 }
 
 /** Which columns are read, by number; -1 for none. */
-export interface Columns {
+export interface ColumnSelection {
   clock: number;
   x: number;
   y: number;
@@ -28,72 +28,72 @@ export interface Columns {
 }
 
 /** Lines above a header, at most. */
-const PREAMBLE = 50;
+const MAX_LINES_ABOVE_HEADER = 50;
 
 /** Cuts a file. */
-export function cut(name: string, text: string): Cut {
+export function parseFile(name: string, text: string): ParsedFile {
   const lines = text.split(/\r\n|\n|\r/);
-  let above: string[] = [];
-  for (let i = 0; i < Math.min(lines.length, PREAMBLE); i++) {
+  let linesAbove: string[] = [];
+  for (let i = 0; i < Math.min(lines.length, MAX_LINES_ABOVE_HEADER); i++) {
     const line = lines[i]!.replace(/^\ufeff/, "").replace(/^\s*#\s*/, "");
     if (!line.trim()) continue;
-    const separator = separates(line);
+    const separator = separatorOf(line);
     const cells = split(line, separator);
     const columns = cells.map(column);
-    const any = (...wanted: Quantity[]): boolean => columns.some((c) => c.quantity && wanted.includes(c.quantity));
+    const any = (...quantities: Quantity[]): boolean => columns.some((c) => c.quantity && quantities.includes(c.quantity));
     if (any("time", "frame") && any("x", "y")) {
-      nameTracks(columns, above);
-      return { name, text, above: i, separator, columns, rows: below(lines, i + 1, separator), named: true };
+      nameTracks(columns, linesAbove);
+      return { name, text, linesAbove: i, separator, columns, rows: rowsBelow(lines, i + 1, separator), hasHeader: true };
     }
-    if (!lines[i]!.trimStart().startsWith("#")) above = cells;
+    if (!lines[i]!.trimStart().startsWith("#")) linesAbove = cells;
   }
   // Nothing that is understood: the first line that has several cells may still be a header.
   const first = Math.max(0, lines.findIndex((l) => l.trim() && !l.trim().startsWith("#")));
-  const separator = separates(lines[first] ?? "");
+  const separator = separatorOf(lines[first] ?? "");
   const columns = split(lines[first] ?? "", separator).map(column);
-  return { name, text, above: first, separator, columns, rows: below(lines, first + 1, separator), named: false };
+  return { name, text, linesAbove: first, separator, columns, rows: rowsBelow(lines, first + 1, separator), hasHeader: false };
 }
 
 /** The columns that are read where nobody chose: as the server does. `track`: of several, which. */
-export function usual(of: Cut, track = "", pixels = false): Columns {
-  const at = (...wanted: Quantity[]): number => of.columns.findIndex((c) => c.quantity !== null && wanted.includes(c.quantity));
+export function defaultColumns(of: ParsedFile, track = "", pixels = false): ColumnSelection {
+  const at = (...quantities: Quantity[]): number => of.columns.findIndex((c) => c.quantity !== null && quantities.includes(c.quantity));
   const pairs = of.columns.flatMap((c, x) => {
     if (c.quantity !== "x") return [];
     const px = c.unit?.size === null;
     const y = of.columns.findIndex((d) => d.quantity === "y" && d.track === c.track && (d.unit?.size === null) === px);
     return y < 0 ? [] : [{ x, y, px, track: c.track }];
   });
-  const mine = pairs.filter((p) => (track && at("body") < 0 ? p.track?.toLowerCase() === track.toLowerCase() : true));
-  const nameless = mine.some((p) => p.track === null) ? mine.filter((p) => p.track === null) : mine;
-  const pair = nameless.find((p) => p.px === pixels) ?? nameless[0];
+  const matching = pairs.filter((p) => (track && at("body") < 0 ? p.track?.toLowerCase() === track.toLowerCase() : true));
+  const unnamed = matching.some((p) => p.track === null) ? matching.filter((p) => p.track === null) : matching;
+  const pair = unnamed.find((p) => p.px === pixels) ?? unnamed[0];
   const time = at("time");
   return { clock: time >= 0 ? time : at("frame"), x: pair?.x ?? at("x"), y: pair?.y ?? at("y"), trial: at("trial"), body: at("body") };
 }
 
 /** Names of the tracks that a file holds, where it holds several. */
-export function tracks(of: Cut): string[] {
+export function tracks(of: ParsedFile): string[] {
   const body = of.columns.findIndex((c) => c.quantity === "body");
   const names = body >= 0 ? of.rows.map((r) => r[body]?.trim() ?? "") : of.columns.filter((c) => c.quantity === "x").map((c) => c.track ?? "");
-  const known = [...new Set(names.filter(Boolean))];
-  return known.length > 1 ? known : [];
+  const names_ = [...new Set(names.filter(Boolean))];
+  return names_.length > 1 ? names_ : [];
 }
 
 /** The text to send: the file's own, or with a header that says which columns were chosen. */
-export function sent(of: Cut, chosen: Columns, track = ""): string {
-  const own = usual(of, track, of.columns[chosen.x]?.unit?.size === null);
-  if ((Object.keys(own) as (keyof Columns)[]).every((k) => own[k] === chosen[k])) return of.text;
+export function textToSend(of: ParsedFile, selected: ColumnSelection, track = ""): string {
+  const defaults = defaultColumns(of, track, of.columns[selected.x]?.unit?.size === null);
+  if ((Object.keys(defaults) as (keyof ColumnSelection)[]).every((k) => defaults[k] === selected[k])) return of.text;
   const unit = (i: number): string => (of.columns[i]?.unit ? `_${of.columns[i]!.unit!.name}` : "");
   const names = of.columns.map((c, i) => {
-    if (i === chosen.clock) return c.quantity === "frame" || c.unit?.name === "frames" ? "frame" : `t${unit(i)}`;
-    if (i === chosen.x) return `x${unit(i)}`;
-    if (i === chosen.y) return `y${unit(i)}`;
-    if (i === chosen.trial) return "trial";
-    if (i === chosen.body) return "body";
+    if (i === selected.clock) return c.quantity === "frame" || c.unit?.name === "frames" ? "frame" : `t${unit(i)}`;
+    if (i === selected.x) return `x${unit(i)}`;
+    if (i === selected.y) return `y${unit(i)}`;
+    if (i === selected.trial) return "trial";
+    if (i === selected.body) return "body";
     return c.quantity === "setting" ? "setting" : `unused${i}`;
   });
   const join = of.separator === " " ? " " : of.separator;
   const lines = of.text.split(/\r\n|\n|\r/);
-  return [names.join(join), ...lines.slice(of.above + 1)].join("\n");
+  return [names.join(join), ...lines.slice(of.linesAbove + 1)].join("\n");
 }
 
 /** A number; NaN for what is missing or is none. */
@@ -102,7 +102,7 @@ export function number(cell: string | undefined): number {
   return text ? Number(text) : Number.NaN;
 }
 
-function separates(line: string): string {
+function separatorOf(line: string): string {
   return ["\t", ";", ","].find((c) => line.includes(c)) ?? " ";
 }
 
@@ -120,7 +120,7 @@ export function split(line: string, separator: string): string[] {
   return cells;
 }
 
-function below(lines: readonly string[], from: number, separator: string): string[][] {
+function rowsBelow(lines: readonly string[], from: number, separator: string): string[][] {
   const rows: string[][] = [];
   for (let i = from; i < lines.length; i++) {
     const line = lines[i]!;
@@ -130,11 +130,11 @@ function below(lines: readonly string[], from: number, separator: string): strin
 }
 
 /** Tracker writes the names of several tracks above their columns, each above its first. */
-function nameTracks(columns: Column[], above: readonly string[]): void {
+function nameTracks(columns: Column[], linesAbove: readonly string[]): void {
   if (columns.filter((c) => c.quantity === "x" && c.track === null).length < 2) return;
   let name: string | null = null;
   columns.forEach((c, i) => {
-    name = above[i]?.trim() || name;
+    name = linesAbove[i]?.trim() || name;
     if ((c.quantity === "x" || c.quantity === "y") && c.track === null) c.track = name;
   });
 }

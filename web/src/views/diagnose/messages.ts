@@ -9,20 +9,20 @@ export function title(name: string): string {
 }
 
 /** A set of effects; the empty one is the base model. */
-export function set(names: readonly string[]): string {
+export function effectSetName(names: readonly string[]): string {
   return names.length ? names.map(title).join(" + ") : "none (the base model)";
 }
 
 /** The verdict in a line. */
-export function verdict(found: Report): string {
-  const effects = found.effects.map((e) => e.name);
-  switch (found.verdict) {
+export function verdictText(report: Report): string {
+  const effects = report.effects.map((e) => e.name);
+  switch (report.verdict) {
     case "named":
-      return `The simulation lacks ${set(effects)}`;
+      return `The simulation lacks ${effectSetName(effects)}`;
     case "ambiguous":
-      return `One of ${found.rivals.length} is missing, and these trials cannot tell which: ${found.rivals.map(set).join("; ")}`;
+      return `One of ${report.rivals.length} is missing, and these trials cannot tell which: ${report.rivals.map(effectSetName).join("; ")}`;
     case "unknown":
-      return effects.length ? `Something is missing that no effect of the library explains; in part it is ${set(effects)}` : "Something is missing that no effect of the library explains";
+      return effects.length ? `Something is missing that no effect of the library explains; in part it is ${effectSetName(effects)}` : "Something is missing that no effect of the library explains";
     case "none":
       return "Nothing is missing: the simulation explains these trials";
     case "insufficient_data":
@@ -31,7 +31,7 @@ export function verdict(found: Report): string {
 }
 
 /** The verdict's word alone. */
-export const VERDICTS: Record<Report["verdict"], string> = {
+export const VERDICT_LABELS: Record<Report["verdict"], string> = {
   named: "named",
   ambiguous: "ambiguous",
   unknown: "unknown",
@@ -68,7 +68,7 @@ export function symbol(unit: string): string {
 }
 
 /** A probability. */
-export function chance(p: number): string {
+export function probability(p: number): string {
   if (p === 0) return "< 1e-300";
   return p < 1e-3 ? p.toExponential(0) : p.toFixed(3);
 }
@@ -79,38 +79,38 @@ export function metres(v: number): string {
 }
 
 /** What the extension takes away of the error. */
-export function gained(g: HeldOut): string {
+export function gainText(g: HeldOut): string {
   const removed = g.excess_removed === null ? "nothing was to be removed" : `${(100 * Math.min(1, g.excess_removed)).toFixed(1)} % of the excess gone`;
   return `${metres(g.base_rmse)} before, ${metres(g.extended_rmse)} after; noise ${metres(g.floor_rmse)}: ${removed}`;
 }
 
 /** Settings of which each size is said; of more the range is. */
-const FEW = 3;
+const MAX_SETTINGS_LISTED = 3;
 
 /** Sizes of effects in short. */
-export function sizes(effects: readonly Effect[]): string {
+export function estimatesText(effects: readonly Effect[]): string {
   const one = (e: Effect, p: Parameter): string => {
-    const known = p.ci95[0] !== null && p.ci95[1] !== null ? ` (${interval(p.ci95)})` : "";
+    const intervalText = p.ci95[0] !== null && p.ci95[1] !== null ? ` (${interval(p.ci95)})` : "";
     const name = effects.length > 1 ? `${title(e.name)} ${p.name}` : p.name;
-    return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${known} ${symbol(p.unit)}`.trimEnd();
+    return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${intervalText} ${symbol(p.unit)}`.trimEnd();
   };
-  const many = (e: Effect, name: string, own: Parameter[]): string => {
-    const values = own.map((p) => p.value);
-    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(own[0]!.unit)}`.trimEnd() + ` in ${own.length} settings`;
+  const many = (e: Effect, name: string, values_: Parameter[]): string => {
+    const values = values_.map((p) => p.value);
+    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(values_[0]!.unit)}`.trimEnd() + ` in ${values_.length} settings`;
   };
   const all = effects.flatMap((e) =>
     [...new Set(e.parameters.map((p) => p.name))].flatMap((name) => {
-      const own = e.parameters.filter((p) => p.name === name);
-      return own.length > FEW ? [many(e, name, own)] : own.map((p) => one(e, p));
+      const values_ = e.parameters.filter((p) => p.name === name);
+      return values_.length > MAX_SETTINGS_LISTED ? [many(e, name, values_)] : values_.map((p) => one(e, p));
     }),
   );
   return all.join("; ");
 }
 
 /** The predictive check in a sentence or two. */
-export function checked(found: NonNullable<Report["predictive"]>): string {
-  const n = found.launches.length;
-  const outside = Math.round(found.outside_share * n);
-  const further = found.further_off.length ? `further off than predicted: ${found.further_off.join(", ")}` : "none is further off than predicted";
-  return `Each launch beside what the others predict of it: ${outside} of ${n} are outside the 95 % range, where ${(0.05 * n).toFixed(1)} are expected; ${further}. The usual launch is ${found.usual_ratio.toFixed(2)} times as far off as predicted.`;
+export function predictiveCheckText(report: NonNullable<Report["predictive"]>): string {
+  const n = report.launches.length;
+  const outside = Math.round(report.outside_share * n);
+  const outlierText = report.further_off.length ? `further off than predicted: ${report.further_off.join(", ")}` : "none is further off than predicted";
+  return `Each launch beside what the others predict of it: ${outside} of ${n} are outside the 95 % range, where ${(0.05 * n).toFixed(1)} are expected; ${outlierText}. The usual launch is ${report.usual_ratio.toFixed(2)} times as far off as predicted.`;
 }

@@ -7,36 +7,36 @@ import type { Box, Point, Scene } from "../../scene/types";
 import { sceneExtent } from "../../scene/extent";
 
 /** Width over height of a picture, at least: a tall one would leave its sides empty. */
-const ASPECT = 1.8;
+const MIN_ASPECT = 1.8;
 
 /** A scene with what is drawn over it; `around` must be in sight. */
-export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
-  const box = widened(sceneExtent(scene, corners(around)));
-  const shown = picture(scene, label, box);
+export function overlay(scene: Scene, label: string, extra: readonly Point[], elements: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
+  const box = widened(sceneExtent(scene, corners(extra)));
+  const base = picture(scene, label, box);
   const { lines, step } = grid(box);
-  put(shown.under, ...lines);
-  put(shown.over, ...drawn);
-  put(shown.svg, s("title", {}, label), ...shown.svg.childNodes);
+  put(base.under, ...lines);
+  put(base.over, ...elements);
+  put(base.svg, s("title", {}, label), ...base.svg.childNodes);
   const scale = `Grid lines are ${step} m apart; the stronger ones are x = 0 and y = 0.`;
-  return { element: h("figure", { class: "over" }, shown.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: shown };
+  return { element: h("figure", { class: "over" }, base.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: base };
 }
 
 /** Many ways as one element: as quick as one. `null` where there is nothing to draw. */
-export function ways(points: readonly (readonly Point[])[], look: string): SVGElement | null {
+export function pathElements(points: readonly (readonly Point[])[], look: string): SVGElement | null {
   const text = points.filter((p) => p.length > 1).map((p) => `M${p.map(([x, y]) => `${short(x)} ${short(y)}`).join("L")}`);
   return text.length ? s("path", { class: look, d: text.join(""), fill: "none", "vector-effect": "non-scaling-stroke" }) : null;
 }
 
 /** Dots as one element: lines of no length with round ends. */
-export function spots(points: readonly Point[], look: string): SVGElement | null {
+export function dotElements(points: readonly Point[], look: string): SVGElement | null {
   const text = points.map(([x, y]) => `M${short(x)} ${short(y)}h0`).join("");
   return text ? s("path", { class: look, d: text, fill: "none", "stroke-linecap": "round", "vector-effect": "non-scaling-stroke" }) : null;
 }
 
 /** A strip between two ways. */
-export function strip(low: readonly Point[], high: readonly Point[], look: string): SVGElement | null {
-  const around = [...low, ...[...high].reverse()];
-  return around.length > 3 ? s("polygon", { class: look, points: around.map(([x, y]) => `${short(x)},${short(y)}`).join(" ") }) : null;
+export function bandElement(low: readonly Point[], high: readonly Point[], look: string): SVGElement | null {
+  const extra = [...low, ...[...high].reverse()];
+  return extra.length > 3 ? s("polygon", { class: look, points: extra.map(([x, y]) => `${short(x)},${short(y)}`).join(" ") }) : null;
 }
 
 /** Arrows with their heads, `per` metres for a unit. */
@@ -48,7 +48,7 @@ export function arrows(of: readonly { at: Point; push: Point }[], per: number, l
     const side = (turn: number): Point => [tip[0] - 0.3 * (dx - turn * dy), tip[1] - 0.3 * (dy + turn * dx)];
     return [[at, tip], [side(0.5), tip, side(-0.5)]];
   });
-  return ways(heads as Point[][], look);
+  return pathElements(heads as Point[][], look);
 }
 
 /** The two corners of what is around points; none without any. */
@@ -61,8 +61,8 @@ export function corners(points: readonly Point[]): Point[] {
 }
 
 function widened(box: Box): Box {
-  const more = Math.max(0, ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
-  return [box[0] - more, box[1], box[2] + more, box[3]];
+  const extra_ = Math.max(0, MIN_ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
+  return [box[0] - extra_, box[1], box[2] + extra_, box[3]];
 }
 
 function grid(box: Box): { lines: SVGElement[]; step: number } {

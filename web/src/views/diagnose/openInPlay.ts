@@ -3,10 +3,10 @@
 import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { link } from "../../view";
-import { around, type Report } from "./report";
+import { extentOfTrials, type Report } from "./report";
 
 /** Leaves a scene for Play and goes there. */
-export function play(scene: Scene, found: Report): void {
-  storeScene(scene, around(found));
+export function openInPlay(scene: Scene, report: Report): void {
+  storeScene(scene, extentOfTrials(report));
   location.hash = link("play", ["scene"]);
 }

@@ -1,0 +1,61 @@
+// Tracks over their scene, and what they tell at a glance: of files as they will be read, of a job as they were.
+
+import { api, ok } from "../../api/client";
+import { h } from "../../dom";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
+import { short } from "../../parts/slider";
+import type { Picture } from "../../scene/draw";
+import type { Point, Scene } from "../../scene/types";
+import { overlay, dotElements, pathElements } from "./overlay";
+import { summarise, type Track } from "./tracks";
+
+/** Draws tracks over a scene; `note` stands under the picture. */
+export function preview(scene: Scene, tracks: readonly Track[], note = ""): { element: HTMLElement; picture: Picture } {
+  const elements = [pathElements(tracks.map((t) => t.at), "track"), dotElements(tracks.map((t) => t.at[0]!), "track-start")];
+  const launches = new Set(tracks.map((t) => t.trial)).size;
+  return overlay(scene, tracks.length ? `${launches} tracks over the scene` : "The scene", tracks.flatMap((t) => t.at), elements, note);
+}
+
+/** What tracks tell at a glance; with the acceleration (m/s^2, downwards) that they should fall with, if it is known. */
+export function facts(tracks: readonly Track[], gravity: number | null): HTMLElement {
+  const summary = summarise(tracks);
+  const fall = summary.upwardAcceleration === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
+  const bodies = new Set(tracks.map((t) => t.body)).size;
+  const words = [
+    `${summary.trials} ${summary.trials === 1 ? "launch" : "launches"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${summary.samples} samples`,
+    `up to ${short(summary.seconds, "s")}`,
+    `${short(summary.width, "m")} wide, ${short(summary.height, "m")} high`,
+    fall + (fall && gravity !== null ? ` (gravity: ${short(gravity)})` : ""),
+  ];
+  return h("p", { class: "glance" }, words.filter(Boolean).join("; "), ".");
+}
+
+/** Trials asked for at once. */
+const PAGE = 200;
+
+/** What a diagnosis was given, as the server read it, drawn. */
+export async function submittedTracks(id: string, signal: AbortSignal): Promise<HTMLElement[]> {
+  const tracks: Track[] = [];
+  for (let cursor: string | undefined; ; ) {
+    const query = { limit: PAGE, ...(cursor ? { cursor } : {}) };
+    const page = await ok(api.GET("/v1/diagnoses/{id}/trials", { params: { path: { id }, query }, signal }));
+    for (const { trial, t, bodies } of page.trials) {
+      for (const [body, { x, y }] of Object.entries(bodies)) tracks.push({ trial, body, ...observations(t, x, y) });
+    }
+    await yieldToBrowser();
+    if (page.next) {
+      cursor = page.next;
+      continue;
+    }
+    const scene = page.scene as unknown as Scene;
+    const nonEmpty = tracks.filter((track) => track.t.length);
+    const [across, up] = scene.gravity ?? [0, -9.81];
+    return [preview(scene, nonEmpty).element, facts(nonEmpty, scene.bodies.length === 1 && across === 0 ? -up : null)];
+  }
+}
+
+/** The times and places at which a body was seen. */
+function observations(t: readonly number[], x: readonly (number | null)[], y: readonly (number | null)[]): { t: number[]; at: Point[] } {
+  const summary = t.map((_, k) => k).filter((k) => typeof x[k] === "number" && typeof y[k] === "number");
+  return { t: summary.map((k) => t[k]!), at: summary.map((k) => [x[k]!, y[k]!]) };
+}

@@ -1,0 +1,131 @@
+// The desk: files, how they are read, what they are of, and the tracks over the scene as all that makes them.
+
+import { api, ok } from "../../api/client";
+import { ProblemError } from "../../api/problem";
+import { h, put } from "../../dom";
+import type { Field } from "../../parts/field";
+import { yieldToBrowser } from "../../parts/yieldToBrowser";
+import { type Context, link } from "../../view";
+import { fileInput } from "./fileInput";
+import { readingForm } from "./readingForm";
+import { ruler } from "./ruler";
+import { requestBody, emptySetup, guessReading, missingInput, sceneOf, type Setup, tracksOf, unitsNeeded } from "./setup";
+import { facts, preview } from "./preview";
+import { subjectForm } from "./subjectForm";
+
+/** What was set up last: there again after a diagnosis was looked at. */
+let lastSetup: Setup = emptySetup();
+
+/** Fills a place with the desk. */
+export function setupView(place: HTMLElement, outer: Context): void {
+  const abort = new AbortController();
+  const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, abort.signal]) };
+  const setup = lastSetup;
+  let fields: Record<string, Field> = {};
+  let notes: string[] = [];
+  const [files, readings, subjects, previewPane, problemText] = [h("div", { class: "soft" }), h("div"), h("div"), h("div", { class: "stack" }), h("span", { class: "soft" })];
+  const run = h("button", { type: "button", class: "main" }, "Run the diagnosis");
+  const updatePreview = (): void => {
+    const problem = missingInput(setup);
+    run.disabled = problem !== null;
+    put(problemText, problem);
+    put(previewPane, ...picture(setup, notes, form));
+  };
+  const form = (): void => {
+    const [readingFields, subjectFields] = [readingForm(setup, updatePreview, form), subjectForm(setup, updatePreview, form, context)];
+    fields = { ...readingFields.fields, ...subjectFields.fields };
+    put(files, setup.files.length ? fileList(setup) : null);
+    refill(readings, readingFields.element);
+    refill(subjects, subjectFields.element);
+    readingCard.hidden = !setup.files.length || setup.subject === "job";
+    tracksCard.hidden = setup.subject === "job";
+    updatePreview();
+  };
+  const zone = fileInput(place, async (cuts) => {
+    context.fail(null);
+    const fresh = emptySetup();
+    // Another recording of the same thing: what it is of stays, how it is read is told anew.
+    Object.assign(setup, { files: cuts, columns: null, said: fresh.reading, ...(setup.subject === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
+    if (setup.subject === "job") setup.subject = "ball";
+    notes = guessReading(setup);
+    await yieldToBrowser();
+    context.say(`${cuts.length === 1 ? cuts[0]!.name : `${cuts.length} files`} read. ${notes.join(" ")}`);
+    form();
+  }, context.fail, context.signal);
+  run.addEventListener("click", () => {
+    context.fail(null);
+    for (const field of Object.values(fields)) field.refuse(null);
+    run.disabled = true;
+    put(run, "Sending…");
+    ok(api.POST("/v1/diagnoses", { body: requestBody(setup), signal: context.signal }))
+      .then((job) => (location.hash = link("diagnose", [job.id])))
+      .catch((e: unknown) => {
+        put(run, "Run the diagnosis");
+        run.disabled = false;
+        showFieldError(e, fields);
+        context.fail(e);
+      });
+  });
+  const restart = h("button", { type: "button", class: "quiet" }, "Start anew");
+  restart.addEventListener("click", () => {
+    abort.abort();
+    lastSetup = emptySetup();
+    outer.fail(null);
+    setupView(place, outer);
+  });
+  const tracksCard = card("Tracks", zone, files);
+  const readingCard = card("How they are read", readings);
+  const subjectCard = card("What they are of", subjects);
+  const controls = h("div", { class: "stack" }, tracksCard, subjectCard, readingCard);
+  put(place, h("div", { class: "desk" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, restart, problemText), previewPane)));
+  form();
+}
+
+function card(title: string, ...content: HTMLElement[]): HTMLElement {
+  return h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
+}
+
+/** Replaces a form; the field that had the focus has it again. */
+function refill(place: HTMLElement, content: HTMLElement): void {
+  const inputs = (): HTMLElement[] => [...place.querySelectorAll<HTMLElement>("input, select, button")];
+  const focusIndex = inputs().indexOf(document.activeElement as HTMLElement);
+  put(place, content);
+  if (focusIndex >= 0) inputs()[focusIndex]?.focus();
+}
+
+/** What the server refuses, at the field that it names. */
+function showFieldError(error: unknown, fields: Record<string, Field>): void {
+  if (!(error instanceof ProblemError) || !error.problem.field) return;
+  const field = fields[error.problem.field];
+  if (!field) return;
+  field.refuse(error.problem.detail);
+  field.input.focus();
+}
+
+function fileList(setup: Setup): HTMLElement {
+  const names = setup.files.slice(0, 5).map((f) => f.name).join(", ");
+  const others = setup.files.length > 5 ? ` and ${setup.files.length - 5} more` : "";
+  return h("span", {}, h("strong", {}, names), others);
+}
+
+/** The tracks over the scene, and what they tell at a glance. */
+function picture(setup: Setup, notes: readonly string[], restart: () => void): HTMLElement[] {
+  if (setup.subject === "job") return [h("p", { class: "soft" }, "An estimation's trials are diagnosed as it measured them, with the scene that it simulates.")];
+  const scene = sceneOf(setup);
+  const tracks = tracksOf(setup);
+  if (!tracks.length && !setup.scene) return [h("p", { class: "soft" }, setup.files.length ? NOTHING : START)];
+  const { pixels } = unitsNeeded(setup);
+  const note = pixels && setup.reading.metresPerPixel === null ? "A pixel is drawn as a metre until its size is said." : "";
+  const previewPane = preview(scene, tracks, note);
+  const scale = setup.reading.metresPerPixel ?? 1;
+  const rulerElement = pixels && scale > 0 ? ruler(previewPane.picture, scale, (v) => ((setup.reading.metresPerPixel = v), restart())) : null;
+  return [
+    previewPane.element,
+    ...(rulerElement ? [rulerElement] : []),
+    tracks.length ? facts(tracks, setup.subject === "ball" ? setup.ball.gravity : null) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop the CSV of the tracks."),
+    ...notes.map((text) => h("p", { class: "told" }, text)),
+  ];
+}
+
+const START = "The tracks are drawn here, over the scene, as they will be read. Nothing is sent before you run the diagnosis.";
+const NOTHING = "No numbers were found in the chosen columns. Choose others, or run it to hear what the server says of the file.";

@@ -1,0 +1,105 @@
+// Launches before and after: all of them over the scene, one at a time with what the models predict of it.
+
+import { h, put } from "../../dom";
+import { choice } from "../../parts/field";
+import { plot, type PlotSeries } from "../../parts/plot";
+import type { Point, Scene } from "../../scene/types";
+import { overlay, dotElements, bandElement, pathElements } from "./overlay";
+import { openInPlay } from "./openInPlay";
+import { trialsByDistance, sceneOfTrial, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
+
+/** Standard deviations to either side that a band is drawn over. */
+const BAND_SDS = 2;
+
+/** The choice of a launch, its path over the scene among all others, and its residuals. */
+export function trajectories(report: Report, scene: Scene, signal: AbortSignal): HTMLElement[] {
+  const order = trialsByDistance(report).filter((trial) => trajectoryOf(report.paths, trial) !== null);
+  if (!order.length) return [];
+  const medianTrial = order[order.length >> 1]!;
+  const place = h("div", { class: "stack" });
+  const names = new Map(report.launches.map((l) => [l.trial, l.name]));
+  const trialName = (trial: number): string => (names.get(trial) === String(trial) ? `launch ${trial}` : `${trial}: ${names.get(trial) ?? "launch"}`);
+  const mark = (trial: number): string => (report.predictive && trial === order[0] ? " (the furthest off)" : report.predictive && trial === medianTrial ? " (the usual one)" : "");
+  const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${trialName(t)}${mark(t)}`] as const);
+  const show = (value: string): void => put(place, ...trialView(report, scene, Number(value), signal)) && undefined;
+  const field = choice("Launch", options, String(medianTrial), show);
+  const step = (text: string, by: number): HTMLElement => {
+    const button = h("button", { type: "button" }, text);
+    button.addEventListener("click", () => {
+      const at = options.findIndex(([v]) => v === field.input.value);
+      field.input.value = options[(at + by + options.length) % options.length]![0];
+      show(field.input.value);
+    });
+    return button;
+  };
+  const furthest = h("button", { type: "button" }, "The furthest off");
+  furthest.addEventListener("click", () => show((field.input.value = String(order[0]))));
+  const playButton = h("button", { type: "button" }, "Play this launch");
+  playButton.addEventListener("click", () => {
+    const scene_ = sceneOfTrial(report, Number(field.input.value));
+    if (scene_) openInPlay(scene_, report);
+  });
+  show(String(medianTrial));
+  return [h("div", { class: "row" }, field.element, step("Before it", -1), step("After it", 1), report.predictive ? furthest : null, report.extended_scene ? playButton : null), place];
+}
+
+function trialView(report: Report, scene: Scene, trial: number, signal: AbortSignal): HTMLElement[] {
+  const trajectory = trajectoryOf(report.paths, trial);
+  if (!trajectory) return [];
+  const others = report.paths.launches.map((l) => trajectoryOf(report.paths, l.trial)).filter((w) => w !== null);
+  const pieces = others.flatMap((w) => splitAt(w.seen, w.begins));
+  const elements = [
+    pathElements(pieces, "track other"),
+    ...bandElements(trajectory, trajectory.before, "band before"),
+    ...bandElements(trajectory, trajectory.after, "band after"),
+    pathElements(splitAt(trajectory.before.at, trajectory.begins), "track before"),
+    pathElements(splitAt(trajectory.after.at, trajectory.begins), "track after"),
+    dotElements(trajectory.seen, "seen-spot"),
+  ];
+  const label = `Launch ${trial}: seen, by the base model and by the extended one`;
+  const key = h(
+    "div",
+    { class: "row keys" },
+    h("span", { class: "key swatch seen" }, "seen"),
+    h("span", { class: "key swatch before" }, "base model"),
+    h("span", { class: "key swatch after" }, "extended model"),
+    h("span", { class: "key swatch other" }, "other launches"),
+  );
+  const all = [...trajectory.seen, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
+  const note = `Bands are ${BAND_SDS} standard deviations of what a model predicts of an observation.`;
+  return [key, overlay(scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, 0, signal), residual(trajectory, 1, signal))];
+}
+
+/** A band across a way: along its normal where it goes, by what is predicted there. */
+function bandElements(trajectory: TrialTrajectory, model: ModelPrediction, look: string): (SVGElement | null)[] {
+  const [low, high]: [Point[], Point[]] = [[], []];
+  model.at.forEach((p, i) => {
+    const [a, b] = [model.at[i - 1] ?? p, model.at[i + 1] ?? p];
+    const length = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
+    const [nx, ny] = [-(b[1] - a[1]) / length, (b[0] - a[0]) / length];
+    const sd = Math.hypot(nx * model.sd[i]![0], ny * model.sd[i]![1]);
+    low.push([p[0] - BAND_SDS * sd * nx, p[1] - BAND_SDS * sd * ny]);
+    high.push([p[0] + BAND_SDS * sd * nx, p[1] + BAND_SDS * sd * ny]);
+  });
+  const [lows, highs] = [splitAt(low, trajectory.begins), splitAt(high, trajectory.begins)];
+  return lows.map((piece, k) => (piece.concat(highs[k]!).flat().every(Number.isFinite) ? bandElement(piece, highs[k]!, look) : null));
+}
+
+function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal): HTMLElement {
+  const letter = "xy"[axis]!;
+  const of = (name: string, colour: string, model: ModelPrediction, dashed: boolean): PlotSeries[] => {
+    const bandWidths = model.sd.map((s) => BAND_SDS * s[axis]);
+    return [
+      { name: `${name}, predicted`, look: "band", colour, x: trajectory.t, y: trajectory.t.map(() => 0), low: bandWidths.map((w) => -w), high: bandWidths },
+      { name, look: "dots", colour, dashed, x: trajectory.t, y: model.off.map((p) => p[axis]) },
+    ];
+  };
+  const series = [...of("base model", "--real", trajectory.before, true), ...of("extended model", "--sim", trajectory.after, false)];
+  return plot({ title: `Launch ${trajectory.trial}: residual in ${letter}`, x: "t, s", y: `seen less simulated ${letter}, m` }, series, signal);
+}
+
+/** Pieces of a list that begin at some places. */
+export function splitAt<T>(list: readonly T[], starts: readonly number[]): T[][] {
+  const edges = [0, ...starts, list.length];
+  return edges.slice(1).map((end, k) => list.slice(edges[k]!, end));
+}
