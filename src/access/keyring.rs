@@ -172,7 +172,7 @@ mod tests {
         let file = || Some(TokenFile::of_directory(place.path()));
         let open = Keyring::new(file(), None).unwrap();
         let ann = token("ann", "one", Scope::Act, None);
-        assert!(matches!(open.add(&ann), Err(Error::Refused { .. })), "nobody is shut out");
+        assert!(matches!(open.add(&ann), Err(Error::Refused { .. })), "the owner keeps access");
         assert!(matches!(open.revoke("ann"), Err(Error::NotFound { .. })));
         let root = token("root", "zero", Scope::Admin, None);
         let without = Keyring::new(None, Some(vec![root.clone()])).unwrap();

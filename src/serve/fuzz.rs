@@ -74,7 +74,7 @@ async fn again(frames: &[Vec<u8>]) {
 /// Parses a message's frames as a request.
 fn parse_frames(frames: Vec<Vec<u8>>) -> FuzzOutcome {
     let (id, request) = message::read(frames);
-    assert!(!id.is_empty(), "an answer has nobody to go to");
+    assert!(!id.is_empty(), "an answer has no recipient");
     match request {
         Ok(_) => FuzzOutcome::Accepted,
         Err(error) => {

@@ -120,7 +120,7 @@ mod tests {
             store.note_line(one, LogLevel::Info, "begun");
             store.note_line(other, LogLevel::Error, "no\nway");
             store.note_line(one, LogLevel::Warning, "slow");
-            store.note_line(99, LogLevel::Info, "of nobody");
+            store.note_line(99, LogLevel::Info, "without a job");
             let lines = store.log(one, 0, 9).unwrap();
             let texts: Vec<_> = lines.iter().map(|l| (l.number, l.level, l.text.as_str())).collect();
             assert_eq!(texts, [(1, LogLevel::Info, "begun"), (2, LogLevel::Warning, "slow")]);
