@@ -2,11 +2,11 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { span } from "../src/parts/bandPlot";
 import type { Film } from "../src/scene/film";
-import { physics } from "../src/views/calibrate/course";
-import { seen } from "../src/views/calibrate/findings";
-import { toFill } from "../src/views/calibrate/rig";
-import { pasted } from "../src/views/calibrate/sheet";
-import { apart, film, places } from "../src/views/calibrate/tracks";
+import { simulationPhysics } from "../src/views/calibrate/estimation";
+import { significantDigits } from "../src/views/calibrate/findings";
+import { blankTrials } from "../src/views/calibrate/askTell";
+import { parseBlock } from "../src/views/calibrate/resultTable";
+import { rmsDistance, filmOfTrial, observations } from "../src/views/calibrate/tracks";
 
 const none = [null, null, null];
 const trial = {
@@ -24,18 +24,18 @@ const trial = {
 
 test("what was not seen is neither compared nor shown", () => {
   const simulated: Film = { t: [0, 1, 2], bodies: { ball: { x: [3, 9, 5], y: [1, 9, 1], angle: [0, 0, 0] } }, contacts: [] };
-  assert.deepEqual(places(trial, "ball").map((p) => p.t), [0, 2]);
-  assert.equal(places(trial, "moon").length, 0);
-  assert.equal(apart(simulated, trial), 3);
-  assert.equal(apart({ ...simulated, bodies: {} }, trial), null);
-  const seen = film(trial)!;
+  assert.deepEqual(observations(trial, "ball").map((p) => p.t), [0, 2]);
+  assert.equal(observations(trial, "moon").length, 0);
+  assert.equal(rmsDistance(simulated, trial), 3);
+  assert.equal(rmsDistance({ ...simulated, bodies: {} }, trial), null);
+  const seen = filmOfTrial(trial)!;
   assert.deepEqual([seen.t, Object.keys(seen.bodies), seen.bodies.ball!.x], [[0, 2], ["ball"], [0, 2]]);
-  assert.equal(film({ ...trial, bodies: { cup: trial.bodies.cup } }), null);
+  assert.equal(filmOfTrial({ ...trial, bodies: { cup: trial.bodies.cup } }), null);
 });
 
 test("an estimate is simulated with the effects that were fitted along", () => {
   const of = (name: string, value: number) => ({ name, value, ci95: [null, null] as [null, null], identifiable: false });
-  assert.deepEqual(physics([of("friction", 0.4), of("wind.ax", 1), of("wind.ay", 2), of("linear_drag.c", 3)]), {
+  assert.deepEqual(simulationPhysics([of("friction", 0.4), of("wind.ax", 1), of("wind.ay", 2), of("linear_drag.c", 3)]), {
     latents: { friction: 0.4 },
     effects: [{ name: "wind", parameters: { ax: 1, ay: 2 } }, { name: "linear_drag", parameters: { c: 3 } }],
   });
@@ -52,18 +52,18 @@ test("an axis holds all values and finite ends, on round numbers", () => {
 });
 
 test("the ends of an interval are told apart", () => {
-  assert.deepEqual([4, 0.3, 0.04, 0.0004, 0, 1e-20].map(seen), [3, 3, 3, 5, 3, 9]);
+  assert.deepEqual([4, 0.3, 0.04, 0.0004, 0, 1e-20].map(significantDigits), [3, 3, 3, 5, 3, 9]);
 });
 
 test("blocks of spreadsheets and files are cells", () => {
   const wanted = [["0", "1.5", ""], ["0.1", "1.6", "2"]];
-  assert.deepEqual(pasted("0\t1.5\t\n0.1\t1.6\t2\n"), wanted);
-  assert.deepEqual(pasted("0;1.5;\r\n0.1;1.6;2"), wanted);
-  assert.deepEqual(pasted("0, 1.5,\n0.1 , 1.6,2"), wanted);
-  assert.deepEqual(pasted("0,5\t1,5"), [["0,5", "1,5"]]);
+  assert.deepEqual(parseBlock("0\t1.5\t\n0.1\t1.6\t2\n"), wanted);
+  assert.deepEqual(parseBlock("0;1.5;\r\n0.1;1.6;2"), wanted);
+  assert.deepEqual(parseBlock("0, 1.5,\n0.1 , 1.6,2"), wanted);
+  assert.deepEqual(parseBlock("0,5\t1,5"), [["0,5", "1,5"]]);
 });
 
 test("a file to fill in has a row for each body and time", () => {
   const scene = { bodies: [{ name: "a" }, { name: "b" }] };
-  assert.equal(toFill([{ number: 4, scene: scene as never, observe_at: [0, 0.25] }]), "trial,t,body,x,y\n4,0,a,,\n4,0,b,,\n4,0.25,a,,\n4,0.25,b,,\n");
+  assert.equal(blankTrials([{ number: 4, scene: scene as never, observe_at: [0, 0.25] }]), "trial,t,body,x,y\n4,0,a,,\n4,0,b,,\n4,0.25,a,,\n4,0.25,b,,\n");
 });

@@ -124,10 +124,10 @@ function report(): Report {
 
 test("a launch's way has both models, and starts the extended scene", () => {
   const own = trajectoryOf(report().paths, 4)!;
-  assert.deepEqual(own.begins, [3]);
+  assert.deepEqual(own.starts, [3]);
   assert.ok(Math.abs(own.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(own.before.at[0]![0] + 0.4) < 1e-12);
   assert.ok(Number.isNaN(own.before.sd[0]![0]));
-  assert.deepEqual(splitAt(own.t, own.begins), [[0, 0.1, 0.3], [0.4]]);
+  assert.deepEqual(splitAt(own.t, own.starts), [[0, 0.1, 0.3], [0.4]]);
   assert.equal(trajectoryOf(report().paths, 9), null);
   const { position, velocity } = sceneOfTrial(report(), 4)!.bodies[0]!;
   assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);

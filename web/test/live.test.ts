@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ago, clock, day, duration } from "../src/parts/time";
-import { after, type Happened, said, type World } from "../src/views/live/words";
+import { applyEvent, type WorldEvent, eventText, type World } from "../src/views/live/messages";
 
 const world = { id: "w", budget: 3, remaining: 3, interactions: 0, state: { task: null, phase: "new", episodes: 0 } } as unknown as World;
-const event = (of: Partial<Happened>): Happened => ({ number: 1, interactions: 0, what: "step", ...of });
+const event = (of: Partial<WorldEvent>): WorldEvent => ({ number: 1, interactions: 0, what: "step", ...of });
 
 test("spans of time are coarse where nobody counts", () => {
   assert.deepEqual([0, 9, 10, 59, 300, 9000].map(ago), ["now", "now", "10 s ago", "50 s ago", "5 min ago", "3 h ago"]);
@@ -14,22 +14,22 @@ test("spans of time are coarse where nobody counts", () => {
 });
 
 test("a world follows what happens in it", () => {
-  const reset = after(world, event({ what: "reset", task: "bowling:003" }));
+  const reset = applyEvent(world, event({ what: "reset", task: "bowling:003" }));
   assert.deepEqual(reset.state, { task: "bowling:003", phase: "ready", episodes: 1 });
-  const refused = after(reset, event({ valid: false, reason: "overlaps green" }));
+  const refused = applyEvent(reset, event({ valid: false, reason: "overlaps green" }));
   assert.equal(refused.state.phase, "ready");
-  const done = after(refused, event({ valid: true, solved: true, interactions: 2 }));
+  const done = applyEvent(refused, event({ valid: true, solved: true, interactions: 2 }));
   assert.deepEqual([done.state.phase, done.interactions, done.remaining], ["done", 2, 1]);
-  const set = after(done, event({ what: "latents", interactions: 2, latents: { friction: 0.5 } }));
+  const set = applyEvent(done, event({ what: "latents", interactions: 2, latents: { friction: 0.5 } }));
   assert.equal(set.latents?.friction, 0.5);
   assert.equal(world.interactions, 0);
 });
 
 test("events are told in a line", () => {
-  assert.equal(said(event({ what: "reset", task: "bowling:003" })), "Reset to bowling:003");
-  assert.equal(said(event({ action: [0.5, 1], valid: false, reason: "overlaps green" })), "Step at 0.500, 1.000: not placed: overlaps green");
-  assert.equal(said(event({ action: [0.5], valid: true, solved: true })), "Step at 0.500: solved");
-  assert.equal(said(event({ action: [0.5], valid: true, solved: false, end: "diverged" })), "Step at 0.500: diverged");
-  assert.equal(said(event({ what: "attempts", task: "t", attempts: { tried: 1, valid: 1, solved: 0 } })), "1 attempt on t: 1 placed, 0 solved");
-  assert.equal(said(event({ what: "gone" })), "The world is gone");
+  assert.equal(eventText(event({ what: "reset", task: "bowling:003" })), "Reset to bowling:003");
+  assert.equal(eventText(event({ action: [0.5, 1], valid: false, reason: "overlaps green" })), "Step at 0.500, 1.000: not placed: overlaps green");
+  assert.equal(eventText(event({ action: [0.5], valid: true, solved: true })), "Step at 0.500: solved");
+  assert.equal(eventText(event({ action: [0.5], valid: true, solved: false, end: "diverged" })), "Step at 0.500: diverged");
+  assert.equal(eventText(event({ what: "attempts", task: "t", attempts: { tried: 1, valid: 1, solved: 0 } })), "1 attempt on t: 1 placed, 0 solved");
+  assert.equal(eventText(event({ what: "gone" })), "The world is gone");
 });

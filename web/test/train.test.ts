@@ -2,9 +2,9 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Schema } from "../src/api/client";
 import type { Scene } from "../src/scene/types";
-import { cell, firsts, gridded, place, placeable, ranges, shares, strength, together } from "../src/views/train/cells";
-import { along, type Curves } from "../src/views/train/live";
-import { auccess, averaged, better, chains, curve, evaluation, fits, mean, means, schooling, smoothed, wilson, worth } from "../src/views/train/scores";
+import { cellOf, bestByCell, actionGrid, cellBox, placementAxes, ranges, shares, strength, groupNearby } from "../src/views/train/actionGrid";
+import { updateCurves, type Curves } from "../src/views/train/trainingProgress";
+import { auccess, meanCurve, difference, learningChains, curve, evaluation, hasSetting, mean, means, trainingKey, movingAverage, wilson, taskScore } from "../src/views/train/scores";
 
 type Job = Schema<"JobOut">;
 
@@ -25,7 +25,7 @@ test("AUCCESS is the server's: its weights telescope", () => {
   const weights = shares.map((_, i) => Math.log(i + 2) - Math.log(i + 1));
   const area = shares.reduce((sum, share, i) => sum + share * weights[i]!, 0) / weights.reduce((a, b) => a + b, 0);
   near(auccess([2, 7, null]).value, area);
-  assert.equal(worth(null), 0);
+  assert.equal(taskScore(null), 0);
 });
 
 test("Wilson's interval is known, and not empty where all or none are solved", () => {
@@ -40,10 +40,10 @@ test("Wilson's interval is known, and not empty where all or none are solved", (
 test("the same tasks are compared one by one", () => {
   // Tasks differ much, the policies differ by the same on each: the difference is sharp, the means are not.
   const [one, other] = [[1, 5, 25], [2, 10, 50]];
-  const ahead = better(one, other)!;
+  const ahead = difference(one, other)!;
   near(ahead.value, Math.log(2) / Math.log(101));
   assert.ok(ahead.high - ahead.low < 1e-9 && auccess(one).high - auccess(one).low > 0.3);
-  assert.equal(better([1], [1, 2]), null);
+  assert.equal(difference([1], [1, 2]), null);
   assert.deepEqual(mean([0.5]), { value: 0.5, low: 0, high: 1 });
 });
 
@@ -51,8 +51,8 @@ test("an evaluation knows its setting, with what the server takes where nothing 
   const result = { auccess: 0.5, interactions: 12, tasks: [{ task: "a", solved_at: 3 }, { task: "b", solved_at: null }] };
   const job = { id: "job-1", kind: "evaluate", seed: 0, config: { policy: "random", world: "w" }, result } as unknown as Job;
   const found = evaluation(job)!;
-  assert.ok(fits(found, { world: "w", split: "test", attempts: 100, seed: 0 }));
-  assert.ok(!fits(found, { world: "w", split: "test", attempts: 100, seed: 1 }));
+  assert.ok(hasSetting(found, { world: "w", split: "test", attempts: 100, seed: 0 }));
+  assert.ok(!hasSetting(found, { world: "w", split: "test", attempts: 100, seed: 1 }));
   assert.deepEqual(found.solvedAt, [3, null]);
   assert.equal(evaluation({ ...job, result: null } as unknown as Job), null);
 });
@@ -65,11 +65,11 @@ test("policies that went on from each other are one way", () => {
     { id: "d", from: "untrained", attempts: 80 },
     { id: "alone", from: null, attempts: 0 },
   ];
-  assert.deepEqual(chains(learners), [
+  assert.deepEqual(learningChains(learners), [
     [{ id: "p1", attempts: 0 }, { id: "p2", attempts: 100 }, { id: "p3", attempts: 150 }],
     [{ id: "d", attempts: 80 }],
   ]);
-  assert.deepEqual(chains([{ id: "a", from: "b", attempts: 1 }, { id: "b", from: "a", attempts: 1 }]), []);
+  assert.deepEqual(learningChains([{ id: "a", from: "b", attempts: 1 }, { id: "b", from: "a", attempts: 1 }]), []);
 });
 
 test("policies that differ by their seed alone are alike, and so are those that went on from them alike", () => {
@@ -83,31 +83,31 @@ test("policies that differ by their seed alone are alike, and so are those that 
     policy("c2", "learned_on", { policy: "c", world: "w" }),
     policy("up", "uploaded", {}, null),
   ];
-  const of = (id: string): string => schooling(all, id);
+  const of = (id: string): string => trainingKey(all, id);
   assert.ok(of("a") === of("b") && of("a2") === of("b2"));
   assert.equal(new Set(["a", "c", "a2", "c2", "up", "random"].map(of)).size, 6);
-  const [{ value, low, high }] = averaged([[{ value: 0.4, low: 0, high: 1 }], [{ value: 0.6, low: 0, high: 1 }]]) as [{ value: number; low: number; high: number }];
+  const [{ value, low, high }] = meanCurve([[{ value: 0.4, low: 0, high: 1 }], [{ value: 0.6, low: 0, high: 1 }]]) as [{ value: number; low: number; high: number }];
   assert.ok(Math.abs(value - 0.5) < 1e-12 && low > 0.3 && high < 0.7);
 });
 
 test("losses are told in means, each in one", () => {
   assert.deepEqual(means([1, 3, 5, 7, 9], 3), [{ at: 2, value: 2 }, { at: 4, value: 6 }, { at: 5, value: 9 }]);
   assert.deepEqual(means([], 3), []);
-  assert.deepEqual(smoothed([4, 0, 2, 6, 4], 3), [2, 2, 8 / 3, 4, 5]);
-  assert.deepEqual(smoothed([], 3), []);
+  assert.deepEqual(movingAverage([4, 0, 2, 6, 4], 3), [2, 2, 8 / 3, 4, 5]);
+  assert.deepEqual(movingAverage([], 3), []);
 });
 
 test("curves grow by events, begin anew with a training that does, and end with its result", () => {
   const job = (state: string, stage: string, figures: object[], result: object | null = null): Job =>
     ({ state, progress: { stage, done: 0, total: 0, figures }, result }) as unknown as Job;
   let now: Curves = { loss: [], validation: [] };
-  now = along(now, job("running", "train", [{ name: "loss", at: 1, value: 0.7 }, { name: "validation", at: 0, value: 0.2 }]));
-  now = along(now, job("running", "train", [{ name: "loss", at: 2, value: 0.6 }, { name: "unheard of", at: 2, value: 0.6 }]));
+  now = updateCurves(now, job("running", "train", [{ name: "loss", at: 1, value: 0.7 }, { name: "validation", at: 0, value: 0.2 }]));
+  now = updateCurves(now, job("running", "train", [{ name: "loss", at: 2, value: 0.6 }, { name: "unheard of", at: 2, value: 0.6 }]));
   assert.deepEqual(now, { loss: [{ at: 1, value: 0.7 }, { at: 2, value: 0.6 }], validation: [{ at: 0, value: 0.2 }] });
-  assert.deepEqual(along(now, job("running", "label", [])), { loss: [], validation: [] });
-  assert.deepEqual(along(now, job("queued", "train", [])), { loss: [], validation: [] });
-  assert.deepEqual(along(now, job("cancelled", "train", [])), now);
-  const done = along(now, job("succeeded", "train", [], { loss: [3, 1], validation: [{ batches: 2, auccess: 0.4 }] }));
+  assert.deepEqual(updateCurves(now, job("running", "label", [])), { loss: [], validation: [] });
+  assert.deepEqual(updateCurves(now, job("queued", "train", [])), { loss: [], validation: [] });
+  assert.deepEqual(updateCurves(now, job("cancelled", "train", [])), now);
+  const done = updateCurves(now, job("succeeded", "train", [], { loss: [3, 1], validation: [{ batches: 2, auccess: 0.4 }] }));
   assert.deepEqual(done, { loss: [{ at: 1, value: 3 }, { at: 2, value: 1 }], validation: [{ at: 2, value: 0.4 }] });
 });
 
@@ -123,18 +123,18 @@ const scene = {
 } as unknown as Scene;
 
 test("a map has cells in metres, and knows the best and the share that solves in each", () => {
-  assert.deepEqual(placeable(scene), [{ target: "ball", x: 0, y: 1 }]);
+  assert.deepEqual(placementAxes(scene), [{ target: "ball", x: 0, y: 1 }]);
   const many = Array.from({ length: 30 }, (_, i) => [i / 29, i / 29]);
-  const grid = gridded({ target: "ball", x: 0, y: 1 }, many, 5);
-  assert.equal(cell(grid, [0, 0, 0]), 0);
-  assert.equal(cell(grid, [1, 1, 0]), 24);
-  assert.deepEqual(place(grid, scene.action!.components, 6), [2, 12, 2, 2]);
+  const grid = actionGrid({ target: "ball", x: 0, y: 1 }, many, 5);
+  assert.equal(cellOf(grid, [0, 0, 0]), 0);
+  assert.equal(cellOf(grid, [1, 1, 0]), 24);
+  assert.deepEqual(cellBox(grid, scene.action!.components, 6), [2, 12, 2, 2]);
   // Of actions on a coarse lattice each place has its cell, with the place in its middle.
-  const lattice = gridded(grid.axes, [0, 1, 2].flatMap((i) => [0, 1].map((j) => [i / 2, j])), 5);
+  const lattice = actionGrid(grid.axes, [0, 1, 2].flatMap((i) => [0, 1].map((j) => [i / 2, j])), 5);
   assert.deepEqual([lattice.columns, lattice.rows], [[-0.25, 0.25, 0.75, 1.25], [-0.5, 0.5, 1.5]]);
-  assert.deepEqual([[0, 0], [1, 0], [0, 1], [1, 1]].map((a) => cell(lattice, a)), [0, 2, 3, 5]);
+  assert.deepEqual([[0, 0], [1, 0], [0, 1], [1, 1]].map((a) => cellOf(lattice, a)), [0, 2, 3, 5]);
   const actions = [[0.5, 0.5, 0], [0.1, 0.1, 0], [0.51, 0.5, 0.9]];
-  assert.deepEqual([...firsts(grid, actions)], [[12, 0], [0, 1]]);
+  assert.deepEqual([...bestByCell(grid, actions)], [[12, 0], [0, 1]]);
   assert.deepEqual([...shares(grid, actions, [false, false, true])], [[12, { of: 2, solve: 1, one: 2 }], [0, { of: 1, solve: 0, one: null }]]);
 });
 
@@ -142,6 +142,6 @@ test("earlier tries are stronger, and tries at one place share a label", () => {
   const ranks = [1, 2, 10, 100, 1000].map((rank) => strength(rank, 1000));
   assert.equal(ranks[0], 1);
   assert.ok(ranks.every((v, i) => i === 0 || v < ranks[i - 1]!) && ranks.at(-1)! >= 0);
-  assert.deepEqual(together([[0, 0], [5, 5], [0.1, 0]], 1), [[0, 2], [1]]);
+  assert.deepEqual(groupNearby([[0, 0], [5, 5], [0.1, 0]], 1), [[0, 2], [1]]);
   assert.equal(ranges([1, 2, 3, 4, 6, 8, 9]), "1–4, 6, 8, 9");
 });

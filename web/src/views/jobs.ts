@@ -7,28 +7,28 @@ import { poll } from "../parts/poll";
 import { short } from "../parts/slider";
 import { duration } from "../parts/time";
 import { type Context, link, type View } from "../view";
-import { log } from "./jobs/log";
+import { jobLog } from "./jobs/log";
 import "./jobs.css";
 
 export const jobs: View = {
   id: "jobs",
   title: "Jobs",
   about: "Everything that runs, waits, has ended or failed. Jobs outlive this page and the server.",
-  open: (place, context) => (context.rest[0] ? one(place, context.rest[0], context) : list(place, context)),
+  open: (place, context) => (context.rest[0] ? jobView(place, context.rest[0], context) : jobList(place, context)),
 };
 
 type Job = Schema<"JobOut">;
 /** Rows of a page. */
 const ROWS = 25;
 /** Time between two looks at what has not ended, ms. */
-const LOOK = 1_000;
+const POLL_MS = 1_000;
 const STATES = ["queued", "running", "waiting", "succeeded", "failed", "cancelled"];
 
-async function list(place: HTMLElement, context: Context): Promise<void> {
+async function jobList(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const id = uniqueId("state");
-  const asked = context.query.get("state") ?? "";
-  const state = h("select", { id }, h("option", { value: "" }, "all"), ...STATES.map((s) => h("option", { value: s, selected: s === asked }, s)));
+  const stateFilter = context.query.get("state") ?? "";
+  const state = h("select", { id }, h("option", { value: "" }, "all"), ...STATES.map((s) => h("option", { value: s, selected: s === stateFilter }, s)));
   const [newer, older] = [h("button", { type: "button" }, "Newer"), h("button", { type: "button" }, "Older")];
   const body = h("tbody");
   const none = h("p", { class: "soft", hidden: true });
@@ -50,45 +50,45 @@ async function list(place: HTMLElement, context: Context): Promise<void> {
     put(none, state.value ? `No job is ${state.value}.` : "No jobs yet. Estimations, diagnoses and trainings are listed here.");
   };
   const load = async (): Promise<void> => {
-    const found = await ask({ limit: ROWS, ...(cursor ? { cursor } : {}) });
-    [page, next] = [found.jobs, found.next ?? null];
+    const result_ = await ask({ limit: ROWS, ...(cursor ? { cursor } : {}) });
+    [page, next] = [result_.jobs, result_.next ?? null];
     show();
   };
-  const turn = (change: () => void) => (): void => {
+  const afterChange = (change: () => void) => (): void => {
     change();
     load().catch(context.fail);
   };
-  older.addEventListener("click", turn(() => (before.push(cursor), (cursor = next ?? undefined))));
-  newer.addEventListener("click", turn(() => (cursor = before.pop())));
-  state.addEventListener("change", turn(() => ((before.length = 0), (cursor = undefined))));
+  older.addEventListener("click", afterChange(() => (before.push(cursor), (cursor = next ?? undefined))));
+  newer.addEventListener("click", afterChange(() => (cursor = before.pop())));
+  state.addEventListener("change", afterChange(() => ((before.length = 0), (cursor = undefined))));
   await load();
-  const look = async (): Promise<void> => {
+  const update = async (): Promise<void> => {
     const fresh = before.length === 0 ? (await ask({ limit: 1 })).jobs[0]?.id : page[0]?.id;
     if (fresh !== page[0]?.id) return load();
     // Only what moves is asked for again: results of what has ended may be large.
-    const moving = page.filter((job) => !ended(job));
-    const now = await Promise.all(moving.map((job) => ok(api.GET("/v1/jobs/{id}", { params: { path: { id: job.id } }, signal }))));
+    const unfinished = page.filter((job) => !hasEnded(job));
+    const now = await Promise.all(unfinished.map((job) => ok(api.GET("/v1/jobs/{id}", { params: { path: { id: job.id } }, signal }))));
     if (!now.length) return;
-    const known = new Map(now.map((job) => [job.id, job]));
-    page = page.map((job) => known.get(job.id) ?? job);
-    refreshed(body, page, (job) => row(job, () => void load().catch(context.fail), context));
+    const updated = new Map(now.map((job) => [job.id, job]));
+    page = page.map((job) => updated.get(job.id) ?? job);
+    replaceChangedRows(body, page, (job) => row(job, () => void load().catch(context.fail), context));
   };
-  void poll(look, LOOK, context);
+  void poll(update, POLL_MS, context);
 }
 
 /** Replaces the rows that changed, so that what has the focus keeps it. */
-function refreshed(body: HTMLElement, page: readonly Job[], make: (job: Job) => HTMLElement): void {
+function replaceChangedRows(body: HTMLElement, page: readonly Job[], make: (job: Job) => HTMLElement): void {
   page.forEach((job, i) => {
     const old = body.children[i] as HTMLElement | undefined;
-    if (old && old.dataset.seen !== seen(job) && !old.contains(document.activeElement)) old.replaceWith(make(job));
-    else if (old && old.dataset.seen !== seen(job)) put(old.querySelector(".progress")!, ...progress(job));
+    if (old && old.dataset.seen !== rowKey(job) && !old.contains(document.activeElement)) old.replaceWith(make(job));
+    else if (old && old.dataset.seen !== rowKey(job)) put(old.querySelector(".progress")!, ...progress(job));
   });
 }
 
 function row(job: Job, changed: () => void, context: Context): HTMLElement {
   return h(
     "tr",
-    { "data-job": job.id, "data-seen": seen(job) },
+    { "data-job": job.id, "data-seen": rowKey(job) },
     h("th", { scope: "row" }, h("a", { href: link("jobs", [job.id]) }, job.id)),
     h("td", {}, kind(job), " ", h("span", { class: "soft" }, about(job))),
     h("td", {}, h("span", { class: `state ${job.state}` }, job.state)),
@@ -100,7 +100,7 @@ function row(job: Job, changed: () => void, context: Context): HTMLElement {
 /** How far it is, or why it failed. */
 function progress(job: Job): HTMLElement[] {
   if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a word.")];
-  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: seenAt(job) ?? link("jobs", [job.id]) }, "Result")] : [];
+  if (hasEnded(job)) return job.state === "succeeded" ? [h("a", { href: viewOf(job) ?? link("jobs", [job.id]) }, "Result")] : [];
   const { done, total, stage, eta_s: left } = job.progress;
   const bar = total > 0 ? h("progress", { max: total, value: done, "aria-label": `Progress of ${job.id}` }) : null;
   const words = [stage || job.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
@@ -109,7 +109,7 @@ function progress(job: Job): HTMLElement[] {
 
 /** Cancels what has not ended, forgets what has. */
 function button(job: Job, changed: () => void, context: Context): HTMLElement {
-  const what = ended(job) ? "Forget" : "Cancel";
+  const what = hasEnded(job) ? "Forget" : "Cancel";
   const element = h("button", { type: "button", "aria-label": `${what} ${job.id}` }, what);
   element.addEventListener("click", () => {
     element.disabled = true;
@@ -121,15 +121,15 @@ function button(job: Job, changed: () => void, context: Context): HTMLElement {
   return element;
 }
 
-async function one(place: HTMLElement, id: string, context: Context): Promise<void> {
+async function jobView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
-  const [above, lines] = [h("div", { class: "stack" }), log(id, context)];
+  const [above, lines] = [h("div", { class: "stack" }), jobLog(id, context)];
   const show = (job: Job): void => {
     put(above, head(job, context), job.result ? result(job) : null);
-    lines.look();
+    lines.update();
   };
   const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
-  put(place, h("div", { class: "stack" }, above, lines.element, document_("Asked for", job.config)));
+  put(place, h("div", { class: "stack" }, above, lines.element, jsonSection("Asked for", job.config)));
   show(job);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
@@ -150,46 +150,46 @@ function head(job: Job, context: Context): HTMLElement {
     h("h2", {}, job.id),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
     h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
-    h("div", { class: "row" }, seenAt(job) ? h("a", { href: seenAt(job) }, "See it in its view") : null, button(job, leave, context)),
+    h("div", { class: "row" }, viewOf(job) ? h("a", { href: viewOf(job) }, "See it in its view") : null, button(job, leave, context)),
   );
 }
 
 function result(job: Job): HTMLElement {
-  const found = job.result as Record<string, unknown>;
-  const plain = Object.entries(found).flatMap(([name, v]) => (said(v) === null ? [] : [[name, said(v)!] as const]));
-  const words = plain.slice(0, FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
+  const result_ = job.result as Record<string, unknown>;
+  const plain = Object.entries(result_).flatMap(([name, v]) => (plainValue(v) === null ? [] : [[name, plainValue(v)!] as const]));
+  const words = plain.slice(0, MAX_FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
   const save = h("button", { type: "button" }, "Save as a file");
   save.addEventListener("click", () => {
-    const url = URL.createObjectURL(new Blob([JSON.stringify(found, null, 2)], { type: "application/json" }));
+    const url = URL.createObjectURL(new Blob([JSON.stringify(result_, null, 2)], { type: "application/json" }));
     h("a", { href: url, download: `${job.id}.json` }).click();
     URL.revokeObjectURL(url);
   });
-  return h("section", { class: "card stack result" }, h("h2", {}, "Result"), h("dl", { class: "facts" }, ...words), h("div", { class: "row" }, save), text("Result as JSON", found));
+  return h("section", { class: "card stack result" }, h("h2", {}, "Result"), h("dl", { class: "facts" }, ...words), h("div", { class: "row" }, save), text("Result as JSON", result_));
 }
 
-function document_(title: string, value: unknown): HTMLElement {
+function jsonSection(title: string, value: unknown): HTMLElement {
   return h("section", { class: "card stack" }, h("h2", {}, title), text(`${title}, as JSON`, value));
 }
 
 /** Most facts of a result that are shown apart. */
-const FACTS = 16;
+const MAX_FACTS = 16;
 
 /** A value in words; `null` if it is no single one, nor a few numbers by name. */
-function said(value: unknown): string | null {
+function plainValue(value: unknown): string | null {
   if (typeof value === "string" || typeof value === "boolean") return String(value);
   if (typeof value === "number") return Number.isInteger(value) ? String(value) : short(value);
   if (typeof value !== "object" || value === null || Array.isArray(value)) return null;
   const entries = Object.entries(value);
-  const few = entries.length > 0 && entries.length <= 6 && entries.every(([, v]) => typeof v === "number");
-  return few ? entries.map(([name, v]) => `${name} ${said(v)}`).join(", ") : null;
+  const isSmall = entries.length > 0 && entries.length <= 6 && entries.every(([, v]) => typeof v === "number");
+  return isSmall ? entries.map(([name, v]) => `${name} ${plainValue(v)}`).join(", ") : null;
 }
 
 /** Characters of JSON that are shown; a file has all of them. */
-const SHOWN = 20_000;
+const MAX_JSON_CHARACTERS = 20_000;
 
 function text(label: string, value: unknown): HTMLElement {
-  const whole = JSON.stringify(value, null, 2);
-  const cut = whole.length > SHOWN ? `${whole.slice(0, SHOWN)}\n… ${whole.length - SHOWN} more characters` : whole;
+  const json = JSON.stringify(value, null, 2);
+  const cut = json.length > MAX_JSON_CHARACTERS ? `${json.slice(0, MAX_JSON_CHARACTERS)}\n… ${json.length - MAX_JSON_CHARACTERS} more characters` : json;
   return h("pre", { tabindex: 0, role: "region", "aria-label": label }, cut);
 }
 
@@ -197,7 +197,7 @@ function text(label: string, value: unknown): HTMLElement {
 const VIEWS: Record<string, string> = { iplw: "calibrate", diagnose: "diagnose", train: "train", learn: "train", evaluate: "train" };
 
 /** Where a job is seen as what it is; `null` where only here. */
-function seenAt(job: Job): string | null {
+function viewOf(job: Job): string | null {
   const view = VIEWS[job.kind];
   return view ? link(view, [job.id]) : null;
 }
@@ -213,7 +213,7 @@ const KINDS: Record<string, string> = {
 
 /** What kind of job it is, leading to the view that shows it. */
 function kind(job: Job): HTMLElement {
-  const [named, at] = [KINDS[job.kind] ?? job.kind, seenAt(job)];
+  const [named, at] = [KINDS[job.kind] ?? job.kind, viewOf(job)];
   return h("strong", {}, at ? h("a", { href: at }, named) : named);
 }
 
@@ -223,11 +223,11 @@ function about(job: Job): string {
   return named.join(", ");
 }
 
-function ended(job: Job): boolean {
+function hasEnded(job: Job): boolean {
   return ["succeeded", "failed", "cancelled"].includes(job.state);
 }
 
-function seen(job: Job): string {
+function rowKey(job: Job): string {
   return JSON.stringify([job.state, job.progress]);
 }
 

@@ -5,7 +5,7 @@ import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { files } from "./make/files";
 import { sceneEditor } from "./make/editor";
-import { load } from "./play/tasks";
+import { loadTask } from "./play/taskPicker";
 import "./make.css";
 
 export const make: View = {
@@ -20,7 +20,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const task = context.query.get("task");
   const [first, library] = await Promise.all([
-    task ? load(task, signal).then((loaded) => loaded.scene) : null,
+    task ? loadTask(task, signal).then((loaded) => loaded.scene) : null,
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   // A reload is to bring the draft back, and not the task again.

@@ -7,11 +7,11 @@ import { latest } from "../parts/latest";
 import { storedScene, storedExtent } from "../scene/handoff";
 import type { Scene } from "../scene/types";
 import type { Context, View } from "../view";
-import { effects, latents, type Latents, type Term } from "./play/physics";
-import { placing, type Subject } from "./play/placing";
-import { reality } from "./play/reality";
+import { effects, latents, type Latents, type EffectTerm } from "./play/physics";
+import { actionPlacement, type SimulationSubject } from "./play/placement";
+import { realWorld } from "./play/realWorld";
 import { stage } from "./play/stage";
-import { choice, type Task } from "./play/tasks";
+import { taskPicker, type Task } from "./play/taskPicker";
 import "./play.css";
 
 export const play: View = {
@@ -22,7 +22,7 @@ export const play: View = {
 };
 
 /** Time between two samples of a simulated film, s: finer than a screen shows. */
-const SAMPLES = 1 / 60;
+const SAMPLE_INTERVAL_S = 1 / 60;
 
 async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
@@ -30,22 +30,22 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     ok(api.GET("/v1/tasks", { signal })),
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
-  let now: Table | null = null;
-  const given = context.query.get("action");
-  const asked = given ? { task: context.rest[0], action: given.split(",").map(Number) } : null;
-  const real = reality(() => now?.action() ?? [], (ran) => now?.ran(ran.film, ran.solved), context);
+  let table_: TaskSession | null = null;
+  const actionParameter = context.query.get("action");
+  const asked = actionParameter ? { task: context.rest[0], action: actionParameter.split(",").map(Number) } : null;
+  const real = realWorld(() => table_?.action() ?? [], (onRan) => table_?.onRan(onRan.film, onRan.solved), context);
   const [front, side] = [h("div", { class: "front" }), h("div", { class: "side" })];
   const show = (task: Task): void => {
     context.fail(null);
-    now?.close();
+    table_?.close();
     const action = asked?.task === task.id ? asked.action : null;
-    now = table(task, library, action, (placeable) => real.ready(placeable), context);
-    put(front, now.stage);
-    put(side, now.controls);
-    now.start().catch(context.fail);
+    table_ = taskSession(task, library, action, (placeable) => real.ready(placeable), context);
+    put(front, table_.stage);
+    put(side, table_.controls);
+    table_.start().catch(context.fail);
     real.about(task).catch(context.fail);
   };
-  const task = choice(families, show, context);
+  const task = taskPicker(families, show, context);
   put(place, h("div", { class: "play-head" }, h("div", { class: "card" }, task.element), real.element), h("div", { class: "play-body" }, front, side));
   const [first] = context.rest;
   const scene = first === "scene" ? storedScene() : null;
@@ -55,79 +55,79 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
 }
 
 /** One task on the table: its stage, its physics, its films. */
-interface Table {
+interface TaskSession {
   stage: HTMLElement;
   controls: HTMLElement;
   action: () => number[];
-  ran: (film: Parameters<ReturnType<typeof stage>["real"]>[0], solved: boolean | null) => void;
+  onRan: (film: Parameters<ReturnType<typeof stage>["real"]>[0], solved: boolean | null) => void;
   start: () => Promise<void>;
   close: () => void;
 }
 
-function table(task: Task, library: Schema<"EffectOut">[], first: readonly number[] | null, ready: (placeable: boolean) => void, outer: Context): Table {
+function taskSession(task: Task, library: Schema<"EffectOut">[], first: readonly number[] | null, ready: (placeable: boolean) => void, outer: Context): TaskSession {
   // What is under way for a task that was put away is of no use.
-  const own = new AbortController();
-  const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, own.signal]) };
-  const subject: Subject = task.family ? { task: task.id } : { scene: task.scene as unknown as Record<string, never> };
-  const shown = stage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context, task.box);
-  const asked: { action: number[] | null; latents: Latents; effects: Term[] } = { action: null, latents: {}, effects: [] };
+  const abort = new AbortController();
+  const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, abort.signal]) };
+  const subject: SimulationSubject = task.family ? { task: task.id } : { scene: task.scene as unknown as Record<string, never> };
+  const filmStage = stage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context, task.box);
+  const asked: { action: number[] | null; latents: Latents; effects: EffectTerm[] } = { action: null, latents: {}, effects: [] };
   const simulate = latest<boolean>(async (fresh) => {
     if (asked.action === null && task.scene.action) return;
     try {
       const answer = await ok(api.POST("/v1/simulate", { body: body(task.scene, subject, asked), signal: context.signal }));
-      if (fresh) shown.place(asked.action ?? [], answer.reason ?? null);
-      spot.refuse(answer.reason ?? null);
+      if (fresh) filmStage.place(asked.action ?? [], answer.reason ?? null);
+      placement.showReason(answer.reason ?? null);
       ready(answer.valid);
-      shown.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
+      filmStage.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
       context.fail(null);
     } catch (e) {
       context.fail(e);
     }
   });
-  const spot = placing(task.scene, subject, shown.picture, (action) => {
+  const placement = actionPlacement(task.scene, subject, filmStage.picture, (action) => {
     asked.action = action;
     // What was seen in the real world was of another action.
-    shown.real(null, null);
-    shown.place(action, null);
+    filmStage.real(null, null);
+    filmStage.place(action, null);
     simulate(true);
   }, context, first);
   const physics = h("div", {});
   const start = async (): Promise<void> => {
     asked.latents = task.family ? await prior(task.family, context.signal) : {};
-    put(physics, latents(task.scene, asked.latents, (now) => ((asked.latents = now), simulate(false))));
+    put(physics, latents(task.scene, asked.latents, (table_) => ((asked.latents = table_), simulate(false))));
     simulate(true);
   };
-  const added = effects(library, (terms) => ((asked.effects = terms), simulate(false)));
+  const effectsForm = effects(library, (terms) => ((asked.effects = terms), simulate(false)));
   const part = (title: string, content: HTMLElement): HTMLElement => h("section", { class: "card", "aria-label": title }, h("h2", {}, title), content);
   return {
-    stage: shown.element,
-    controls: h("div", { class: "stack" }, part("Placing", spot.element), part("Simulated latents", physics), part("Simulated effects", added)),
-    action: spot.action,
-    ran: (film, solved) => {
-      shown.real(film, solved);
-      shown.restart();
+    stage: filmStage.element,
+    controls: h("div", { class: "stack" }, part("Placing", placement.element), part("Simulated latents", physics), part("Simulated effects", effectsForm)),
+    action: placement.action,
+    onRan: (film, solved) => {
+      filmStage.real(film, solved);
+      filmStage.restart();
     },
     start,
-    close: () => own.abort(),
+    close: () => abort.abort(),
   };
 }
 
-function body(scene: Scene, subject: Subject, asked: { action: number[] | null; latents: Latents; effects: Term[] }): Schema<"SimulateIn"> {
+function body(scene: Scene, subject: SimulationSubject, asked: { action: number[] | null; latents: Latents; effects: EffectTerm[] }): Schema<"SimulateIn"> {
   const step = scene.time_step ?? 1 / 240;
   return {
     ...subject,
     ...(scene.action && asked.action ? { action: asked.action } : {}),
     latents: asked.latents,
     effects: asked.effects,
-    observe_every: Math.max(1, Math.round(SAMPLES / step)),
+    observe_every: Math.max(1, Math.round(SAMPLE_INTERVAL_S / step)),
     stop: false,
   };
 }
 
 /** What a family's simulated world takes the latents to be before anything is known. */
 async function prior(family: string, signal: AbortSignal): Promise<Latents> {
-  const usual = { density: 1, friction: 0.5, restitution: 0.5 };
+  const defaults = { density: 1, friction: 0.5, restitution: 0.5 };
   const asked = await api.GET("/v1/worlds/{id}", { params: { path: { id: `${family}-sim` } }, signal });
-  const known = asked.data?.latents;
-  return { density: known?.density ?? usual.density, friction: known?.friction ?? usual.friction, restitution: known?.restitution ?? usual.restitution };
+  const latents_ = asked.data?.latents;
+  return { density: latents_?.density ?? defaults.density, friction: latents_?.friction ?? defaults.friction, restitution: latents_?.restitution ?? defaults.restitution };
 }

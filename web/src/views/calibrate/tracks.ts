@@ -7,7 +7,7 @@ import type { Point } from "../../scene/types";
 type Trial = Schema<"TrialOut">;
 
 /** Where a body was seen. */
-export function places(trial: Trial, name: string): { t: number; at: Point }[] {
+export function observations(trial: Trial, name: string): { t: number; at: Point }[] {
   const track = trial.bodies[name];
   if (!track) return [];
   return trial.t.flatMap((t, k) => {
@@ -18,14 +18,14 @@ export function places(trial: Trial, name: string): { t: number; at: Point }[] {
 
 /** Root mean square of the distance between simulated and seen places, as far as the simulation goes, m; `null` if there
  * is nothing to compare. */
-export function apart(simulated: Film, trial: Trial): number | null {
+export function rmsDistance(simulated: Film, trial: Trial): number | null {
   let [sum, count] = [0, 0];
   for (const name of Object.keys(trial.bodies)) {
     if (!simulated.bodies[name]) continue;
-    for (const seen of places(trial, name)) {
-      if (seen.t > filmLength(simulated) + 1e-9) continue;
-      const pose = posesAt(simulated, seen.t).get(name)!;
-      sum += (pose.x - seen.at[0]) ** 2 + (pose.y - seen.at[1]) ** 2;
+    for (const observation of observations(trial, name)) {
+      if (observation.t > filmLength(simulated) + 1e-9) continue;
+      const pose = posesAt(simulated, observation.t).get(name)!;
+      sum += (pose.x - observation.at[0]) ** 2 + (pose.y - observation.at[1]) ** 2;
       count += 1;
     }
   }
@@ -33,15 +33,15 @@ export function apart(simulated: Film, trial: Trial): number | null {
 }
 
 /** A film of those bodies that were seen, at the times when all of them were; `null` if there are not two such times. */
-export function film(trial: Trial): Film | null {
-  const names = Object.keys(trial.bodies).filter((name) => places(trial, name).length > 0);
+export function filmOfTrial(trial: Trial): Film | null {
+  const names = Object.keys(trial.bodies).filter((name) => observations(trial, name).length > 0);
   const all = (k: number): boolean => names.every((n) => typeof trial.bodies[n]!.x[k] === "number" && typeof trial.bodies[n]!.y[k] === "number");
-  const kept = trial.t.map((_, k) => k).filter(all);
-  if (!names.length || kept.length < 2) return null;
-  const of = (values: (number | null)[]): number[] => kept.map((k) => values[k] ?? 0);
+  const complete = trial.t.map((_, k) => k).filter(all);
+  if (!names.length || complete.length < 2) return null;
+  const of = (values: (number | null)[]): number[] => complete.map((k) => values[k] ?? 0);
   const bodies = names.map((n) => {
     const track = trial.bodies[n]!;
     return [n, { x: of(track.x), y: of(track.y), angle: of(track.angle) }] as const;
   });
-  return { t: kept.map((k) => trial.t[k]!), bodies: Object.fromEntries(bodies), contacts: [] };
+  return { t: complete.map((k) => trial.t[k]!), bodies: Object.fromEntries(bodies), contacts: [] };
 }

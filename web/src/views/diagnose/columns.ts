@@ -61,8 +61,8 @@ export function column(name: string): Column {
   const written = name.trim().replace(/^\ufeff/, "").trim();
   const columnOf = (quantity: Quantity, of: Unit | null, track: string | null = null): Column => ({ name: written, quantity, unit: of, track });
   const [rest, unitOfName] = withoutUnit(written);
-  const quantity_ = quantityNamed(rest);
-  if (quantity_ && unitFits(quantity_, unitOfName)) return columnOf(quantity_, unitOfName);
+  const recognised = quantityNamed(rest);
+  if (recognised && unitFits(recognised, unitOfName)) return columnOf(recognised, unitOfName);
   for (const c of ["x", "y"] as const) if (inPixels(c).includes(normalise(rest))) return columnOf(c, PIXEL);
   for (const [time, names] of TIMES.slice(0, 2)) if (names.slice(1).includes(normalise(written))) return columnOf("time", time);
   const separatorAt = lastSeparator(rest);
@@ -84,12 +84,12 @@ export function unitNamed(units: Units, name: string): Unit | null {
 
 /** A name without its unit: `Time (s)`, `X [m]`, `x/m`, `x_px`. */
 function withoutUnit(name: string): [string, Unit | null] {
-  const quantity_ = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
+  const recognised = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
   const bracketed = /^([^([]*)[([]([^)\]]*)[)\]]$/.exec(name);
-  const inside = bracketed && quantity_(bracketed[2]!);
+  const inside = bracketed && recognised(bracketed[2]!);
   if (inside) return [bracketed[1]!.trim(), inside];
   const separatorAt = lastSeparator(name);
-  const tail = separatorAt > 0 ? quantity_(name.slice(separatorAt + 1)) : null;
+  const tail = separatorAt > 0 ? recognised(name.slice(separatorAt + 1)) : null;
   return tail ? [name.slice(0, separatorAt).trim(), tail] : [name, null];
 }
 

@@ -94,14 +94,14 @@ export function estimatesText(effects: readonly Effect[]): string {
     const name = effects.length > 1 ? `${title(e.name)} ${p.name}` : p.name;
     return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${intervalText} ${symbol(p.unit)}`.trimEnd();
   };
-  const many = (e: Effect, name: string, values_: Parameter[]): string => {
-    const values = values_.map((p) => p.value);
-    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(values_[0]!.unit)}`.trimEnd() + ` in ${values_.length} settings`;
+  const many = (e: Effect, name: string, parameters: Parameter[]): string => {
+    const values = parameters.map((p) => p.value);
+    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(parameters[0]!.unit)}`.trimEnd() + ` in ${parameters.length} settings`;
   };
   const all = effects.flatMap((e) =>
     [...new Set(e.parameters.map((p) => p.name))].flatMap((name) => {
-      const values_ = e.parameters.filter((p) => p.name === name);
-      return values_.length > MAX_SETTINGS_LISTED ? [many(e, name, values_)] : values_.map((p) => one(e, p));
+      const parameters = e.parameters.filter((p) => p.name === name);
+      return parameters.length > MAX_SETTINGS_LISTED ? [many(e, name, parameters)] : parameters.map((p) => one(e, p));
     }),
   );
   return all.join("; ");

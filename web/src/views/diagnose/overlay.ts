@@ -61,8 +61,8 @@ export function corners(points: readonly Point[]): Point[] {
 }
 
 function widened(box: Box): Box {
-  const extra_ = Math.max(0, MIN_ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
-  return [box[0] - extra_, box[1], box[2] + extra_, box[3]];
+  const widening = Math.max(0, MIN_ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
+  return [box[0] - widening, box[1], box[2] + widening, box[3]];
 }
 
 function grid(box: Box): { lines: SVGElement[]; step: number } {

@@ -74,8 +74,8 @@ export function defaultColumns(of: ParsedFile, track = "", pixels = false): Colu
 export function tracks(of: ParsedFile): string[] {
   const body = of.columns.findIndex((c) => c.quantity === "body");
   const names = body >= 0 ? of.rows.map((r) => r[body]?.trim() ?? "") : of.columns.filter((c) => c.quantity === "x").map((c) => c.track ?? "");
-  const names_ = [...new Set(names.filter(Boolean))];
-  return names_.length > 1 ? names_ : [];
+  const trackNames = [...new Set(names.filter(Boolean))];
+  return trackNames.length > 1 ? trackNames : [];
 }
 
 /** The text to send: the file's own, or with a header that says which columns were chosen. */

@@ -6,48 +6,48 @@ import { LENGTHS, TIMES } from "./columns";
 import { tracks } from "./parseFile";
 import { columnsOf, pixelSizeFromGravity, type Setup, unitsNeeded } from "./setup";
 
-export interface Reading {
+export interface ReadingForm {
   element: HTMLElement;
   /** Inputs by the field of the request. */
   fields: Record<string, Field>;
 }
 
 /** The fields of a setup; `changed` after every change, `again` after one that other fields depend on. */
-export function readingForm(setup: Setup, changed: () => void, again: () => void): Reading {
+export function readingForm(setup: Setup, onChange: () => void, rebuild: () => void): ReadingForm {
   const first = setup.files[0];
   if (!first) return { element: h("div"), fields: {} };
-  const { reading: said } = setup;
-  const chosen = columnsOf(setup, first);
+  const { reading: options } = setup;
+  const selected = columnsOf(setup, first);
   const { pixels, pictures } = unitsNeeded(setup);
-  const own = (i: number, none: string): string => first.columns[i]?.unit?.name ?? none;
-  const length = choice("Lengths in", units(LENGTHS.map(([u]) => u.name), `the file's (${own(chosen.x, "m")})`), said.lengthUnit, (v) => {
-    said.lengthUnit = v;
-    said.metresPerPixel = null;
-    again();
+  const unitName = (i: number, none: string): string => first.columns[i]?.unit?.name ?? none;
+  const length = choice("Lengths in", units(LENGTHS.map(([u]) => u.name), `the file's (${unitName(selected.x, "m")})`), options.lengthUnit, (v) => {
+    options.lengthUnit = v;
+    options.metresPerPixel = null;
+    rebuild();
   });
-  const time = choice("Times in", units(TIMES.map(([u]) => u.name), `the file's (${pictures && !said.timeUnit ? "frames" : own(chosen.clock, "s")})`), said.timeUnit, (v) => {
-    said.timeUnit = v;
-    said.fps = null;
-    again();
+  const time = choice("Times in", units(TIMES.map(([u]) => u.name), `the file's (${pictures && !options.timeUnit ? "frames" : unitName(selected.clock, "s")})`), options.timeUnit, (v) => {
+    options.timeUnit = v;
+    options.fps = null;
+    rebuild();
   });
-  const pixel = numeric("Metres per pixel", "m", said.metresPerPixel, (v) => ((said.metresPerPixel = v), changed()));
-  const fall = h("button", { type: "button" }, "As gravity has it");
-  fall.addEventListener("click", () => {
-    said.metresPerPixel = pixelSizeFromGravity(setup);
-    again();
+  const pixel = numeric("Metres per pixel", "m", options.metresPerPixel, (v) => ((options.metresPerPixel = v), onChange()));
+  const fromGravity = h("button", { type: "button" }, "As gravity has it");
+  fromGravity.addEventListener("click", () => {
+    options.metresPerPixel = pixelSizeFromGravity(setup);
+    rebuild();
   });
-  const fps = numeric("Pictures a second", "1/s", said.fps, (v) => ((said.fps = v), changed()));
-  const down = radios("y is counted", [["up", "upwards"], ["down", "downwards, as in pictures"]], said.yDown ? "down" : "up", (v) => {
-    said.yDown = v === "down";
-    changed();
+  const fps = numeric("Pictures a second", "1/s", options.fps, (v) => ((options.fps = v), onChange()));
+  const down = radios("y is counted", [["up", "upwards"], ["down", "downwards, as in pictures"]], options.yDown ? "down" : "up", (v) => {
+    options.yDown = v === "down";
+    onChange();
   });
-  const several = tracks(first);
-  const track = several.length ? choice("Track", [["", "all"], ...several.map((t) => [t, t] as const)], said.track, (v) => ((said.track = v), again())) : null;
-  const scale = pixels ? h("div", { class: "row" }, pixel.element, fall) : null;
+  const trackNames = tracks(first);
+  const track = trackNames.length ? choice("Track", [["", "all"], ...trackNames.map((t) => [t, t] as const)], options.track, (v) => ((options.track = v), rebuild())) : null;
+  const scale = pixels ? h("div", { class: "row" }, pixel.element, fromGravity) : null;
   const element = h(
     "div",
     { class: "stack" },
-    h("div", { class: "fields" }, ...columns(setup, again).map((f) => f.element)),
+    h("div", { class: "fields" }, ...columns(setup, rebuild).map((f) => f.element)),
     h("div", { class: "fields" }, length.element, time.element, track?.element, pictures ? fps.element : null),
     scale,
     down,
@@ -57,22 +57,22 @@ export function readingForm(setup: Setup, changed: () => void, again: () => void
   return { element, fields };
 }
 
-const WORDS = { clock: "Time", x: "x", y: "y", trial: "Launch" } as const;
+const COLUMN_LABELS = { clock: "Time", x: "x", y: "y", trial: "Launch" } as const;
 
 /** Which columns hold what. */
-function columns(setup: Setup, again: () => void): Field[] {
+function columns(setup: Setup, rebuild: () => void): Field[] {
   const first = setup.files[0]!;
   const now = columnsOf(setup, first);
   const names = first.columns.map((c, i) => [String(i), c.name || `column ${i + 1}`] as const);
-  return (Object.keys(WORDS) as (keyof typeof WORDS)[]).map((what) => {
+  return (Object.keys(COLUMN_LABELS) as (keyof typeof COLUMN_LABELS)[]).map((what) => {
     const none = [["-1", what === "trial" ? "a file each" : "none"] as const];
-    return choice(WORDS[what], [...none, ...names], String(now[what]), (v) => {
+    return choice(COLUMN_LABELS[what], [...none, ...names], String(now[what]), (v) => {
       setup.columns = { ...columnsOf(setup, first), [what]: Number(v) };
-      again();
+      rebuild();
     });
   });
 }
 
-function units(names: readonly string[], own: string): [string, string][] {
-  return [["", own], ...names.map((n): [string, string] => [n, n === "px" ? "px (pixels)" : n === "frames" ? "frames (pictures)" : n])];
+function units(names: readonly string[], unitName: string): [string, string][] {
+  return [["", unitName], ...names.map((n): [string, string] => [n, n === "px" ? "px (pixels)" : n === "frames" ? "frames (pictures)" : n])];
 }

@@ -109,9 +109,9 @@ export function columnOf(table: Table, name: string): number[] {
 export interface TrialTrajectory {
   trial: number;
   t: number[];
-  seen: Point[];
+  observed: Point[];
   /** Breaks between stretches: indices at which a new one begins. */
-  begins: number[];
+  starts: number[];
   before: ModelPrediction;
   after: ModelPrediction;
 }
@@ -119,7 +119,7 @@ export interface TrialTrajectory {
 export interface ModelPrediction {
   at: Point[];
   /** Seen less simulated, m. */
-  off: Point[];
+  residual: Point[];
   /** Standard deviations of what is predicted of an observation, m; NaN where not told. */
   sd: Point[];
 }
@@ -128,55 +128,55 @@ export interface ModelPrediction {
 export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajectory | null {
   const rows = paths.launches.find((l) => l.trial === trial)?.rows ?? [];
   const body = paths.columns.indexOf("body");
-  const own: Table = { columns: paths.columns, rows: rows.filter((r) => body < 0 || r[body] === rows[0]![body]) };
-  if (!own.rows.length) return null;
+  const table: Table = { columns: paths.columns, rows: rows.filter((r) => body < 0 || r[body] === rows[0]![body]) };
+  if (!table.rows.length) return null;
   const pairs = (x: string, y: string): Point[] => {
-    const [a, b] = [columnOf(own, x), columnOf(own, y)];
+    const [a, b] = [columnOf(table, x), columnOf(table, y)];
     return a.map((v, i): Point => [v, b[i]!]);
   };
-  const seen = pairs("x", "y");
+  const observed = pairs("x", "y");
   const model = (side: string): ModelPrediction => {
-    const off = pairs(`${side}_x`, `${side}_y`);
-    return { off, at: seen.map((p, i): Point => [p[0] - off[i]![0], p[1] - off[i]![1]]), sd: pairs(`sd_${side}_x`, `sd_${side}_y`) };
+    const residual = pairs(`${side}_x`, `${side}_y`);
+    return { residual: residual, at: observed.map((p, i): Point => [p[0] - residual[i]![0], p[1] - residual[i]![1]]), sd: pairs(`sd_${side}_x`, `sd_${side}_y`) };
   };
-  const stretch = columnOf(own, "stretch");
-  const begins = stretch.flatMap((s, i) => (i > 0 && s !== stretch[i - 1] ? [i] : []));
-  return { trial, t: columnOf(own, "t"), seen, begins, before: model("before"), after: model("after") };
+  const stretch = columnOf(table, "stretch");
+  const starts = stretch.flatMap((s, i) => (i > 0 && s !== stretch[i - 1] ? [i] : []));
+  return { trial, t: columnOf(table, "t"), observed: observed, starts: starts, before: model("before"), after: model("after") };
 }
 
 /** Trials by how far off they are beside what was predicted: the furthest first. */
 export function trialsByDistance(report: Report): number[] {
-  const told = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
-  return told.length ? told : report.paths.launches.map((l) => l.trial);
+  const ordered = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
+  return ordered.length ? ordered : report.paths.launches.map((l) => l.trial);
 }
 
 /** The extended scene as a launch started, in its setting: places and velocities of the first body, from the parabola through the first three places
  * of the extended model. `null` where the launch does not tell it. */
 export function sceneOfTrial(report: Report, trial: number): Scene | null {
-  const own = trajectoryOf(report.paths, trial);
+  const table = trajectoryOf(report.paths, trial);
   const scene = report.extended_scene;
   const body = scene?.bodies[0];
-  if (!own || !scene || !body) return null;
-  const last = own.begins[0] ?? own.t.length;
-  const [t, at] = [own.t.slice(0, Math.min(3, last)), own.after.at.slice(0, Math.min(3, last))];
+  if (!table || !scene || !body) return null;
+  const last = table.starts[0] ?? table.t.length;
+  const [t, at] = [table.t.slice(0, Math.min(3, last)), table.after.at.slice(0, Math.min(3, last))];
   if (t.length < 2 || !at.flat().every(Number.isFinite)) return null;
-  const along = (k: 0 | 1): number => {
+  const velocityOf = (k: 0 | 1): number => {
     const slope = (i: number): number => (at[i + 1]![k] - at[i]![k]) / (t[i + 1]! - t[i]!);
     if (t.length < 3) return slope(0);
     return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
   };
-  const velocity: Point = [along(0), along(1)];
+  const velocity: Point = [velocityOf(0), velocityOf(1)];
   const launch = report.launches.find((l) => l.trial === trial);
   const { settings, ...plain } = scene;
-  const over = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
-  const set = <T extends { name: string }>(thing: T, by: Record<string, object> | undefined): T => ({ ...thing, ...by?.[thing.name] });
-  const [moving, ...others] = scene.bodies.map((b) => set(b, over?.bodies));
+  const override = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
+  const set = <T extends { name: string }>(object: T, by: Record<string, object> | undefined): T => ({ ...object, ...by?.[object.name] });
+  const [body_, ...others] = scene.bodies.map((b) => set(b, override?.bodies));
   const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
   return {
     ...plain,
     name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
-    bodies: [{ ...moving!, position: at[0]!, velocity }, ...others],
-    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, over?.statics)) } : {}),
+    bodies: [{ ...body_!, position: at[0]!, velocity }, ...others],
+    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
     ...(effects ? { effects } : {}),
   };
 }
@@ -185,8 +185,8 @@ type Settings = Record<string, { bodies?: Record<string, object>; statics?: Reco
 
 /** The parameters that an effect has in a setting of its own. */
 function parametersOfSetting(report: Report, effect: string, setting: string | null): Record<string, number> {
-  const own = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
-  return Object.fromEntries(own.map((p) => [p.name, p.value]));
+  const table = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
+  return Object.fromEntries(table.map((p) => [p.name, p.value]));
 }
 
 /** What is to be in sight of a launch, m: where launches were seen, with room at the sides. */

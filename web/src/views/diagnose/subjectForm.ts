@@ -4,7 +4,7 @@ import { api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
 import { choice, type Field, numeric, radios } from "../../parts/field";
 import type { Context } from "../../view";
-import { load, read } from "../play/tasks";
+import { loadTask, readScene } from "../play/taskPicker";
 import type { Setup } from "./setup";
 
 export interface SubjectForm {
@@ -49,7 +49,7 @@ function file(setup: Setup, rebuild: () => void, context: Context): HTMLElement 
     const one = input.files?.[0];
     if (!one) return;
     context.fail(null);
-    read(one)
+    readScene(one)
       .then((scene) => {
         [setup.scene, setup.sceneName] = [scene, scene.name || one.name];
         rebuild();
@@ -63,7 +63,7 @@ function file(setup: Setup, rebuild: () => void, context: Context): HTMLElement 
 function task(setup: Setup, rebuild: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
   const pick = async (id: string): Promise<void> => {
-    const { scene } = await load(id, context.signal);
+    const { scene } = await loadTask(id, context.signal);
     [setup.scene, setup.sceneName] = [scene, id];
     rebuild();
   };

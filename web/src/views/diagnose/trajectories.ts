@@ -36,8 +36,8 @@ export function trajectories(report: Report, scene: Scene, signal: AbortSignal):
   furthest.addEventListener("click", () => show((field.input.value = String(order[0]))));
   const playButton = h("button", { type: "button" }, "Play this launch");
   playButton.addEventListener("click", () => {
-    const scene_ = sceneOfTrial(report, Number(field.input.value));
-    if (scene_) openInPlay(scene_, report);
+    const startScene = sceneOfTrial(report, Number(field.input.value));
+    if (startScene) openInPlay(startScene, report);
   });
   show(String(medianTrial));
   return [h("div", { class: "row" }, field.element, step("Before it", -1), step("After it", 1), report.predictive ? furthest : null, report.extended_scene ? playButton : null), place];
@@ -47,14 +47,14 @@ function trialView(report: Report, scene: Scene, trial: number, signal: AbortSig
   const trajectory = trajectoryOf(report.paths, trial);
   if (!trajectory) return [];
   const others = report.paths.launches.map((l) => trajectoryOf(report.paths, l.trial)).filter((w) => w !== null);
-  const pieces = others.flatMap((w) => splitAt(w.seen, w.begins));
+  const pieces = others.flatMap((w) => splitAt(w.observed, w.starts));
   const elements = [
     pathElements(pieces, "track other"),
     ...bandElements(trajectory, trajectory.before, "band before"),
     ...bandElements(trajectory, trajectory.after, "band after"),
-    pathElements(splitAt(trajectory.before.at, trajectory.begins), "track before"),
-    pathElements(splitAt(trajectory.after.at, trajectory.begins), "track after"),
-    dotElements(trajectory.seen, "seen-spot"),
+    pathElements(splitAt(trajectory.before.at, trajectory.starts), "track before"),
+    pathElements(splitAt(trajectory.after.at, trajectory.starts), "track after"),
+    dotElements(trajectory.observed, "seen-spot"),
   ];
   const label = `Launch ${trial}: seen, by the base model and by the extended one`;
   const key = h(
@@ -65,7 +65,7 @@ function trialView(report: Report, scene: Scene, trial: number, signal: AbortSig
     h("span", { class: "key swatch after" }, "extended model"),
     h("span", { class: "key swatch other" }, "other launches"),
   );
-  const all = [...trajectory.seen, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
+  const all = [...trajectory.observed, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
   const note = `Bands are ${BAND_SDS} standard deviations of what a model predicts of an observation.`;
   return [key, overlay(scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, 0, signal), residual(trajectory, 1, signal))];
 }
@@ -81,7 +81,7 @@ function bandElements(trajectory: TrialTrajectory, model: ModelPrediction, look:
     low.push([p[0] - BAND_SDS * sd * nx, p[1] - BAND_SDS * sd * ny]);
     high.push([p[0] + BAND_SDS * sd * nx, p[1] + BAND_SDS * sd * ny]);
   });
-  const [lows, highs] = [splitAt(low, trajectory.begins), splitAt(high, trajectory.begins)];
+  const [lows, highs] = [splitAt(low, trajectory.starts), splitAt(high, trajectory.starts)];
   return lows.map((piece, k) => (piece.concat(highs[k]!).flat().every(Number.isFinite) ? bandElement(piece, highs[k]!, look) : null));
 }
 
@@ -91,7 +91,7 @@ function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal)
     const bandWidths = model.sd.map((s) => BAND_SDS * s[axis]);
     return [
       { name: `${name}, predicted`, look: "band", colour, x: trajectory.t, y: trajectory.t.map(() => 0), low: bandWidths.map((w) => -w), high: bandWidths },
-      { name, look: "dots", colour, dashed, x: trajectory.t, y: model.off.map((p) => p[axis]) },
+      { name, look: "dots", colour, dashed, x: trajectory.t, y: model.residual.map((p) => p[axis]) },
     ];
   };
   const series = [...of("base model", "--real", trajectory.before, true), ...of("extended model", "--sim", trajectory.after, false)];

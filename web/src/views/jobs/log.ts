@@ -9,15 +9,15 @@ import type { Context } from "../../view";
 type Line = Schema<"LineOut">;
 
 /** Lines that are shown; the server keeps as many. */
-const SHOWN = 1_000;
+const MAX_LINES = 1_000;
 
-export interface Log {
+export interface JobLog {
   element: HTMLElement;
   /** Fetches what has come since. */
-  look: () => void;
+  update: () => void;
 }
 
-export function log(id: string, context: Context): Log {
+export function jobLog(id: string, context: Context): JobLog {
   const box = uniqueId("tail");
   const tail = h("input", { id: box, type: "checkbox", checked: true });
   const lines = h("div", { class: "log", role: "log", tabindex: 0, "aria-label": `Log of ${id}` });
@@ -28,28 +28,28 @@ export function log(id: string, context: Context): Log {
   tail.addEventListener("change", end);
   // Who scrolls up reads; who comes back to the end follows again.
   lines.addEventListener("scroll", () => (tail.checked = lines.scrollTop + lines.clientHeight >= lines.scrollHeight - 4));
-  const look = latest<null>(async () => {
+  const update = latest<null>(async () => {
     const after = last?.number ?? 0;
     try {
-      const come = await all(
-        (cursor) => ok(api.GET("/v1/jobs/{id}/log", { params: { path: { id }, query: { after, limit: SHOWN, ...(cursor ? { cursor } : {}) } }, signal: context.signal })),
+      const newLines = await all(
+        (cursor) => ok(api.GET("/v1/jobs/{id}/log", { params: { path: { id }, query: { after, limit: MAX_LINES, ...(cursor ? { cursor } : {}) } }, signal: context.signal })),
         (page) => page.lines,
       );
       // Set by the last line that came, before a scroll of ours can tell.
-      const followed = tail.checked;
-      for (const line of come) {
+      const wasFollowing = tail.checked;
+      for (const line of newLines) {
         lines.append(...rows(line, last));
         last = line;
       }
-      while (lines.childElementCount > SHOWN) lines.firstElementChild!.remove();
+      while (lines.childElementCount > MAX_LINES) lines.firstElementChild!.remove();
       none.hidden = lines.childElementCount > 0;
-      tail.checked = followed;
+      tail.checked = wasFollowing;
       end();
     } catch (e) {
       context.fail(e);
     }
   });
-  return { element, look: () => look(null) };
+  return { element, update: () => update(null) };
 }
 
 /** A line, after its day where that is another than the line's before. */

@@ -7,7 +7,7 @@ import { uniqueId, h } from "../../dom";
 import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
-import { gallery, load, read } from "../play/tasks";
+import { gallery, loadTask, readScene } from "../play/taskPicker";
 import { curl, filename, pretty, python } from "./export";
 
 const KEY = "iplw-draft";
@@ -35,10 +35,10 @@ export async function files(
   context: Context,
 ): Promise<{ element: HTMLElement; drop: (file: File) => void }> {
   const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
-  const { button: task, dialog } = gallery(families, (id) => void load(id, context.signal).then((one) => onOpen(one.scene)).catch(context.fail), context);
+  const { button: task, dialog } = gallery(families, (id) => void loadTask(id, context.signal).then((one) => onOpen(one.scene)).catch(context.fail), context);
   const openFile = (file: File): void => {
     context.fail(null);
-    read(file).then((one) => validated(one, file.name, context.signal)).then(onOpen).catch(context.fail);
+    readScene(file).then((one) => validated(one, file.name, context.signal)).then(onOpen).catch(context.fail);
   };
   const id = uniqueId("file");
   const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });

@@ -6,63 +6,63 @@ import { short, slider } from "../../parts/slider";
 import type { Scene } from "../../scene/types";
 
 export type Latents = { density?: number; friction?: number; restitution?: number };
-export type Term = { name: string; parameters: Record<string, number> };
+export type EffectTerm = { name: string; parameters: Record<string, number> };
 
 /** What sliders reach: beyond it nothing on earth is. */
-const RANGES: Record<keyof Latents, [number, number, string]> = {
+const SLIDER_RANGES: Record<keyof Latents, [number, number, string]> = {
   density: [0.05, 4, "kg/m²"],
   friction: [0, 1.5, ""],
   restitution: [0, 1, ""],
 };
 
 /** Sliders of the latents; `moved` has those that were given or touched. */
-export function latents(scene: Scene, given: Latents, moved: (latents: Latents) => void): HTMLElement {
+export function latents(scene: Scene, given: Latents, onChange: (latents: Latents) => void): HTMLElement {
   const now: Latents = { ...given };
   const carrier = scene.bodies.find((b) => !scene.carriers || scene.carriers.includes(b.name));
-  const rows = (Object.keys(RANGES) as (keyof Latents)[]).map((name) => {
-    const [low, high, unit] = RANGES[name];
-    const own = carrier?.[name];
-    const start = now[name] ?? (typeof own === "number" ? own : name === "density" ? 1 : 0.5);
+  const rows = (Object.keys(SLIDER_RANGES) as (keyof Latents)[]).map((name) => {
+    const [low, high, unit] = SLIDER_RANGES[name];
+    const carrierValue = carrier?.[name];
+    const start = now[name] ?? (typeof carrierValue === "number" ? carrierValue : name === "density" ? 1 : 0.5);
     const text = (share: number): string => short(low + share * (high - low), unit);
     return slider(name, (start - low) / (high - low), text, (share) => {
       now[name] = low + share * (high - low);
-      moved({ ...now });
+      onChange({ ...now });
     }).element;
   });
   return h("div", { class: "stack" }, ...rows);
 }
 
 /** The effects of the library; `moved` has those that were added, with their parameters. */
-export function effects(library: Schema<"EffectOut">[], moved: (terms: Term[]) => void): HTMLElement {
-  const terms = new Map<Term, HTMLElement>();
+export function effects(library: Schema<"EffectOut">[], onChange: (terms: EffectTerm[]) => void): HTMLElement {
+  const terms = new Map<EffectTerm, HTMLElement>();
   const list = h("div", { class: "stack" });
   const id = uniqueId("effect");
   const options = library.map((e) => h("option", { value: e.name }, e.name.replaceAll("_", " ")));
-  const chosen = h("select", { id }, ...options);
+  const select = h("select", { id }, ...options);
   const equation = h("p", { class: "soft" });
   const add = h("button", { type: "button" }, "Add");
-  const tell = (): void => moved([...terms.keys()]);
-  const about = (): void => void put(equation, library.find((e) => e.name === chosen.value)?.equation);
-  chosen.addEventListener("change", about);
+  const notify = (): void => onChange([...terms.keys()]);
+  const about = (): void => void put(equation, library.find((e) => e.name === select.value)?.equation);
+  select.addEventListener("change", about);
   about();
   add.addEventListener("click", () => {
-    const effect = library.find((e) => e.name === chosen.value);
+    const effect = library.find((e) => e.name === select.value);
     if (!effect) return;
-    const term: Term = { name: effect.name, parameters: {} };
+    const term: EffectTerm = { name: effect.name, parameters: {} };
     const remove = h("button", { type: "button", class: "quiet" }, "Remove");
     const head = h("div", { class: "row between" }, h("strong", {}, effect.name.replaceAll("_", " ")), remove);
-    const rows = effect.parameters.map((p, i) => parameter(effect.name, p, i === 0, term, tell));
+    const rows = effect.parameters.map((p, i) => parameter(effect.name, p, i === 0, term, notify));
     const card = h("fieldset", { class: "effect" }, h("legend", { class: "unseen" }, effect.name), head, h("p", { class: "soft" }, effect.equation), ...rows);
-    remove.addEventListener("click", () => (terms.delete(term), card.remove(), tell()));
+    remove.addEventListener("click", () => (terms.delete(term), card.remove(), notify()));
     terms.set(term, card);
     list.append(card);
-    tell();
+    notify();
   });
-  return h("div", { class: "stack" }, h("div", { class: "row" }, h("label", { for: id, class: "unseen" }, "Effect"), chosen, add), equation, list);
+  return h("div", { class: "stack" }, h("div", { class: "row" }, h("label", { for: id, class: "unseen" }, "Effect"), select, add), equation, list);
 }
 
 /** A slider that is fine near the neutral value and reaches both bounds: the cube of its place. */
-function parameter(effect: string, p: Schema<"EffectParameterOut">, first: boolean, term: Term, tell: () => void): HTMLElement {
+function parameter(effect: string, p: Schema<"EffectParameterOut">, first: boolean, term: EffectTerm, notify: () => void): HTMLElement {
   const [low = 0, high = 1] = p.bounds;
   const of = (share: number): number => {
     const s = 2 * share - 1;
@@ -73,6 +73,6 @@ function parameter(effect: string, p: Schema<"EffectParameterOut">, first: boole
   term.parameters[p.name] = of(start);
   return slider(`${effect.replaceAll("_", " ")} ${p.name}`, start, (share) => short(of(share), p.unit), (share) => {
     term.parameters[p.name] = of(share);
-    tell();
+    notify();
   }).element;
 }

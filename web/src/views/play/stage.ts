@@ -12,11 +12,11 @@ import type { Box, Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
 /** Radius of a contact's ring: so much of the picture's width, more the harder it was. */
-const RING = 0.008;
+const CONTACT_RING_SHARE = 0.008;
 /** Seconds for which a contact lights up. */
-const LIT = 0.2;
+const CONTACT_HIGHLIGHT_S = 0.2;
 
-export interface Stage {
+export interface FilmStage {
   element: HTMLElement;
   picture: Picture;
   /** Shows where things are placed, without a film. */
@@ -27,45 +27,45 @@ export interface Stage {
 }
 
 /** The stage of a scene. */
-export function stage(scene: Scene, label: string, context: Context, box?: Box): Stage {
+export function stage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
   const at_ = picture(scene, label, box);
   set(at_.svg, { tabindex: 0, role: "application" });
   const trails = s("g");
   const rings = s("g");
   at_.over.append(trails, rings);
   const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
-  let lit: { t: number; ring: SVGCircleElement }[] = [];
-  const apart = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
+  let contactRings: { t: number; ring: SVGCircleElement }[] = [];
+  const distancePlot = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
   const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
-  const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), apart.svg);
+  const distanceFigure = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), distancePlot.svg);
   const contacts = h("details", { hidden: true });
   const verdicts = h("div", { class: "row verdicts", role: "status" });
   const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
   const play = player((time) => {
     if (films.sim) at_.pose("solid", posesAt(films.sim, time));
     at_.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
-    for (const { t, ring } of lit) ring.classList.toggle("lit", time >= t && time < t + LIT);
-    apart.at(time);
+    for (const { t, ring } of contactRings) ring.classList.toggle("lit", time >= t && time < t + CONTACT_HIGHLIGHT_S);
+    distancePlot.at(time);
   }, context.signal);
   const draw = (): void => {
-    const dealt = colours(scene);
+    const bodyColours = colours(scene);
     const width = at_.box[2] - at_.box[0];
-    put(trails, ...(films.sim ? paths(films.sim, dealt, "trail") : []), ...(films.real ? [...paths(films.real, dealt, "trail real"), ...dots(films.real, dealt, width)] : []));
-    lit = films.sim ? films.sim.contacts.flatMap((c) => ringed(films.sim!, c, width)) : [];
-    put(rings, ...lit.map((l) => l.ring));
-    put(contacts, ...listed(films.sim?.contacts ?? []));
+    put(trails, ...(films.sim ? paths(films.sim, bodyColours, "trail") : []), ...(films.real ? [...paths(films.real, bodyColours, "trail real"), ...dots(films.real, bodyColours, width)] : []));
+    contactRings = films.sim ? films.sim.contacts.flatMap((c) => contactRing(films.sim!, c, width)) : [];
+    put(rings, ...contactRings.map((l) => l.ring));
+    put(contacts, ...contactList(films.sim?.contacts ?? []));
     contacts.hidden = !films.sim?.contacts.length;
-    gap.hidden = !(films.sim && films.real);
+    distanceFigure.hidden = !(films.sim && films.real);
     if (films.sim && films.real) {
       const { t, bodies } = distanceOverTime(films.sim, films.real);
-      const lines = [...bodies].map(([name, y]) => ({ name, colour: dealt.get(name) ?? "currentColor", x: t, y }));
-      apart.draw(lines, films.sim.contacts.map((c) => c.t));
+      const lines = [...bodies].map(([name, y]) => ({ name, colour: bodyColours.get(name) ?? "currentColor", x: t, y }));
+      distancePlot.draw(lines, films.sim.contacts.map((c) => c.t));
     }
     play.load(Math.max(films.sim ? filmLength(films.sim) : 0, films.real ? filmLength(films.real) : 0));
     put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
     at_.svg.dataset.film = String(Number(at_.svg.dataset.film ?? 0) + 1);
   };
-  const shown = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
+  const showFilm = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
     films[which] = film;
     verdict[which] = film === null ? null : solved === null ? "no goal" : solved ? "solved" : "not solved";
     draw();
@@ -76,11 +76,11 @@ export function stage(scene: Scene, label: string, context: Context, box?: Box):
   };
   put(at_.svg, s("title", {}, label), ...at_.svg.childNodes);
   return {
-    element: h("div", { class: "stage" }, at_.svg, play.element, verdicts, gap, contacts),
+    element: h("div", { class: "stage" }, at_.svg, play.element, verdicts, distanceFigure, contacts),
     picture: at_,
     place,
-    simulated: shown("sim"),
-    real: shown("real"),
+    simulated: showFilm("sim"),
+    real: showFilm("real"),
     restart: play.restart,
   };
 }
@@ -95,28 +95,28 @@ function starts(scene: Scene): Map<string, { x: number; y: number; angle: number
   return new Map(placed.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }]));
 }
 
-function paths(film: Film, dealt: Map<string, string>, look: string): SVGElement[] {
-  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: dealt.get(name) ?? "currentColor" }));
+function paths(film: Film, bodyColours: Map<string, string>, look: string): SVGElement[] {
+  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: bodyColours.get(name) ?? "currentColor" }));
 }
 
 /** Where a real body was seen. */
-function dots(film: Film, dealt: Map<string, string>, width: number): SVGElement[] {
+function dots(film: Film, bodyColours: Map<string, string>, width: number): SVGElement[] {
   return Object.entries(film.bodies).flatMap(([name, track]) =>
-    film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: dealt.get(name) ?? "currentColor" })),
+    film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: bodyColours.get(name) ?? "currentColor" })),
   );
 }
 
-function ringed(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
+function contactRing(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
   const poses = posesAt(film, contact.t);
   const points = contact.between.map((name) => poses.get(name)).filter((p) => p !== undefined);
   if (!points.length) return [];
   const [x, y]: Point = [points.reduce((sum, p) => sum + p.x, 0) / points.length, points.reduce((sum, p) => sum + p.y, 0) / points.length];
-  const r = width * RING * (0.5 + Math.min(2, Math.sqrt(contact.speed) / 3));
+  const r = width * CONTACT_RING_SHARE * (0.5 + Math.min(2, Math.sqrt(contact.speed) / 3));
   return [{ t: contact.t, ring: s("circle", { class: "contact", cx: x, cy: y, r, "vector-effect": "non-scaling-stroke" }) }];
 }
 
 /** Contacts in words, the first of them. */
-function listed(contacts: readonly Contact[]): HTMLElement[] {
+function contactList(contacts: readonly Contact[]): HTMLElement[] {
   const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
   return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
 }

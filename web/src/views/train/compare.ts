@@ -5,14 +5,14 @@ import { h, put, set } from "../../dom";
 import { key } from "../../parts/curvePlot";
 import { type Context, link } from "../../view";
 import { evaluations } from "./evaluations";
-import { choice, type Field, given, named, number, refused } from "./fields";
+import { choice, type RequestField, numberOf, worldLabel, number, showFieldError } from "./requestFields";
 import { figures } from "./figures";
-import { asked, ATTEMPTS, auccess, better, CHANCE, curve, type Evaluation, type Interval, interval, schooling, type Setting } from "./scores";
+import { requestOf, ATTEMPTS, auccess, difference, CHANCE, curve, type Evaluation, type Interval, interval, trainingKey, type EvaluationSetting } from "./scores";
 
 type Job = Schema<"JobOut">;
 
 /** What is compared. */
-export interface Compared {
+export interface ComparisonInput {
   family: string;
   policies: Schema<"PolicyOut">[];
   worlds: Schema<"WorldOut">[];
@@ -23,23 +23,23 @@ export interface Compared {
   job: Job | null;
   policy: string | null;
   /** What was chosen before it was built anew. */
-  kept: Kept | null;
+  kept: ComparisonChoice | null;
 }
 
 /** What somebody chose in a comparison. */
-export interface Kept {
-  setting: Setting;
+export interface ComparisonChoice {
+  setting: EvaluationSetting;
   ticked: string[];
 }
 
 export interface Comparison {
   element: HTMLElement;
-  kept: () => Kept;
+  kept: () => ComparisonChoice;
 }
 
 /** The comparison. */
-export function compare(of: Compared, context: Context): Comparison {
-  const start = of.kept?.setting ?? (of.job ? { ...asked(of.job), seed: of.job.seed } : null);
+export function compare(of: ComparisonInput, context: Context): Comparison {
+  const start = of.kept?.setting ?? (of.job ? { ...requestOf(of.job), seed: of.job.seed } : null);
   const { fields, setting } = controls(of.worlds, start);
   const rows = [CHANCE, ...of.policies.filter((p) => p.task === of.family).map((p) => p.id)].map((id, look) => row(id, look, of.policies.find((p) => p.id === id) ?? null));
   const told = figures();
@@ -50,16 +50,16 @@ export function compare(of: Compared, context: Context): Comparison {
   const world = (): Schema<"WorldOut"> | undefined => of.worlds.find((w) => w.id === setting().world);
   const show = (): void => {
     const chance = found(CHANCE);
-    for (const one of rows) fill(one, found(one.id), chance, runs.running(one.id));
+    for (const one of rows) fillRow(one, found(one.id), chance, runs.running(one.id));
     const ticked = rows.filter((one) => one.tick.checked);
     const drawn = ticked.flatMap((one) => {
       const e = found(one.id);
-      return e ? [{ id: one.id, look: one.look, training: one.training, schooling: schooling(of.policies, one.id), evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
+      return e ? [{ id: one.id, look: one.look, training: one.training, schooling: trainingKey(of.policies, one.id), evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
     });
     told.draw(drawn, chance, of.learnt, world()?.kind === "real");
     const lacking = ticked.filter((one) => !found(one.id) && !runs.running(one.id)).length;
     button.disabled = lacking === 0;
-    put(spent, ...counted(world(), lacking, setting().attempts));
+    put(spent, ...interactionsText(world(), lacking, setting().attempts));
   };
   const refresh = async (): Promise<void> => {
     const id = setting().world;
@@ -71,15 +71,15 @@ export function compare(of: Compared, context: Context): Comparison {
   button.addEventListener("click", () => {
     button.disabled = true;
     context.fail(null);
-    for (const one of fields) one.refuse(null);
+    for (const one of fields) one.showError(null);
     runs
       .ask(rows.filter((one) => one.tick.checked).map((one) => one.id), setting())
-      .catch((e: unknown) => refused(fields, e) || context.fail(e))
+      .catch((e: unknown) => showFieldError(fields, e) || context.fail(e))
       .finally(show);
   });
   for (const one of fields) one.input.addEventListener("change", () => (show(), refresh().catch(context.fail)));
   for (const one of rows) {
-    const first = one.id === CHANCE || (of.job !== null && one.id === asked(of.job).policy) || Boolean(found(one.id) ?? runs.running(one.id));
+    const first = one.id === CHANCE || (of.job !== null && one.id === requestOf(of.job).policy) || Boolean(found(one.id) ?? runs.running(one.id));
     one.tick.checked = one.id === of.policy || (of.kept ? of.kept.ticked.includes(one.id) : first);
     one.tick.addEventListener("change", show);
   }
@@ -92,14 +92,14 @@ export function compare(of: Compared, context: Context): Comparison {
 }
 
 /** In which world, on which tasks, with how many attempts. */
-function controls(worlds: readonly Schema<"WorldOut">[], start: Partial<Setting> | null): { fields: Field<HTMLInputElement | HTMLSelectElement>[]; setting: () => Setting } {
-  const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
+function controls(worlds: readonly Schema<"WorldOut">[], start: Partial<EvaluationSetting> | null): { fields: RequestField<HTMLInputElement | HTMLSelectElement>[]; setting: () => EvaluationSetting } {
+  const world = choice("World", "world", worlds.map((w) => [w.id, worldLabel(w)]));
   const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
   const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? ATTEMPTS });
   const seed = number("Candidates' seed", "seed", { value: start?.seed ?? 0 });
   if (start?.world && worlds.some((w) => w.id === start.world)) world.input.value = start.world;
   if (start?.split) split.input.value = start.split;
-  const setting = (): Setting => ({ world: world.input.value, split: split.input.value, attempts: given(attempts) ?? ATTEMPTS, seed: given(seed) ?? 0 });
+  const setting = (): EvaluationSetting => ({ world: world.input.value, split: split.input.value, attempts: numberOf(attempts) ?? ATTEMPTS, seed: numberOf(seed) ?? 0 });
   return { fields: [world, split, attempts, seed], setting };
 }
 
@@ -110,7 +110,7 @@ function table(family: string, rows: readonly Row[]): HTMLElement {
 }
 
 /** What was spent in a world, and what an evaluation would. */
-function counted(world: Schema<"WorldOut"> | undefined, lacking: number, attempts: number): (HTMLElement | string)[] {
+function interactionsText(world: Schema<"WorldOut"> | undefined, lacking: number, attempts: number): (HTMLElement | string)[] {
   if (!world) return [];
   const what = world.kind === "real" ? "Real interactions" : "Interactions";
   return [`${what} spent in ${world.id}: `, h("strong", {}, world.interactions), lacking ? `. An evaluation spends up to ${attempts} a task.` : "."];
@@ -136,7 +136,7 @@ function row(id: string, look: number, policy: Schema<"PolicyOut"> | null): Row 
 }
 
 /** What is known of a policy in the setting chosen, or how far its evaluation is. */
-function fill(row: Row, e: Evaluation | undefined, chance: Evaluation | undefined, job: Job | undefined): void {
+function fillRow(row: Row, e: Evaluation | undefined, chance: Evaluation | undefined, job: Job | undefined): void {
   if (!e) {
     const { done, total } = job?.progress ?? { done: 0, total: 0 };
     const bar = job ? h("progress", { max: Math.max(1, total), value: done, "aria-label": `Progress of ${job.id}` }) : h("span", { class: "soft" }, "not evaluated");
@@ -144,14 +144,14 @@ function fill(row: Row, e: Evaluation | undefined, chance: Evaluation | undefine
     return;
   }
   const solved = curve(e.solvedAt, e.attempts);
-  const ahead = chance && e !== chance ? better(e.solvedAt, chance.solvedAt) : null;
-  const words = [within(auccess(e.solvedAt)), ahead ? within(ahead, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
+  const advantage = chance && e !== chance ? difference(e.solvedAt, chance.solvedAt) : null;
+  const words = [intervalText(auccess(e.solvedAt)), advantage ? intervalText(advantage, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
   const labels = ["AUCCESS", "over chance", "solved at 1", "within 10", "spent"];
   row.cells.forEach((cell, i) => put(set(cell, { "data-label": labels[i]! }), words[i] === "" ? null : words[i]));
 }
 
 /** A value, and under it between what it lies. */
-function within(of: Interval, signed = false): HTMLElement {
+function intervalText(of: Interval, signed = false): HTMLElement {
   const [value, ...rest] = interval(of, signed).split(" ");
   return h("span", { class: "within" }, value, h("span", { class: "soft" }, ` ${rest.join(" ")}`));
 }

@@ -4,17 +4,17 @@ import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
 import { short } from "../../parts/slider";
 import type { Context } from "../../view";
-import { asked, evaluation, type Evaluation, fits, type Setting } from "./scores";
+import { requestOf, evaluation, type Evaluation, hasSetting, type EvaluationSetting } from "./scores";
 
 type Job = Schema<"JobOut">;
 
 export interface Evaluations {
   /** A policy's in a setting. */
-  found: (policy: string, setting: Setting) => Evaluation | undefined;
+  found: (policy: string, setting: EvaluationSetting) => Evaluation | undefined;
   /** A policy's that has not ended. */
   running: (policy: string) => Job | undefined;
   /** Asks for those of the policies that are lacking. */
-  ask: (policies: readonly string[], setting: Setting) => Promise<void>;
+  ask: (policies: readonly string[], setting: EvaluationSetting) => Promise<void>;
   /** Follows what has not ended. */
   start: () => void;
 }
@@ -22,35 +22,35 @@ export interface Evaluations {
 /** `changed` is told when one goes on, with whether it has ended. */
 export function evaluations(jobs: readonly Job[], changed: (over: boolean) => void, context: Context): Evaluations {
   const done = jobs.map(evaluation).filter((e) => e !== null);
-  const under = new Map(jobs.filter((job) => !ended(job)).map((job) => [job.id, job]));
+  const unfinished = new Map(jobs.filter((job) => !hasEnded(job)).map((job) => [job.id, job]));
   // The newest counts: a policy's weights may have been replaced.
-  const found = (policy: string, setting: Setting): Evaluation | undefined => done.filter((e) => e.policy === policy && fits(e, setting)).at(-1);
-  const running = (policy: string): Job | undefined => [...under.values()].find((job) => asked(job).policy === policy);
-  const take = (job: Job): void => {
-    under.set(job.id, job);
-    if (ended(job)) {
-      under.delete(job.id);
+  const found = (policy: string, setting: EvaluationSetting): Evaluation | undefined => done.filter((e) => e.policy === policy && hasSetting(e, setting)).at(-1);
+  const running = (policy: string): Job | undefined => [...unfinished.values()].find((job) => requestOf(job).policy === policy);
+  const onJob = (job: Job): void => {
+    unfinished.set(job.id, job);
+    if (hasEnded(job)) {
+      unfinished.delete(job.id);
       const e = evaluation(job);
       if (e) done.push(e);
       if (job.state === "failed") context.fail(new Error(`${job.id} failed: ${job.error?.detail ?? "without a word"}`));
       context.say(e ? `${e.policy}: AUCCESS ${short(e.auccess)}` : `${job.id} ${job.state}`);
     }
-    changed(ended(job));
+    changed(hasEnded(job));
   };
   const watch = (job: Job): void => {
-    under.set(job.id, job);
-    follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => take(JSON.parse(event.data) as Job), context.signal).catch(context.fail);
+    unfinished.set(job.id, job);
+    follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => onJob(JSON.parse(event.data) as Job), context.signal).catch(context.fail);
   };
-  const ask = async (policies: readonly string[], setting: Setting): Promise<void> => {
+  const ask = async (policies: readonly string[], setting: EvaluationSetting): Promise<void> => {
     for (const id of policies) {
       if (found(id, setting) || running(id)) continue;
       const body = { ...setting, split: setting.split as Schema<"SplitIn"> };
       watch(await ok(api.POST("/v1/policies/{id}/evaluate", { params: { path: { id } }, body, signal: context.signal })));
     }
   };
-  return { found, running, ask, start: () => [...under.values()].forEach(watch) };
+  return { found, running, ask, start: () => [...unfinished.values()].forEach(watch) };
 }
 
-function ended(job: Job): boolean {
+function hasEnded(job: Job): boolean {
   return ["succeeded", "failed", "cancelled"].includes(job.state);
 }

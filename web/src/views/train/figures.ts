@@ -3,10 +3,10 @@
 import type { Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
 import { key, curvePlot, type CurveSeries } from "../../parts/curvePlot";
-import { averaged, better, chains, type Evaluation, type Interval, interval, type Learner, mean } from "./scores";
+import { meanCurve, difference, learningChains, type Evaluation, type Interval, interval, type Learner, mean } from "./scores";
 
 /** An evaluated policy. */
-export interface Drawn {
+export interface EvaluatedPolicy {
   id: string;
   look: number;
   /** As the server calls it: `fixed`, `learned_on`, ... */
@@ -19,11 +19,11 @@ export interface Drawn {
 }
 
 /** Trainings that never saw a real world. */
-const SIMULATED = ["fixed", "randomised", "believed"];
+const SIMULATION_TRAININGS = ["fixed", "randomised", "believed"];
 
 export interface Figures {
   element: HTMLElement;
-  draw: (drawn: readonly Drawn[], chance: Evaluation | undefined, learnt: readonly Schema<"JobOut">[], real: boolean) => void;
+  draw: (policies: readonly EvaluatedPolicy[], chance: Evaluation | undefined, learningJobs: readonly Schema<"JobOut">[], real: boolean) => void;
 }
 
 /** The figures, empty at first. */
@@ -39,65 +39,65 @@ export function figures(): Figures {
   const starts = h("dl", {});
   const jumped = h("section", { class: "starts", "aria-label": "Jump starts" }, h("h3", {}, "Jump start ", h("span", { class: "soft" }, "AUCCESS before any learning in the real world")), starts);
   const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
-  let again = (): void => undefined;
-  one.addEventListener("change", () => again());
-  const draw: Figures["draw"] = (all, chance, learnt, real) => {
-    again = () => draw(all, chance, learnt, real);
-    const groups = [...new Set(all.map((d) => d.schooling))].map((alike) => all.filter((d) => d.schooling === alike));
+  let redraw = (): void => undefined;
+  one.addEventListener("change", () => redraw());
+  const draw: Figures["draw"] = (all, chance, learningJobs, real) => {
+    redraw = () => draw(all, chance, learningJobs, real);
+    const groups = [...new Set(all.map((d) => d.schooling))].map((key_) => all.filter((d) => d.schooling === key_));
     seeds.hidden = groups.length === all.length;
     const together = one.checked && !seeds.hidden;
-    const drawn = together ? groups.map(grouped) : all;
+    const policies = together ? groups.map(meanOverSeeds) : all;
     put(bandsOf, together ? "The area under a curve is its AUCCESS." : "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson).");
-    [curves.hidden, none.hidden] = [!drawn.length, drawn.length > 0];
-    put(legend, ...drawn.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
-    success.draw(drawn.map(line), Math.max(2, ...drawn.map((one) => one.evaluation.attempts)));
-    const jumps = real ? all.filter((one) => SIMULATED.includes(one.training)) : [];
+    [curves.hidden, none.hidden] = [!policies.length, policies.length > 0];
+    put(legend, ...policies.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
+    success.draw(policies.map(line), Math.max(2, ...policies.map((one) => one.evaluation.attempts)));
+    const jumps = real ? all.filter((one) => SIMULATION_TRAININGS.includes(one.training)) : [];
     jumped.hidden = !jumps.length;
-    put(starts, ...jumps.flatMap((one) => jump(one, chance)));
-    const ways = learned(all, learnt);
-    further.hidden = !ways.length;
-    learning.draw(ways);
+    put(starts, ...jumps.flatMap((one) => jumpStart(one, chance)));
+    const curves_ = learningCurves(all, learningJobs);
+    further.hidden = !curves_.length;
+    learning.draw(curves_);
   };
   return { element: h("div", { class: "stack" }, none, curves, jumped, further), draw };
 }
 
 /** Policies that differ by their seed, as one. */
-function grouped(of: Drawn[]): Drawn {
-  const [first] = of as [Drawn];
+function meanOverSeeds(of: EvaluatedPolicy[]): EvaluatedPolicy {
+  const [first] = of as [EvaluatedPolicy];
   if (of.length === 1) return first;
   const id = `${first.id} and ${of.length - 1} other ${of.length === 2 ? "seed" : "seeds"}`;
-  return { ...first, id, curve: averaged(of.map((d) => d.curve)), auccess: mean(of.map((d) => d.auccess.value)) };
+  return { ...first, id, curve: meanCurve(of.map((d) => d.curve)), auccess: mean(of.map((d) => d.auccess.value)) };
 }
 
-function line(one: Drawn): CurveSeries {
+function line(one: EvaluatedPolicy): CurveSeries {
   const x = one.curve.map((_, i) => i + 1);
   return { name: one.id, look: one.look, x, y: one.curve.map((p) => p.value), low: one.curve.map((p) => p.low), high: one.curve.map((p) => p.high) };
 }
 
 /** AUCCESS in the real world before anything was learned there. */
-function jump(one: Drawn, chance: Evaluation | undefined): HTMLElement[] {
-  const ahead = chance ? better(one.evaluation.solvedAt, chance.solvedAt) : null;
+function jumpStart(one: EvaluatedPolicy, chance: Evaluation | undefined): HTMLElement[] {
+  const advantage = chance ? difference(one.evaluation.solvedAt, chance.solvedAt) : null;
   return [
     h("dt", {}, h("span", { class: "name" }, key(one.look), one.id)),
-    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), ahead ? ` ${interval(ahead, true)} over chance` : ""),
+    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), advantage ? ` ${interval(advantage, true)} over chance` : ""),
   ];
 }
 
 /** Policies that learned on from each other, each by what it reaches. */
-function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): CurveSeries[] {
-  const steps: Learner[] = learnt.flatMap((job) => {
-    const found = job.result as { policy: string; from: string; interactions: number } | null | undefined;
-    return found ? [{ id: found.policy, from: found.from, attempts: found.interactions }] : [];
+function learningCurves(policies: readonly EvaluatedPolicy[], learningJobs: readonly Schema<"JobOut">[]): CurveSeries[] {
+  const steps: Learner[] = learningJobs.flatMap((job) => {
+    const result = job.result as { policy: string; from: string; interactions: number } | null | undefined;
+    return result ? [{ id: result.policy, from: result.from, attempts: result.interactions }] : [];
   });
-  const roots = drawn.filter((one) => !steps.some((step) => step.id === one.id)).map((one) => ({ id: one.id, from: null, attempts: 0 }));
-  return chains([...roots, ...steps]).flatMap((way) => {
-    const known = way.flatMap((step) => {
-      const one = drawn.find((d) => d.id === step.id);
+  const roots = policies.filter((one) => !steps.some((step) => step.id === one.id)).map((one) => ({ id: one.id, from: null, attempts: 0 }));
+  return learningChains([...roots, ...steps]).flatMap((way) => {
+    const evaluated = way.flatMap((step) => {
+      const one = policies.find((d) => d.id === step.id);
       return one ? [{ ...step, one }] : [];
     });
-    const last = known.at(-1)?.one;
-    if (!last || !known.some((k) => k.attempts > 0)) return [];
-    const of = (pick: (i: Interval) => number): number[] => known.map((k) => pick(k.one.auccess));
-    return [{ name: last.id, look: last.look, x: known.map((k) => k.attempts), y: of((i) => i.value), low: of((i) => i.low), high: of((i) => i.high) }];
+    const last = evaluated.at(-1)?.one;
+    if (!last || !evaluated.some((k) => k.attempts > 0)) return [];
+    const of = (pick: (i: Interval) => number): number[] => evaluated.map((k) => pick(k.one.auccess));
+    return [{ name: last.id, look: last.look, x: evaluated.map((k) => k.attempts), y: of((i) => i.value), low: of((i) => i.low), high: of((i) => i.high) }];
   });
 }

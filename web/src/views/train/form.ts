@@ -3,11 +3,11 @@
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import type { Context } from "../../view";
-import { effects, type Term } from "../play/physics";
-import { choice, type Field, given, named, number, refused } from "./fields";
+import { effects, type EffectTerm } from "../play/physics";
+import { choice, type RequestField, numberOf, worldLabel, number, showFieldError } from "./requestFields";
 
 /** What trainings can be made from. */
-export interface Given {
+export interface TrainingInputs {
   family: Schema<"FamilyOut">;
   worlds: readonly Schema<"WorldOut">[];
   /** Estimations of the family that succeeded. */
@@ -30,23 +30,23 @@ const LATENTS: [keyof Latents, string][] = [
   ["restitution", "restitution"],
 ];
 /** Policies at once that differ by their seed: for the scatter that chance makes. */
-const MANY = [1, 3, 5, 10];
+const SEED_COUNTS = [1, 3, 5, 10];
 /** Looks at AUCCESS on the way that the page asks for. */
-const LOOKS = 10;
+const DEFAULT_VALIDATIONS = 10;
 
-export interface Form {
+export interface TrainingForm {
   element: HTMLElement;
   /** There are other policies to learn on with; what was typed stays. */
   learners: (policies: readonly Schema<"PolicyOut">[]) => void;
 }
 
 /** The form; `started` gets every job that was queued. */
-export function form(from: Given, started: (job: Schema<"JobOut">) => void, context: Context): Form {
+export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) => void, context: Context): TrainingForm {
   const { family, worlds } = from;
-  const numbered = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
-  const whole: [string, string] = [family.name, `all ${family.split.train} training tasks`];
+  const taskIds = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
+  const allTasks: [string, string] = [family.name, `all ${family.split.train} training tasks`];
   const kind = choice("Kind of learner", "training", KINDS);
-  const task = choice("Tasks", "task", [whole, ...numbered.map((id) => [id, `${id} alone`] as const)]);
+  const task = choice("Tasks", "task", [allTasks, ...taskIds.map((id) => [id, `${id} alone`] as const)]);
   const source = choice("Latents", "source", [
     ["prior", "before anything is known"],
     ...from.estimations.map((job) => [job.id, `as ${job.id} estimated`] as const),
@@ -54,60 +54,60 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
   ]);
   const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
   const policy = choice("Policy", "policy", []);
-  const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
+  const world = choice("World", "world", worlds.map((w) => [w.id, worldLabel(w)]));
   const attempts = number("Attempts to learn from", "attempts", { hint: "empty: as many as the updates hold" });
   const batches = number("Updates", "batches", { hint: "empty: the family's own" });
   const size = number("Batch size", "batch_size");
-  const looks = number("Validations", "validations", { value: LOOKS });
+  const validations = number("Validations", "validations", { value: DEFAULT_VALIDATIONS });
   const seed = number("Seed", "seed", { value: 0 });
-  const many = choice("Policies", "many", MANY.map((n) => [`${n}`, n === 1 ? "one" : `${n}, a seed each`] as const));
-  let terms: Term[] = [];
-  const fields: Field<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, looks, seed, many];
+  const policyCount = choice("Policies", "many", SEED_COUNTS.map((n) => [`${n}`, n === 1 ? "one" : `${n}, a seed each`] as const));
+  let terms: EffectTerm[] = [];
+  const fields: RequestField<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, validations, seed, policyCount];
   const button = h("button", { type: "submit", class: "main" }, "Train");
   const physics = h("fieldset", {}, h("legend", {}, "The simulation's latents"), source.element, h("div", { class: "three" }, ...latents.map((l) => l.element)));
   const added = h("details", {}, h("summary", {}, "Effects of the simulation"), effects(from.library, (now) => (terms = now)));
   const spends = h("p", { class: "soft" }, "Attempts in a world are counted there; in a real one they are what is scarce.");
   const show = (): void => {
-    const how = kind.input.value;
-    const simulated = how === "fixed" || how === "randomised";
-    physics.hidden = how !== "fixed";
+    const learner = kind.input.value;
+    const simulated = learner === "fixed" || learner === "randomised";
+    physics.hidden = learner !== "fixed";
     added.hidden = !simulated;
-    for (const one of [task, looks]) one.element.hidden = !simulated;
+    for (const one of [task, validations]) one.element.hidden = !simulated;
     for (const one of [world, attempts]) one.element.hidden = simulated;
-    policy.element.hidden = how !== "learn";
+    policy.element.hidden = learner !== "learn";
     spends.hidden = simulated;
-    const none = how === "learn" && !policy.input.options.length;
+    const none = learner === "learn" && !policy.input.options.length;
     button.disabled = none;
     put(button, none ? "No policy to learn on with" : "Train");
   };
-  const filled = (): void => {
+  const fillLatents = (): void => {
     const from_ = source.input.value;
     if (from_ === "hand") return;
-    const now = estimated(from.estimations.find((job) => job.id === from_));
+    const now = estimatedLatents(from.estimations.find((job) => job.id === from_));
     LATENTS.forEach(([name], i) => (latents[i]!.input.value = now[name] === undefined ? "" : String(Number(now[name].toPrecision(6)))));
   };
   kind.input.addEventListener("change", show);
-  source.input.addEventListener("change", filled);
+  source.input.addEventListener("change", fillLatents);
   for (const one of latents) one.input.addEventListener("input", () => (source.input.value = "hand"));
   const learners = (policies: readonly Schema<"PolicyOut">[]): void => {
-    const kept = policy.input.value;
-    const own = policies.filter((p) => p.task === family.name);
-    put(policy.input, ...own.map((p) => h("option", { value: p.id, selected: p.id === kept }, `${p.id}, ${p.training.replaceAll("_", " ")}`)));
+    const selected = policy.input.value;
+    const ofFamily = policies.filter((p) => p.task === family.name);
+    put(policy.input, ...ofFamily.map((p) => h("option", { value: p.id, selected: p.id === selected }, `${p.id}, ${p.training.replaceAll("_", " ")}`)));
     show();
   };
   show();
   const ask = (nth: number): Promise<Schema<"JobOut">> => {
-    const how = kind.input.value;
-    const budget = { ...some("batches", given(batches)), ...some("batch_size", given(size)), ...some("seed", nth === 0 ? given(seed) : (given(seed) ?? 0) + nth) };
-    if (how === "learn" || how === "direct") {
-      const body = { world: world.input.value, ...some("attempts", given(attempts)), ...budget };
-      const id = how === "direct" ? "untrained" : policy.input.value;
+    const learner = kind.input.value;
+    const budget = { ...optional("batches", numberOf(batches)), ...optional("batch_size", numberOf(size)), ...optional("seed", nth === 0 ? numberOf(seed) : (numberOf(seed) ?? 0) + nth) };
+    if (learner === "learn" || learner === "direct") {
+      const body = { world: world.input.value, ...optional("attempts", numberOf(attempts)), ...budget };
+      const id = learner === "direct" ? "untrained" : policy.input.value;
       return ok(api.POST("/v1/policies/{id}/learn", { params: { path: { id } }, body, signal: context.signal }));
     }
-    const values = Object.fromEntries(LATENTS.flatMap(([name], i) => (given(latents[i]!) === undefined ? [] : [[name, given(latents[i]!)]])));
-    const training = how as Schema<"TrainingIn">;
-    const physics_ = how === "fixed" ? { latents: values } : {};
-    const body = { task: task.input.value, training, ...physics_, ...(terms.length ? { effects: terms } : {}), ...budget, ...some("validations", given(looks)) };
+    const values = Object.fromEntries(LATENTS.flatMap(([name], i) => (numberOf(latents[i]!) === undefined ? [] : [[name, numberOf(latents[i]!)]])));
+    const training = learner as Schema<"TrainingIn">;
+    const physics_ = learner === "fixed" ? { latents: values } : {};
+    const body = { task: task.input.value, training, ...physics_, ...(terms.length ? { effects: terms } : {}), ...budget, ...optional("validations", numberOf(validations)) };
     return ok(api.POST("/v1/policies", { body, signal: context.signal }));
   };
   const element = h("form", { class: "stack train-form", novalidate: true });
@@ -117,32 +117,32 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     physics,
     added,
     spends,
-    h("div", { class: "three" }, batches.element, size.element, looks.element, seed.element, many.element),
+    h("div", { class: "three" }, batches.element, size.element, validations.element, seed.element, policyCount.element),
     h("div", { class: "row" }, button),
   );
   element.addEventListener("submit", (event) => {
     event.preventDefault();
-    for (const one of fields) one.refuse(null);
+    for (const one of fields) one.showError(null);
     context.fail(null);
     button.disabled = true;
     const all = async (): Promise<void> => {
-      for (let nth = 0; nth < Number(many.input.value); nth++) started(await ask(nth));
+      for (let nth = 0; nth < Number(policyCount.input.value); nth++) onStarted(await ask(nth));
     };
     all()
-      .catch((e: unknown) => refused(fields, e) || context.fail(e))
+      .catch((e: unknown) => showFieldError(fields, e) || context.fail(e))
       .finally(show);
   });
   return { element, learners };
 }
 
 /** The latents of an estimation; none of no estimation. */
-export function estimated(job: Schema<"JobOut"> | undefined): Latents {
-  const found = (job?.result as { latents?: { name: string; value: number }[] } | undefined)?.latents ?? [];
-  const known = found.filter((l) => LATENTS.some(([name]) => name === l.name));
-  return Object.fromEntries(known.map((l) => [l.name, l.value]));
+export function estimatedLatents(job: Schema<"JobOut"> | undefined): Latents {
+  const estimates = (job?.result as { latents?: { name: string; value: number }[] } | undefined)?.latents ?? [];
+  const latents_ = estimates.filter((l) => LATENTS.some(([name]) => name === l.name));
+  return Object.fromEntries(latents_.map((l) => [l.name, l.value]));
 }
 
 /** A field of a request that is left out where nothing was given. */
-function some<K extends string>(name: K, value: number | undefined): { [key in K]?: number } {
+function optional<K extends string>(name: K, value: number | undefined): { [key in K]?: number } {
   return value === undefined ? {} : ({ [name]: value } as { [key in K]?: number });
 }

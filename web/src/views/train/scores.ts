@@ -7,7 +7,7 @@ export const ATTEMPTS = 100;
 /** The policy that is always there: actions in an order drawn once. */
 export const CHANCE = "random";
 /** Of a normal distribution, so many standard deviations either way hold 95 %. */
-const Z = 1.96;
+const Z_95 = 1.96;
 
 /** An evaluation that ended, with what it was asked for. */
 export interface Evaluation {
@@ -24,7 +24,7 @@ export interface Evaluation {
 }
 
 /** What makes two evaluations comparable. */
-export interface Setting {
+export interface EvaluationSetting {
   world: string;
   split: string;
   attempts: number;
@@ -33,9 +33,9 @@ export interface Setting {
 
 /** The evaluation of a job; `null` if it is none that succeeded. */
 export function evaluation(job: Schema<"JobOut">): Evaluation | null {
-  const found = job.result as Found | null | undefined;
-  if (job.kind !== "evaluate" || !found) return null;
-  const of = asked(job);
+  const result = job.result as EvaluationResult | null | undefined;
+  if (job.kind !== "evaluate" || !result) return null;
+  const of = requestOf(job);
   return {
     job: job.id,
     policy: of.policy,
@@ -43,19 +43,19 @@ export function evaluation(job: Schema<"JobOut">): Evaluation | null {
     split: of.split ?? "test",
     attempts: of.attempts ?? ATTEMPTS,
     seed: job.seed,
-    auccess: found.auccess,
-    solvedAt: found.tasks.map((t) => t.solved_at),
-    interactions: found.interactions,
+    auccess: result.auccess,
+    solvedAt: result.tasks.map((t) => t.solved_at),
+    interactions: result.interactions,
   };
 }
 
 /** Whether an evaluation was made in a setting. */
-export function fits(one: Setting, wanted: Setting): boolean {
-  return one.world === wanted.world && one.split === wanted.split && one.attempts === wanted.attempts && one.seed === wanted.seed;
+export function hasSetting(one: EvaluationSetting, setting: EvaluationSetting): boolean {
+  return one.world === setting.world && one.split === setting.split && one.attempts === setting.attempts && one.seed === setting.seed;
 }
 
 /** What one task adds, of 1: the weights of attempts `k` on, ln(k + 1) - ln(k), over all weights. */
-export function worth(solvedAt: number | null): number {
+export function taskScore(solvedAt: number | null): number {
   return solvedAt === null || solvedAt > ATTEMPTS ? 0 : Math.log((ATTEMPTS + 1) / solvedAt) / Math.log(ATTEMPTS + 1);
 }
 
@@ -67,7 +67,7 @@ export interface Interval {
 
 /** AUCCESS, and between what it lies for tasks like these (95 %): it is a mean over tasks. */
 export function auccess(solvedAt: readonly (number | null)[]): Interval {
-  return mean(solvedAt.map(worth));
+  return mean(solvedAt.map(taskScore));
 }
 
 /** Share of tasks solved within 1, 2, ... `attempts`, with Wilson's interval (95 %). */
@@ -82,8 +82,8 @@ export function curve(solvedAt: readonly (number | null)[], attempts: number): I
 export function wilson(hits: number, of: number): Interval {
   if (of === 0) return { value: 0, low: 0, high: 1 };
   const p = hits / of;
-  const [middle, spread] = [p + (Z * Z) / (2 * of), Z * Math.sqrt((p * (1 - p)) / of + (Z * Z) / (4 * of * of))];
-  const under = 1 + (Z * Z) / of;
+  const [middle, spread] = [p + (Z_95 * Z_95) / (2 * of), Z_95 * Math.sqrt((p * (1 - p)) / of + (Z_95 * Z_95) / (4 * of * of))];
+  const under = 1 + (Z_95 * Z_95) / of;
   return { value: p, low: Math.max(0, (middle - spread) / under), high: Math.min(1, (middle + spread) / under) };
 }
 
@@ -94,19 +94,19 @@ export function mean(values: readonly number[]): Interval {
   const value = values.reduce((a, b) => a + b, 0) / n;
   if (n === 1) return { value, low: 0, high: 1 };
   const variance = values.reduce((sum, v) => sum + (v - value) ** 2, 0) / (n - 1);
-  const spread = Z * Math.sqrt(variance / n);
+  const spread = Z_95 * Math.sqrt(variance / n);
   return { value, low: Math.max(0, value - spread), high: Math.min(1, value + spread) };
 }
 
 /** How much better a policy does than another on the same tasks (95 %): the mean of differences task by task, which is narrower
  * than the difference of two means. `null` where the tasks are not the same. */
-export function better(one: readonly (number | null)[], other: readonly (number | null)[]): Interval | null {
+export function difference(one: readonly (number | null)[], other: readonly (number | null)[]): Interval | null {
   if (one.length !== other.length || !one.length) return null;
-  const differences = one.map((k, i) => worth(k) - worth(other[i]!));
+  const differences = one.map((k, i) => taskScore(k) - taskScore(other[i]!));
   const n = differences.length;
   const value = differences.reduce((a, b) => a + b, 0) / n;
   const variance = differences.reduce((sum, v) => sum + (v - value) ** 2, 0) / Math.max(1, n - 1);
-  const spread = Z * Math.sqrt(variance / n);
+  const spread = Z_95 * Math.sqrt(variance / n);
   return { value, low: Math.max(-1, value - spread), high: Math.min(1, value + spread) };
 }
 
@@ -121,47 +121,47 @@ export function means(values: readonly number[], most: number): { at: number; va
 
 /** `0.61 (0.52 to 0.70)` */
 export function interval({ value, low, high }: Interval, signed = false): string {
-  const said = (v: number): string => `${signed && v > 0 ? "+" : ""}${v.toFixed(2)}`;
-  return `${said(value)} (${said(low)} to ${said(high)})`;
+  const format = (v: number): string => `${signed && v > 0 ? "+" : ""}${v.toFixed(2)}`;
+  return `${format(value)} (${format(low)} to ${format(high)})`;
 }
 
 /** What an evaluation was asked for. */
-export function asked(job: Schema<"JobOut">): Asked {
-  return job.config as unknown as Asked;
+export function requestOf(job: Schema<"JobOut">): EvaluationRequest {
+  return job.config as unknown as EvaluationRequest;
 }
 
-export interface Asked {
+export interface EvaluationRequest {
   policy: string;
   world: string;
   split?: string;
   attempts?: number;
 }
 
-interface Found {
+interface EvaluationResult {
   auccess: number;
   interactions: number;
   tasks: { task: string; solved_at: number | null }[];
 }
 
 /** What policies share that differ but by their seed, and by whom they went on from if those do, too. */
-export function schooling(policies: readonly Schema<"PolicyOut">[], id: string): string {
+export function trainingKey(policies: readonly Schema<"PolicyOut">[], id: string): string {
   const one = policies.find((p) => p.id === id);
   // Weights that came from elsewhere are of their own.
   if (!one || one.job === null) return id;
   // Looking on the way changes nothing of what is learned.
   const { seed: _, validations: __, policy, ...rest } = one.config as unknown as { seed?: number; validations?: number; policy?: string };
-  const from = policy ? schooling(policies.filter((p) => p.id !== id), policy) : null;
+  const from = policy ? trainingKey(policies.filter((p) => p.id !== id), policy) : null;
   return JSON.stringify([one.training, from, Object.entries(rest).sort(([a], [b]) => (a < b ? -1 : 1))]);
 }
 
 /** The mean of curves, each of one seed, with the interval of that mean (95 %). */
-export function averaged(curves: readonly (readonly Interval[])[]): Interval[] {
+export function meanCurve(curves: readonly (readonly Interval[])[]): Interval[] {
   return (curves[0] ?? []).map((_, i) => mean(curves.map((one) => one[i]!.value)));
 }
 
 /** The mean of each value and its neighbours, `wide` values in all; fewer at the ends. */
-export function smoothed(values: readonly number[], wide: number): number[] {
-  const half = Math.floor(wide / 2);
+export function movingAverage(values: readonly number[], width: number): number[] {
+  const half = Math.floor(width / 2);
   return values.map((_, i) => {
     const part = values.slice(Math.max(0, i - half), i + half + 1);
     return part.reduce((a, b) => a + b, 0) / part.length;
@@ -178,15 +178,15 @@ export interface Learner {
 }
 
 /** Policies that went on from each other, oldest first, each with the attempts in a world learned from so far. */
-export function chains(learners: readonly Learner[]): { id: string; attempts: number }[][] {
-  const known = new Map(learners.map((one) => [one.id, one]));
+export function learningChains(learners: readonly Learner[]): { id: string; attempts: number }[][] {
+  const byId = new Map(learners.map((one) => [one.id, one]));
   const before = new Set(learners.flatMap((one) => (one.from === null ? [] : [one.from])));
-  const way = (id: string, seen: ReadonlySet<string>): { id: string; attempts: number }[] => {
-    const one = known.get(id);
-    if (!one || seen.has(id)) return [];
-    const earlier = one.from === null ? [] : way(one.from, new Set([...seen, id]));
+  const chain = (id: string, visited: ReadonlySet<string>): { id: string; attempts: number }[] => {
+    const one = byId.get(id);
+    if (!one || visited.has(id)) return [];
+    const earlier = one.from === null ? [] : chain(one.from, new Set([...visited, id]));
     return [...earlier, { id, attempts: (earlier.at(-1)?.attempts ?? 0) + one.attempts }];
   };
   const last = learners.filter((one) => one.from !== null && !before.has(one.id));
-  return last.map((one) => way(one.id, new Set()));
+  return last.map((one) => chain(one.id, new Set()));
 }

@@ -4,7 +4,7 @@ import { valueAt } from "../../scene/action";
 import type { Component, Scene } from "../../scene/types";
 
 /** A thing whose place an action sets. */
-export interface Axes {
+export interface PlacementAxes {
   target: string;
   /** Numbers of the components that set its place. */
   x: number;
@@ -12,7 +12,7 @@ export interface Axes {
 }
 
 /** Things whose place, both ways, an action sets. */
-export function placeable(scene: Scene): Axes[] {
+export function placementAxes(scene: Scene): PlacementAxes[] {
   const components = scene.action?.components ?? [];
   const of = (target: string, set: string): number => components.findIndex((c) => c.target === target && c.set === set);
   const names = [...new Set(components.map((c) => c.target))];
@@ -20,67 +20,67 @@ export function placeable(scene: Scene): Axes[] {
 }
 
 /** A grid over where one thing is put: edges of its columns and rows, rising, as shares of the range. */
-export interface Grid {
-  axes: Axes;
+export interface ActionGrid {
+  axes: PlacementAxes;
   columns: readonly number[];
   rows: readonly number[];
 }
 
 /** A grid of at most `most` cells each way. Where actions are but at a few places, each has a cell of its own. */
-export function gridded(axes: Axes, actions: readonly (readonly number[])[], most: number): Grid {
-  return { axes, columns: edges(actions.map((a) => a[axes.x]!), most), rows: edges(actions.map((a) => a[axes.y]!), most) };
+export function actionGrid(axes: PlacementAxes, actions: readonly (readonly number[])[], maxCells: number): ActionGrid {
+  return { axes, columns: edges(actions.map((a) => a[axes.x]!), maxCells), rows: edges(actions.map((a) => a[axes.y]!), maxCells) };
 }
 
-function edges(shares: readonly number[], most: number): number[] {
-  const places = [...new Set(shares)].sort((a, b) => a - b);
-  if (places.length > most || places.length < 2) return Array.from({ length: most + 1 }, (_, i) => i / most);
+function edges(solvedByCell: readonly number[], maxCells: number): number[] {
+  const places = [...new Set(solvedByCell)].sort((a, b) => a - b);
+  if (places.length > maxCells || places.length < 2) return Array.from({ length: maxCells + 1 }, (_, i) => i / maxCells);
   const inner = places.slice(1).map((v, i) => (v + places[i]!) / 2);
   return [2 * places[0]! - inner[0]!, ...inner, 2 * places.at(-1)! - inner.at(-1)!];
 }
 
 /** Number of the cell of an action, row by row from below; the nearest of one beyond the grid. */
-export function cell(grid: Grid, action: readonly number[]): number {
+export function cellOf(grid: ActionGrid, action: readonly number[]): number {
   const of = (share: number, edges: readonly number[]): number => {
     const past = edges.findIndex((edge) => edge > share);
     return past < 0 ? edges.length - 2 : Math.max(0, past - 1);
   };
-  return of(action[grid.axes.y]!, grid.rows) * across(grid) + of(action[grid.axes.x]!, grid.columns);
+  return of(action[grid.axes.y]!, grid.rows) * columnCount(grid) + of(action[grid.axes.x]!, grid.columns);
 }
 
 /** Cells of a row. */
-export function across(grid: Grid): number {
+export function columnCount(grid: ActionGrid): number {
   return grid.columns.length - 1;
 }
 
 /** Left, bottom, width, height of a cell, m. */
-export function place(grid: Grid, components: readonly Component[], number: number): [number, number, number, number] {
+export function cellBox(grid: ActionGrid, components: readonly Component[], number: number): [number, number, number, number] {
   const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
-  const [column, row] = [number % across(grid), Math.floor(number / across(grid))];
+  const [column, row] = [number % columnCount(grid), Math.floor(number / columnCount(grid))];
   const [left, bottom] = [valueAt(cx, grid.columns[column]!), valueAt(cy, grid.rows[row]!)];
   return [left, bottom, valueAt(cx, grid.columns[column + 1]!) - left, valueAt(cy, grid.rows[row + 1]!) - bottom];
 }
 
 /** For each cell that any action is in, the number of the first action there: of a list from best to worst, its best. */
-export function firsts(grid: Grid, actions: readonly (readonly number[])[]): Map<number, number> {
-  const found = new Map<number, number>();
+export function bestByCell(grid: ActionGrid, actions: readonly (readonly number[])[]): Map<number, number> {
+  const byCell = new Map<number, number>();
   actions.forEach((action, i) => {
-    const at = cell(grid, action);
-    if (!found.has(at)) found.set(at, i);
+    const at = cellOf(grid, action);
+    if (!byCell.has(at)) byCell.set(at, i);
   });
-  return found;
+  return byCell;
 }
 
 /** For each cell that any action is in, how many solve, of how many, and one that does. */
-export function shares(grid: Grid, actions: readonly (readonly number[])[], solved: readonly boolean[]): Map<number, { of: number; solve: number; one: number | null }> {
-  const found = new Map<number, { of: number; solve: number; one: number | null }>();
+export function shares(grid: ActionGrid, actions: readonly (readonly number[])[], solved: readonly boolean[]): Map<number, { of: number; solve: number; one: number | null }> {
+  const byCell = new Map<number, { of: number; solve: number; one: number | null }>();
   actions.forEach((action, i) => {
-    const at = cell(grid, action);
-    const here = found.get(at) ?? { of: 0, solve: 0, one: null };
-    here.of += 1;
-    if (solved[i]) [here.solve, here.one] = [here.solve + 1, here.one ?? i];
-    found.set(at, here);
+    const at = cellOf(grid, action);
+    const counts = byCell.get(at) ?? { of: 0, solve: 0, one: null };
+    counts.of += 1;
+    if (solved[i]) [counts.solve, counts.one] = [counts.solve + 1, counts.one ?? i];
+    byCell.set(at, counts);
   });
-  return found;
+  return byCell;
 }
 
 /** How strongly the place of the `rank`-th of `of` tries is shown, 0 to 1: the first fully, and by the logarithm from there, as
@@ -90,7 +90,7 @@ export function strength(rank: number, of: number): number {
 }
 
 /** Numbers that stand at about the same place are said together: `[[0, 2], [1]]`. */
-export function together(points: readonly (readonly [number, number])[], near: number): number[][] {
+export function groupNearby(points: readonly (readonly [number, number])[], near: number): number[][] {
   const groups: number[][] = [];
   points.forEach(([x, y], i) => {
     const group = groups.find((g) => Math.hypot(points[g[0]!]![0] - x, points[g[0]!]![1] - y) < near);

@@ -4,10 +4,10 @@ import type { Schema } from "../../api/client";
 import { short } from "../../parts/slider";
 
 export type World = Schema<"WorldOut">;
-export type Happened = Schema<"HappenedOut">;
+export type WorldEvent = Schema<"HappenedOut">;
 
 /** The world after an event, as far as the event tells. */
-export function after(world: World, event: Happened): World {
+export function applyEvent(world: World, event: WorldEvent): World {
   const state = { ...world.state };
   if (event.what === "reset") [state.task, state.phase, state.episodes] = [event.task ?? null, "ready", state.episodes + 1];
   if (event.what === "step" && event.valid) state.phase = "done";
@@ -16,12 +16,12 @@ export function after(world: World, event: Happened): World {
 }
 
 /** What a world that nothing happens in waits for. */
-export function waits(world: World): string {
+export function waitingFor(world: World): string {
   return { new: "No episode has begun.", ready: "An action is waited for.", done: "The episode has ended." }[world.state.phase] ?? "";
 }
 
 /** How an action ended; empty for attempts beside the episode. */
-export function verdict(event: Happened): string {
+export function verdict(event: WorldEvent): string {
   if (event.what === "attempts") return "";
   if (!event.valid) return `not placed: ${event.reason ?? ""}`;
   if (event.end === "diverged") return "diverged";
@@ -29,7 +29,7 @@ export function verdict(event: Happened): string {
 }
 
 /** An event in a line. */
-export function said(event: Happened): string {
+export function eventText(event: WorldEvent): string {
   const at = event.action ? ` at ${event.action.map((v) => v.toFixed(3)).join(", ")}` : "";
   switch (event.what) {
     case "reset":
@@ -48,6 +48,6 @@ export function said(event: Happened): string {
 }
 
 /** Whether something was attempted: the counter stands behind it. */
-export function spent(event: Happened): boolean {
+export function countsInteraction(event: WorldEvent): boolean {
   return event.what === "attempts" || (event.what === "step" && event.valid === true);
 }

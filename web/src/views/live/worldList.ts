@@ -5,68 +5,68 @@ import { poll } from "../../parts/poll";
 import { ago } from "../../parts/time";
 import { uniqueId, h, put } from "../../dom";
 import { type Context, link } from "../../view";
-import type { World } from "./words";
+import type { World } from "./messages";
 
 /** Rows of a page. */
 const ROWS = 25;
 /** Time between two looks, ms. */
-const LOOK = 2_000;
+const POLL_MS = 2_000;
 
-export async function list(place: HTMLElement, context: Context): Promise<void> {
+export async function worldList(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const id = uniqueId("order");
   const order = h("select", { id }, h("option", { value: "used" }, "last used first"), h("option", { value: "id" }, "by id"));
-  const [back, on] = [h("button", { type: "button" }, "Back"), h("button", { type: "button" }, "More")];
+  const [back, forward] = [h("button", { type: "button" }, "Back"), h("button", { type: "button" }, "More")];
   const [head, body] = [h("tr"), h("tbody")];
   const table = h("table", { class: "worlds" }, h("caption", { class: "unseen" }, "Worlds"), h("thead", {}, head), body);
-  const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, back, on);
+  const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, back, forward);
   put(place, h("div", { class: "row" }, h("label", { for: id }, "Order"), order, pages), h("div", { class: "card wide" }, table));
   // Cursors of the pages before this one; the first has none.
   const before: (string | undefined)[] = [];
   let [cursor, next]: [string | undefined, string | null] = [undefined, null];
   const load = async (): Promise<void> => {
     const query = { order: order.value, limit: ROWS, ...(cursor ? { cursor } : {}) };
-    const found = await ok(api.GET("/v1/worlds", { params: { query }, signal }));
-    next = found.next ?? null;
-    [back.disabled, on.disabled] = [before.length === 0, next === null];
-    const owned = found.worlds.some((w) => w.owner);
+    const page = await ok(api.GET("/v1/worlds", { params: { query }, signal }));
+    next = page.next ?? null;
+    [back.disabled, forward.disabled] = [before.length === 0, next === null];
+    const owned = page.worlds.some((w) => w.owner);
     const heads = ["World", "Task", "Kind", ...(owned ? ["Owner"] : []), "Interactions", "Episodes", "Last use"];
     put(head, ...heads.map((t) => h("th", { scope: "col" }, t)));
-    shown(body, found.worlds, owned);
+    updateRows(body, page.worlds, owned);
   };
-  const turn = (change: () => void) => (): void => {
+  const afterChange = (change: () => void) => (): void => {
     change();
     load().catch(context.fail);
   };
-  on.addEventListener("click", turn(() => (before.push(cursor), (cursor = next ?? undefined))));
-  back.addEventListener("click", turn(() => (cursor = before.pop())));
-  order.addEventListener("change", turn(() => ((before.length = 0), (cursor = undefined))));
+  forward.addEventListener("click", afterChange(() => (before.push(cursor), (cursor = next ?? undefined))));
+  back.addEventListener("click", afterChange(() => (cursor = before.pop())));
+  order.addEventListener("change", afterChange(() => ((before.length = 0), (cursor = undefined))));
   await load();
-  void poll(load, LOOK, context);
+  void poll(load, POLL_MS, context);
 }
 
 /** Shows the rows; those that have not changed stay, and keep the focus. */
-function shown(body: HTMLElement, worlds: readonly World[], owned: boolean): void {
-  const there = new Map([...body.children].map((row) => [(row as HTMLElement).dataset.seen, row]));
+function updateRows(body: HTMLElement, worlds: readonly World[], owned: boolean): void {
+  const rowsByKey = new Map([...body.children].map((row) => [(row as HTMLElement).dataset.seen, row]));
   const focus = document.activeElement?.closest("tr")?.dataset.world;
   const rows = worlds.map((world) => {
-    const cells = told(world, owned);
-    const seen = JSON.stringify([world.id, ...cells]);
-    return there.get(seen) ?? row(world, cells, seen);
+    const cells = worldCells(world, owned);
+    const key = JSON.stringify([world.id, ...cells]);
+    return rowsByKey.get(key) ?? row(world, cells, key);
   });
-  const moved = rows.some((row, i) => body.children[i] !== row) || body.children.length !== rows.length;
-  if (!moved) return;
+  const changed = rows.some((row, i) => body.children[i] !== row) || body.children.length !== rows.length;
+  if (!changed) return;
   put(body, ...rows);
   if (focus) (body.querySelector(`tr[data-world="${CSS.escape(focus)}"] a`) as HTMLElement | null)?.focus();
 }
 
-function row(world: World, cells: [string, string][], seen: string): HTMLElement {
+function row(world: World, cells: [string, string][], key: string): HTMLElement {
   const first = h("th", { scope: "row" }, h("a", { href: link("live", [world.id]) }, world.id));
-  return h("tr", { "data-world": world.id, "data-seen": seen }, first, ...cells.map(([name, text]) => h("td", { "data-name": name }, text)));
+  return h("tr", { "data-world": world.id, "data-seen": key }, first, ...cells.map(([name, text]) => h("td", { "data-name": name }, text)));
 }
 
 /** A world's cells: a name for narrow pages, and what stands there. */
-function told(world: World, owned: boolean): [string, string][] {
+function worldCells(world: World, owned: boolean): [string, string][] {
   const task = world.state.task && world.state.task !== world.task ? `${world.task}, now ${world.state.task}` : world.task;
   return [
     ["Task", task],

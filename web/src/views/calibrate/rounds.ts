@@ -6,12 +6,12 @@ import { picture } from "../../scene/draw";
 import { applyAction, unit, valueAt } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
-import { load } from "../play/tasks";
-import { asked, type Round, type Standing } from "./course";
-import { number } from "./findings";
+import { loadTask } from "../play/taskPicker";
+import { asked, type Round, type EstimationState } from "./estimation";
+import { formatNumber } from "./findings";
 
 /** Pictures of a round that are drawn; more would say no more. */
-const PICTURES = 12;
+const MAX_PICTURES = 12;
 
 const HEADS = ["Round", "Actions", "Collisions", "Rolling steps", "Residual, m²", "Real interactions"];
 
@@ -27,12 +27,12 @@ export const STRATEGIES: Record<string, string> = {
   success: "the actions expected to tell most of whether plans work",
 };
 
-export interface Proposed {
+export interface RoundsView {
   element: HTMLElement;
-  show: (now: Standing) => void;
+  show: (now: EstimationState) => void;
 }
 
-export function proposed(context: Context): Proposed {
+export function roundsView(context: Context): RoundsView {
   const why = h("p", { class: "soft" });
   const body = h("tbody");
   const table = h(
@@ -46,62 +46,62 @@ export function proposed(context: Context): Proposed {
   const choice = h("select", { id });
   const tiles = h("ul", { class: "tiles" });
   const more = h("p", { class: "soft", hidden: true });
-  const drawn = h("div", { class: "stack", hidden: true }, h("div", { class: "row" }, h("label", { for: id }, "Proposals of round"), choice), tiles, more);
-  let [rounds, shown]: [readonly Round[], string] = [[], ""];
+  const proposals = h("div", { class: "stack", hidden: true }, h("div", { class: "row" }, h("label", { for: id }, "Proposals of round"), choice), tiles, more);
+  let [rounds, shownKey]: [readonly Round[], string] = [[], ""];
   const draw = (): void => {
     const round = rounds.find((r) => String(r.number) === choice.value);
     if (!round) return;
     const now = JSON.stringify([round.number, round.proposals.map((p) => p.measured)]);
-    if (now === shown) return;
-    shown = now;
-    put(tiles, ...round.proposals.slice(0, PICTURES).map((p) => tile(p, context)));
-    more.hidden = round.proposals.length <= PICTURES;
-    put(more, `The first ${PICTURES} of ${round.proposals.length}.`);
+    if (now === shownKey) return;
+    shownKey = now;
+    put(tiles, ...round.proposals.slice(0, MAX_PICTURES).map((p) => tile(p, context)));
+    more.hidden = round.proposals.length <= MAX_PICTURES;
+    put(more, `The first ${MAX_PICTURES} of ${round.proposals.length}.`);
   };
   choice.addEventListener("change", draw);
-  const show = (now: Standing): void => {
+  const show = (now: EstimationState): void => {
     const strategy = asked(now.job).strategy ?? "mixed";
     put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of the candidates, as simulated.`);
     // Who chose an earlier round stays there.
     const follow = !rounds.length || choice.value === String(rounds.at(-1)!.number);
-    const wanted = follow ? String(now.rounds.at(-1)?.number ?? "") : choice.value;
+    const selectedRound = follow ? String(now.rounds.at(-1)?.number ?? "") : choice.value;
     rounds = now.rounds;
     put(body, ...rounds.map(row));
-    put(choice, ...rounds.map((r) => h("option", { value: r.number, selected: String(r.number) === wanted }, r.number + 1)));
-    drawn.hidden = rounds.length === 0;
+    put(choice, ...rounds.map((r) => h("option", { value: r.number, selected: String(r.number) === selectedRound }, r.number + 1)));
+    proposals.hidden = rounds.length === 0;
     draw();
   };
-  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, drawn), show };
+  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, proposals), show };
 }
 
 function row(round: Round): HTMLElement {
   const c = round.choice;
-  const dealt = c.groups ? ` (${c.groups.collisions} for collisions, ${c.groups.rolling} for rolling)` : "";
+  const groupText = c.groups ? ` (${c.groups.collisions} for collisions, ${c.groups.rolling} for rolling)` : "";
   // On a phone there are no heads: every cell says what it is.
   const cell = (column: number, ...children: Child[]): HTMLElement => h("td", { "data-head": HEADS[column] }, ...children);
-  const against = (column: number, chosen: number, all: number): HTMLElement => cell(column, number(chosen), h("span", { class: "soft" }, ` (${number(all)})`));
+  const meanCell = (column: number, chosen: number, all: number): HTMLElement => cell(column, formatNumber(chosen), h("span", { class: "soft" }, ` (${formatNumber(all)})`));
   return h(
     "tr",
     { "data-round": round.number },
     h("th", { scope: "row" }, round.number + 1),
-    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`, ...c.expected.map(hope)),
-    against(2, c.collisions, c.candidate_collisions),
-    against(3, c.rolling_steps, c.candidate_rolling_steps),
-    cell(4, typeof round.residual === "number" ? number(round.residual) : round.fitted ? "nothing measured" : "…"),
+    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${groupText}`, ...c.expected.map(expectedGain)),
+    meanCell(2, c.collisions, c.candidate_collisions),
+    meanCell(3, c.rolling_steps, c.candidate_rolling_steps),
+    cell(4, typeof round.residual === "number" ? formatNumber(round.residual) : round.fitted ? "nothing measured" : "…"),
     cell(5, round.interactions),
   );
 }
 
 /** What actions were chosen to tell of a latent. */
-function hope(e: Round["choice"]["expected"][number]): HTMLElement {
-  return h("span", { class: "soft hope" }, `${e.name}: ±${number(e.before)} to ±${number(e.after)} expected`);
+function expectedGain(e: Round["choice"]["expected"][number]): HTMLElement {
+  return h("span", { class: "soft hope" }, `${e.name}: ±${formatNumber(e.before)} to ±${formatNumber(e.after)} expected`);
 }
 
 function tile(proposal: Round["proposals"][number], context: Context): HTMLElement {
   const place = h("span", { class: "thumb" });
   const mark = proposal.measured === true ? "measured" : proposal.measured === false ? "not possible" : "open";
-  scene(proposal.task, context.signal)
-    .then((s) => put(place, picture(applyAction(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${placement(s, proposal.action)}`).svg))
+  sceneOfTask(proposal.task, context.signal)
+    .then((s) => put(place, picture(applyAction(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${actionText(s, proposal.action)}`).svg))
     .catch(context.fail);
   return h("li", { class: "tile" }, place, h("span", {}, `${proposal.number}: ${proposal.task}`), h("span", { class: "soft" }, mark));
 }
@@ -109,18 +109,18 @@ function tile(proposal: Round["proposals"][number], context: Context): HTMLEleme
 const scenes = new Map<string, Promise<Scene>>();
 
 /** The scene of a task, asked for once. */
-export function scene(task: string, signal: AbortSignal): Promise<Scene> {
-  const known = scenes.get(task);
-  if (known) return known;
-  const asked = load(task, signal).then((t) => t.scene);
-  scenes.set(task, asked);
+export function sceneOfTask(task: string, signal: AbortSignal): Promise<Scene> {
+  const cached = scenes.get(task);
+  if (cached) return cached;
+  const pending = loadTask(task, signal).then((t) => t.scene);
+  scenes.set(task, pending);
   // What failed, or was left, is asked for anew.
-  asked.catch(() => scenes.delete(task));
-  return asked;
+  pending.catch(() => scenes.delete(task));
+  return pending;
 }
 
 /** What an action sets, in words. */
-export function placement(scene: Scene, action: readonly number[]): string {
+export function actionText(scene: Scene, action: readonly number[]): string {
   const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0), unit(c))}`);
   return set.join(", ");
 }

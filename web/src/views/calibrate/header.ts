@@ -5,20 +5,20 @@ import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
-import { asked, ended, isRig, type Job, planned, type Standing } from "./course";
+import { asked, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
 
-export interface Head {
+export interface EstimationHeader {
   element: HTMLElement;
-  moved: (job: Job) => void;
-  stands: (now: Standing) => void;
+  onJob: (job: Job) => void;
+  onRounds: (now: EstimationState) => void;
 }
 
 /** `compare` is told which job is wanted over this one, `null` for none. */
-export function head(id: string, others: readonly Job[], other: string | null, compare: (id: string | null) => void, context: Context): Head {
+export function estimationHeader(id: string, others: readonly Job[], other: string | null, compare: (id: string | null) => void, context: Context): EstimationHeader {
   const [state, words] = [h("span", { class: "state" }), h("p", { class: "soft" })];
   const bar = h("progress", { max: 1, value: 0, "aria-label": `Progress of ${id}` });
   const spent = h("strong", { class: "count" }, "0");
-  const most = h("span", { class: "soft" });
+  const limit = h("span", { class: "soft" });
   const what = h("p", { class: "soft" });
   const why = h("p", { class: "why", hidden: true });
   const cancel = h("button", { type: "button" }, "Cancel");
@@ -27,62 +27,62 @@ export function head(id: string, others: readonly Job[], other: string | null, c
     context.fail(null);
     ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id } } }) as Promise<{ data?: unknown; response: Response }>).catch((e: unknown) => ((cancel.disabled = false), context.fail(e)));
   });
-  const again = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Begin again like this");
+  const startSimilar = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Begin again like this");
   const job = h("a", { href: link("jobs", [id]) }, "Job and result");
   const choice = uniqueId("compare");
-  const options = others.filter((j) => j.id !== id).map((j) => h("option", { value: j.id, selected: j.id === other }, `${j.id}: ${titled(j)}`));
-  const chosen = h("select", { id: choice }, h("option", { value: "" }, "nothing"), ...options);
-  chosen.addEventListener("change", () => compare(chosen.value || null));
-  const beside = h("span", { class: "row compare" }, h("label", { for: choice }, "Compare with"), chosen);
+  const options = others.filter((j) => j.id !== id).map((j) => h("option", { value: j.id, selected: j.id === other }, `${j.id}: ${estimationTitle(j)}`));
+  const select = h("select", { id: choice }, h("option", { value: "" }, "nothing"), ...options);
+  select.addEventListener("change", () => compare(select.value || null));
+  const compareControl = h("span", { class: "row compare" }, h("label", { for: choice }, "Compare with"), select);
   const title = h("h2", {}, id);
   const element = h(
     "section",
     { class: "card stack calibrate-head", "aria-label": "Estimation" },
-    h("div", { class: "row between" }, h("div", { class: "row" }, title, state), h("p", { class: "tally", role: "status" }, "Real interactions spent: ", spent, " ", most)),
+    h("div", { class: "row between" }, h("div", { class: "row" }, title, state), h("p", { class: "tally", role: "status" }, "Real interactions spent: ", spent, " ", limit)),
     what,
     bar,
     words,
     why,
-    h("div", { class: "row between" }, h("div", { class: "row" }, cancel, again, job), beside),
+    h("div", { class: "row between" }, h("div", { class: "row" }, cancel, startSimilar, job), compareControl),
   );
-  const moved = (now: Job): void => {
+  const onJob = (now: Job): void => {
     put(state, now.state);
     state.className = `state ${now.state}`;
-    put(what, described(now));
+    put(what, description(now));
     const { done, total, stage, eta_s: left } = now.progress;
-    bar.hidden = ended(now) || total === 0;
+    bar.hidden = hasEnded(now) || total === 0;
     [bar.max, bar.value] = [Math.max(1, total), done];
-    const parts = ended(now) ? [stopped(now)] : [stage || now.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
+    const parts = hasEnded(now) ? [stopReason(now)] : [stage || now.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
     put(words, parts.filter(Boolean).join(", "));
     words.hidden = !words.textContent;
-    cancel.hidden = ended(now);
+    cancel.hidden = hasEnded(now);
     why.hidden = now.state !== "failed";
     put(why, now.error?.detail ?? "");
   };
-  const stands = (now: Standing): void => {
+  const onRounds = (now: EstimationState): void => {
     put(spent, now.interactions);
     const { actions = 10, budget } = asked(now.job);
-    const bound = Math.min(planned(now.job) * (actions ?? 10), budget ?? Infinity);
-    put(most, ended(now.job) ? "" : `of at most ${bound}`);
+    const bound = Math.min(maxRounds(now.job) * (actions ?? 10), budget ?? Infinity);
+    put(limit, hasEnded(now.job) ? "" : `of at most ${bound}`);
   };
-  return { element, moved, stands };
+  return { element, onJob: onJob, onRounds: onRounds };
 }
 
 /** A run in a few words: what it is told from others by. */
-export function titled(job: Job): string {
+export function estimationTitle(job: Job): string {
   const { task, strategy, seed, world } = asked(job);
-  return [task, world ?? (isRig(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
+  return [task, world ?? (isAskTell(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
 }
 
-function described(job: Job): string {
+function description(job: Job): string {
   const { task, strategy, residual, fit, rounds, actions, world, seed } = asked(job);
-  const where = isRig(job) ? "a rig of yours" : world ? `the world ${world}` : "a real world of its own";
-  const along = fit?.length ? `, fitting ${fit.join(", ")} along` : "";
-  return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${along}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
+  const where = isAskTell(job) ? "a rig of yours" : world ? `the world ${world}` : "a real world of its own";
+  const fitted = fit?.length ? `, fitting ${fit.join(", ")} along` : "";
+  return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${fitted}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
 }
 
 /** Why it ended. */
-function stopped(job: Job): string {
+function stopReason(job: Job): string {
   if (job.state === "cancelled") return "It was cancelled; what was measured and found until then is kept.";
   if (job.state !== "succeeded") return "";
   const { stopped, seconds } = (job.result ?? {}) as { stopped?: string; seconds?: number };

@@ -4,14 +4,14 @@ import { all, api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put, set } from "../../dom";
 import type { Film } from "../../scene/film";
 import type { Context } from "../../view";
-import type { Task } from "./tasks";
+import type { Task } from "./taskPicker";
 
-export interface Ran {
+export interface RealRun {
   film: Film;
   solved: boolean | null;
 }
 
-export interface Reality {
+export interface RealWorld {
   element: HTMLElement;
   /** Another task: its real worlds are offered. */
   about: (task: Task) => Promise<void>;
@@ -20,7 +20,7 @@ export interface Reality {
 }
 
 /** `run` gives the action to run; `ran` is told what came of it. */
-export function reality(action: () => number[], ran: (ran: Ran) => void, context: Context): Reality {
+export function realWorld(action: () => number[], onRan: (onRan: RealRun) => void, context: Context): RealWorld {
   let [task, worlds, placeable, busy]: [Task | null, Schema<"WorldOut">[], boolean, boolean] = [null, [], false, false];
   const id = uniqueId("world");
   const choice = h("select", { id });
@@ -30,9 +30,9 @@ export function reality(action: () => number[], ran: (ran: Ran) => void, context
   const none = h("p", { class: "soft" }, "There is no real world for this scene: everything here is simulated, and free.");
   const some = h("div", { class: "row" }, h("label", { for: id }, "Real world"), choice, button);
   const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", left);
-  const chosen = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
+  const selectedWorld = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
   const show = (): void => {
-    const world = chosen();
+    const world = selectedWorld();
     some.hidden = !world;
     tally.hidden = !world;
     none.hidden = Boolean(world);
@@ -42,21 +42,21 @@ export function reality(action: () => number[], ran: (ran: Ran) => void, context
     put(left, `${budget} Only this button spends one. ${world?.sealed ? "Its latents and effects are hidden." : ""}`);
   };
   const refresh = async (): Promise<void> => {
-    const world = chosen();
+    const world = selectedWorld();
     if (!world) return;
     const now = await ok(api.GET("/v1/worlds/{id}", { params: { path: { id: world.id } }, signal: context.signal }));
     worlds = worlds.map((w) => (w.id === now.id ? now : w));
     show();
   };
   const run = async (): Promise<void> => {
-    const world = chosen();
+    const world = selectedWorld();
     if (!world || !task) return;
     const of = task.family ? { task: task.id } : {};
     const body = { actions: [action()], trajectories: true, ...of };
     const batch = await ok(api.POST("/v1/worlds/{id}/rollout", { params: { path: { id: world.id } }, body, signal: context.signal }));
     const result = batch.results[0];
     if (!result?.valid || !result.t || !result.bodies) throw new Error(result?.reason ?? "the real world showed nothing");
-    ran({ film: { t: result.t, bodies: result.bodies, contacts: [] }, solved: result.solved ?? null });
+    onRan({ film: { t: result.t, bodies: result.bodies, contacts: [] }, solved: result.solved ?? null });
   };
   button.addEventListener("click", () => {
     busy = true;
@@ -74,14 +74,14 @@ export function reality(action: () => number[], ran: (ran: Ran) => void, context
   });
   choice.addEventListener("change", show);
   const about = async (now: Task): Promise<void> => {
-    const found = await all(
+    const all_ = await all(
       (cursor) => ok(api.GET("/v1/worlds", { params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal: context.signal })),
       (page) => page.worlds,
     );
     task = now;
-    worlds = found.filter((w) => w.kind === "real" && (w.task === now.family || w.task === now.id));
-    const kept = choice.value;
-    put(choice, ...worlds.map((w) => h("option", { value: w.id, selected: w.id === kept }, w.id)));
+    worlds = all_.filter((w) => w.kind === "real" && (w.task === now.family || w.task === now.id));
+    const selected = choice.value;
+    put(choice, ...worlds.map((w) => h("option", { value: w.id, selected: w.id === selected }, w.id)));
     show();
   };
   show();

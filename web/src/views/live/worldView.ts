@@ -7,17 +7,17 @@ import { short } from "../../parts/slider";
 import type { Film } from "../../scene/film";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
-import { load } from "../play/tasks";
-import { screen, type Screen } from "./screen";
-import { after, type Happened, said, spent, verdict, waits, type World } from "./words";
+import { loadTask } from "../play/taskPicker";
+import { filmPlayer, type FilmPlayer } from "./filmPlayer";
+import { applyEvent, type WorldEvent, eventText, countsInteraction, verdict, waitingFor, type World } from "./messages";
 
 /** Events that stay in the list. */
-const LISTED = 50;
+const MAX_EVENTS_LISTED = 50;
 /** Least time between two pictures of a program that acts faster than one can look, ms. */
-const PACE = 150;
+const MIN_FRAME_INTERVAL_MS = 150;
 
 /** What is known of the world that is watched. */
-interface Seen {
+interface WatchState {
   world: World;
   /** Scenes by task: fetched once. */
   scenes: Map<string, Promise<Scene>>;
@@ -25,72 +25,72 @@ interface Seen {
   last: number;
 }
 
-export async function watching(place: HTMLElement, id: string, context: Context): Promise<void> {
+export async function worldView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
   const path = { id };
   // Who may not see it is told so in the server's words, before anything is followed.
-  const seen: Seen = { world: await ok(api.GET("/v1/worlds/{id}", { params: { path }, signal })), scenes: new Map(), missed: 0, last: 0 };
+  const watch: WatchState = { world: await ok(api.GET("/v1/worlds/{id}", { params: { path }, signal })), scenes: new Map(), missed: 0, last: 0 };
   const [facts, front] = [h("div"), h("div", { class: "front" })];
   const log = h("ol", { class: "happened", reversed: true, "aria-label": "What happened, newest first" });
-  const nothing = h("p", { class: "soft" }, "Nothing has happened since you look on. Steps of a program appear here.");
+  const noEvents = h("p", { class: "soft" }, "Nothing has happened since you look on. Steps of a program appear here.");
   const status = h("p", { class: "soft", role: "status" }, "Connecting …");
   const box = uniqueId("follow");
   const newest = h("input", { id: box, type: "checkbox", checked: true });
   const head = h("section", { class: "card stack", "aria-label": "World" }, h("p", {}, h("a", { href: link("live") }, "All worlds")), h("h2", {}, id), facts);
-  const events = h("section", { class: "card stack", "aria-label": "What happens" }, h("h2", {}, "What happens"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film at once")), nothing, log);
+  const events = h("section", { class: "card stack", "aria-label": "What happens" }, h("h2", {}, "What happens"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film at once")), noEvents, log);
   put(place, h("div", { class: "live-body" }, front, h("div", { class: "stack" }, head, events)));
-  let shown: { task: string; screen: Screen } | null = null;
-  const on = async (task: string): Promise<Screen> => {
+  let shown: { task: string; screen: FilmPlayer } | null = null;
+  const playerFor = async (task: string): Promise<FilmPlayer> => {
     if (shown?.task !== task) {
-      const scene = await sceneOf(seen, task, signal);
-      shown = { task, screen: screen(scene, `Scene of ${task} in ${id}`, context) };
+      const scene = await sceneOf(watch, task, signal);
+      shown = { task, screen: filmPlayer(scene, `Scene of ${task} in ${id}`, context) };
       put(front, shown.screen.element);
     }
     return shown.screen;
   };
-  const show = async (event: Happened): Promise<void> => {
+  const show = async (event: WorldEvent): Promise<void> => {
     if (!event.task) return;
-    const at = await on(event.task);
+    const at = await playerFor(event.task);
     if (event.what === "reset") at.empty("The episode has begun: an action is waited for.");
     else at.show(event.action ?? [], event.film ? (event.film as unknown as Film) : null, verdict(event));
   };
-  const paint = paced((waiting: Happened[]) => {
-    put(facts, ...told(seen.world));
-    const rows = waiting.slice(-LISTED).reverse().map((event) => row(event, () => ((newest.checked = false), void show(event).catch(context.fail))));
+  const render = throttled((waiting: WorldEvent[]) => {
+    put(facts, ...worldFacts(watch.world));
+    const rows = waiting.slice(-MAX_EVENTS_LISTED).reverse().map((event) => eventRow(event, () => ((newest.checked = false), void show(event).catch(context.fail))));
     log.prepend(...rows);
-    while (log.childElementCount > LISTED) log.lastElementChild!.remove();
-    nothing.hidden = log.childElementCount > 0;
-    put(status, seen.missed ? `Watching. ${seen.missed} events came faster than they could be shown.` : "Watching.");
+    while (log.childElementCount > MAX_EVENTS_LISTED) log.lastElementChild!.remove();
+    noEvents.hidden = log.childElementCount > 0;
+    put(status, watch.missed ? `Watching. ${watch.missed} events came faster than they could be shown.` : "Watching.");
     const last = waiting.filter((e) => e.what === "reset" || e.what === "step" || e.film).at(-1);
     if (last && newest.checked) show(last).catch(context.fail);
   }, signal);
-  const take = (data: string, name: string): void => {
+  const onEvent = (data: string, name: string): void => {
     if (name === "world") {
       const first = JSON.parse(data) as Schema<"WatchOut">;
-      seen.world = first.world;
-      seen.scenes.set(first.task, Promise.resolve(first.scene as unknown as Scene));
-      if (!shown) void on(first.task).then((s) => s.empty(waits(first.world))).catch(context.fail);
-      paint(null);
+      watch.world = first.world;
+      watch.scenes.set(first.task, Promise.resolve(first.scene as unknown as Scene));
+      if (!shown) void playerFor(first.task).then((s) => s.empty(waitingFor(first.world))).catch(context.fail);
+      render(null);
       return;
     }
-    const event = JSON.parse(data) as Happened;
-    if (seen.last && event.number > seen.last + 1) seen.missed += event.number - seen.last - 1;
-    seen.last = event.number;
-    seen.world = after(seen.world, event);
-    paint(event);
+    const event = JSON.parse(data) as WorldEvent;
+    if (watch.last && event.number > watch.last + 1) watch.missed += event.number - watch.last - 1;
+    watch.last = event.number;
+    watch.world = applyEvent(watch.world, event);
+    render(event);
   };
-  await follow(`/v1/worlds/${encodeURIComponent(id)}/events`, (e) => take(e.data, e.event), signal, "gone");
+  await follow(`/v1/worlds/${encodeURIComponent(id)}/events`, (e) => onEvent(e.data, e.event), signal, "gone");
   if (!signal.aborted) put(status, "The world is gone: it was deleted, or nobody had used it for a while.");
 }
 
 /** A task's scene: of a family from the list of tasks, else what the watch began with. */
-function sceneOf(seen: Seen, task: string, signal: AbortSignal): Promise<Scene> {
-  const known = seen.scenes.get(task) ?? load(task, signal).then((t) => t.scene);
-  seen.scenes.set(task, known);
-  return known;
+function sceneOf(watch: WatchState, task: string, signal: AbortSignal): Promise<Scene> {
+  const cached = watch.scenes.get(task) ?? loadTask(task, signal).then((t) => t.scene);
+  watch.scenes.set(task, cached);
+  return cached;
 }
 
-function told(world: World): HTMLElement[] {
+function worldFacts(world: World): HTMLElement[] {
   const hidden = h("em", {}, "hidden");
   const latents = world.latents ? Object.entries(world.latents).map(([name, v]) => `${name} ${short(v as number)}`).join(", ") || "the scene's own" : hidden;
   const facts: [string, HTMLElement | string][] = [
@@ -105,8 +105,8 @@ function told(world: World): HTMLElement[] {
   return [h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]))];
 }
 
-function row(event: Happened, pick: () => void): HTMLElement {
-  const item = h("li", { value: event.number, "data-what": event.what }, said(event), spent(event) ? h("span", { class: "soft" }, `, interactions ${event.interactions}`) : null);
+function eventRow(event: WorldEvent, pick: () => void): HTMLElement {
+  const item = h("li", { value: event.number, "data-what": event.what }, eventText(event), countsInteraction(event) ? h("span", { class: "soft" }, `, interactions ${event.interactions}`) : null);
   if (!event.film) return item;
   const button = h("button", { type: "button", class: "quiet", "aria-label": `Show the film of event ${event.number}` }, "▶");
   button.addEventListener("click", pick);
@@ -115,19 +115,19 @@ function row(event: Happened, pick: () => void): HTMLElement {
 }
 
 /** Gathers what comes and paints it no more often than one can look. */
-function paced<T>(paint: (waiting: T[]) => void, signal: AbortSignal): (one: T | null) => void {
-  let [waiting, due, last]: [T[], boolean, number] = [[], false, -PACE];
+function throttled<T>(render: (waiting: T[]) => void, signal: AbortSignal): (one: T | null) => void {
+  let [waiting, due, last]: [T[], boolean, number] = [[], false, -MIN_FRAME_INTERVAL_MS];
   const now = (): void => {
     due = false;
     last = performance.now();
-    const taken = waiting;
+    const batch = waiting;
     waiting = [];
-    if (!signal.aborted) paint(taken);
+    if (!signal.aborted) render(batch);
   };
   return (one) => {
     if (one !== null) waiting.push(one);
     if (due) return;
     due = true;
-    setTimeout(now, Math.max(0, last + PACE - performance.now()));
+    setTimeout(now, Math.max(0, last + MIN_FRAME_INTERVAL_MS - performance.now()));
   };
 }

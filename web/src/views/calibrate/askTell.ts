@@ -6,80 +6,80 @@ import { latest } from "../../parts/latest";
 import { picture } from "../../scene/draw";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
-import { ended, type Standing } from "./course";
-import { dropped } from "./drop";
-import { placement } from "./proposed";
-import { Refused, sheet } from "./sheet";
+import { hasEnded, type EstimationState } from "./estimation";
+import { trialsUpload } from "./trialsUpload";
+import { actionText } from "./rounds";
+import { InvalidCellError, resultTable } from "./resultTable";
 
 type Proposals = Schema<"Proposals">;
 type Proposal = Schema<"ProposalOut">;
 type Tell = Schema<"TellIn">;
 
-const ENDED = ["succeeded", "failed", "cancelled"];
+const END_STATES = ["succeeded", "failed", "cancelled"];
 /** Proposals that are shown; a robot's hundreds are read by a program. */
-const CARDS = 60;
+const MAX_CARDS = 60;
 
-export interface Rig {
+export interface AskTellView {
   element: HTMLElement;
-  show: (now: Standing) => void;
+  show: (now: EstimationState) => void;
 }
 
-export function rig(id: string, context: Context): Rig {
+export function rig(id: string, context: Context): AskTellView {
   const path = { id };
   const { signal } = context;
   const words = h("p", { class: "soft", role: "status" });
   const list = h("ul", { class: "asked" });
   const rest = h("p", { class: "soft", hidden: true });
-  const file = dropped(id, () => proposals, (now) => came(now), context);
+  const file = trialsUpload(id, () => proposals, (now) => onSubmitted(now), context);
   const close = h("button", { type: "button" }, "End the round with what there is");
-  const saved = h("button", { type: "button" }, "Save the proposals (JSON)");
-  const blank = h("button", { type: "button" }, "Save a CSV to fill in");
-  const tools = h("div", { class: "row" }, saved, blank, close);
+  const saveJson = h("button", { type: "button" }, "Save the proposals (JSON)");
+  const saveCsv = h("button", { type: "button" }, "Save a CSV to fill in");
+  const tools = h("div", { class: "row" }, saveJson, saveCsv, close);
   const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "To be carried out on your rig"), words, tools, file.element, list, rest);
-  let [proposals, shown]: [Proposals | null, string] = [null, ""];
-  const came = (now: Schema<"Told">): void => {
+  let [proposals, shownKey]: [Proposals | null, string] = [null, ""];
+  const onSubmitted = (now: Schema<"Told">): void => {
     context.say(`Round ${now.round + 1}: ${now.answered} measured, ${now.failed} not possible, ${now.open} open.`);
     refresh(null);
   };
-  const tell = async (body: Tell): Promise<void> => {
+  const submit = async (body: Tell): Promise<void> => {
     const round = proposals ? { round: proposals.round } : {};
-    came(await ok(api.POST("/v1/iplw/{id}/trials", { params: { path }, body: { ...round, ...body }, signal })));
+    onSubmitted(await ok(api.POST("/v1/iplw/{id}/trials", { params: { path }, body: { ...round, ...body }, signal })));
   };
   const refresh = latest<null>(async () => {
     try {
-      shows(await ok(api.GET("/v1/iplw/{id}/proposals", { params: { path }, signal })));
+      showProposals(await ok(api.GET("/v1/iplw/{id}/proposals", { params: { path }, signal })));
     } catch (e) {
       context.fail(e);
     }
   });
-  const shows = (now: Proposals): void => {
+  const showProposals = (now: Proposals): void => {
     proposals = now;
     const waits = now.state === "waiting";
     [tools.hidden, file.element.hidden, list.hidden] = [!waits, !waits, !waits];
     const key = JSON.stringify([now.round, now.state]);
-    if (key !== shown) put(list, ...now.proposals.slice(0, CARDS).map((p) => card(p, tell, context)));
-    shown = key;
-    rest.hidden = !waits || now.proposals.length <= CARDS;
-    put(rest, `The first ${CARDS} of ${now.proposals.length} are shown; the files have all of them.`);
+    if (key !== shownKey) put(list, ...now.proposals.slice(0, MAX_CARDS).map((p) => card(p, submit, context)));
+    shownKey = key;
+    rest.hidden = !waits || now.proposals.length <= MAX_CARDS;
+    put(rest, `The first ${MAX_CARDS} of ${now.proposals.length} are shown; the files have all of them.`);
     for (const p of now.proposals) list.querySelector(`[data-proposal="${p.number}"]`)?.classList.toggle("answered", p.answered);
     for (const p of now.proposals) mark(list.querySelector(`[data-proposal="${p.number}"] .tag`), p.answered);
     if (waits) {
       const open = now.proposals.filter((p) => !p.answered).length;
       put(words, `Round ${now.round + 1}: ${open} of ${now.proposals.length} proposals are open. Carry them out, and send what was measured; then the round is fitted and the next one comes.`);
     } else {
-      put(words, ENDED.includes(now.state) ? "Nothing more is asked for." : "The round is being fitted, or the next one chosen.");
+      put(words, END_STATES.includes(now.state) ? "Nothing more is asked for." : "The round is being fitted, or the next one chosen.");
     }
   };
   close.addEventListener("click", () => {
     context.fail(null);
-    tell({ close: true }).catch(context.fail);
+    submit({ close: true }).catch(context.fail);
   });
-  saved.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.json`, "application/json", JSON.stringify(proposals.proposals, null, 2)));
-  blank.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.csv`, "text/csv", toFill(proposals.proposals)));
+  saveJson.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.json`, "application/json", JSON.stringify(proposals.proposals, null, 2)));
+  saveCsv.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.csv`, "text/csv", blankTrials(proposals.proposals)));
   return {
     element,
     show: (now) => {
-      element.hidden = ended(now.job);
+      element.hidden = hasEnded(now.job);
       if (!element.hidden) refresh(null);
     },
   };
@@ -91,39 +91,39 @@ function mark(tag: Element | null, answered: boolean): void {
   put(tag, answered ? "answered" : "open");
 }
 
-function card(p: Proposal, tell: (body: Tell) => Promise<void>, context: Context): HTMLElement {
+function card(p: Proposal, submit: (body: Tell) => Promise<void>, context: Context): HTMLElement {
   const scene = p.scene as unknown as Scene;
-  const what = placement(scene, p.action);
-  const drawn = picture(scene, `Proposal ${p.number}, ${p.task}, everything placed: ${what}`);
-  const form = sheet(p.number, scene.bodies.map((b) => b.name));
+  const what = actionText(scene, p.action);
+  const drawing = picture(scene, `Proposal ${p.number}, ${p.task}, everything placed: ${what}`);
+  const form = resultTable(p.number, scene.bodies.map((b) => b.name));
   const send = h("button", { type: "button", class: "main" }, "Send");
   const failed = h("button", { type: "button", "aria-label": `Proposal ${p.number} could not be carried out` }, "Could not be carried out");
-  const hand = h("details", {}, h("summary", {}, `Fill in what was measured of ${p.number}`), form.element, h("div", { class: "row" }, send, form.more));
-  const doing = (button: HTMLButtonElement, what: () => Promise<void>, wrong: (e: unknown) => void): void => {
+  const manualEntry = h("details", {}, h("summary", {}, `Fill in what was measured of ${p.number}`), form.element, h("div", { class: "row" }, send, form.more));
+  const runAction = (button: HTMLButtonElement, what: () => Promise<void>, onError: (e: unknown) => void): void => {
     button.disabled = true;
     context.fail(null);
     what()
-      .catch(wrong)
+      .catch(onError)
       .finally(() => (button.disabled = false));
   };
   send.addEventListener("click", () =>
-    doing(
+    runAction(
       send,
       async () => {
-        await tell({ trials: [form.read()] });
-        form.refuse(null);
-        hand.open = false;
+        await submit({ trials: [form.read()] });
+        form.showError(null);
+        manualEntry.open = false;
       },
-      (e) => e instanceof Refused || form.refuse(e),
+      (e) => e instanceof InvalidCellError || form.showError(e),
     ),
   );
-  failed.addEventListener("click", () => doing(failed, () => tell({ failed: [p.number] }), context.fail));
+  failed.addEventListener("click", () => runAction(failed, () => submit({ failed: [p.number] }), context.fail));
   const title = h("div", { class: "row between" }, h("h3", {}, `Proposal ${p.number}: ${p.task}`), h("span", { class: "tag" }));
-  return h("li", { class: "card stack", "data-proposal": p.number }, title, drawn.svg, h("p", {}, what), hand, h("div", { class: "row" }, failed));
+  return h("li", { class: "card stack", "data-proposal": p.number }, title, drawing.svg, h("p", {}, what), manualEntry, h("div", { class: "row" }, failed));
 }
 
 /** A trials file in which only places are missing. */
-export function toFill(proposals: readonly Pick<Proposal, "number" | "scene" | "observe_at">[]): string {
+export function blankTrials(proposals: readonly Pick<Proposal, "number" | "scene" | "observe_at">[]): string {
   const rows = proposals.flatMap((p) => {
     const bodies = (p.scene as unknown as Scene).bodies;
     return p.observe_at.flatMap((t) => bodies.map((b) => `${p.number},${Number(t.toFixed(6))},${b.name},,`));

@@ -10,22 +10,22 @@ import { allObjects, type Component, type Point, type Scene } from "../../scene/
 import type { Context } from "../../view";
 
 /** Cells of the map of forbidden places, each way: within what one request may hold, 4096. */
-const CELLS = 48;
+const MAP_CELLS = 48;
 /** How far a key moves, share of the range; finer with Shift. */
-const [STEP, FINE] = [0.02, 0.002];
+const [STEP_SHARE, FINE_STEP_SHARE] = [0.02, 0.002];
 
-export interface Placing {
+export interface Placement {
   element: HTMLElement;
   action: () => number[];
   /** Why the action has no place; `null` if it has one. */
-  refuse: (reason: string | null) => void;
+  showReason: (reason: string | null) => void;
 }
 
 /** What a request is about: a task by id, or a scene. */
-export type Subject = { task: string } | { scene: Record<string, never> };
+export type SimulationSubject = { task: string } | { scene: Record<string, never> };
 
 /** Sets up placing in a picture; `moved` is called with every new action, and once at the start, with `first` if it is one. */
-export function placing(scene: Scene, subject: Subject, at: Picture, moved: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placing {
+export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Picture, onMove: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placement {
   const components = scene.action?.components ?? [];
   const names = targets(scene);
   let active = names[0] ?? "";
@@ -38,20 +38,20 @@ export function placing(scene: Scene, subject: Subject, at: Picture, moved: (act
     return slider(`${c.target} ${c.set}`, 0.5, text, (now) => change([[i, now]], c.target));
   });
   const map = latest<null>(async () => {
-    await mapped(scene, subject, action, axes(components, active), shade, context).catch(context.fail);
+    await updateMap(scene, subject, action, axes(components, active), shade, context).catch(context.fail);
   });
   const axis = (set: Component["set"]): number => components.findIndex((c) => c.target === active && c.set === set);
   const change = (values: [number, number][], target = active): void => {
     // What is forbidden for a thing depends on everything but its own place.
-    const own = axes(components, target);
-    const stale = target !== active || values.some(([i]) => i !== own.x && i !== own.y);
+    const targetAxes = axes(components, target);
+    const stale = target !== active || values.some(([i]) => i !== targetAxes.x && i !== targetAxes.y);
     active = target;
     for (const [i, now] of values) {
       action[i] = Math.min(1, Math.max(0, now));
       sliders[i]!.show(action[i]!);
     }
     if (stale) map(null);
-    moved([...action]);
+    onMove([...action]);
   };
   const to = (p: Point): void => {
     const [x, y] = [axis("x"), axis("y")];
@@ -60,26 +60,26 @@ export function placing(scene: Scene, subject: Subject, at: Picture, moved: (act
     if (y >= 0) values.push([y, shareFor(components[y]!, p[1])]);
     if (values.length) change(values);
   };
-  byMouse(at, () => nearest(scene, action, names), (name) => (active = name), () => map(null), to);
-  byKeys(at.svg, components, action, () => active, (name) => (active = name), names, change);
+  mouseInput(at, () => nearest(scene, action, names), (name) => (active = name), () => map(null), to);
+  keyboardInput(at.svg, components, action, () => active, (name) => (active = name), names, change);
   const start = async (): Promise<void> => {
     if (first?.length === action.length && first.every(Number.isFinite)) {
       change(first.map((v, i) => [i, v]));
       return map(null);
     }
-    const free = await mapped(scene, subject, action, axes(components, active), shade, context);
+    const free = await updateMap(scene, subject, action, axes(components, active), shade, context);
     const { x, y } = axes(components, active);
     if (free) change([[x, free[0]] as [number, number], [y, free[1]] as [number, number]].filter(([i]) => i >= 0));
-    else moved([...action]);
+    else onMove([...action]);
   };
   if (components.length) start().catch(context.fail);
-  else moved([]);
-  const refuse = (reason: string | null): void => {
+  else onMove([]);
+  const showReason = (reason: string | null): void => {
     set(message, { class: reason ? "refused-why" : "soft" });
     put(message, reason ? `Cannot be placed here: ${reason}.` : components.length ? "Click into the scene, drag, or use the arrow keys there." : "This scene has nothing to place.");
   };
-  refuse(null);
-  return { element: h("div", { class: "stack" }, message, ...sliders.map((one) => one.element)), action: () => [...action], refuse };
+  showReason(null);
+  return { element: h("div", { class: "stack" }, message, ...sliders.map((one) => one.element)), action: () => [...action], showReason: showReason };
 }
 
 /** Numbers of the components that set where a thing is; -1 where none does. */
@@ -89,29 +89,29 @@ function axes(components: readonly Component[], target: string): { x: number; y:
 }
 
 /** Shades where the thing cannot be; the free place nearest to where it is, if it is not free itself. */
-async function mapped(
+async function updateMap(
   scene: Scene,
-  subject: Subject,
+  subject: SimulationSubject,
   action: readonly number[],
   { x, y }: { x: number; y: number },
   shade: SVGPathElement,
   context: Context,
 ): Promise<[number, number] | null> {
-  const [columns, rows] = [x < 0 ? 1 : CELLS, y < 0 ? 1 : CELLS];
+  const [columns, rows] = [x < 0 ? 1 : MAP_CELLS, y < 0 ? 1 : MAP_CELLS];
   const cells: [number, number][] = [];
   for (let row = 0; row < rows; row++) for (let column = 0; column < columns; column++) cells.push([(column + 0.5) / columns, (row + 0.5) / rows]);
   const actions = cells.map(([u, v]) => action.map((old, i) => (i === x ? u : i === y ? v : old)));
   const { reasons } = await ok(api.POST("/v1/place", { body: { ...subject, actions: [[...action], ...actions] }, signal: context.signal }));
   const free = reasons.slice(1).map((r) => r === null);
-  set(shade, { d: x < 0 || y < 0 ? "" : cover(scene, x, y, free, columns) });
+  set(shade, { d: x < 0 || y < 0 ? "" : forbiddenPath(scene, x, y, free, columns) });
   if (reasons[0] === null) return null;
-  const here = [action[x] ?? 0.5, action[y] ?? 0.5] as const;
-  const far = ([u, v]: [number, number]): number => (u - here[0]) ** 2 + (v - here[1]) ** 2;
-  return cells.filter((_, k) => free[k]).sort((a, b) => far(a) - far(b))[0] ?? null;
+  const current = [action[x] ?? 0.5, action[y] ?? 0.5] as const;
+  const distance = ([u, v]: [number, number]): number => (u - current[0]) ** 2 + (v - current[1]) ** 2;
+  return cells.filter((_, k) => free[k]).sort((a, b) => distance(a) - distance(b))[0] ?? null;
 }
 
 /** The forbidden cells as one path, m; neighbours in a row are one piece. */
-function cover(scene: Scene, x: number, y: number, free: readonly boolean[], columns: number): string {
+function forbiddenPath(scene: Scene, x: number, y: number, free: readonly boolean[], columns: number): string {
   const components = scene.action!.components;
   const [cx, cy] = [components[x]!, components[y]!];
   const rows = free.length / columns;
@@ -135,29 +135,29 @@ function cover(scene: Scene, x: number, y: number, free: readonly boolean[], col
 
 /** What can be placed, by how near it is to a point. */
 function nearest(scene: Scene, action: readonly number[], names: readonly string[]): (p: Point) => string {
-  const things = allObjects(applyAction(scene, action)).filter((b) => names.includes(b.name));
+  const objects = allObjects(applyAction(scene, action)).filter((b) => names.includes(b.name));
   return (p) => {
-    const far = (q: Point | null | undefined): number => (q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : Infinity);
-    return things.sort((a, b) => far(a.position) - far(b.position))[0]?.name ?? "";
+    const distance = (q: Point | null | undefined): number => (q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : Infinity);
+    return objects.sort((a, b) => distance(a.position) - distance(b.position))[0]?.name ?? "";
   };
 }
 
-function byMouse(at: Picture, near: () => (p: Point) => string, activate: (name: string) => void, picked: () => void, to: (p: Point) => void): void {
-  let held = false;
+function mouseInput(at: Picture, nearestTo: () => (p: Point) => string, activate: (name: string) => void, onPick: () => void, to: (p: Point) => void): void {
+  let dragging = false;
   at.svg.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
-    held = true;
+    dragging = true;
     at.svg.setPointerCapture(event.pointerId);
     const p = at.at(event);
-    activate(near()(p));
-    picked();
+    activate(nearestTo()(p));
+    onPick();
     to(p);
   });
-  at.svg.addEventListener("pointermove", (event) => held && to(at.at(event)));
-  for (const name of ["pointerup", "pointercancel"] as const) at.svg.addEventListener(name, () => (held = false));
+  at.svg.addEventListener("pointermove", (event) => dragging && to(at.at(event)));
+  for (const name of ["pointerup", "pointercancel"] as const) at.svg.addEventListener(name, () => (dragging = false));
 }
 
-function byKeys(
+function keyboardInput(
   svg: SVGSVGElement,
   components: readonly Component[],
   action: readonly number[],
@@ -183,6 +183,6 @@ function byKeys(
     const i = components.findIndex((c) => c.target === active() && sets.includes(c.set));
     if (i < 0) return;
     event.preventDefault();
-    change([[i, action[i]! + sign * (event.shiftKey ? FINE : STEP)]]);
+    change([[i, action[i]! + sign * (event.shiftKey ? FINE_STEP_SHARE : STEP_SHARE)]]);
   });
 }

@@ -7,37 +7,37 @@ import { uniqueId, h, put, set } from "../../dom";
 
 type Trial = Schema<"TrialIn">;
 
-export interface Sheet {
+export interface ResultTable {
   element: HTMLElement;
   /** Adds a row. */
   more: HTMLElement;
   /** What was filled in; throws what is no number, told at its cell. */
   read: () => Trial;
   /** An error of the server's about `trials[0]`; `null` takes it away. */
-  refuse: (error: unknown) => void;
+  showError: (error: unknown) => void;
 }
 
 /** Rows that a sheet begins with. */
-const ROWS = 5;
+const INITIAL_ROWS = 5;
 
-export function sheet(proposal: number, bodies: readonly string[]): Sheet {
+export function resultTable(proposal: number, bodies: readonly string[]): ResultTable {
   const columns: [string, "t" | "x" | "y"][] = [["", "t"], ...bodies.flatMap((b): [string, "x" | "y"][] => [[b, "x"], [b, "y"]])];
   const heads = columns.map(([body, what]) => h("th", { scope: "col" }, what === "t" ? "t, s" : `${body} ${what}, m`));
-  const wrong = uniqueId("wrong");
-  const why = h("p", { id: wrong, class: "why", role: "alert", hidden: true });
+  const errorId = uniqueId("wrong");
+  const errorText = h("p", { id: errorId, class: "why", role: "alert", hidden: true });
   const body = h("tbody");
   const cells = (): HTMLInputElement[][] => [...body.rows].map((r) => [...r.querySelectorAll("input")]);
   const add = (): void => {
     const number = body.rows.length + 1;
     const inputs = columns.map(([of, what]) => {
       const label = what === "t" ? `t, row ${number}` : `${of} ${what}, row ${number}`;
-      return h("td", {}, h("input", { type: "text", inputmode: "decimal", "aria-label": label, "aria-describedby": wrong }));
+      return h("td", {}, h("input", { type: "text", inputmode: "decimal", "aria-label": label, "aria-describedby": errorId }));
     });
     body.append(h("tr", {}, ...inputs));
   };
-  for (let i = 0; i < ROWS; i++) add();
+  for (let i = 0; i < INITIAL_ROWS; i++) add();
   body.addEventListener("paste", (event) => {
-    const block = pasted(event.clipboardData?.getData("text") ?? "");
+    const block = parseBlock(event.clipboardData?.getData("text") ?? "");
     if (block.length < 2 && (block[0]?.length ?? 0) < 2) return;
     event.preventDefault();
     const all = cells();
@@ -50,51 +50,51 @@ export function sheet(proposal: number, bodies: readonly string[]): Sheet {
   const more = h("button", { type: "button" }, "One row more");
   more.addEventListener("click", add);
   const clear = (): void => {
-    why.hidden = true;
+    errorText.hidden = true;
     for (const cell of cells().flat()) cell.removeAttribute("aria-invalid");
   };
-  const blame = (cell: HTMLInputElement | undefined, text: string): void => {
-    why.hidden = false;
-    put(why, text);
+  const markCell = (cell: HTMLInputElement | undefined, text: string): void => {
+    errorText.hidden = false;
+    put(errorText, text);
     if (cell) set(cell, { "aria-invalid": "true" }).focus();
   };
   /** Rows that hold something. */
-  const filled = (): HTMLInputElement[][] => cells().filter((r) => r.some((c) => c.value.trim()));
+  const filledRows = (): HTMLInputElement[][] => cells().filter((r) => r.some((c) => c.value.trim()));
   const number = (cell: HTMLInputElement): number | null => {
     const text = cell.value.trim().replace(",", ".");
     if (text === "") return null;
     const value = Number(text);
     if (Number.isFinite(value)) return value;
     const problem = `“${cell.value}” is no number (${cell.getAttribute("aria-label")}).`;
-    blame(cell, problem);
-    throw new Refused(problem);
+    markCell(cell, problem);
+    throw new InvalidCellError(problem);
   };
   const read = (): Trial => {
     clear();
-    const rows = filled();
+    const rows = filledRows();
     const t = rows.map((r) => {
       const time = number(r[0]!);
       if (time !== null) return time;
       const problem = `A time is missing (${r[0]!.getAttribute("aria-label")}).`;
-      blame(r[0], problem);
-      throw new Refused(problem);
+      markCell(r[0], problem);
+      throw new InvalidCellError(problem);
     });
     const tracks = bodies.map((b, i) => [b, { x: rows.map((r) => number(r[1 + 2 * i]!)), y: rows.map((r) => number(r[2 + 2 * i]!)) }] as const);
-    const seen = tracks.filter(([, track]) => [...track.x, ...track.y].some((v) => v !== null));
-    return { proposal, t, bodies: Object.fromEntries(seen) };
+    const observed = tracks.filter(([, track]) => [...track.x, ...track.y].some((v) => v !== null));
+    return { proposal, t, bodies: Object.fromEntries(observed) };
   };
-  const refuse = (error: unknown): void => {
+  const showError = (error: unknown): void => {
     clear();
-    if (error === null || error instanceof Refused) return;
+    if (error === null || error instanceof InvalidCellError) return;
     const { detail, field } = describeError(error);
-    blame(cellOf(field, filled(), bodies), detail);
+    markCell(cellOf(field, filledRows(), bodies), detail);
   };
   const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measured of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);
-  return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), why), more, read, refuse };
+  return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), errorText), more, read, showError: showError };
 }
 
 /** What the sheet has told already. */
-export class Refused extends Error {}
+export class InvalidCellError extends Error {}
 
 /** The cell that the server's field means. */
 function cellOf(field: string | null, rows: HTMLInputElement[][], bodies: readonly string[]): HTMLInputElement | undefined {
@@ -106,7 +106,7 @@ function cellOf(field: string | null, rows: HTMLInputElement[][], bodies: readon
 }
 
 /** Rows and cells of a block that was copied from a spreadsheet or a file. */
-export function pasted(text: string): string[][] {
+export function parseBlock(text: string): string[][] {
   const lines = text.trim().split(/\r?\n/);
   const tabs = lines.some((l) => l.includes("\t"));
   const between = tabs ? "\t" : lines.some((l) => l.includes(";")) ? ";" : /\s*,\s*|\s+/;

@@ -7,7 +7,7 @@ import { curvePlot, type CurveSeries } from "../../parts/curvePlot";
 import { short } from "../../parts/slider";
 import { duration } from "../jobs";
 import type { Context } from "../../view";
-import { means, smoothed } from "./scores";
+import { means, movingAverage } from "./scores";
 
 type Job = Schema<"JobOut">;
 type Point = { at: number; value: number };
@@ -16,16 +16,16 @@ type Point = { at: number; value: number };
 export type Curves = Record<"loss" | "validation", Point[]>;
 
 /** A loss is smoothed over one of so many parts of it. */
-const SMOOTH = 15;
+const SMOOTHING_PARTS = 15;
 /** Points of a loss, at most: as many as the server tells on the way. */
-const TOLD = 200;
+const MAX_LOSS_POINTS = 200;
 
 /** What an event adds to the curves; a training that begins again, begins with none. */
-export function along(before: Curves, job: Job): Curves {
+export function updateCurves(before: Curves, job: Job): Curves {
   if (job.state === "succeeded" && job.result) {
-    const found = job.result as unknown as Found;
-    const checks = (found.validation ?? []).map((c) => ({ at: c.batches, value: c.auccess }));
-    return { loss: means(found.loss, TOLD), validation: checks };
+    const result = job.result as unknown as TrainingResult;
+    const checks = (result.validation ?? []).map((c) => ({ at: c.batches, value: c.auccess }));
+    return { loss: means(result.loss, MAX_LOSS_POINTS), validation: checks };
   }
   // Queued, or still labelling: what is known is of a run that a server's end cut off.
   if (job.state === "queued" || (job.state === "running" && job.progress.stage !== "train")) return { loss: [], validation: [] };
@@ -37,33 +37,33 @@ export function along(before: Curves, job: Job): Curves {
 }
 
 /** Shows a job of training or learning on; `ended` is told once it has, with the policy if there is one. */
-export function live(job: Job, ended: (policy: string | null) => void, context: Context): HTMLElement {
+export function trainingProgress(job: Job, onEnded: (policy: string | null) => void, context: Context): HTMLElement {
   const state = h("span", { class: "state" });
   const bar = h("progress", { "aria-label": `Progress of ${job.id}` });
   const words = h("span", { class: "soft" });
-  const why = h("p", { class: "why" });
+  const errorText = h("p", { class: "why" });
   const cancel = h("button", { type: "button" }, "Cancel");
   const outcome = h("p", { role: "status" });
   const loss = curvePlot({ about: "Loss over updates", x: "updates", y: "loss, nats" });
   const validation = curvePlot({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
   const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "Validation AUCCESS, in simulation"), validation.svg);
-  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
+  const lossFigure = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
   let curves: Curves = { loss: [], validation: [] };
   const show = (now: Job): void => {
-    curves = along(curves, now);
+    curves = updateCurves(curves, now);
     const { done, total, stage, eta_s: left } = now.progress;
-    const over = ["succeeded", "failed", "cancelled"].includes(now.state);
+    const hasEnded = ["succeeded", "failed", "cancelled"].includes(now.state);
     state.className = `state ${now.state}`;
     put(state, now.state);
-    [bar.hidden, cancel.hidden] = [over || !total, over];
+    [bar.hidden, cancel.hidden] = [hasEnded || !total, hasEnded];
     [bar.max, bar.value] = [Math.max(1, total), done];
-    put(words, over ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
-    put(why, now.error?.detail);
+    put(words, hasEnded ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
+    put(errorText, now.error?.detail);
     const last = (now.config as { batches?: number }).batches ?? (stage === "train" ? total : 1);
     loss.draw(series("loss", 1, curves.loss).flatMap((raw) => [{ ...raw, faint: true }, mean(raw)]), last);
     validation.draw(series("validation AUCCESS", 3, curves.validation), last);
     checks.hidden = !curves.validation.length;
-    if (now.state === "succeeded") put(outcome, ...came(now));
+    if (now.state === "succeeded") put(outcome, ...outcomeText(now));
   };
   show(job);
   cancel.addEventListener("click", () => {
@@ -73,10 +73,10 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
   follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => {
     const now = JSON.parse(event.data) as Job;
     show(now);
-    if (event.event === "done") ended(now.state === "succeeded" ? (now.result as unknown as Found).policy : null);
+    if (event.event === "done") onEnded(now.state === "succeeded" ? (now.result as unknown as TrainingResult).policy : null);
   }, context.signal).catch(context.fail);
   const head = h("div", { class: "row" }, h("strong", {}, job.id), state, words, cancel);
-  return h("div", { class: "stack", "data-job": job.id }, head, bar, why, outcome, h("div", { class: "sides" }, shown, checks));
+  return h("div", { class: "stack", "data-job": job.id }, head, bar, errorText, outcome, h("div", { class: "sides" }, lossFigure, checks));
 }
 
 function series(name: string, look: number, points: readonly Point[]): CurveSeries[] {
@@ -85,21 +85,21 @@ function series(name: string, look: number, points: readonly Point[]): CurveSeri
 
 /** The same without the scatter from batch to batch. */
 function mean(raw: CurveSeries): CurveSeries {
-  return { ...raw, name: "mean loss", y: smoothed(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTH))) };
+  return { ...raw, name: "mean loss", y: movingAverage(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTHING_PARTS))) };
 }
 
 /** What came of it, in words. */
-function came(job: Job): (HTMLElement | string)[] {
-  const found = job.result as unknown as Found;
-  const from = found.interactions === undefined ? `${found.examples} simulated actions` : `${found.interactions} real attempts`;
-  const last = found.validation?.at(-1);
+function outcomeText(job: Job): (HTMLElement | string)[] {
+  const result = job.result as unknown as TrainingResult;
+  const from = result.interactions === undefined ? `${result.examples} simulated actions` : `${result.interactions} real attempts`;
+  const last = result.validation?.at(-1);
   const checked = last ? `, validation AUCCESS ${short(last.auccess)}` : "";
-  return [h("strong", {}, found.policy), `: learned from ${from}, of which ${found.solving} solve; loss ${short(means(found.loss, 20).at(-1)?.value ?? 0)} at the end${checked}.`];
+  return [h("strong", {}, result.policy), `: learned from ${from}, of which ${result.solving} solve; loss ${short(means(result.loss, 20).at(-1)?.value ?? 0)} at the end${checked}.`];
 }
 
 const STAGES: Record<string, string> = { label: "trying actions in simulation", train: "learning" };
 
-interface Found {
+interface TrainingResult {
   policy: string;
   loss: number[];
   validation?: { batches: number; auccess: number }[];

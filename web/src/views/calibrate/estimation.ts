@@ -7,15 +7,15 @@ import { latest } from "../../parts/latest";
 
 export type Job = Schema<"JobOut">;
 export type Round = Schema<"RoundOut">;
-export type Known = Schema<"KnownOut">;
+export type LatentEstimate = Schema<"KnownOut">;
 /** What was asked for; the fields of a request that were given. */
-export type Asked = Partial<Schema<"Estimation">>;
+export type EstimationRequest = Partial<Schema<"Estimation">>;
 
 /** Rounds asked for at a time. */
 const PAGE = 50;
 
 /** Where an estimation stands. */
-export interface Standing {
+export interface EstimationState {
   job: Job;
   rounds: readonly Round[];
   /** Real interactions so far, those of the open round too. */
@@ -23,13 +23,13 @@ export interface Standing {
 }
 
 /** Follows an estimation to its end: `moved` with every event, `stands` when rounds may have changed. */
-export async function followed(id: string, moved: (job: Job) => void, stands: (now: Standing) => void, signal: AbortSignal, fail: (e: unknown) => void): Promise<void> {
+export async function followEstimation(id: string, onJob: (job: Job) => void, onRounds: (now: EstimationState) => void, signal: AbortSignal, fail: (e: unknown) => void): Promise<void> {
   const first = await estimation(id, signal);
-  const ask = rounds(id, signal);
-  const look = latest<Job>(async (job) => {
+  const readRounds = roundsReader(id, signal);
+  const updateRounds = latest<Job>(async (job) => {
     for (;;) {
       try {
-        stands({ job, ...(await ask()) });
+        onRounds({ job, ...(await readRounds()) });
         return;
       } catch (e) {
         if (signal.aborted) return;
@@ -38,15 +38,15 @@ export async function followed(id: string, moved: (job: Job) => void, stands: (n
       }
     }
   });
-  let seen = "";
-  const take = (job: Job): void => {
-    moved(job);
+  let lastKey = "";
+  const onEvent = (job: Job): void => {
+    onJob(job);
     const now = `${job.state} ${job.progress.stage} ${job.state === "waiting" ? job.progress.done : ""}`;
-    if (now !== seen) look(job);
-    seen = now;
+    if (now !== lastKey) updateRounds(job);
+    lastKey = now;
   };
-  take(first);
-  await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => take(JSON.parse(event.data) as Job), signal);
+  onEvent(first);
+  await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => onEvent(JSON.parse(event.data) as Job), signal);
 }
 
 /** A job, which must be an estimation. */
@@ -57,51 +57,51 @@ export async function estimation(id: string, signal: AbortSignal): Promise<Job> 
 }
 
 /** A function that asks for the rounds; those of whole pages are asked for once. */
-function rounds(id: string, signal: AbortSignal): () => Promise<Omit<Standing, "job">> {
-  const kept: Round[] = [];
+function roundsReader(id: string, signal: AbortSignal): () => Promise<Omit<EstimationState, "job">> {
+  const complete: Round[] = [];
   let cursor: string | undefined;
   return async () => {
     for (;;) {
       const query = { limit: PAGE, ...(cursor ? { cursor } : {}) };
       const page = await ok(api.GET("/v1/iplw/{id}/rounds", { params: { path: { id }, query }, signal }));
-      if (!page.next) return { rounds: [...kept, ...page.rounds], interactions: page.interactions };
-      kept.push(...page.rounds);
+      if (!page.next) return { rounds: [...complete, ...page.rounds], interactions: page.interactions };
+      complete.push(...page.rounds);
       cursor = page.next;
     }
   };
 }
 
 /** What a job was asked for. */
-export function asked(job: Job): Asked {
-  return job.config as Asked;
+export function asked(job: Job): EstimationRequest {
+  return job.config as EstimationRequest;
 }
 
 /** Most rounds of an estimation. */
-export function planned(job: Job): number {
+export function maxRounds(job: Job): number {
   return asked(job).rounds ?? 5;
 }
 
 /** Whether an estimation asks for measurements. */
-export function isRig(job: Job): boolean {
+export function isAskTell(job: Job): boolean {
   return asked(job).real === "ask_tell";
 }
 
-export function ended(job: Job): boolean {
+export function hasEnded(job: Job): boolean {
   return ["succeeded", "failed", "cancelled"].includes(job.state);
 }
 
 /** What is known in the end, or after the last round that was fitted. */
-export function known(standing: Standing): readonly Known[] {
-  const result = standing.job.result as { latents?: Known[]; effects?: Known[] } | null | undefined;
+export function currentEstimates(standing: EstimationState): readonly LatentEstimate[] {
+  const result = standing.job.result as { latents?: LatentEstimate[]; effects?: LatentEstimate[] } | null | undefined;
   if (result?.latents) return [...result.latents, ...(result.effects ?? [])];
   return standing.rounds.filter((r) => r.latents.length > 0).at(-1)?.latents ?? [];
 }
 
 /** An estimate as a simulation takes it: latents, and effects whose parameters were fitted along. */
-export function physics(found: readonly Known[]): { latents: Record<string, number>; effects: { name: string; parameters: Record<string, number> }[] } {
+export function simulationPhysics(estimates: readonly LatentEstimate[]): { latents: Record<string, number>; effects: { name: string; parameters: Record<string, number> }[] } {
   const latents: Record<string, number> = {};
   const effects = new Map<string, Record<string, number>>();
-  for (const { name, value } of found) {
+  for (const { name, value } of estimates) {
     const [effect, parameter] = name.split(".", 2) as [string, string | undefined];
     if (parameter === undefined) latents[name] = value;
     else effects.set(effect, { ...effects.get(effect), [parameter]: value });

@@ -7,24 +7,24 @@ import { picture, type Picture } from "../../scene/draw";
 import { applyAction, targets, unit, valueAt } from "../../scene/action";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
-import { load } from "../play/tasks";
-import { across, cell, firsts, type Grid, gridded, place, placeable, ranges, shares, strength, together } from "./cells";
-import { choice } from "./fields";
+import { loadTask } from "../play/taskPicker";
+import { columnCount, cellOf, bestByCell, type ActionGrid, actionGrid, cellBox, placementAxes, ranges, shares, strength, groupNearby } from "./actionGrid";
+import { choice } from "./requestFields";
 import { CHANCE } from "./scores";
 
 /** Actions of a policy that are drawn: as many as one request gives. */
-const RANKED = 10_000;
+const MAX_RANKED_ACTIONS = 10_000;
 /** Actions that are simulated for the map beside: enough for a few in each cell, in about a second. */
-const TRIED = 2_000;
+const SIMULATED_ACTIONS = 2_000;
 /** Tries that are numbered. */
-const NUMBERED = 10;
+const NUMBERED_ACTIONS = 10;
 /** Cells of a map each way, at most. */
-const CELLS = 24;
+const MAX_MAP_CELLS = 24;
 
 type Scored = Schema<"Scored">;
 
 /** What a map can be of. */
-export interface Mapped {
+export interface ActionMapsInput {
   family: Schema<"FamilyOut">;
   policies: readonly Schema<"PolicyOut">[];
   /** Simulated ones of the family. */
@@ -34,40 +34,40 @@ export interface Mapped {
   task: string | null;
 }
 
-export interface Maps {
+export interface ActionMaps {
   element: HTMLElement;
   task: () => string;
 }
 
 /** The maps of a family's tasks. */
-export function maps(of: Mapped, context: Context): Maps {
+export function actionMaps(of: ActionMapsInput, context: Context): ActionMaps {
   const ids = Array.from({ length: of.family.tasks }, (_, i) => `${of.family.name}:${String(i).padStart(3, "0")}`);
-  const own = of.policies.filter((p) => p.task === of.family.name).map((p) => p.id);
-  const policy = choice("Policy", "policy", [...own, CHANCE].map((id) => [id, id] as const));
+  const policyIds = of.policies.filter((p) => p.task === of.family.name).map((p) => p.id);
+  const policy = choice("Policy", "policy", [...policyIds, CHANCE].map((id) => [id, id] as const));
   const task = choice("Task", "task", ids.map((id) => [id, id] as const));
   const world = choice("What solves, simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
   const target = choice("Where is put", "target", []);
-  policy.input.value = of.policy && own.includes(of.policy) ? of.policy : (own.at(-1) ?? CHANCE);
+  policy.input.value = of.policy && policyIds.includes(of.policy) ? of.policy : (policyIds.at(-1) ?? CHANCE);
   if (of.task) task.input.value = of.task;
   const place_ = h("div", { class: "stack map-place" });
   const state = h("p", { class: "soft", role: "status" });
   const simulated = of.worlds.find((w) => w.id === `${of.family.name}-sim`);
   if (simulated) world.input.value = simulated.id;
   let scene: Scene | null = null;
-  const show = latest<boolean>(async (anew) => {
+  const show = latest<boolean>(async (newTask) => {
     try {
       put(state, "Ranking and simulating…");
       const id = task.input.value;
-      if (anew || !scene) {
-        scene = (await load(id, context.signal)).scene;
-        const axes = placeable(scene);
+      if (newTask || !scene) {
+        scene = (await loadTask(id, context.signal)).scene;
+        const axes = placementAxes(scene);
         put(target.input, ...axes.map((a) => h("option", { value: a.target }, a.target)));
         target.element.hidden = axes.length < 2;
       }
-      const seen = await looked(policy.input.value, id, world.input.value, context.signal);
-      const axes = placeable(scene).find((a) => a.target === target.input.value);
+      const data = await loadMapData(policy.input.value, id, world.input.value, context.signal);
+      const axes = placementAxes(scene).find((a) => a.target === target.input.value);
       if (!axes) throw new Error(`${id} has nothing that is put at a place of its own`);
-      put(place_, ...drawn(scene, id, gridded(axes, [...seen.ranked, ...seen.tried].map((one) => one.action), CELLS), policy.input.value, world.input.value, seen));
+      put(place_, ...mapElements(scene, id, actionGrid(axes, [...data.ranked, ...data.sampled].map((one) => one.action), MAX_MAP_CELLS), policy.input.value, world.input.value, data));
       put(state);
     } catch (e) {
       put(state);
@@ -77,69 +77,69 @@ export function maps(of: Mapped, context: Context): Maps {
   for (const one of [policy, world, target]) one.input.addEventListener("change", () => show(false));
   task.input.addEventListener("change", () => show(true));
   // Ranking a whole action space is work: done when it is looked at.
-  const sight = new IntersectionObserver((entries) => {
+  const visibility = new IntersectionObserver((entries) => {
     if (!entries.some((e) => e.isIntersecting)) return;
-    sight.disconnect();
+    visibility.disconnect();
     show(true);
   });
-  sight.observe(place_);
-  context.signal.addEventListener("abort", () => sight.disconnect());
+  visibility.observe(place_);
+  context.signal.addEventListener("abort", () => visibility.disconnect());
   const element = h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
   return { element, task: () => task.input.value };
 }
 
-interface Seen {
+interface MapData {
   ranked: Scored[];
   /** Whether each of the first tries solves in the simulation. */
   firstSolve: boolean[];
   /** A sample of the action space. */
-  tried: Scored[];
+  sampled: Scored[];
   solved: boolean[];
 }
 
-async function looked(policy: string, task: string, world: string, signal: AbortSignal): Promise<Seen> {
+async function loadMapData(policy: string, task: string, world: string, signal: AbortSignal): Promise<MapData> {
   const act = async (id: string, count: number): Promise<Scored[]> => {
     const body = { task, count };
     return (await ok(api.POST("/v1/policies/{id}/act", { params: { path: { id } }, body, signal }))).actions;
   };
-  const [ranked, tried] = await Promise.all([act(policy, RANKED), act(CHANCE, TRIED)]);
-  const first = ranked.slice(0, NUMBERED);
-  const body = { task, actions: [...first, ...tried].map((one) => one.index) };
+  const [ranked, sampled] = await Promise.all([act(policy, MAX_RANKED_ACTIONS), act(CHANCE, SIMULATED_ACTIONS)]);
+  const first = ranked.slice(0, NUMBERED_ACTIONS);
+  const body = { task, actions: [...first, ...sampled].map((one) => one.index) };
   const { results } = await ok(api.POST("/v1/worlds/{id}/rollout", { params: { path: { id: world } }, body, signal }));
   const solved = results.map((r) => r.solved === true);
-  return { ranked, firstSolve: solved.slice(0, first.length), tried, solved: solved.slice(first.length) };
+  return { ranked, firstSolve: solved.slice(0, first.length), sampled: sampled, solved: solved.slice(first.length) };
 }
 
 /** Both maps, the first tries in words, and what is chosen. */
-function drawn(scene: Scene, task: string, grid: Grid, policy: string, world: string, seen: Seen): HTMLElement[] {
+function mapElements(scene: Scene, task: string, grid: ActionGrid, policy: string, world: string, data: MapData): HTMLElement[] {
   const components = scene.action!.components;
-  const actions = seen.ranked.map((one) => one.action);
-  const best = firsts(grid, actions);
-  const true_ = shares(grid, seen.tried.map((one) => one.action), seen.solved);
-  const wanted = picture(scene, `What ${policy} would try first on ${task}: the stronger its colour, the earlier a place. Arrow keys choose a place, Enter plays it.`);
-  const truth = picture(scene, `What solves ${task} in ${world}: the stronger its colour, the more of the actions tried at a place.`);
-  shaded(wanted, grid, components, new Map([...best].map(([at, i]) => [at, strength(i + 1, actions.length)])), "wanted-cell");
-  shaded(truth, grid, components, new Map([...true_].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
-  numbered(wanted, scene, grid, actions.slice(0, NUMBERED), seen.firstSolve);
-  const said = h("p", { class: "chosen", role: "status" });
-  const chosen = chooser([wanted, truth], grid, components, (at) => {
+  const actions = data.ranked.map((one) => one.action);
+  const best = bestByCell(grid, actions);
+  const true_ = shares(grid, data.sampled.map((one) => one.action), data.solved);
+  const policyMap = picture(scene, `What ${policy} would try first on ${task}: the stronger its colour, the earlier a place. Arrow keys choose a place, Enter plays it.`);
+  const solutionMap = picture(scene, `What solves ${task} in ${world}: the stronger its colour, the more of the actions tried at a place.`);
+  shadeCells(policyMap, grid, components, new Map([...best].map(([at, i]) => [at, strength(i + 1, actions.length)])), "wanted-cell");
+  shadeCells(solutionMap, grid, components, new Map([...true_].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
+  numberActions(policyMap, scene, grid, actions.slice(0, NUMBERED_ACTIONS), data.firstSolve);
+  const chosenText = h("p", { class: "chosen", role: "status" });
+  const chosen = cellChooser([policyMap, solutionMap], grid, components, (at) => {
     const rank = best.get(at);
-    const here = true_.get(at);
-    const action = rank === undefined ? (here?.one ?? null) === null ? null : seen.tried[here!.one!]!.action : actions[rank]!;
-    put(said, ...told(scene, task, action, rank, here));
+    const cellCounts = true_.get(at);
+    const action = rank === undefined ? (cellCounts?.one ?? null) === null ? null : data.sampled[cellCounts!.one!]!.action : actions[rank]!;
+    put(chosenText, ...cellText(scene, task, action, rank, cellCounts));
     return action === null ? null : play(task, action);
   });
   const firstAction = actions[0];
-  if (firstAction) chosen(cell(grid, firstAction));
-  const share = seen.solved.filter(Boolean).length / Math.max(1, seen.solved.length);
-  const right = seen.firstSolve.filter(Boolean).length;
+  if (firstAction) chosen(cellOf(grid, firstAction));
+  const share = data.solved.filter(Boolean).length / Math.max(1, data.solved.length);
+  const right = data.firstSolve.filter(Boolean).length;
   const ranks = h("p", { class: "soft" }, `The best ${actions.length} actions of ${policy}; places without any of them are left blank. Green rings: solves in ${world}.`);
-  const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${seen.solved.length} actions drawn at random solve.`);
-  const list = actions.slice(0, NUMBERED).map((action, i) => tryOf(scene, task, action, seen.firstSolve[i] ?? false));
+  const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${data.solved.length} actions drawn at random solve.`);
+  const list = actions.slice(0, NUMBERED_ACTIONS).map((action, i) => actionItem(scene, task, action, data.firstSolve[i] ?? false));
   return [
-    said,
-    h("div", { class: "sides" }, figure(`${policy} would try`, wanted, ranks), figure(`solves in ${world}`, truth, trials)),
-    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${seen.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...list)),
+    chosenText,
+    h("div", { class: "sides" }, figure(`${policy} would try`, policyMap, ranks), figure(`solves in ${world}`, solutionMap, trials)),
+    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${data.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...list)),
   ];
 }
 
@@ -148,36 +148,36 @@ function figure(title: string, map: Picture, note: HTMLElement): HTMLElement {
 }
 
 /** Fills cells, the stronger the higher. */
-function shaded(at: Picture, grid: Grid, components: readonly Component[], cells: ReadonlyMap<number, number>, look: string): void {
+function shadeCells(at: Picture, grid: ActionGrid, components: readonly Component[], cells: ReadonlyMap<number, number>, look: string): void {
   const rects = [...cells].map(([number, how]) => {
-    const [x, y, width, height] = place(grid, components, number);
+    const [x, y, width, height] = cellBox(grid, components, number);
     return how > 0 ? s("rect", { class: look, x, y, width, height, "fill-opacity": (0.12 + 0.78 * how).toFixed(3) }) : null;
   });
   at.under.append(s("g", { "data-cells": rects.filter(Boolean).length }, ...rects));
 }
 
 /** The first tries, each where it puts the thing, with its number; tries at about one place share a label. */
-function numbered(at: Picture, scene: Scene, grid: Grid, first: readonly (readonly number[])[], solve: readonly boolean[]): void {
+function numberActions(at: Picture, scene: Scene, grid: ActionGrid, first: readonly (readonly number[])[], solve: readonly boolean[]): void {
   const components = scene.action!.components;
   const size = (at.box[2] - at.box[0]) * 0.032;
   const points = first.map((a): Point => [valueAt(components[grid.axes.x]!, a[grid.axes.x]!), valueAt(components[grid.axes.y]!, a[grid.axes.y]!)]);
-  const things = first.map((action, i) => {
-    const thing = applyAction(scene, action).bodies.find((b) => b.name === grid.axes.target);
-    const r = thing?.shape.type === "disc" ? thing.shape.radius : size / 2;
+  const circles = first.map((action, i) => {
+    const object = applyAction(scene, action).bodies.find((b) => b.name === grid.axes.target);
+    const r = object?.shape.type === "disc" ? object.shape.radius : size / 2;
     return s("circle", { class: `try${solve[i] ? " solves" : ""}`, cx: points[i]![0], cy: points[i]![1], r, "vector-effect": "non-scaling-stroke" });
   });
-  const labels = together(points, size * 1.1).map((group) => {
+  const labels = groupNearby(points, size * 1.1).map((group) => {
     const [x, y] = points[group[0]!]!;
     // Beside the thing, on the side that has room.
     const right = x < at.box[0] + 0.7 * (at.box[2] - at.box[0]);
-    const side = (right ? 1 : -1) * (Number(things[group[0]!]!.getAttribute("r")) + size * 0.3);
+    const side = (right ? 1 : -1) * (Number(circles[group[0]!]!.getAttribute("r")) + size * 0.3);
     return s("text", { class: "try-number", transform: `translate(${x + side} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": right ? "start" : "end", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
   });
-  at.over.append(...[...things].reverse(), ...labels);
+  at.over.append(...[...circles].reverse(), ...labels);
 }
 
 /** Lets a place be chosen by mouse, or by arrow keys on the first picture; `told` gives where Enter leads. */
-function chooser(at: readonly Picture[], grid: Grid, components: readonly Component[], told: (cell: number) => string | null): (cell: number) => void {
+function cellChooser(at: readonly Picture[], grid: ActionGrid, components: readonly Component[], told: (cell: number) => string | null): (cell: number) => void {
   const frames = at.map((p) => {
     const frame = s("rect", { class: "chosen-cell", "vector-effect": "non-scaling-stroke" });
     p.over.append(frame);
@@ -186,7 +186,7 @@ function chooser(at: readonly Picture[], grid: Grid, components: readonly Compon
   let [now, leads]: [number, string | null] = [0, null];
   const choose = (number: number): void => {
     now = number;
-    const [x, y, width, height] = place(grid, components, number);
+    const [x, y, width, height] = cellBox(grid, components, number);
     for (const frame of frames) set(frame, { x, y, width, height });
     leads = told(number);
   };
@@ -198,7 +198,7 @@ function chooser(at: readonly Picture[], grid: Grid, components: readonly Compon
       if (u < grid.columns[0]! || u > grid.columns.at(-1)! || v < grid.rows[0]! || v > grid.rows.at(-1)!) return;
       const action: number[] = [];
       [action[grid.axes.x], action[grid.axes.y]] = [u, v];
-      choose(cell(grid, action));
+      choose(cellOf(grid, action));
     });
   }
   const moves: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -208,21 +208,21 @@ function chooser(at: readonly Picture[], grid: Grid, components: readonly Compon
     const move = moves[event.key];
     if (!move) return;
     event.preventDefault();
-    const [column, row] = [(now % across(grid)) + move[0], Math.floor(now / across(grid)) + move[1]];
-    if (column >= 0 && row >= 0 && column < across(grid) && row < grid.rows.length - 1) choose(row * across(grid) + column);
+    const [column, row] = [(now % columnCount(grid)) + move[0], Math.floor(now / columnCount(grid)) + move[1]];
+    if (column >= 0 && row >= 0 && column < columnCount(grid) && row < grid.rows.length - 1) choose(row * columnCount(grid) + column);
   });
   return choose;
 }
 
 /** What is at a place, in words. */
-function told(scene: Scene, task: string, action: readonly number[] | null, rank: number | undefined, here: { of: number; solve: number } | undefined): (HTMLElement | string)[] {
-  const tried = here ? `${here.solve} of ${here.of} tried here solve` : "none of the actions drawn at random was put here";
-  if (!action) return [`This place: ${tried}; none of the policy's best is here.`];
+function cellText(scene: Scene, task: string, action: readonly number[] | null, rank: number | undefined, cellCounts: { of: number; solve: number } | undefined): (HTMLElement | string)[] {
+  const sampled = cellCounts ? `${cellCounts.solve} of ${cellCounts.of} tried here solve` : "none of the actions drawn at random was put here";
+  if (!action) return [`This place: ${sampled}; none of the policy's best is here.`];
   const which = rank === undefined ? "one that solves" : `try ${rank + 1}`;
-  return [`This place: ${which} (${words(scene, action)}); ${tried}. `, h("a", { href: play(task, action) }, "Play it")];
+  return [`This place: ${which} (${words(scene, action)}); ${sampled}. `, h("a", { href: play(task, action) }, "Play it")];
 }
 
-function tryOf(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
+function actionItem(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
   const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "misses");
   const id = uniqueId("try");
   return h("li", {}, h("div", { class: "row" }, h("span", { id }, words(scene, action)), verdict, h("a", { href: play(task, action), "aria-describedby": id }, "Play it")));
@@ -231,11 +231,11 @@ function tryOf(scene: Scene, task: string, action: readonly number[], solves: bo
 /** An action in SI: `red at (24.70, 17.79) m, radius 2.91 m`. */
 function words(scene: Scene, action: readonly number[]): string {
   const components = scene.action!.components;
-  const said = (i: number): string => valueAt(components[i]!, action[i]!).toFixed(2);
+  const chosenText = (i: number): string => valueAt(components[i]!, action[i]!).toFixed(2);
   const of = (target: string): string => {
-    const axes = placeable(scene).find((a) => a.target === target);
-    const rest = components.flatMap((c, i) => (c.target !== target || i === axes?.x || i === axes?.y ? [] : [`${c.set} ${said(i)} ${unit(c)}`]));
-    return [axes ? `${target} at (${said(axes.x)}, ${said(axes.y)}) m` : target, ...rest].join(", ");
+    const axes = placementAxes(scene).find((a) => a.target === target);
+    const rest = components.flatMap((c, i) => (c.target !== target || i === axes?.x || i === axes?.y ? [] : [`${c.set} ${chosenText(i)} ${unit(c)}`]));
+    return [axes ? `${target} at (${chosenText(axes.x)}, ${chosenText(axes.y)}) m` : target, ...rest].join(", ");
   };
   return targets(scene).map(of).join("; ");
 }

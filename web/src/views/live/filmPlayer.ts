@@ -9,7 +9,7 @@ import { applyAction } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
-export interface Screen {
+export interface FilmPlayer {
   element: HTMLElement;
   /** The scene as it stands, and why nothing moves. */
   empty: (why: string) => void;
@@ -18,32 +18,32 @@ export interface Screen {
 }
 
 /** The screen of a scene. */
-export function screen(scene: Scene, label: string, context: Context): Screen {
-  const drawn = picture(scene, label);
+export function filmPlayer(scene: Scene, label: string, context: Context): FilmPlayer {
+  const drawing = picture(scene, label);
   const trails = s("g");
-  drawn.over.append(trails);
-  const dealt = colours(scene);
+  drawing.over.append(trails);
+  const bodyColours = colours(scene);
   let film: Film | null = null;
   const play = player((time) => {
-    if (film) drawn.pose("solid", posesAt(film, time));
+    if (film) drawing.pose("solid", posesAt(film, time));
   }, context.signal);
   const badge = h("p", { class: "row", role: "status" });
-  const paths = (of: Film): SVGElement[] => Object.keys(of.bodies).map((name) => line(pathUntil(of, name, filmLength(of)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+  const paths = (of: Film): SVGElement[] => Object.keys(of.bodies).map((name) => line(pathUntil(of, name, filmLength(of)), { class: "trail", stroke: bodyColours.get(name) ?? "currentColor" }));
   const load = (now: Film | null, length: number): void => {
     film = now;
     put(trails, ...(now ? paths(now) : []));
     play.load(length);
-    drawn.svg.dataset.film = String(Number(drawn.svg.dataset.film ?? 0) + 1);
+    drawing.svg.dataset.film = String(Number(drawing.svg.dataset.film ?? 0) + 1);
   };
   return {
-    element: h("div", { class: "stage" }, drawn.svg, play.element, badge),
+    element: h("div", { class: "stage" }, drawing.svg, play.element, badge),
     empty: (why) => {
       load(null, 0);
-      drawn.redraw(scene);
+      drawing.redraw(scene);
       put(badge, h("span", { class: "soft" }, why));
     },
     show: (action, now, verdict) => {
-      drawn.redraw(applyAction(scene, action));
+      drawing.redraw(applyAction(scene, action));
       load(now, now ? filmLength(now) : 0);
       put(badge, verdict ? h("span", { class: "badge", "data-verdict": verdict }, verdict) : null);
       if (now) play.restart();

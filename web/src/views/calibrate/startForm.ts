@@ -1,0 +1,178 @@
+// The form that starts an estimation; errors of the server's stand at the field that they name.
+
+import { all, api, ok, type Schema } from "../../api/client";
+import { uniqueId, h, put } from "../../dom";
+import type { Context } from "../../view";
+import type { EstimationRequest } from "./estimation";
+import { type FormField, field, showFieldError } from "./formField";
+import { STRATEGIES } from "./rounds";
+
+/** What a form is filled from. */
+export interface FormChoices {
+  families: Schema<"FamilyOut">[];
+  worlds: Schema<"WorldOut">[];
+  surfaces: Schema<"SurfaceOut">[];
+  library: Schema<"EffectOut">[];
+}
+
+export async function loadChoices(signal: AbortSignal): Promise<FormChoices> {
+  const query = (cursor: string | undefined): { params: { query: { cursor?: string; limit: number } }; signal: AbortSignal } => ({ params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal });
+  const [{ families }, worlds, surfaces, library] = await Promise.all([
+    ok(api.GET("/v1/tasks", { signal })),
+    all((c) => ok(api.GET("/v1/worlds", query(c))), (page) => page.worlds),
+    all((c) => ok(api.GET("/v1/surfaces", query(c))), (page) => page.surfaces),
+    all((c) => ok(api.GET("/v1/effects", query(c))), (page) => page.effects),
+  ]);
+  return { families, worlds: worlds.filter((w) => w.kind === "real"), surfaces, library };
+}
+
+/** Strategies that look at a performance surface. */
+const STRATEGIES_WITH_SURFACE = ["gradient", "informative"];
+const NEW_WORLD = "";
+const ASK_TELL = "ask_tell";
+/** Fields that are always there, those under "More", and those of a world that is made for the job. */
+const MAIN_FIELDS = ["task", "number", "world", "strategy", "surface", "rounds", "actions", "budget"];
+const ADVANCED_FIELDS = ["samples", "residual", "fit", "seed"];
+const HIDDEN_WORLD_FIELDS = ["real.damping", "real.noise", "real.latents.density", "real.latents.friction", "real.latents.restitution"];
+
+/** The form, filled with what another run was asked for; `begun` is told the new job. */
+export function startForm(of: FormChoices, template: EstimationRequest, onStarted: (job: Schema<"JobOut">) => void, context: Context): HTMLElement {
+  const controls = inputs(of, template);
+  const fields = labelled(controls);
+  const at = (name: string): HTMLElement => fields.get(name)!.element;
+  const fieldGroup = (names: readonly string[]): HTMLElement => h("div", { class: "fields" }, ...names.map(at));
+  const cost = h("p", { class: "soft", role: "status" });
+  const start = h("button", { type: "submit", class: "main" }, "Start");
+  const newWorld = h("fieldset", {}, h("legend", {}, "A real world of its own: what it hides"), fieldGroup(HIDDEN_WORLD_FIELDS));
+  const more = h("details", {}, h("summary", {}, "More"), fieldGroup(ADVANCED_FIELDS), newWorld);
+  more.open = [template.samples, template.fit, template.seed].some((v) => v !== undefined && v !== null);
+  const form = h("form", { class: "card stack", novalidate: true, "aria-label": "Start an estimation" }, h("h2", {}, "Start an estimation"), fieldGroup(MAIN_FIELDS), more, controls.parameters, cost, h("div", { class: "row" }, start));
+  const updateTexts = (): void => {
+    put(controls.seeks, `Takes ${STRATEGIES[controls.strategy.value] ?? ""}.`);
+    at("surface").hidden = !STRATEGIES_WITH_SURFACE.includes(controls.strategy.value);
+    newWorld.hidden = controls.real.value !== NEW_WORLD;
+    const bound = Math.min((numberValue(controls.rounds) ?? 5) * (numberValue(controls.actions) ?? 10), numberValue(controls.budget) ?? Infinity);
+    put(cost, `Spends at most ${bound} real interactions.`);
+  };
+  controls.task.addEventListener("change", () => fillWorldsAndSurfaces(of, template, controls));
+  form.addEventListener("input", updateTexts);
+  fillWorldsAndSurfaces(of, template, controls);
+  updateTexts();
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    context.fail(null);
+    showFieldError(null, fields);
+    const invalid = [...fields.values()].find((f) => f.element.querySelector("input")?.validity.badInput);
+    if (invalid) return invalid.showError("This is no number.");
+    start.disabled = true;
+    ok(api.POST("/v1/iplw", { body: requestBody(controls), signal: context.signal }))
+      .then(onStarted)
+      .catch((e: unknown) => {
+        more.open ||= isAdvancedField(e, fields);
+        if (!showFieldError(e, fields)) context.fail(e);
+      })
+      .finally(() => (start.disabled = false));
+  });
+  return form;
+}
+
+type Inputs = ReturnType<typeof inputs>;
+
+/** The inputs, as another run had them. */
+function inputs(of: FormChoices, template: EstimationRequest) {
+  const number = (value: number | null | undefined, placeholder: string, minimum = 0): HTMLInputElement => h("input", { type: "number", min: minimum, step: "any", value: value ?? "", placeholder });
+  const select = (names: readonly string[], selected: string | undefined): HTMLSelectElement => h("select", {}, ...names.map((n) => h("option", { value: n, selected: n === selected }, n)));
+  const [family, one] = (template.task ?? of.families[0]?.name ?? "").split(":", 2) as [string, string | undefined];
+  const realOptions = typeof template.real === "object" && template.real !== null ? (template.real as Schema<"RealIn">) : {};
+  const list = uniqueId("parameters");
+  return {
+    task: select(of.families.map((f) => f.name), family),
+    number: h("input", { type: "number", min: 0, step: 1, value: one ?? "", placeholder: "all for training" }),
+    real: h("select", {}),
+    strategy: select(Object.keys(STRATEGIES), template.strategy ?? "mixed"),
+    /** Says what the strategy looks for. */
+    seeks: h("span"),
+    surface: h("select", {}),
+    rounds: number(template.rounds, "5", 1),
+    actions: number(template.actions, "10", 1),
+    budget: number(template.budget, "none", 1),
+    samples: number(template.samples, "usual", 4),
+    residual: select(["trajectory", "shooting"], template.residual ?? "trajectory"),
+    fit: h("input", { type: "text", value: (template.fit ?? []).join(", "), placeholder: "none", list, spellcheck: "false", autocomplete: "off" }),
+    parameters: h("datalist", { id: list }, ...of.library.flatMap((e) => e.parameters.map((p) => h("option", { value: `${e.name}.${p.name}` })))),
+    seed: number(template.seed, "0"),
+    damping: number(realOptions.damping, "the family's"),
+    noise: number(realOptions.noise, "0"),
+    density: number(realOptions.latents?.density, "the family's"),
+    friction: number(realOptions.latents?.friction, "the family's"),
+    restitution: number(realOptions.latents?.restitution, "the family's"),
+  };
+}
+
+/** Fields by what the server calls them. */
+function labelled(controls: Inputs): Map<string, FormField> {
+  return new Map<string, FormField>([
+    ["task", field("Family", controls.task)],
+    ["number", field("Task number", controls.number)],
+    ["world", field("Real world", controls.real, "Its interactions are counted and are what an estimation is sparing with.")],
+    ["strategy", field("Strategy", controls.strategy, controls.seeks)],
+    ["surface", field("Performance surface", controls.surface, "Says which latents matter for the task.")],
+    ["rounds", field("Rounds, at most", controls.rounds)],
+    ["actions", field("Actions a round", controls.actions)],
+    ["budget", field("Real interactions, at most", controls.budget)],
+    ["samples", field("Samples of an iteration", controls.samples, "Fewer are faster and less sure.")],
+    ["residual", field("Residual", controls.residual, "trajectory: from the start to the end; shooting: a stretch at a time, which bears noise and chance.")],
+    ["fit", field("Fit along", controls.fit, "Parameters of effects, with commas between: linear_drag.c")],
+    ["seed", field("Seed", controls.seed)],
+    ["real.damping", field("Damping, kept a second", controls.damping)],
+    ["real.noise", field("Noise of observations, m", controls.noise)],
+    ["real.latents.density", field("Density, kg/m²", controls.density)],
+    ["real.latents.friction", field("Friction", controls.friction)],
+    ["real.latents.restitution", field("Restitution", controls.restitution)],
+  ]);
+}
+
+/** Offers the real worlds and surfaces of the family that is chosen. */
+function fillWorldsAndSurfaces(of: FormChoices, template: EstimationRequest, { task, real, surface }: Inputs): void {
+  const selectedWorld = real.childElementCount ? real.value : (template.world ?? (template.real === ASK_TELL ? ASK_TELL : NEW_WORLD));
+  const worlds = of.worlds.filter((w) => w.task.split(":")[0] === task.value);
+  put(real, h("option", { value: NEW_WORLD }, "one of its own"), h("option", { value: ASK_TELL }, "a rig of yours: ask and tell"), ...worlds.map((w) => h("option", { value: w.id }, `${w.id} (${w.interactions} spent)`)));
+  real.value = [...real.options].some((o) => o.value === selectedWorld) ? selectedWorld : NEW_WORLD;
+  const selectedSurface = surface.childElementCount ? surface.value : (template.surface ?? "");
+  const surfaces = of.surfaces.filter((s) => s.task === task.value);
+  put(surface, h("option", { value: "" }, "none named"), ...surfaces.map((s) => h("option", { value: s.id, selected: s.id === selectedSurface }, s.id)));
+}
+
+/** What is asked for. */
+function requestBody(controls: Inputs): Schema<"Estimation"> {
+  const one = controls.number.value.trim();
+  const latents = withoutUndefined({ density: numberValue(controls.density), friction: numberValue(controls.friction), restitution: numberValue(controls.restitution) });
+  const world = withoutUndefined({ damping: numberValue(controls.damping), noise: numberValue(controls.noise), latents: Object.keys(latents).length ? latents : undefined });
+  const fit = controls.fit.value.split(",").map((s) => s.trim()).filter(Boolean);
+  const surface = STRATEGIES_WITH_SURFACE.includes(controls.strategy.value) ? controls.surface.value : "";
+  const real = controls.real.value === ASK_TELL ? { real: ASK_TELL } : controls.real.value !== NEW_WORLD ? { world: controls.real.value } : Object.keys(world).length ? { real: world } : {};
+  return {
+    task: one === "" ? controls.task.value : `${controls.task.value}:${one.padStart(3, "0")}`,
+    strategy: controls.strategy.value,
+    residual: controls.residual.value,
+    ...withoutUndefined({ rounds: numberValue(controls.rounds), actions: numberValue(controls.actions), samples: numberValue(controls.samples), seed: numberValue(controls.seed), budget: numberValue(controls.budget) }),
+    ...(fit.length ? { fit } : {}),
+    ...(surface ? { surface } : {}),
+    ...real,
+  } as Schema<"Estimation">;
+}
+
+/** Whether the field that an error names is among those under "More". */
+function isAdvancedField(error: unknown, fields: ReadonlyMap<string, FormField>): boolean {
+  const copy = new Map([...fields].filter(([, f]) => f.element.closest("details")));
+  return showFieldError(error, copy);
+}
+
+/** A number that was typed. */
+function numberValue(input: HTMLInputElement): number | undefined {
+  return input.value.trim() === "" ? undefined : Number(input.value);
+}
+
+function withoutUndefined<T extends Record<string, unknown>>(of: T): { [K in keyof T]?: NonNullable<T[K]> } {
+  return Object.fromEntries(Object.entries(of).filter(([, v]) => v !== undefined)) as { [K in keyof T]?: NonNullable<T[K]> };
+}

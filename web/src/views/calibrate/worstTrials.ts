@@ -1,0 +1,134 @@
+// Real over simulated: the trials that the estimate explains worst, as pictures, and one of them as a film.
+
+import { api, ok, type Schema } from "../../api/client";
+import { h, put } from "../../dom";
+import { short } from "../../parts/slider";
+import { colours } from "../../scene/colour";
+import { line, picture } from "../../scene/draw";
+import { type Film, pathUntil } from "../../scene/film";
+import { applyAction } from "../../scene/action";
+import type { Context } from "../../view";
+import { stage } from "../play/stage";
+import { hasEnded, currentEstimates, simulationPhysics, type EstimationState } from "./estimation";
+import { sceneOfTask } from "./rounds";
+import { rmsDistance, filmOfTrial, observations } from "./tracks";
+
+type Trial = Schema<"TrialOut">;
+type Physics = ReturnType<typeof simulationPhysics>;
+
+/** Most trials that are simulated again, the newest. */
+const MAX_TRIALS = 200;
+/** Trials that are shown. */
+const TRIALS_SHOWN = 6;
+/** Time between two samples of a film, s: finer than a screen shows. */
+const SAMPLE_INTERVAL_S = 1 / 60;
+
+interface ComparedTrial {
+  trial: Trial;
+  /** Root mean square of the distance, m. */
+  distance: number;
+}
+
+export interface WorstTrials {
+  element: HTMLElement;
+  show: (now: EstimationState) => void;
+}
+
+export function worstTrials(context: Context): WorstTrials {
+  const button = h("button", { type: "button" }, "Compare now");
+  const words = h("p", { class: "soft", role: "status" });
+  const bar = h("progress", { hidden: true, "aria-label": "Trials simulated again" });
+  const tiles = h("ul", { class: "tiles worst" });
+  const large = h("div", {});
+  const about = h("p", { class: "soft" }, "Every measured trial is simulated again with the estimate. Dashed with dots: seen in the real world; solid: simulated. Looking spends no real interaction.");
+  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Worst trials" }, h("h2", {}, "Worst trials: real over simulated"), about, h("div", { class: "row" }, button, words), bar, tiles, large);
+  let [now, done, busy]: [EstimationState | null, string, boolean] = [null, "", false];
+  const compare = async (of: EstimationState): Promise<void> => {
+    const physics_ = simulationPhysics(currentEstimates(of));
+    const trials = await newestTrials(of, context.signal);
+    const compared: ComparedTrial[] = [];
+    [bar.hidden, bar.max] = [false, trials.length];
+    for (const [i, trial] of trials.entries()) {
+      bar.value = i;
+      const distance_ = rmsDistance(await simulate(trial, physics_, null, context.signal), trial);
+      if (distance_ !== null) compared.push({ trial, distance: distance_ });
+    }
+    compared.sort((a, b) => b.distance - a.distance);
+    const subset = trials.length < of.interactions ? `the newest ${trials.length} of ${of.interactions} trials` : `${trials.length} trials`;
+    put(words, compared.length ? `${subset}: the median is ${short(compared[compared.length >> 1]!.distance, "m")} apart (root mean square over the trial).` : "Nothing can be compared.");
+    const shown = compared.slice(0, TRIALS_SHOWN);
+    const tiles_ = await Promise.all(shown.map((one) => tile(one, physics_, (onChosen) => void showTrial(onChosen, physics_), context)));
+    put(tiles, ...tiles_);
+    put(large);
+    if (shown[0]) await showTrial(shown[0], physics_);
+  };
+  const showTrial = async ({ trial, distance: distance_ }: ComparedTrial, physics_: Physics): Promise<void> => {
+    try {
+      const task = await sceneOfTask(trial.task, context.signal);
+      const one = stage(task, `Trial ${trial.proposal} of ${trial.task}, real and simulated`, context);
+      one.place(trial.action, null);
+      const every = Math.max(1, Math.round(SAMPLE_INTERVAL_S / (task.time_step ?? 1 / 240)));
+      one.simulated(await simulate(trial, physics_, every, context.signal), null);
+      one.real(filmOfTrial(trial), null);
+      put(large, h("h3", {}, `Trial ${trial.proposal}, ${trial.task}: ${short(distance_, "m")} apart`), one.element);
+      for (const b of tiles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.trial === String(trial.proposal)));
+    } catch (e) {
+      context.fail(e);
+    }
+  };
+  const run = (): void => {
+    if (!now || busy) return;
+    [busy, button.disabled] = [true, true];
+    context.fail(null);
+    compare(now)
+      .catch(context.fail)
+      .finally(() => ([busy, button.disabled, bar.hidden] = [false, false, true]));
+  };
+  button.addEventListener("click", run);
+  const show = (standing: EstimationState): void => {
+    now = standing;
+    element.hidden = currentEstimates(standing).length === 0;
+    // At the end by itself; before only if somebody wants to see.
+    if (!element.hidden && hasEnded(standing.job) && done !== standing.job.state) {
+      done = standing.job.state;
+      button.hidden = true;
+      run();
+    }
+  };
+  return { element, show };
+}
+
+async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<Trial[]> {
+  const compared: Trial[] = [];
+  const path = { id: of.job.id };
+  for (let cursor: string | undefined; ; ) {
+    const query = { limit: 100, ...(cursor ? { cursor } : {}) };
+    // Without a format, JSON.
+    const page = (await ok(api.GET("/v1/jobs/{id}/trials", { params: { path, query }, signal }))) as Schema<"Trials">;
+    compared.push(...page.trials);
+    if (compared.length > MAX_TRIALS) compared.splice(0, compared.length - MAX_TRIALS);
+    if (!page.next) return compared;
+    cursor = page.next;
+  }
+}
+
+async function simulate(trial: Trial, physics_: Physics, every: number | null, signal: AbortSignal): Promise<Film> {
+  const body = { task: trial.task, action: trial.action, ...physics_, stop: false, ...(every ? { observe_every: every } : {}) };
+  const answer = await ok(api.POST("/v1/simulate", { body, signal }));
+  return { t: answer.t, bodies: answer.bodies, contacts: answer.contacts };
+}
+
+async function tile(one: ComparedTrial, physics_: Physics, onChosen: (one: ComparedTrial) => void, context: Context): Promise<HTMLElement> {
+  const { trial } = one;
+  const [task, shown] = await Promise.all([sceneOfTask(trial.task, context.signal), simulate(trial, physics_, null, context.signal)]);
+  const drawing = picture(applyAction(task, trial.action), `Trial ${trial.proposal}: ways of ${Object.keys(trial.bodies).join(", ")}`);
+  const bodyColours = colours(task);
+  for (const name of Object.keys(trial.bodies)) {
+    const stroke = bodyColours.get(name) ?? "currentColor";
+    if (shown.bodies[name]) drawing.over.append(line(pathUntil(shown, name, Infinity), { class: "trail", stroke }));
+    drawing.over.append(line(observations(trial, name).map((p) => p.at), { class: "trail real", stroke }));
+  }
+  const button = h("button", { type: "button", class: "tile", "data-trial": trial.proposal, "aria-pressed": false }, h("span", { class: "thumb", "aria-hidden": "true" }, drawing.svg), h("span", {}, `${trial.proposal}: ${trial.task}, round ${trial.round + 1}`), h("strong", {}, `${short(one.distance, "m")} apart`));
+  button.addEventListener("click", () => onChosen(one));
+  return h("li", {}, button);
+}
