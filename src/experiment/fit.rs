@@ -70,8 +70,8 @@ pub(super) fn fit_round(
     for look in 0..looks {
         let from = found.as_ref().map_or_else(|| cem.estimate(), |f| f.estimate.clone());
         if config.residual == ResidualKind::Shooting {
-            let (segments_at_estimate, cost) = segment_trials(&from, trials, config, simulation, progress)?;
-            pieces = segments_at_estimate;
+            let (segments, cost) = segment_trials(&from, trials, config, simulation, progress)?;
+            pieces = segments;
             rollouts += cost;
         }
         let (field, cost) = identifiable_bounds(&from, config, &pieces, simulation, progress)?;
@@ -121,8 +121,8 @@ pub(super) fn report_on(
     let simulation = simulation(config, &coordinates);
     let (pieces, cut_cost) = segment_trials(estimate, trials, config, simulation, progress)?;
     let (field, cost) = identifiable_bounds(estimate, config, &pieces, simulation, progress)?;
-    let segments_at_estimate = || field.prior_sd.iter().map(|sd| RESTART_SD_SHARE * sd).collect();
-    let reach: ParameterVector = if config.refine { segments_at_estimate() } else { spread.clone() };
+    let restart_radius = || field.prior_sd.iter().map(|sd| RESTART_SD_SHARE * sd).collect();
+    let reach: ParameterVector = if config.refine { restart_radius() } else { spread.clone() };
     let refined = refine(estimate, &reach, &field, &pieces, simulation, REFINEMENT_STEPS[1], progress)?;
     let mut latents = confidence_intervals(estimate, &refined, &field, &coordinates);
     let effects = latents.split_off(FACTORS.len());

@@ -246,7 +246,7 @@ impl QuickstartRun<'_> {
         let interactions_used = world.interactions();
         let with_drag = refit_with_drag(&trials, &setup, &mut self.stopwatch, progress)?;
         let found = Latents::of(report.values());
-        let stage_progress = PrefixedProgress { inner: progress, name: "what the simulation lacks".into() };
+        let stage_progress = PrefixedProgress { inner: progress, name: "diagnosis".into() };
         let (scene, finding) =
             self.stopwatch.time("diagnose", || diagnose_trials(&trials, &setup, &stage_progress))?;
         let extension = self.stopwatch.time("fit in the extended simulation", || {

@@ -259,7 +259,7 @@ fn best_possible(
     let mut world = HiddenWorld::new(hidden.clone())?;
     let mut solved = Vec::with_capacity(tasks.len());
     for (t, task) in tasks.iter().enumerate() {
-        progress.report("asking the real world itself", t as u64, tasks.len() as u64)?;
+        progress.report("evaluating the upper bound in the real world", t as u64, tasks.len() as u64)?;
         let candidates = crate::policy::evaluate::candidates(task, config)?;
         let mut any = false;
         for part in candidates.chunks(ATTEMPT_BATCH) {
