@@ -1,32 +1,36 @@
-# make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
-# make test  everything a fresh machine needs, then all tests
+# make run   builds the program and runs the whole workflow: hidden world, estimate, policy, transfer, report
+# make test  installs what is missing, then runs all checks and tests
 # make docs  the documentation site, out/site
 # make figures renders docs/benchmarks from its stored results; RERUN=NAME measures one anew
-# make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
-# make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
-# make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
-# make harden what the server does with those who flood it, leave or take their time
-# make soak  a mixed load for an hour (MINUTES=60), and whether memory grows
-# make release builds and tries what is published: wheel, sources, licences, bill of materials, container image
-# make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
+# make bench-wire measures steps per second over HTTP and ZeroMQ against bare requests, other servers and the library in process
+# make damage truncates and flips bits of a data directory 1000 times each; the store must never return wrong data
+# make kill  kills a server at 100 random moments of a workload; no acknowledged write may be lost
+# make harden measures the server under floods, disconnects and slow clients
+# make soak  runs a mixed load for an hour (MINUTES=60) and reports memory growth
+# make release builds and tests the published files: wheel, sources, licences, bill of materials, container image
+# make bench measures rollouts per second against Pymunk on the same scenes and against the machine's limits
 
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 CARGO := cargo
-# Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
+# A fresh clone compiles everything once: incremental compilation only adds work there.
+ifdef CI
+export CARGO_INCREMENTAL := 0
+endif
+# Tests run every instruction-set level of the batched kernel. All targets use one feature set, so that nothing is built twice.
 LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
 	test-openenv test-docs docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
-	@sed -n 's/^# //p' Makefile
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 
 run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-# (The pages after the page: that one sees to Chromium.)
+# test-docs comes after test-web, which installs Chromium.
 test: lint test-rust test-examples test-python test-clients test-openenv test-web test-docs
 
 lint:
@@ -37,7 +41,7 @@ lint:
 test-rust:
 	$(CARGO) test --locked $(LEVELS)
 
-# Examples print results that can be checked by eye; here they must run.
+# Examples print results for inspection; this target checks that they run.
 test-examples:
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	$(CARGO) run --locked $(LEVELS) --example ground_and_roll
@@ -50,8 +54,8 @@ test-python: $(VENV)/.installed
 	$(PYTHON) -m mypy
 	for v in 3.10 3.13; do $(PYTHON) -m mypy --python-version $$v clients/python/src || exit 1; done
 
-# (With the examples, as elsewhere: by itself the binary has other features of its dependencies and is built anew.)
-# Clients made from the OpenAPI document by others' generators, and the document held against the server.
+# The binary is always built together with the examples: built alone, its dependencies have other features and compile again.
+# Tests clients generated from the OpenAPI document by third-party generators, and the server against the document.
 test-clients: $(VENV)/.generators clients/generated/node_modules/.installed
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/generated && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
@@ -117,7 +121,7 @@ bench: $(VENV)/.installed
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1 Box2D
 	PYTHON=$(PYTHON) sh benches/compare.sh
 
-# The others have an environment of their own: their requirements are not ours.
+# The compared servers have a separate environment, since their requirements conflict.
 bench-wire: $(VENV)/.installed
 	$(CARGO) build --release --locked --bin iplw --example echo --example in_process
 	test -d $(VENV)-peers || python3 -m venv $(VENV)-peers
@@ -125,8 +129,8 @@ bench-wire: $(VENV)/.installed
 		openenv-core==0.3.0 dm_env_rpc==1.1.7 flask==3.1.3 requests numpy
 	$(PYTHON) benches/wire.py --peers $(VENV)-peers/bin/python
 
-# Every fuzz target as often as it is to stand (hours); RUNS=100000 makes it short. Where `cargo fuzz` and a nightly compiler
-# are, each is then fuzzed by what it reaches, too, for GUIDED seconds.
+# Runs every fuzz target in full (hours); RUNS=100000 is shorter. If `cargo fuzz` and a nightly compiler are installed, coverage-guided
+# fuzzing of each target follows for GUIDED seconds.
 FUZZED := zmtp msgpack bodies requests trials tracks weights tokens limits
 RUNS := long
 SCENES := 1000000
@@ -141,24 +145,24 @@ fuzz-guided:
 	for t in $(FUZZED) scene; do $(CARGO) +nightly fuzz run --sanitizer none $$t -- \
 		-max_total_time=$(GUIDED) -timeout=10 -malloc_limit_mb=64 -max_len=65536 || exit 1; done
 
-# The server held against its document, deeply: EXAMPLES an operation and for states that follow from each other.
+# Tests the server against its OpenAPI document with EXAMPLES requests an operation and with sequences of operations.
 EXAMPLES := 200
 schemathesis: $(VENV)/.generators
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/generated && EXAMPLES=$(EXAMPLES) IPLW_BIN=$(CURDIR)/target/debug/iplw \
 		../../$(PYTHON) -m pytest -q -s -k conforms_to_document
 
-# Licences, sources and known faults of what the program is built of; the last needs the advisories' database.
+# Checks licences, sources and security advisories of the dependencies; the last needs the advisory database.
 deny:
 	$(CARGO) deny --version || $(CARGO) install cargo-deny --locked
 	$(CARGO) deny check licenses bans sources
 	$(CARGO) deny check advisories
 
-# THIRD-PARTY.txt, the licences of what is inside: after a change of Cargo.lock or of what the page is made of.
+# Writes THIRD-PARTY.txt, the dependencies' licences; run it after a change of Cargo.lock or of the page's packages.
 licences:
 	python3 release/licences.py
 
-# Wheel, sources, bill of materials and container image, built and tried: release/release.py (FINAL=1 for what is published).
+# Builds and tests wheel, sources, bill of materials and container image: release/release.py (FINAL=1 for a publication).
 release: $(VENV)-release/.installed
 	$(VENV)-release/bin/python release/release.py
 
@@ -167,7 +171,7 @@ $(VENV)-release/.installed: release/requirements.txt
 	$(VENV)-release/bin/python -m pip install --quiet --disable-pip-version-check -r release/requirements.txt
 	touch $@
 
-# A thousand sessions, 64 clients at once; the figure in the README is with SECONDS=300.
+# A thousand sessions, 64 clients at once; the published figure uses SECONDS=300.
 SECONDS := 20
 bench-hold: $(VENV)/.installed
 	$(CARGO) build --release --locked --bin iplw
@@ -178,7 +182,7 @@ harden:
 	$(CARGO) build --release --locked --bin iplw
 	python3 benches/harden.py
 
-# A mixed load for so long, and whether memory grows.
+# A mixed load for MINUTES; reports memory growth.
 MINUTES := 60
 soak:
 	$(CARGO) build --release --locked --bin iplw
@@ -189,17 +193,17 @@ openapi:
 	./target/debug/iplw openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
 	python3 clients/python/generate.py
 
-# The page: its bundle is committed, so that building the program needs no Node.
+# Builds the web page. Its bundle is committed, so that building the program needs no Node.
 web: web/node_modules/.installed
 	cd web && npm run --silent types && npm run --silent check && npm run --silent build
 
-# Fails if what is committed is not what the sources make.
+# Fails if the committed bundle differs from a fresh build.
 web-check: web/node_modules/.installed
 	cd web && npm run --silent check && npm test --silent && node build.mjs --check
 	cd web && npx --no-install openapi-typescript ../openapi/openapi.json --output out/schema.d.ts >/dev/null 2>&1 && \
 		cmp out/schema.d.ts src/api/schema.d.ts
 
-# Flows in Debian's Chromium, which it installs where it may.
+# Browser tests in Debian's Chromium, which is installed if permitted.
 test-web: $(VENV)/.browser
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	IPLW_BIN=$(CURDIR)/target/debug/iplw sh web/browser/run.sh $(CURDIR)/$(PYTHON)
@@ -212,7 +216,7 @@ web/node_modules/.installed: web/package-lock.json
 	cd web && npm ci --silent --no-audit --no-fund
 	touch $@
 
-# Searches the built-in tasks anew; only when physics or selection changed.
+# Certifies the built-in tasks anew; needed only after a change of physics or selection.
 tasks:
 	$(CARGO) build --release --locked
 	for f in src/task/families/*.toml src/task/families/*/*.toml examples/families/*.toml; do ./target/release/iplw tasks check $$f || exit 1; done
