@@ -5,11 +5,11 @@ import { api, ok } from "../api/client";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { startForm, loadChoices } from "./calibrate/startForm";
-import { type EstimationRequest, asked, estimation, followEstimation, isAskTell, type Job, type EstimationState } from "./calibrate/estimation";
+import { type EstimationRequest, requestOf, estimation, followEstimation, isAskTell, type Job, type EstimationState } from "./calibrate/estimation";
 import { findings } from "./calibrate/findings";
 import { estimationHeader, estimationTitle } from "./calibrate/header";
 import { roundsView } from "./calibrate/rounds";
-import { rig } from "./calibrate/askTell";
+import { askTellView } from "./calibrate/askTell";
 import { worstTrials } from "./calibrate/worstTrials";
 import "./calibrate.css";
 
@@ -28,7 +28,7 @@ const MAX_LISTED = 12;
 async function start(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const template = context.query.get("like");
-  const [of, runs, before] = await Promise.all([loadChoices(signal), estimations(signal), template ? requestOf(template, signal) : {}]);
+  const [of, runs, before] = await Promise.all([loadChoices(signal), estimations(signal), template ? loadRequest(template, signal) : {}]);
   const form = startForm(of, before, (job) => (location.hash = link("calibrate", [job.id])), context);
   const rows = runs.slice(0, MAX_LISTED).map((job) => h("li", {}, h("a", { href: link("calibrate", [job.id]) }, job.id), h("span", {}, estimationTitle(job)), h("span", { class: `state ${job.state}` }, job.state)));
   const list = rows.length ? h("ul", { class: "runs" }, ...rows) : h("p", { class: "soft" }, "There are none yet.");
@@ -41,15 +41,15 @@ async function estimations(signal: AbortSignal): Promise<Job[]> {
   return jobs;
 }
 
-async function requestOf(id: string, signal: AbortSignal): Promise<EstimationRequest> {
-  return asked(await estimation(id, signal));
+async function loadRequest(id: string, signal: AbortSignal): Promise<EstimationRequest> {
+  return requestOf(await estimation(id, signal));
 }
 
 async function estimationView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
   const job = await estimation(id, signal);
   const [runs, units] = await Promise.all([estimations(signal), unitsOf(job, signal)]);
-  const [findingsView, rounds, trials, askTellView] = [findings(units), roundsView(context), worstTrials(context), isAskTell(job) ? rig(id, context) : null];
+  const [findingsView, rounds, trials, askTell] = [findings(units), roundsView(context), worstTrials(context), isAskTell(job) ? askTellView(id, context) : null];
   let [current, other]: [EstimationState | null, EstimationState | null] = [null, null];
   let comparison = new AbortController();
   const show = (): void => {
@@ -67,7 +67,7 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
   };
   const comparedId = context.query.get("with");
   const top = estimationHeader(id, runs, comparedId, compare, context);
-  put(place, h("div", { class: "calibrate" }, h("p", {}, h("a", { href: link("calibrate") }, "All estimations, and a new one")), top.element, askTellView?.element, findingsView.element, rounds.element, trials.element));
+  put(place, h("div", { class: "calibrate" }, h("p", {}, h("a", { href: link("calibrate") }, "All estimations, and a new one")), top.element, askTell?.element, findingsView.element, rounds.element, trials.element));
   if (comparedId) compare(comparedId);
   let state = job.state;
   const onJob = (next: Job): void => {
@@ -80,7 +80,7 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
     onJob,
     (standing) => {
       current = standing;
-      for (const part of [rounds, trials, askTellView, { show: top.onRounds }]) part?.show(standing);
+      for (const part of [rounds, trials, askTell, { show: top.onRounds }]) part?.show(standing);
       show();
     },
     signal,
@@ -90,7 +90,7 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
 
 /** Units of the parameters that are fitted along. */
 async function unitsOf(job: Job, signal: AbortSignal): Promise<Map<string, string>> {
-  if (!asked(job).fit?.length) return new Map();
+  if (!requestOf(job).fit?.length) return new Map();
   const { effects } = await ok(api.GET("/v1/effects", { params: { query: { limit: 1000 } }, signal }));
   return new Map(effects.flatMap((e) => e.parameters.map((p) => [`${e.name}.${p.name}`, p.unit] as const)));
 }

@@ -50,8 +50,8 @@ async function jobList(place: HTMLElement, context: Context): Promise<void> {
     put(none, state.value ? `No job is ${state.value}.` : "No jobs yet. Estimations, diagnoses and trainings are listed here.");
   };
   const load = async (): Promise<void> => {
-    const result_ = await ask({ limit: ROWS, ...(cursor ? { cursor } : {}) });
-    [page, next] = [result_.jobs, result_.next ?? null];
+    const loaded = await ask({ limit: ROWS, ...(cursor ? { cursor } : {}) });
+    [page, next] = [loaded.jobs, loaded.next ?? null];
     show();
   };
   const afterChange = (change: () => void) => (): void => {
@@ -155,16 +155,16 @@ function head(job: Job, context: Context): HTMLElement {
 }
 
 function result(job: Job): HTMLElement {
-  const result_ = job.result as Record<string, unknown>;
-  const plain = Object.entries(result_).flatMap(([name, v]) => (plainValue(v) === null ? [] : [[name, plainValue(v)!] as const]));
+  const loaded = job.result as Record<string, unknown>;
+  const plain = Object.entries(loaded).flatMap(([name, v]) => (plainValue(v) === null ? [] : [[name, plainValue(v)!] as const]));
   const words = plain.slice(0, MAX_FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
   const save = h("button", { type: "button" }, "Save as a file");
   save.addEventListener("click", () => {
-    const url = URL.createObjectURL(new Blob([JSON.stringify(result_, null, 2)], { type: "application/json" }));
+    const url = URL.createObjectURL(new Blob([JSON.stringify(loaded, null, 2)], { type: "application/json" }));
     h("a", { href: url, download: `${job.id}.json` }).click();
     URL.revokeObjectURL(url);
   });
-  return h("section", { class: "card stack result" }, h("h2", {}, "Result"), h("dl", { class: "facts" }, ...words), h("div", { class: "row" }, save), text("Result as JSON", result_));
+  return h("section", { class: "card stack result" }, h("h2", {}, "Result"), h("dl", { class: "facts" }, ...words), h("div", { class: "row" }, save), text("Result as JSON", loaded));
 }
 
 function jsonSection(title: string, value: unknown): HTMLElement {

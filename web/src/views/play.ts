@@ -10,7 +10,7 @@ import type { Context, View } from "../view";
 import { effects, latents, type Latents, type EffectTerm } from "./play/physics";
 import { actionPlacement, type SimulationSubject } from "./play/placement";
 import { realWorld } from "./play/realWorld";
-import { stage } from "./play/stage";
+import { filmStage } from "./play/stage";
 import { taskPicker, type Task } from "./play/taskPicker";
 import "./play.css";
 
@@ -30,19 +30,19 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     ok(api.GET("/v1/tasks", { signal })),
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
-  let table_: TaskSession | null = null;
+  let session: TaskSession | null = null;
   const actionParameter = context.query.get("action");
   const asked = actionParameter ? { task: context.rest[0], action: actionParameter.split(",").map(Number) } : null;
-  const real = realWorld(() => table_?.action() ?? [], (onRan) => table_?.onRan(onRan.film, onRan.solved), context);
+  const real = realWorld(() => session?.action() ?? [], (onRan) => session?.onRan(onRan.film, onRan.solved), context);
   const [front, side] = [h("div", { class: "front" }), h("div", { class: "side" })];
   const show = (task: Task): void => {
     context.fail(null);
-    table_?.close();
+    session?.close();
     const action = asked?.task === task.id ? asked.action : null;
-    table_ = taskSession(task, library, action, (placeable) => real.ready(placeable), context);
-    put(front, table_.stage);
-    put(side, table_.controls);
-    table_.start().catch(context.fail);
+    session = taskSession(task, library, action, (placeable) => real.ready(placeable), context);
+    put(front, session.stage);
+    put(side, session.controls);
+    session.start().catch(context.fail);
     real.about(task).catch(context.fail);
   };
   const task = taskPicker(families, show, context);
@@ -59,7 +59,7 @@ interface TaskSession {
   stage: HTMLElement;
   controls: HTMLElement;
   action: () => number[];
-  onRan: (film: Parameters<ReturnType<typeof stage>["real"]>[0], solved: boolean | null) => void;
+  onRan: (film: Parameters<ReturnType<typeof filmStage>["real"]>[0], solved: boolean | null) => void;
   start: () => Promise<void>;
   close: () => void;
 }
@@ -69,43 +69,43 @@ function taskSession(task: Task, library: Schema<"EffectOut">[], first: readonly
   const abort = new AbortController();
   const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, abort.signal]) };
   const subject: SimulationSubject = task.family ? { task: task.id } : { scene: task.scene as unknown as Record<string, never> };
-  const filmStage = stage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context, task.box);
+  const shownStage = filmStage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context, task.box);
   const asked: { action: number[] | null; latents: Latents; effects: EffectTerm[] } = { action: null, latents: {}, effects: [] };
   const simulate = latest<boolean>(async (fresh) => {
     if (asked.action === null && task.scene.action) return;
     try {
       const answer = await ok(api.POST("/v1/simulate", { body: body(task.scene, subject, asked), signal: context.signal }));
-      if (fresh) filmStage.place(asked.action ?? [], answer.reason ?? null);
+      if (fresh) shownStage.place(asked.action ?? [], answer.reason ?? null);
       placement.showReason(answer.reason ?? null);
       ready(answer.valid);
-      filmStage.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
+      shownStage.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
       context.fail(null);
     } catch (e) {
       context.fail(e);
     }
   });
-  const placement = actionPlacement(task.scene, subject, filmStage.picture, (action) => {
+  const placement = actionPlacement(task.scene, subject, shownStage.picture, (action) => {
     asked.action = action;
     // What was seen in the real world was of another action.
-    filmStage.real(null, null);
-    filmStage.place(action, null);
+    shownStage.real(null, null);
+    shownStage.place(action, null);
     simulate(true);
   }, context, first);
   const physics = h("div", {});
   const start = async (): Promise<void> => {
     asked.latents = task.family ? await prior(task.family, context.signal) : {};
-    put(physics, latents(task.scene, asked.latents, (table_) => ((asked.latents = table_), simulate(false))));
+    put(physics, latents(task.scene, asked.latents, (session) => ((asked.latents = session), simulate(false))));
     simulate(true);
   };
   const effectsForm = effects(library, (terms) => ((asked.effects = terms), simulate(false)));
   const part = (title: string, content: HTMLElement): HTMLElement => h("section", { class: "card", "aria-label": title }, h("h2", {}, title), content);
   return {
-    stage: filmStage.element,
+    stage: shownStage.element,
     controls: h("div", { class: "stack" }, part("Placing", placement.element), part("Simulated latents", physics), part("Simulated effects", effectsForm)),
     action: placement.action,
     onRan: (film, solved) => {
-      filmStage.real(film, solved);
-      filmStage.restart();
+      shownStage.real(film, solved);
+      shownStage.restart();
     },
     start,
     close: () => abort.abort(),
@@ -128,6 +128,6 @@ function body(scene: Scene, subject: SimulationSubject, asked: { action: number[
 async function prior(family: string, signal: AbortSignal): Promise<Latents> {
   const defaults = { density: 1, friction: 0.5, restitution: 0.5 };
   const asked = await api.GET("/v1/worlds/{id}", { params: { path: { id: `${family}-sim` } }, signal });
-  const latents_ = asked.data?.latents;
-  return { density: latents_?.density ?? defaults.density, friction: latents_?.friction ?? defaults.friction, restitution: latents_?.restitution ?? defaults.restitution };
+  const given = asked.data?.latents;
+  return { density: given?.density ?? defaults.density, friction: given?.friction ?? defaults.friction, restitution: given?.restitution ?? defaults.restitution };
 }

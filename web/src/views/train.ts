@@ -26,22 +26,22 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const address = context.rest[0] ?? null;
   const job = address?.startsWith("job-") ? await ok(api.GET("/v1/jobs/{id}", { params: { path: { id: address } }, signal })) : null;
   const policy = address && !job ? await ok(api.GET("/v1/policies/{id}", { params: { path: { id: address } }, signal })) : null;
-  const [lists_, library] = await Promise.all([
+  const [loaded, library] = await Promise.all([
     lists(signal),
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
-  const family = families.find((f) => f.name === familyOf(job, policy, lists_.worlds, context.query.get("family"))) ?? families[0];
+  const family = families.find((f) => f.name === familyOf(job, policy, loaded.worlds, context.query.get("family"))) ?? families[0];
   if (!family) throw new Error("the server has no family of tasks");
   const choose = choice("Family of tasks", "family", families.map((f) => [f.name, f.name] as const));
   choose.input.value = family.name;
   choose.input.addEventListener("change", () => (location.hash = link("train", [], { family: choose.input.value })));
   const of = (name: string): boolean => name === family.name || name.startsWith(`${family.name}:`);
-  const worlds = lists_.worlds.filter((w) => w.task === family.name);
+  const worlds = loaded.worlds.filter((w) => w.task === family.name);
   const [comparing, mapping] = [h("div"), h("div")];
   const none = h("p", { class: "soft" }, "What a training learns is drawn here while it runs.");
   const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" }, none);
   const first = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
-  const estimations = lists_.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
+  const estimations = loaded.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
   const isOfFamily = (one: Job): boolean => worlds.some((w) => w.id === (one.config as { world?: string }).world);
   const trainingForm = form({ family, worlds, estimations, library }, (started) => watch(started), context);
   // Anew where something was learned: the policies are others then.
@@ -66,11 +66,11 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
       Promise.all([policiesOf(signal), jobs("learn", signal), jobs("evaluate", signal)]).then(([p, l, e]) => rebuild(p, l, e, made)).catch(context.fail);
     }, context));
   };
-  rebuild(lists_.policies, lists_.learningJobs, lists_.evaluations, first);
+  rebuild(loaded.policies, loaded.learningJobs, loaded.evaluations, first);
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
   const sides = h("div", { class: "train-sides" }, trainingForm.element, runs);
   put(place, h("div", { class: "train stack" }, h("div", { class: "row" }, choose.element), part("Train", sides), part("Compare", comparing), part("First tries", mapping)));
-  const running = lists_.trainings.filter((one) => !hasEnded(one) && one.id !== job?.id);
+  const running = loaded.trainings.filter((one) => !hasEnded(one) && one.id !== job?.id);
   for (const one of running) watch(one);
   if (job && ["train", "learn"].includes(job.kind)) watch(job);
   if (job && !["train", "learn", "evaluate"].includes(job.kind)) throw new Error(`${job.id} is no training and no evaluation`);

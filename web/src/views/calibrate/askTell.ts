@@ -24,7 +24,7 @@ export interface AskTellView {
   show: (now: EstimationState) => void;
 }
 
-export function rig(id: string, context: Context): AskTellView {
+export function askTellView(id: string, context: Context): AskTellView {
   const path = { id };
   const { signal } = context;
   const words = h("p", { class: "soft", role: "status" });

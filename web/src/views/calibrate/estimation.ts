@@ -72,18 +72,18 @@ function roundsReader(id: string, signal: AbortSignal): () => Promise<Omit<Estim
 }
 
 /** What a job was asked for. */
-export function asked(job: Job): EstimationRequest {
+export function requestOf(job: Job): EstimationRequest {
   return job.config as EstimationRequest;
 }
 
 /** Most rounds of an estimation. */
 export function maxRounds(job: Job): number {
-  return asked(job).rounds ?? 5;
+  return requestOf(job).rounds ?? 5;
 }
 
 /** Whether an estimation asks for measurements. */
 export function isAskTell(job: Job): boolean {
-  return asked(job).real === "ask_tell";
+  return requestOf(job).real === "ask_tell";
 }
 
 export function hasEnded(job: Job): boolean {

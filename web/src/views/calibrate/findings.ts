@@ -3,7 +3,7 @@
 import { h, put } from "../../dom";
 import { type BandPlot, bandPlot, type EstimatePoint, type EstimateSeries } from "../../parts/bandPlot";
 import { short } from "../../parts/slider";
-import { asked, type LatentEstimate, currentEstimates, maxRounds, type Round, type EstimationState } from "./estimation";
+import { requestOf, type LatentEstimate, currentEstimates, maxRounds, type Round, type EstimationState } from "./estimation";
 
 /** Units of latents; parameters of effects have those of the library. */
 const UNITS: Record<string, string> = { density: "kg/m²" };
@@ -54,7 +54,7 @@ function residualText(of: EstimationState, residual: number | undefined, compare
 }
 
 function residualKind(of: EstimationState): string {
-  return asked(of.job).residual ?? "trajectory";
+  return requestOf(of.job).residual ?? "trajectory";
 }
 
 /** Which run it is, where there are two. */

@@ -5,7 +5,7 @@ import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
-import { asked, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
+import { requestOf, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
 
 export interface EstimationHeader {
   element: HTMLElement;
@@ -61,7 +61,7 @@ export function estimationHeader(id: string, others: readonly Job[], other: stri
   };
   const onRounds = (now: EstimationState): void => {
     put(spent, now.interactions);
-    const { actions = 10, budget } = asked(now.job);
+    const { actions = 10, budget } = requestOf(now.job);
     const bound = Math.min(maxRounds(now.job) * (actions ?? 10), budget ?? Infinity);
     put(limit, hasEnded(now.job) ? "" : `of at most ${bound}`);
   };
@@ -70,12 +70,12 @@ export function estimationHeader(id: string, others: readonly Job[], other: stri
 
 /** A run in a few words: what it is told from others by. */
 export function estimationTitle(job: Job): string {
-  const { task, strategy, seed, world } = asked(job);
+  const { task, strategy, seed, world } = requestOf(job);
   return [task, world ?? (isAskTell(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
 }
 
 function description(job: Job): string {
-  const { task, strategy, residual, fit, rounds, actions, world, seed } = asked(job);
+  const { task, strategy, residual, fit, rounds, actions, world, seed } = requestOf(job);
   const where = isAskTell(job) ? "a rig of yours" : world ? `the world ${world}` : "a real world of its own";
   const fitted = fit?.length ? `, fitting ${fit.join(", ")} along` : "";
   return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${fitted}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;

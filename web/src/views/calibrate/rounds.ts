@@ -7,7 +7,7 @@ import { applyAction, unit, valueAt } from "../../scene/action";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import { loadTask } from "../play/taskPicker";
-import { asked, type Round, type EstimationState } from "./estimation";
+import { requestOf, type Round, type EstimationState } from "./estimation";
 import { formatNumber } from "./findings";
 
 /** Pictures of a round that are drawn; more would say no more. */
@@ -60,7 +60,7 @@ export function roundsView(context: Context): RoundsView {
   };
   choice.addEventListener("change", draw);
   const show = (now: EstimationState): void => {
-    const strategy = asked(now.job).strategy ?? "mixed";
+    const strategy = requestOf(now.job).strategy ?? "mixed";
     put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of the candidates, as simulated.`);
     // Who chose an earlier round stays there.
     const follow = !rounds.length || choice.value === String(rounds.at(-1)!.number);

@@ -8,7 +8,7 @@ import { line, picture } from "../../scene/draw";
 import { type Film, pathUntil } from "../../scene/film";
 import { applyAction } from "../../scene/action";
 import type { Context } from "../../view";
-import { stage } from "../play/stage";
+import { filmStage } from "../play/stage";
 import { hasEnded, currentEstimates, simulationPhysics, type EstimationState } from "./estimation";
 import { sceneOfTask } from "./rounds";
 import { rmsDistance, filmOfTrial, observations } from "./tracks";
@@ -44,33 +44,33 @@ export function worstTrials(context: Context): WorstTrials {
   const element = h("section", { class: "card stack", hidden: true, "aria-label": "Worst trials" }, h("h2", {}, "Worst trials: real over simulated"), about, h("div", { class: "row" }, button, words), bar, tiles, large);
   let [now, done, busy]: [EstimationState | null, string, boolean] = [null, "", false];
   const compare = async (of: EstimationState): Promise<void> => {
-    const physics_ = simulationPhysics(currentEstimates(of));
+    const physics = simulationPhysics(currentEstimates(of));
     const trials = await newestTrials(of, context.signal);
     const compared: ComparedTrial[] = [];
     [bar.hidden, bar.max] = [false, trials.length];
     for (const [i, trial] of trials.entries()) {
       bar.value = i;
-      const distance_ = rmsDistance(await simulate(trial, physics_, null, context.signal), trial);
-      if (distance_ !== null) compared.push({ trial, distance: distance_ });
+      const trialDistance = rmsDistance(await simulate(trial, physics, null, context.signal), trial);
+      if (trialDistance !== null) compared.push({ trial, distance: trialDistance });
     }
     compared.sort((a, b) => b.distance - a.distance);
     const subset = trials.length < of.interactions ? `the newest ${trials.length} of ${of.interactions} trials` : `${trials.length} trials`;
     put(words, compared.length ? `${subset}: the median is ${short(compared[compared.length >> 1]!.distance, "m")} apart (root mean square over the trial).` : "Nothing can be compared.");
     const shown = compared.slice(0, TRIALS_SHOWN);
-    const tiles_ = await Promise.all(shown.map((one) => tile(one, physics_, (onChosen) => void showTrial(onChosen, physics_), context)));
-    put(tiles, ...tiles_);
+    const elements = await Promise.all(shown.map((one) => tile(one, physics, (onChosen) => void showTrial(onChosen, physics), context)));
+    put(tiles, ...elements);
     put(large);
-    if (shown[0]) await showTrial(shown[0], physics_);
+    if (shown[0]) await showTrial(shown[0], physics);
   };
-  const showTrial = async ({ trial, distance: distance_ }: ComparedTrial, physics_: Physics): Promise<void> => {
+  const showTrial = async ({ trial, distance: trialDistance }: ComparedTrial, physics: Physics): Promise<void> => {
     try {
       const task = await sceneOfTask(trial.task, context.signal);
-      const one = stage(task, `Trial ${trial.proposal} of ${trial.task}, real and simulated`, context);
+      const one = filmStage(task, `Trial ${trial.proposal} of ${trial.task}, real and simulated`, context);
       one.place(trial.action, null);
       const every = Math.max(1, Math.round(SAMPLE_INTERVAL_S / (task.time_step ?? 1 / 240)));
-      one.simulated(await simulate(trial, physics_, every, context.signal), null);
+      one.simulated(await simulate(trial, physics, every, context.signal), null);
       one.real(filmOfTrial(trial), null);
-      put(large, h("h3", {}, `Trial ${trial.proposal}, ${trial.task}: ${short(distance_, "m")} apart`), one.element);
+      put(large, h("h3", {}, `Trial ${trial.proposal}, ${trial.task}: ${short(trialDistance, "m")} apart`), one.element);
       for (const b of tiles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.trial === String(trial.proposal)));
     } catch (e) {
       context.fail(e);
@@ -112,15 +112,15 @@ async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<T
   }
 }
 
-async function simulate(trial: Trial, physics_: Physics, every: number | null, signal: AbortSignal): Promise<Film> {
-  const body = { task: trial.task, action: trial.action, ...physics_, stop: false, ...(every ? { observe_every: every } : {}) };
+async function simulate(trial: Trial, physics: Physics, every: number | null, signal: AbortSignal): Promise<Film> {
+  const body = { task: trial.task, action: trial.action, ...physics, stop: false, ...(every ? { observe_every: every } : {}) };
   const answer = await ok(api.POST("/v1/simulate", { body, signal }));
   return { t: answer.t, bodies: answer.bodies, contacts: answer.contacts };
 }
 
-async function tile(one: ComparedTrial, physics_: Physics, onChosen: (one: ComparedTrial) => void, context: Context): Promise<HTMLElement> {
+async function tile(one: ComparedTrial, physics: Physics, onChosen: (one: ComparedTrial) => void, context: Context): Promise<HTMLElement> {
   const { trial } = one;
-  const [task, shown] = await Promise.all([sceneOfTask(trial.task, context.signal), simulate(trial, physics_, null, context.signal)]);
+  const [task, shown] = await Promise.all([sceneOfTask(trial.task, context.signal), simulate(trial, physics, null, context.signal)]);
   const drawing = picture(applyAction(task, trial.action), `Trial ${trial.proposal}: ways of ${Object.keys(trial.bodies).join(", ")}`);
   const bodyColours = colours(task);
   for (const name of Object.keys(trial.bodies)) {

@@ -170,12 +170,12 @@ export function sceneOfTrial(report: Report, trial: number): Scene | null {
   const { settings, ...plain } = scene;
   const override = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
   const set = <T extends { name: string }>(object: T, by: Record<string, object> | undefined): T => ({ ...object, ...by?.[object.name] });
-  const [body_, ...others] = scene.bodies.map((b) => set(b, override?.bodies));
+  const [firstBody, ...others] = scene.bodies.map((b) => set(b, override?.bodies));
   const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
   return {
     ...plain,
     name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
-    bodies: [{ ...body_!, position: at[0]!, velocity }, ...others],
+    bodies: [{ ...firstBody!, position: at[0]!, velocity }, ...others],
     ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
     ...(effects ? { effects } : {}),
   };

@@ -74,12 +74,12 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
   });
   choice.addEventListener("change", show);
   const about = async (now: Task): Promise<void> => {
-    const all_ = await all(
+    const everyWorld = await all(
       (cursor) => ok(api.GET("/v1/worlds", { params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal: context.signal })),
       (page) => page.worlds,
     );
     task = now;
-    worlds = all_.filter((w) => w.kind === "real" && (w.task === now.family || w.task === now.id));
+    worlds = everyWorld.filter((w) => w.kind === "real" && (w.task === now.family || w.task === now.id));
     const selected = choice.value;
     put(choice, ...worlds.map((w) => h("option", { value: w.id, selected: w.id === selected }, w.id)));
     show();

@@ -27,7 +27,7 @@ export interface FilmStage {
 }
 
 /** The stage of a scene. */
-export function stage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
+export function filmStage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
   const at_ = picture(scene, label, box);
   set(at_.svg, { tabindex: 0, role: "application" });
   const trails = s("g");

@@ -43,7 +43,7 @@ export function figures(): Figures {
   one.addEventListener("change", () => redraw());
   const draw: Figures["draw"] = (all, chance, learningJobs, real) => {
     redraw = () => draw(all, chance, learningJobs, real);
-    const groups = [...new Set(all.map((d) => d.schooling))].map((key_) => all.filter((d) => d.schooling === key_));
+    const groups = [...new Set(all.map((d) => d.schooling))].map((trainingKey) => all.filter((d) => d.schooling === trainingKey));
     seeds.hidden = groups.length === all.length;
     const together = one.checked && !seeds.hidden;
     const policies = together ? groups.map(meanOverSeeds) : all;
@@ -54,9 +54,9 @@ export function figures(): Figures {
     const jumps = real ? all.filter((one) => SIMULATION_TRAININGS.includes(one.training)) : [];
     jumped.hidden = !jumps.length;
     put(starts, ...jumps.flatMap((one) => jumpStart(one, chance)));
-    const curves_ = learningCurves(all, learningJobs);
-    further.hidden = !curves_.length;
-    learning.draw(curves_);
+    const series = learningCurves(all, learningJobs);
+    further.hidden = !series.length;
+    learning.draw(series);
   };
   return { element: h("div", { class: "stack" }, none, curves, jumped, further), draw };
 }

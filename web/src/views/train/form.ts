@@ -138,8 +138,8 @@ export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) =>
 /** The latents of an estimation; none of no estimation. */
 export function estimatedLatents(job: Schema<"JobOut"> | undefined): Latents {
   const estimates = (job?.result as { latents?: { name: string; value: number }[] } | undefined)?.latents ?? [];
-  const latents_ = estimates.filter((l) => LATENTS.some(([name]) => name === l.name));
-  return Object.fromEntries(latents_.map((l) => [l.name, l.value]));
+  const relevant = estimates.filter((l) => LATENTS.some(([name]) => name === l.name));
+  return Object.fromEntries(relevant.map((l) => [l.name, l.value]));
 }
 
 /** A field of a request that is left out where nothing was given. */
