@@ -20,7 +20,7 @@ use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{DiagnosisConfig, diagnose};
 use iplw::experiment::random_trials;
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, standard, with_trial_settings};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, collection, families, family, register_families, split};
@@ -139,7 +139,7 @@ fn look(task: &str, world: HiddenConfig, trials: usize, seed: u64) -> iplw::erro
     let mut world = HiddenWorld::new(world)?;
     let tasks = split(&family(task)?.fold(0), Split::Train);
     let trials = random_trials(&tasks, &mut world, trials, seed, &NoProgress)?;
-    let (scene, trials) = settled(&tasks[0].scene, trials)?;
+    let (scene, trials) = with_trial_settings(&tasks[0].scene, trials)?;
     Ok(diagnose(&scene, &trials, &DiagnosisConfig::standard(seed), &NoProgress)?.diagnosis)
 }
 

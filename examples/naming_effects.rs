@@ -19,7 +19,7 @@ use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, with_trial_settings};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, Task, family, split};
@@ -170,7 +170,7 @@ impl World<'_> {
 
     /// Posterior over the identifiable candidates, including the model without effects.
     fn known(&self, tasks: &[Task], trials: &[Trial]) -> Result<PosteriorDocument> {
-        let (mut scene, trials) = settled(&tasks[0].scene, trials.to_vec())?;
+        let (mut scene, trials) = with_trial_settings(&tasks[0].scene, trials.to_vec())?;
         scene.calibrate = ["friction", "restitution"].map(String::from).to_vec();
         let rivals = self.run.effects.iter().map(|name| vec![name.clone()]);
         let mut config = PosteriorConfig {

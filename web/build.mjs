@@ -1,11 +1,11 @@
-// `node build.mjs` makes dist/ from src/; `--check` says whether dist/ is what src/ makes; `--tests` bundles the tests
-// of test/ into out/. Two builds of the same sources are the same bytes.
+// `node build.mjs` builds dist/ from src/; `--check` fails unless dist/ equals a build of src/; `--tests` bundles the tests
+// of test/ into out/. The build is reproducible: equal sources give equal bytes.
 import { readFile, readdir, writeFile, mkdir } from "node:fs/promises";
 import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
 
-/** Most bytes of all files of the page together, compressed. */
-const MOST = 250_000;
+/** Upper limit of the page's total size, gzip-compressed bytes. */
+const MAX_SIZE = 250_000;
 const common = { bundle: true, format: "esm", target: "es2022", charset: "utf8", logLevel: "warning" };
 
 if (process.argv.includes("--tests")) {
@@ -18,7 +18,7 @@ if (process.argv.includes("--tests")) {
     loader: { ".css": "empty" },
   });
 } else {
-  const made = await build({
+  const result = await build({
     ...common,
     entryPoints: { app: "src/main.ts" },
     outdir: "dist",
@@ -26,15 +26,15 @@ if (process.argv.includes("--tests")) {
     legalComments: "inline",
     write: false,
   });
-  const files = new Map(made.outputFiles.map((f) => [f.path.split("/").at(-1), Buffer.from(f.contents)]));
+  const files = new Map(result.outputFiles.map((f) => [f.path.split("/").at(-1), Buffer.from(f.contents)]));
   for (const name of ["index.html", "icon.svg"]) files.set(name, await readFile(`src/${name}`));
   const size = [...files.values()].reduce((sum, bytes) => sum + gzipSync(bytes).length, 0);
   console.log(`page: ${(size / 1000).toFixed(1)} kB compressed`);
-  if (size > MOST) fail(`the page may have ${MOST / 1000} kB compressed`);
+  if (size > MAX_SIZE) fail(`the page exceeds ${MAX_SIZE / 1000} kB compressed`);
   if (process.argv.includes("--check")) {
     for (const [name, bytes] of files) {
       const committed = await readFile(`dist/${name}`).catch(() => Buffer.alloc(0));
-      if (!committed.equals(bytes)) fail(`web/dist/${name} is not what web/src makes: run \`make web\` and commit it`);
+      if (!committed.equals(bytes)) fail(`web/dist/${name} differs from a build of web/src: run \`make web\` and commit it`);
     }
   } else {
     await mkdir("dist", { recursive: true });
@@ -42,7 +42,7 @@ if (process.argv.includes("--tests")) {
   }
 }
 
-function fail(why) {
-  console.error(why);
+function fail(message) {
+  console.error(message);
   process.exit(1);
 }

@@ -4,7 +4,7 @@ use iplw::error::Result;
 use iplw::estimate::sampler::{JointPrior, Marginal};
 use iplw::experiment::random_trials;
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, standard, with_trial_settings};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, family, split};
@@ -27,7 +27,7 @@ pub fn sample_world(run: &Run, prior: &[(f64, f64); 3], seed: u64) -> Result<Sam
     let hidden = HiddenConfig { latents, effects, noise: run.noise, seed, ..standard(family) };
     let tasks = split(&family.fold(0), Split::Train);
     let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden)?, run.trials, seed, &NoProgress)?;
-    let (mut scene, trials) = settled(&tasks[0].scene, trials)?;
+    let (mut scene, trials) = with_trial_settings(&tasks[0].scene, trials)?;
     scene.calibrate = PARAMETERS.map(String::from).to_vec();
     Ok(SampledWorld { scene, trials, set: Vec::new(), truth })
 }

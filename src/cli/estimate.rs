@@ -12,7 +12,7 @@ use iplw::experiment::{
     EstimateConfig, EstimateReport, Memory, OrderConstraint, ResidualKind, acquisition, estimate_with,
 };
 use iplw::explore::Importance;
-use iplw::reality::{HiddenWorld, Trial, settled, standard};
+use iplw::reality::{HiddenWorld, Trial, standard, with_trial_settings};
 use iplw::task::{DEFAULT_FAMILY, Family, Scene, Split, split};
 use iplw::world::LINEAR_DRAG;
 use iplw::world::{EffectParameter, Engine};
@@ -154,7 +154,7 @@ fn posterior_document(
     config: &EstimateConfig,
     bar: &output::TerminalProgress,
 ) -> Result<PosteriorDocument> {
-    let (scene, trials) = settled(scene, trials)?;
+    let (scene, trials) = with_trial_settings(scene, trials)?;
     let posterior_config = PosteriorConfig {
         sets: vec![config.cem.free_effects()],
         prior: config.cem.prior,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, training_and_test_tasks};
 use iplw::error::{Error, Result};
-use iplw::reality::{HiddenWorld, Reality, Trial, settled, standard, trials_to_csv};
+use iplw::reality::{HiddenWorld, Reality, Trial, standard, trials_to_csv, with_trial_settings};
 use iplw::task::{Placement, Task, ValidAction};
 
 use super::{output, parse};
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
         None => iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?,
     };
     bar.clear();
-    let (scene, named) = settled(&training[0].scene, trials)?;
+    let (scene, named) = with_trial_settings(&training[0].scene, trials)?;
     output::write_whole(&args.out.join("trials.csv"), trials_to_csv(&named).as_bytes())?;
     output::write_whole(&args.out.join("scene.json"), (scene.to_json() + "\n").as_bytes())?;
     eprintln!(

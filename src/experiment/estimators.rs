@@ -21,7 +21,7 @@ use crate::estimate::sampler::smc::SmcConfig;
 use crate::estimate::tunenet::{TuneNetConfig, tune};
 use crate::estimate::{Cem, ParameterSample, ParameterSamples};
 use crate::progress::Progress;
-use crate::reality::{Trial, settled};
+use crate::reality::{Trial, with_trial_settings};
 use crate::task::Scene;
 use crate::world::{EffectParameter, Engine, ParameterVector, effect};
 
@@ -126,7 +126,7 @@ impl EstimatorInput<'_> {
         trials: &[Trial],
         progress: &dyn Progress,
     ) -> Result<EstimatorOutput> {
-        let (scene, trials) = settled(self.base, trials.to_vec())?;
+        let (scene, trials) = with_trial_settings(self.base, trials.to_vec())?;
         let config = PosteriorConfig {
             sets: vec![self.set.to_vec()],
             prior: self.prior,

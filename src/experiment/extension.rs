@@ -9,7 +9,7 @@ use crate::discover::{self, DiagnosisResult, diagnose};
 use crate::error::{Error, Result};
 use crate::policy::TrainingPhysics;
 use crate::progress::Progress;
-use crate::reality::{Trial, settled};
+use crate::reality::{Trial, with_trial_settings};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::LINEAR_DRAG;
@@ -40,7 +40,7 @@ pub fn diagnose_trials(
     progress: &dyn Progress,
 ) -> Result<(Scene, DiagnosisResult)> {
     let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
-    let (scene, trials) = settled(&first.scene.clone(), trials.to_vec())?;
+    let (scene, trials) = with_trial_settings(&first.scene.clone(), trials.to_vec())?;
     let setup = discover::DiagnosisConfig {
         engine: config.engine,
         ..discover::DiagnosisConfig::standard(config.seed)

@@ -9,16 +9,16 @@ use crate::task::{Task, ValidAction};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FeatureSet {
     /// [`family_features`]: one object at a time, in the family's order, represented by its bounding box.
-    Own,
+    Family,
     /// [`generic_features`]: the same features for every family, with shapes, movability and roles in the goal.
-    Shared,
+    Generic,
 }
 
 /// Features of a task's scene and actions.
 #[derive(Clone, Debug)]
 pub enum FeatureExtractor {
-    Own(Box<FamilyFeatures>),
-    Shared(Box<GenericFeatures>),
+    Family(Box<FamilyFeatures>),
+    Generic(Box<GenericFeatures>),
 }
 
 impl FeatureSet {
@@ -26,27 +26,27 @@ impl FeatureSet {
     /// objects exactly (discs and axis-aligned boxes), otherwise generic features.
     pub fn of(tasks: &[Task]) -> FeatureSet {
         let alike = |task: &Task| task.family == tasks[0].family && !has_hidden_shape(task);
-        if tasks.iter().all(alike) { FeatureSet::Own } else { FeatureSet::Shared }
+        if tasks.iter().all(alike) { FeatureSet::Family } else { FeatureSet::Generic }
     }
 
     /// Version of the features; a policy needs the version that it was trained with.
     pub fn version(self) -> &'static str {
         match self {
-            FeatureSet::Own => family_features::VERSION,
-            FeatureSet::Shared => generic_features::VERSION,
+            FeatureSet::Family => family_features::VERSION,
+            FeatureSet::Generic => generic_features::VERSION,
         }
     }
 
     /// The feature set with this version.
     pub fn from_version(version: &str) -> Option<FeatureSet> {
-        [FeatureSet::Own, FeatureSet::Shared].into_iter().find(|v| v.version() == version)
+        [FeatureSet::Family, FeatureSet::Generic].into_iter().find(|v| v.version() == version)
     }
 
     /// Feature extractor for a task.
     pub fn extractor(self, task: &Task) -> FeatureExtractor {
         match self {
-            FeatureSet::Own => FeatureExtractor::Own(Box::new(FamilyFeatures::new(task))),
-            FeatureSet::Shared => FeatureExtractor::Shared(Box::new(GenericFeatures::new(task))),
+            FeatureSet::Family => FeatureExtractor::Family(Box::new(FamilyFeatures::new(task))),
+            FeatureSet::Generic => FeatureExtractor::Generic(Box::new(GenericFeatures::new(task))),
         }
     }
 
@@ -62,16 +62,16 @@ impl FeatureExtractor {
     /// (n_scene,) scene features.
     pub fn scene(&self) -> Vec<f32> {
         match self {
-            FeatureExtractor::Own(features) => features.scene(),
-            FeatureExtractor::Shared(shared) => shared.scene(),
+            FeatureExtractor::Family(features) => features.scene(),
+            FeatureExtractor::Generic(shared) => shared.scene(),
         }
     }
 
     /// (n_action,) action features.
     pub fn action(&self, action: &ValidAction) -> Vec<f32> {
         match self {
-            FeatureExtractor::Own(features) => features.action(action),
-            FeatureExtractor::Shared(shared) => shared.action(action),
+            FeatureExtractor::Family(features) => features.action(action),
+            FeatureExtractor::Generic(shared) => shared.action(action),
         }
     }
 }
@@ -126,10 +126,10 @@ mod tests {
     #[test]
     fn paper_families_use_family_features() {
         for family in families().iter().filter(|f| ["bowling", "basketball"].contains(&f.name)) {
-            assert_eq!(FeatureSet::of(&family.tasks()), FeatureSet::Own, "{}", family.name);
+            assert_eq!(FeatureSet::of(&family.tasks()), FeatureSet::Family, "{}", family.name);
         }
         let both = [family("bowling").unwrap().tasks(), toy::tasks(1)].concat();
-        assert_eq!(FeatureSet::of(&both), FeatureSet::Shared);
+        assert_eq!(FeatureSet::of(&both), FeatureSet::Generic);
     }
 
     #[test]
@@ -139,17 +139,29 @@ mod tests {
             assert_eq!(FeatureSet::of(&[with(shape, angle)]), wanted, "{json} turned by {angle}");
         };
         let square = r#"{"type": "box", "half_width": 1, "half_height": 0.2}"#;
-        check(square, 0.0, FeatureSet::Own);
-        check(square, 0.3, FeatureSet::Shared);
-        check(r#"{"type": "segment", "from": [-1, 0], "to": [1, 0], "radius": 0.1}"#, 0.0, FeatureSet::Own);
+        check(square, 0.0, FeatureSet::Family);
+        check(square, 0.3, FeatureSet::Generic);
+        check(
+            r#"{"type": "segment", "from": [-1, 0], "to": [1, 0], "radius": 0.1}"#,
+            0.0,
+            FeatureSet::Family,
+        );
         check(
             r#"{"type": "segment", "from": [-1, 0], "to": [1, 1], "radius": 0.1}"#,
             0.0,
-            FeatureSet::Shared,
+            FeatureSet::Generic,
         );
-        check(r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [1, 1], [0, 1]]}"#, 0.0, FeatureSet::Own);
-        check(r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}"#, 0.0, FeatureSet::Shared);
-        check(&format!(r#"{{"type": "compound", "pieces": [{square}, {square}]}}"#), 0.0, FeatureSet::Shared);
-        assert_eq!(FeatureSet::of(&[with(Disc { radius: 0.4 }.into(), 1.0)]), FeatureSet::Own);
+        check(
+            r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [1, 1], [0, 1]]}"#,
+            0.0,
+            FeatureSet::Family,
+        );
+        check(r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}"#, 0.0, FeatureSet::Generic);
+        check(
+            &format!(r#"{{"type": "compound", "pieces": [{square}, {square}]}}"#),
+            0.0,
+            FeatureSet::Generic,
+        );
+        assert_eq!(FeatureSet::of(&[with(Disc { radius: 0.4 }.into(), 1.0)]), FeatureSet::Family);
     }
 }

@@ -1,7 +1,7 @@
 //! Header of a track file: its position, the separator of its cells, and the lines below it.
 
 use super::columns::{ColumnQuantity, TrackColumn, column};
-use super::track_rows::refuse;
+use super::track_rows::invalid_value;
 use crate::budget::{Budget, checked};
 use crate::error::Result;
 
@@ -56,7 +56,7 @@ pub fn head(text: &str) -> Result<TableHeader> {
     let shown: String = first.unwrap_or("empty").trim().chars().take(80).collect();
     let allowed = "a line that names the columns: a time (`t`, `time`, `Time (s)`; or `frame`) and the coordinates (`x` and \
                    `y`, `pos_x`, `X [m]`, `x_px`, `Ball/0/X`)";
-    Err(refuse(1, "header", &format!("{shown:?}"), allowed))
+    Err(invalid_value(1, "header", &format!("{shown:?}"), allowed))
 }
 
 /// Tracker writes the names of several tracks above their columns, each above its first column.
@@ -110,7 +110,7 @@ impl TableHeader {
         for record in checked(reader(below, separator).records(), budget) {
             let record = record?.map_err(|e| {
                 let line = e.position().map_or(0, |p| p.line() as usize) + self.line;
-                refuse(line, "", "", &format!("separated values ({e})"))
+                invalid_value(line, "", "", &format!("separated values ({e})"))
             })?;
             let line = record.position().map_or(0, |p| p.line() as usize) + self.line;
             records.push((line, record.iter().map(String::from).collect()));

@@ -17,7 +17,7 @@ mod unit_checks;
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
 pub use parse_options::TrackParseOptions;
 pub use tracks::{LoadedTrials, Subject, TrackFile, load_tracks};
-pub use trials_csv::{decode, trials_from_csv, trials_to_csv, written};
+pub use trials_csv::{decode, trials_from_csv, trials_to_csv, write_trials_csv};
 
 use crate::error::{Error, Result};
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};
@@ -69,7 +69,7 @@ impl Attempt {
 
 /// Returns `base` with one setting per trial, named after the trial, and the trials in their settings, for writing a scene and a
 /// trials file. Errors if two trials have the same name.
-pub fn settled(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> {
+pub fn with_trial_settings(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> {
     let mut scene = Scene { settings: Default::default(), ..base.clone() };
     for trial in &trials {
         let other = scene.settings.insert(trial.name.clone(), setting_between(base, &trial.scene));
@@ -124,8 +124,8 @@ mod tests {
             scene: scene.clone(),
             observed: Trajectory::default(),
         };
-        assert!(settled(&scene, vec![named("a"), named("b")]).is_ok());
-        let twice = settled(&scene, vec![named("a"), named("a")]).unwrap_err().to_string();
+        assert!(with_trial_settings(&scene, vec![named("a"), named("b")]).is_ok());
+        let twice = with_trial_settings(&scene, vec![named("a"), named("a")]).unwrap_err().to_string();
         assert!(twice.contains("\"a\" twice"), "{twice}");
     }
 }

@@ -1,7 +1,7 @@
 //! Options for parsing track files: units, frame rate, axis direction and track.
 
 use super::columns::{ColumnUnit, LENGTHS, TIMES, TrackColumn, unit_named};
-use super::track_rows::refuse;
+use super::track_rows::invalid_value;
 use crate::error::{Error, Result, check_range};
 
 /// Options for parsing a track file that lacks this information.
@@ -66,9 +66,12 @@ impl TrackParseOptions {
             (None, None, Some(unit)) => Ok((unit.size.unwrap_or(1.0), true)),
             (None, None, None) => Ok((1.0, false)),
             (Some(ColumnUnit { size: None, .. }), Some(size), _) => Ok((size, true)),
-            (Some(ColumnUnit { size: None, .. }), None, _) => {
-                Err(refuse(line, &column.name, "in pixels", "with `metres_per_pixel`, the size of one in m"))
-            }
+            (Some(ColumnUnit { size: None, .. }), None, _) => Err(invalid_value(
+                line,
+                &column.name,
+                "in pixels",
+                "with `metres_per_pixel`, the size of one in m",
+            )),
             (Some(unit), Some(_), _) => {
                 Err(contradiction(line, column, unit, "`metres_per_pixel` is for pixels"))
             }
@@ -94,7 +97,7 @@ impl TrackParseOptions {
 
 /// Error for a column whose unit contradicts an option.
 pub fn contradiction(line: usize, column: &TrackColumn, unit: ColumnUnit, but: &str) -> Error {
-    refuse(
+    invalid_value(
         line,
         &column.name,
         &format!("in {}", unit.name),

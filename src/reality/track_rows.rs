@@ -32,7 +32,7 @@ pub fn assemble(rows: Vec<TrackRow>, scene: &Scene, budget: &dyn Budget) -> Resu
         if trials.last().is_none_or(|t| t.name != row.trial) {
             if !finished.insert(row.trial.clone()) {
                 let allowed = "contiguous rows of a trial; this trial already ended above";
-                return Err(refuse(row.line, "trial", &format!("{:?}", row.trial), allowed));
+                return Err(invalid_value(row.line, "trial", &format!("{:?}", row.trial), allowed));
             }
             let setting = row.setting.clone();
             let base = bare.with_setting(setting.as_ref().and_then(|s| scene.settings.get(s)));
@@ -43,19 +43,24 @@ pub fn assemble(rows: Vec<TrackRow>, scene: &Scene, budget: &dyn Budget) -> Resu
         let trial = trials.last_mut().expect("a trial was pushed above if there was none");
         if trial.setting != row.setting {
             let value = format!("{:?}", row.setting.as_deref().unwrap_or(""));
-            return Err(refuse(row.line, "setting", &value, "the same setting in all rows of a trial"));
+            return Err(invalid_value(
+                row.line,
+                "setting",
+                &value,
+                "the same setting in all rows of a trial",
+            ));
         }
         add(trial, &row)?;
     }
     if trials.is_empty() {
-        return Err(refuse(2, "", "no observation", "at least one row below the header"));
+        return Err(invalid_value(2, "", "no observation", "at least one row below the header"));
     }
     trials.iter_mut().for_each(start_from_first_observation);
     Ok(trials)
 }
 
 /// Error for an invalid value in a file.
-pub fn refuse(line: usize, field: &str, value: &str, allowed: &str) -> Error {
+pub fn invalid_value(line: usize, field: &str, value: &str, allowed: &str) -> Error {
     Error::Input(InvalidInput {
         place: line.to_string(),
         field: field.to_string(),
@@ -66,7 +71,7 @@ pub fn refuse(line: usize, field: &str, value: &str, allowed: &str) -> Error {
 
 /// Errors if a file seems truncated within its last number: no final newline, and fewer digits than all numbers above.
 /// `cells` are the last numbers of the rows.
-pub fn whole<'a>(text: &str, line: usize, cells: impl IntoIterator<Item = &'a str>) -> Result<()> {
+pub fn check_complete<'a>(text: &str, line: usize, cells: impl IntoIterator<Item = &'a str>) -> Result<()> {
     let decimals = |cell: &str| cell.split_once(['.', ',']).map_or(0, |(_, digits)| digits.len());
     let digits: Vec<usize> = cells.into_iter().map(decimals).collect();
     let lost = match digits.split_last() {
@@ -78,7 +83,7 @@ pub fn whole<'a>(text: &str, line: usize, cells: impl IntoIterator<Item = &'a st
     if lost && !text.ends_with(['\n', '\r']) {
         let allowed =
             "a complete last line; it has fewer digits than those above and no newline: is the file cut off?";
-        return Err(refuse(line, "", "", allowed));
+        return Err(invalid_value(line, "", "", allowed));
     }
     Ok(())
 }
@@ -89,12 +94,12 @@ fn add(trial: &mut Trial, row: &TrackRow) -> Result<()> {
     let Some(which) = observed.bodies.iter().position(|t| t.name == row.body) else {
         let known = observed.bodies.iter().map(|t| format!("{:?}", t.name)).collect::<Vec<_>>().join(", ");
         let allowed = format!("a body of the scene: {known}");
-        return Err(refuse(row.line, "body", &format!("{:?}", row.body), &allowed));
+        return Err(invalid_value(row.line, "body", &format!("{:?}", row.body), &allowed));
     };
     match observed.times.last() {
         Some(last) if row.t < *last => {
             let allowed = format!("a time not before {last}, the row above");
-            return Err(refuse(row.line, "t", &row.t.to_string(), &allowed));
+            return Err(invalid_value(row.line, "t", &row.t.to_string(), &allowed));
         }
         Some(last) if row.t == *last => {}
         _ => {
@@ -109,7 +114,7 @@ fn add(trial: &mut Trial, row: &TrackRow) -> Result<()> {
     let filled = [track.x[at], track.y[at], track.angle[at]].iter().any(|v| !v.is_nan());
     if filled {
         let allowed = "each body once at each time of a trial (times must rise)";
-        return Err(refuse(row.line, "t", &row.t.to_string(), allowed));
+        return Err(invalid_value(row.line, "t", &row.t.to_string(), allowed));
     }
     let [x, y, angle, vx, vy, omega] = row.values;
     (track.x[at], track.y[at], track.angle[at]) = (x, y, angle);

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashSet};
 use super::columns::{ColumnQuantity, TrackColumn};
 use super::header::{TableHeader, head};
 use super::parse_options::{TrackParseOptions, contradiction};
-use super::track_rows::{TrackRow, refuse, whole};
+use super::track_rows::{TrackRow, check_complete, invalid_value};
 use super::trials_csv;
 use crate::budget::{Budget, checked};
 use crate::error::{Error, Result};
@@ -27,7 +27,7 @@ pub struct TrackTable {
     /// Names of columns that are not read.
     pub unused: Vec<String>,
     /// Whether the units of length and time are declared by the file or the options.
-    pub said: [bool; 2],
+    pub units_declared: [bool; 2],
 }
 
 /// Parses a file. `trial` and `body` are the default names; `reading` must be valid.
@@ -49,7 +49,7 @@ pub fn read(
     let records = head.records(&text, budget)?;
     let cut: Vec<&str> =
         records.iter().filter_map(|(_, cells)| cells.get(choice.y).map(String::as_str)).collect();
-    whole(&text, records.last().map_or(head.line, |(line, _)| *line), cut)?;
+    check_complete(&text, records.last().map_or(head.line, |(line, _)| *line), cut)?;
     let mut rows = Vec::new();
     let (mut bodies, mut mark) = (Vec::new(), None);
     for record in checked(&records, budget) {
@@ -69,7 +69,7 @@ pub fn read(
         names_trials: choice.trial.is_some(),
         own_format: false,
         unused: choice.unused(&head.columns),
-        said: choice.said,
+        units_declared: choice.units_declared,
     })
 }
 
@@ -88,18 +88,18 @@ struct TrackSelection {
     body: Option<usize>,
     /// Number of cells per row.
     count: usize,
-    said: [bool; 2],
+    units_declared: [bool; 2],
 }
 
 fn choose(head: &TableHeader, reading: &TrackParseOptions) -> Result<TrackSelection> {
     let of = |quantity| head.columns.iter().position(|c| c.quantity == Some(quantity));
-    let (time, seconds, said_time) = clock(head, reading)?;
+    let (time, seconds, time_declared) = clock(head, reading)?;
     let body = of(ColumnQuantity::Body);
     let [x, y] = coordinates(head, reading, body.is_some())?;
-    let (length, said_length) = reading.length(head.line, &head.columns[x])?;
+    let (length, length_declared) = reading.length(head.line, &head.columns[x])?;
     if reading.length(head.line, &head.columns[y])?.0 != length {
         let both = format!("in another unit than {:?}", head.columns[x].name);
-        return Err(refuse(head.line, &head.columns[y].name, &both, "one unit for both"));
+        return Err(invalid_value(head.line, &head.columns[y].name, &both, "one unit for both"));
     }
     Ok(TrackSelection {
         time: (time, seconds),
@@ -111,7 +111,7 @@ fn choose(head: &TableHeader, reading: &TrackParseOptions) -> Result<TrackSelect
         setting: of(ColumnQuantity::Setting),
         body,
         count: head.columns.len(),
-        said: [said_length, said_time],
+        units_declared: [length_declared, time_declared],
     })
 }
 
@@ -130,15 +130,15 @@ fn clock(head: &TableHeader, reading: &TrackParseOptions) -> Result<(usize, f64,
             Some(unit) => Err(contradiction(head.line, &head.columns[i], unit, "`fps` is for frame numbers")),
         },
         (None, _, Some(i)) => {
-            let (seconds, said) = reading.time(head.line, &head.columns[i])?;
-            Ok((i, seconds, said))
+            let (seconds, is_declared) = reading.time(head.line, &head.columns[i])?;
+            Ok((i, seconds, is_declared))
         }
         (_, Some(i), None) => {
             let allowed = "with `fps`, the frame rate; or a column of times";
-            Err(refuse(head.line, &head.columns[i].name, "a frame number", allowed))
+            Err(invalid_value(head.line, &head.columns[i].name, "a frame number", allowed))
         }
         (_, None, None) => {
-            Err(refuse(head.line, "header", "without a time", "a column `t` or `time`, or `frame`"))
+            Err(invalid_value(head.line, "header", "without a time", "a column `t` or `time`, or `frame`"))
         }
     }
 }
@@ -152,14 +152,24 @@ fn coordinates(head: &TableHeader, reading: &TrackParseOptions, bodies: bool) ->
         let (track, px) = (x.track.as_deref(), pixels(x));
         let fitting = all(ColumnQuantity::Y).find(|(_, y)| y.track.as_deref() == track && pixels(y) == px);
         if pairs.iter().any(|p| (p.0, p.1) == (track, px)) {
-            return Err(refuse(head.line, "header", &format!("{:?} twice", x.name), "every column once"));
+            return Err(invalid_value(
+                head.line,
+                "header",
+                &format!("{:?} twice", x.name),
+                "every column once",
+            ));
         }
         pairs.extend(fitting.map(|(j, _)| (track, px, [i, j])));
     }
     if pairs.is_empty() {
         let missing = if all(ColumnQuantity::Y).next().is_none() { "y" } else { "x" };
         let value = format!("without a {missing} to go with the other coordinate");
-        return Err(refuse(head.line, "header", &value, "columns `x` and `y` of one track, in one unit"));
+        return Err(invalid_value(
+            head.line,
+            "header",
+            &value,
+            "columns `x` and `y` of one track, in one unit",
+        ));
     }
     let wanted = reading.metres_per_pixel.is_some() && pairs.iter().any(|p| p.1);
     if pairs.iter().any(|p| p.1 == wanted) {
@@ -169,7 +179,7 @@ fn coordinates(head: &TableHeader, reading: &TrackParseOptions, bodies: bool) ->
         let known = tracks(&pairs);
         pairs.retain(|p| p.0.is_some_and(|name| name.eq_ignore_ascii_case(track)));
         if pairs.is_empty() {
-            return Err(refuse(head.line, "track", &format!("{track:?}"), &format!("one of {known}")));
+            return Err(invalid_value(head.line, "track", &format!("{track:?}"), &format!("one of {known}")));
         }
     } else if pairs.iter().any(|p| p.0.is_none()) {
         pairs.retain(|p| p.0.is_none());
@@ -178,7 +188,7 @@ fn coordinates(head: &TableHeader, reading: &TrackParseOptions, bodies: bool) ->
         [(_, _, at)] => Ok(*at),
         _ => {
             let value = format!("with several tracks: {}", tracks(&pairs));
-            Err(refuse(head.line, "header", &value, "one track; select it with `track`"))
+            Err(invalid_value(head.line, "header", &value, "one track; select it with `track`"))
         }
     }
 }
@@ -202,28 +212,28 @@ impl TrackSelection {
         if beyond || chosen.iter().flatten().any(|k| *k >= cells.len()) {
             let allowed =
                 format!("{} cells as in the header (decimal commas need another separator)", self.count);
-            return Err(refuse(line, "", &format!("{} cells", cells.len()), &allowed));
+            return Err(invalid_value(line, "", &format!("{} cells", cells.len()), &allowed));
         }
         let mut number = |k: usize, size: f64| -> Result<f64> {
             let value = size
                 * parse(&cells[k], mark).map_err(|allowed| {
-                    refuse(line, &columns[k].name, &format!("{:?}", cells[k].trim()), allowed)
+                    invalid_value(line, &columns[k].name, &format!("{:?}", cells[k].trim()), allowed)
                 })?;
             if value.abs() > MAX_ABSOLUTE_VALUE {
-                return Err(refuse(line, &columns[k].name, &value.to_string(), "up to 1e6 m or s"));
+                return Err(invalid_value(line, &columns[k].name, &value.to_string(), "up to 1e6 m or s"));
             }
             Ok(value)
         };
         let t = number(self.time.0, self.time.1)?;
         let (x, y) = (number(self.x, self.length)?, number(self.y, self.up * self.length)?);
         if t.is_nan() {
-            return Err(refuse(line, &columns[self.time.0].name, "missing", "a time"));
+            return Err(invalid_value(line, &columns[self.time.0].name, "missing", "a time"));
         }
         let text = |k: Option<usize>| k.map(|k| cells[k].trim().to_string());
         let trial = text(self.trial);
         if trial.as_deref() == Some("") {
             let name = self.trial.map_or("trial", |k| &columns[k].name);
-            return Err(refuse(line, name, "missing", "the trial's name"));
+            return Err(invalid_value(line, name, "missing", "the trial's name"));
         }
         let values = [x, y, f64::NAN, f64::NAN, f64::NAN, f64::NAN];
         let (trial_name, setting) = (String::new(), text(self.setting));
@@ -281,7 +291,7 @@ fn of_one_body(
     match track {
         None if known.len() > 1 => {
             let line = rows.first().map_or(1, |r| r.line);
-            Err(refuse(line, "body", &listed, "one body; select it with `track`"))
+            Err(invalid_value(line, "body", &listed, "one body; select it with `track`"))
         }
         None => Ok(rows),
         Some(track) if !known.iter().any(|n| n.eq_ignore_ascii_case(track)) => {
@@ -309,7 +319,7 @@ fn by_trial(rows: Vec<TrackRow>, clock: &str, budget: &dyn Budget) -> Result<Vec
             && row.t <= last.t
         {
             let allowed = format!("a time after {} s; one trial a file, or a column `trial`", last.t);
-            return Err(refuse(row.line, clock, &format!("{} s", row.t), &allowed));
+            return Err(invalid_value(row.line, clock, &format!("{} s", row.t), &allowed));
         }
         trials[at].push(row);
     }
@@ -320,8 +330,8 @@ fn by_trial(rows: Vec<TrackRow>, clock: &str, budget: &dyn Budget) -> Result<Vec
 fn own_format(text: &str, reading: &TrackParseOptions, budget: &dyn Budget) -> Result<TrackTable> {
     let mut rows = trials_csv::rows(text, budget)?;
     let plain = |name: &str| TrackColumn { name: name.into(), quantity: None, unit: None, track: None };
-    let (length, said_length) = reading.length(1, &plain("x"))?;
-    let (time, said_time) = match reading.fps {
+    let (length, length_declared) = reading.length(1, &plain("x"))?;
+    let (time, time_declared) = match reading.fps {
         Some(fps) => (1.0 / fps, true),
         None => reading.time(1, &plain("t"))?,
     };
@@ -344,7 +354,7 @@ fn own_format(text: &str, reading: &TrackParseOptions, budget: &dyn Budget) -> R
         names_trials: true,
         own_format: true,
         unused: Vec::new(),
-        said: [said_length, said_time],
+        units_declared: [length_declared, time_declared],
     })
 }
 
@@ -437,7 +447,10 @@ mod tests {
             table.rows.iter().map(|r| [r.values[0].is_nan(), r.values[1].is_nan()]).collect();
         assert_eq!(missing, [[false, false], [true, false], [true, true], [false, false]]);
         assert!(table.rows.iter().all(|r| r.values[2..].iter().all(|v| v.is_nan())));
-        assert_eq!((table.unused, table.said), (vec!["vx".to_string(), "label".into()], [false, false]));
+        assert_eq!(
+            (table.unused, table.units_declared),
+            (vec!["vx".to_string(), "label".into()], [false, false])
+        );
     }
 
     /// Rows may be grouped by frame.

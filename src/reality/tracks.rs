@@ -67,9 +67,9 @@ pub fn load_tracks(
         }
         tables.push(table);
     }
-    let said = DeclaredUnits {
-        length: tables.iter().all(|t| t.said[0]),
-        time: tables.iter().all(|t| t.said[1]),
+    let declared = DeclaredUnits {
+        length: tables.iter().all(|t| t.units_declared[0]),
+        time: tables.iter().all(|t| t.units_declared[1]),
         up: reading.y_down.is_some(),
     };
     let mut notes: Vec<String> = tables.iter().zip(files).filter_map(|(t, f)| unused(t, f)).collect();
@@ -84,11 +84,11 @@ pub fn load_tracks(
         trials.extend(assembled.map_err(|e| e.in_file(&file.name))?);
     }
     if scene.bodies.len() == 1 {
-        let outright = DeclaredUnits { length: true, time: true, up: true };
-        notes.extend(unit_checks::units(&trials, if own { outright } else { said })?);
+        let all_declared = DeclaredUnits { length: true, time: true, up: true };
+        notes.extend(unit_checks::check_units(&trials, if own { all_declared } else { declared })?);
     }
     if let Subject::Ball(ball) = of {
-        notes.extend(unit_checks::floor(&trials, ball.radius, ball.floor)?);
+        notes.extend(unit_checks::check_floor(&trials, ball.radius, ball.floor)?);
     }
     Ok(LoadedTrials { scene, trials, notes, own_format: own && reading.is_silent() })
 }
@@ -98,7 +98,13 @@ const BALL: &str = "ball";
 
 fn own_format(text: &str, budget: &dyn Budget) -> Result<TrackTable> {
     let rows = trials_csv::rows(text, budget)?;
-    Ok(TrackTable { rows, names_trials: true, own_format: true, unused: Vec::new(), said: [true; 2] })
+    Ok(TrackTable {
+        rows,
+        names_trials: true,
+        own_format: true,
+        unused: Vec::new(),
+        units_declared: [true; 2],
+    })
 }
 
 /// Default trial name of each file: its stem, or its full name if the stems are not unique.

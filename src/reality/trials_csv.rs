@@ -4,7 +4,7 @@
 //! `t` share a sample. An empty cell is a missing value (NaN in memory). An error names line, column and value.
 
 use super::Trial;
-use super::track_rows::{TrackRow, assemble, refuse, whole};
+use super::track_rows::{TrackRow, assemble, check_complete, invalid_value};
 use crate::budget::{Budget, Unlimited, checked};
 use crate::error::{Error, Result};
 use crate::task::Scene;
@@ -16,7 +16,7 @@ const OPTIONAL: [&str; 5] = ["setting", "angle", "vx", "vy", "omega"];
 pub fn decode(bytes: Vec<u8>) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        refuse(line, "", "", "UTF-8 text")
+        invalid_value(line, "", "", "UTF-8 text")
     })
 }
 
@@ -29,7 +29,7 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
 pub fn rows(text: &str, budget: &dyn Budget) -> Result<Vec<TrackRow>> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
     let mut records = reader.records();
-    let header = records.next().ok_or_else(|| refuse(1, "", "an empty file", "a header line"))?;
+    let header = records.next().ok_or_else(|| invalid_value(1, "", "an empty file", "a header line"))?;
     let columns = RecordingColumns::from_header(&header.map_err(|e| unreadable(&e))?)?;
     let mut rows: Vec<TrackRow> = Vec::new();
     let mut last = Vec::new();
@@ -39,7 +39,7 @@ pub fn rows(text: &str, budget: &dyn Budget) -> Result<Vec<TrackRow>> {
         rows.push(columns.row(number, &record)?);
         last.extend(record.get(columns.count - 1).map(String::from));
     }
-    whole(text, rows.last().map_or(1, |r| r.line), last.iter().map(String::as_str))?;
+    check_complete(text, rows.last().map_or(1, |r| r.line), last.iter().map(String::as_str))?;
     Ok(rows)
 }
 
@@ -51,11 +51,11 @@ pub fn is_header(cells: &[&str]) -> bool {
 /// Trials as CSV. Contains `setting` only if a trial has one, and velocities and spins only if any is observed after the start; values
 /// keep all digits.
 pub fn trials_to_csv(trials: &[Trial]) -> String {
-    written(trials, &Unlimited).expect("an unlimited budget does not end")
+    write_trials_csv(trials, &Unlimited).expect("an unlimited budget does not end")
 }
 
 /// As [`trials_to_csv`], with a budget.
-pub fn written(trials: &[Trial], budget: &dyn Budget) -> Result<String> {
+pub fn write_trials_csv(trials: &[Trial], budget: &dyn Budget) -> Result<String> {
     let settings = trials.iter().any(|t| t.setting.is_some());
     let mut tracks = trials.iter().flat_map(|t| &t.observed.bodies);
     let later = |v: &[f64]| v.iter().skip(1).any(|v| v.is_finite());
@@ -105,7 +105,7 @@ impl RecordingColumns {
         for (i, cell) in cells.iter().enumerate() {
             let name = cell.trim().trim_start_matches('\u{feff}');
             let Some(k) = known.iter().position(|n| *n == name) else {
-                return Err(refuse(
+                return Err(invalid_value(
                     1,
                     "header",
                     &format!("{name:?}"),
@@ -113,11 +113,11 @@ impl RecordingColumns {
                 ));
             };
             if at[k].replace(i).is_some() {
-                return Err(refuse(1, "header", &format!("{name:?} twice"), "every column once"));
+                return Err(invalid_value(1, "header", &format!("{name:?} twice"), "every column once"));
             }
         }
         if let Some(k) = (0..REQUIRED.len()).find(|k| at[*k].is_none()) {
-            return Err(refuse(
+            return Err(invalid_value(
                 1,
                 "header",
                 &format!("without {:?}", REQUIRED[k]),
@@ -130,7 +130,7 @@ impl RecordingColumns {
     fn row(&self, line: usize, cells: &csv::StringRecord) -> Result<TrackRow> {
         if cells.len() != self.count {
             let allowed = format!("{} cells as in the header", self.count);
-            return Err(refuse(line, "", &format!("{} cells", cells.len()), &allowed));
+            return Err(invalid_value(line, "", &format!("{} cells", cells.len()), &allowed));
         }
         let cell = |k: usize| self.at[k].map(|i| cells[i].trim());
         let number = |k: usize| -> Result<f64> {
@@ -139,19 +139,22 @@ impl RecordingColumns {
                 None | Some("") => Ok(f64::NAN),
                 Some(text) => match text.parse::<f64>() {
                     Ok(v) if v.is_finite() && v.abs() <= 1e6 => Ok(v),
-                    _ => {
-                        Err(refuse(line, name, &format!("{text:?}"), "a number from -1e6 to 1e6, or nothing"))
-                    }
+                    _ => Err(invalid_value(
+                        line,
+                        name,
+                        &format!("{text:?}"),
+                        "a number from -1e6 to 1e6, or nothing",
+                    )),
                 },
             }
         };
         let t = number(1)?;
         if t.is_nan() {
-            return Err(refuse(line, "t", "missing", "a time in s"));
+            return Err(invalid_value(line, "t", "missing", "a time in s"));
         }
         let text = |k: usize| cell(k).unwrap_or_default().to_string();
         if text(0).is_empty() {
-            return Err(refuse(line, "trial", "missing", "the trial's name"));
+            return Err(invalid_value(line, "trial", "missing", "the trial's name"));
         }
         Ok(TrackRow {
             line,
@@ -166,5 +169,5 @@ impl RecordingColumns {
 
 fn unreadable(error: &csv::Error) -> Error {
     let line = error.position().map_or(0, |p| p.line() as usize);
-    refuse(line, "", "", &format!("comma-separated values ({error})"))
+    invalid_value(line, "", "", &format!("comma-separated values ({error})"))
 }

@@ -21,25 +21,26 @@ pub struct DeclaredUnits {
 }
 
 /// Plausible downward accelerations, relative to gravity. The range allows for drag, lift and buoyancy.
-const BELIEVED: [f64; 2] = [0.03, 8.0];
+const PLAUSIBLE_FALL: [f64; 2] = [0.03, 8.0];
 /// Plausible upward acceleration, relative to gravity: larger than that of a ball with back spin.
-const RISES: f64 = -0.5;
+const PLAUSIBLE_RISE: f64 = -0.5;
 /// Maximum plausible extent of a trial, m.
-const FAR: f64 = 300.0;
+const MAX_EXTENT_M: f64 = 300.0;
 /// Minimum upward change of velocity in a bounce: as a multiple of the change due to gravity, and in m/s.
-const SHARPLY: [f64; 2] = [5.0, 0.5];
+const MIN_BOUNCE_VELOCITY_CHANGE: [f64; 2] = [5.0, 0.5];
 /// Minimum upward change of velocity in a bounce, as a multiple of noise over the duration of the turn. The standard error of the
 /// change is five times that ratio, and many samples are tested.
-const CERTAIN: f64 = 25.0;
+const MIN_BOUNCE_NOISE_MULTIPLE: f64 = 25.0;
 /// Tolerance of the floor's height, m.
-const LEVEL: f64 = 0.02;
+const FLOOR_TOLERANCE_M: f64 = 0.02;
 
 /// Checks the units of trials of one body. An implausible unit is an error, or a note if it is declared.
-pub fn units(trials: &[Trial], said: DeclaredUnits) -> Result<Option<String>> {
-    let Some(ImplausibleUnit { field, value, allowed, insisted }) = doubt(trials, said) else {
+pub fn check_units(trials: &[Trial], declared: DeclaredUnits) -> Result<Option<String>> {
+    let Some(ImplausibleUnit { field, value, allowed, is_declared }) = implausible_unit(trials, declared)
+    else {
         return Ok(None);
     };
-    match insisted {
+    match is_declared {
         true => Ok(Some(format!("{field} is {value}; the declared units are used"))),
         false => Err(Error::input(field, value, allowed)),
     }
@@ -47,7 +48,7 @@ pub fn units(trials: &[Trial], said: DeclaredUnits) -> Result<Option<String>> {
 
 /// Checks the height of the floor; `floor` is `None` if the scene has none. Without a floor, bounces would be explained by spurious
 /// forces.
-pub fn floor(trials: &[Trial], radius: f64, floor: Option<f64>) -> Result<Option<String>> {
+pub fn check_floor(trials: &[Trial], radius: f64, floor: Option<f64>) -> Result<Option<String>> {
     let bounces: Vec<BounceEstimate> = trials.iter().filter_map(bounce).collect();
     let seen = bounces.iter().map(|b| b.centre).fold(f64::INFINITY, f64::min);
     let Some(height) = floor else {
@@ -78,7 +79,7 @@ pub fn floor(trials: &[Trial], radius: f64, floor: Option<f64>) -> Result<Option
         let allowed = format!("a height below the ball's centre, which comes down to {lowest:.4} m");
         return Err(Error::input("floor", height, allowed));
     }
-    let beyond = |b: &BounceEstimate| b.centre - b.missed > height + LEVEL + 2.0 * radius;
+    let beyond = |b: &BounceEstimate| b.centre - b.missed > height + FLOOR_TOLERANCE_M + 2.0 * radius;
     if bounces.len() > 1 && bounces.iter().all(beyond) {
         let allowed = format!(
             "the height of what the ball bounces off: {} of {} trials bounce, with the centre at {seen:.3} m or above",
@@ -97,56 +98,61 @@ struct ImplausibleUnit {
     /// Allowed values, and the option that declares the unit.
     allowed: String,
     /// Whether the implausible unit is declared explicitly.
-    insisted: bool,
+    is_declared: bool,
 }
 
-fn doubt(trials: &[Trial], said: DeclaredUnits) -> Option<ImplausibleUnit> {
+fn implausible_unit(trials: &[Trial], declared: DeclaredUnits) -> Option<ImplausibleUnit> {
     let scene: &Scene = &trials.first()?.scene;
     let g = scene.gravity[0].hypot(scene.gravity[1]);
     let extent = [0, 1].map(|axis| extent(trials, axis)).into_iter().fold(0.0, f64::max);
-    if extent > FAR && !said.length {
+    if extent > MAX_EXTENT_M && !declared.length {
         let value = format!("spread over {extent:.0} m");
         let allowed = format!("metres; {PIXELS}; if they are m, `length_unit` m");
-        return Some(ImplausibleUnit { field: "x, y", value, allowed, insisted: false });
+        return Some(ImplausibleUnit { field: "x, y", value, allowed, is_declared: false });
     }
     if g == 0.0 {
         return None;
     }
     let along = acceleration(trials, scene.gravity)? / g;
-    if (BELIEVED[0]..=BELIEVED[1]).contains(&along) || (RISES..=-BELIEVED[0]).contains(&along) {
+    if (PLAUSIBLE_FALL[0]..=PLAUSIBLE_FALL[1]).contains(&along)
+        || (PLAUSIBLE_RISE..=-PLAUSIBLE_FALL[0]).contains(&along)
+    {
         return None;
     }
     let speed = format!("{:.3e} m/s^2, {:.2e} times gravity", (along * g).abs(), along.abs());
-    let (units, fall) = (said.length && said.time, if along > 0.0 { "falling" } else { "rising" });
-    let lengths = if said.length { "is the unit, or the size of a pixel, the right one?" } else { PIXELS };
-    let (field, value, allowed, insisted) = if along.abs() < BELIEVED[0] {
+    let (units, fall) = (declared.length && declared.time, if along > 0.0 { "falling" } else { "rising" });
+    let lengths =
+        if declared.length { "is the unit, or the size of a pixel, the right one?" } else { PIXELS };
+    let (field, value, allowed, is_declared) = if along.abs() < PLAUSIBLE_FALL[0] {
         let fps = along.abs().sqrt().recip();
         let like = if along.abs() < 1e-5 { String::new() } else { format!(" (of about {fps:.0} a second)") };
-        let times = match said.time {
+        let times = match declared.time {
             true => "is the unit, or the number of pictures a second, the right one?".into(),
             false => format!("of pictures{like} give `fps`, of milliseconds `time_unit` ms"),
         };
-        let allowed = format!("seconds, with coordinates in metres; {times}; {}", outright(said));
+        let allowed =
+            format!("seconds, with coordinates in metres; {times}; {}", declaration_advice(declared));
         ("t", format!("such that things fall with {speed}"), allowed, units)
     } else if along > 0.0 {
-        let allowed = format!("metres and seconds; {lengths}; {}", outright(said));
+        let allowed = format!("metres and seconds; {lengths}; {}", declaration_advice(declared));
         ("y", format!("{fall} with {speed}"), allowed, units)
-    } else if along > -BELIEVED[1] {
+    } else if along > -PLAUSIBLE_FALL[1] {
         let allowed = "counted upwards; counted from above, as in pictures, give `y_down`; if it is upwards, `y_down` false";
-        ("y", format!("{fall} with {speed}"), allowed.to_string(), said.up)
+        ("y", format!("{fall} with {speed}"), allowed.to_string(), declared.up)
     } else {
         let allowed = format!("metres, upwards; {lengths}; counted from above, give `y_down` as well");
-        ("y", format!("{fall} with {speed}"), allowed, units && said.up)
+        ("y", format!("{fall} with {speed}"), allowed, units && declared.up)
     };
-    Some(ImplausibleUnit { field, value, allowed, insisted })
+    Some(ImplausibleUnit { field, value, allowed, is_declared })
 }
 
 const PIXELS: &str = "of pixels give `metres_per_pixel`, of millimetres `length_unit` mm (or cm)";
 
 /// Advice on how to declare the assumed units.
-fn outright(said: DeclaredUnits) -> String {
-    let missing = [("`length_unit` m", said.length), ("`time_unit` s", said.time)];
-    let missing: Vec<&str> = missing.iter().filter(|(_, said)| !said).map(|(option, _)| *option).collect();
+fn declaration_advice(declared: DeclaredUnits) -> String {
+    let missing = [("`length_unit` m", declared.length), ("`time_unit` s", declared.time)];
+    let missing: Vec<&str> =
+        missing.iter().filter(|(_, declared)| !declared).map(|(option, _)| *option).collect();
     format!("if it is right, say so: {}", missing.join(" and "))
 }
 
@@ -225,7 +231,9 @@ fn bounce(trial: &Trial) -> Option<BounceEstimate> {
     let speed = |a: usize, b: usize| (track.y[b] - track.y[a]) / (times[b] - times[a]);
     seen.windows(7).find_map(|w| {
         let (before, after, time) = (speed(w[0], w[3]), speed(w[3], w[6]), times[w[6]] - times[w[0]]);
-        let least = (SHARPLY[0] * g * time).max(SHARPLY[1]).max(CERTAIN * noise / time);
+        let least = (MIN_BOUNCE_VELOCITY_CHANGE[0] * g * time)
+            .max(MIN_BOUNCE_VELOCITY_CHANGE[1])
+            .max(MIN_BOUNCE_NOISE_MULTIPLE * noise / time);
         let down = |a: usize, b: usize| track.y[w[b]] < track.y[w[a]];
         // A single outlier is not a bounce.
         let turns = down(0, 1) && down(1, 2) && down(5, 4) && down(6, 5);

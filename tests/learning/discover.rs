@@ -7,7 +7,7 @@ use iplw::discover::{DiagnosisConfig, DiagnosisResult, diagnose};
 use iplw::experiment::EstimateConfig;
 use iplw::experiment::extension::{diagnose_trials, extend_simulation};
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard, trials_from_csv};
+use iplw::reality::{HiddenConfig, HiddenWorld, Trial, standard, trials_from_csv, with_trial_settings};
 use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, split};
@@ -150,7 +150,7 @@ fn tried(family: &'static Family, hidden: HiddenConfig, count: usize, seed: u64)
     let mut world = HiddenWorld::new(hidden).unwrap();
     let tasks = split(&family.fold(0), Split::Train);
     let trials = iplw::experiment::random_trials(&tasks, &mut world, count, seed, &NoProgress).unwrap();
-    let (scene, trials) = settled(&tasks[0].scene, trials).unwrap();
+    let (scene, trials) = with_trial_settings(&tasks[0].scene, trials).unwrap();
     diagnose(&scene, &trials, &DiagnosisConfig::standard(seed), &NoProgress).unwrap().diagnosis
 }
 

@@ -6,7 +6,7 @@ use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Trial, standard, with_trial_settings};
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Scene, Split, family, split};
 
@@ -19,7 +19,7 @@ fn measured(count: usize, seed: u64, damped: bool) -> (Scene, Vec<Trial>) {
     let mut world = HiddenWorld::new(HiddenConfig { effects, noise: 0.005, seed, ..own }).unwrap();
     let tasks = split(&family("bowling").unwrap().fold(0), Split::Train);
     let trials = random_trials(&tasks, &mut world, count, seed, &NoProgress).unwrap();
-    let (mut scene, trials) = settled(&tasks[0].scene, trials).unwrap();
+    let (mut scene, trials) = with_trial_settings(&tasks[0].scene, trials).unwrap();
     scene.calibrate = vec!["friction".into(), "restitution".into()];
     (scene, trials)
 }

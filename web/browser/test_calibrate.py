@@ -41,13 +41,13 @@ def fill(page: Page, **fields: str) -> None:
 def test_an_estimation_is_followed_to_its_end_across_a_reload(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
     server = serve()
     page = see(server).open("#/calibrate")
-    fill(page, Rounds="2", Actions_a_round="2")
+    fill(page, Rounds="2", Actions_per_round="2")
     page.locator("summary", has_text="More").click()
     fill(page, Samples="3", Seed="1")
     page.get_by_label("Restitution").fill("0.4")
     page.get_by_role("button", name="Start").click()
     # Too few samples: told where they were typed, in the server's words.
-    samples = page.get_by_label("Samples of an iteration")
+    samples = page.get_by_label("Samples per iteration")
     expect(samples).to_have_attribute("aria-invalid", "true")
     expect(page.locator(".field", has=samples)).to_contain_text("from 4 to 100000")
     samples.fill("8")
@@ -110,8 +110,8 @@ def test_one_is_cancelled_and_two_are_compared(serve: Callable[..., Any], see: C
     expect(state).to_have_text("running")
     page.get_by_role("button", name="Cancel").press("Enter")
     expect(state).to_have_text("cancelled")
-    page.get_by_role("link", name="Begin again like this").click()
-    expect(page.get_by_label("Actions a round")).to_have_value("20")
+    page.get_by_role("link", name="Start a similar one").click()
+    expect(page.get_by_label("Actions per round")).to_have_value("20")
 
 
 def test_a_rig_is_asked_and_told(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_rig_is_asked_and_told(serve: Callable[..., Any], see: Callable[..., A
     page = see(server).open(f"#/calibrate/{job}")
     cards = page.locator("[data-proposal]")
     expect(cards).to_have_count(2)
-    expect(page.get_by_role("img", name=re.compile("Proposal 0, basketball:.*everything placed"))).to_be_visible()
+    expect(page.get_by_role("img", name=re.compile("Proposal 0, basketball:.*initial state"))).to_be_visible()
     chooser, told = page.locator("input[type=file]"), page.locator(".drop .why")
     file = tmp_path / "measured.csv"
     for text, why in {"trial,t,body,x,y\n0,0,moon,1,2\n": "moon", "trial,t,body,x,y\n9,0,ball,1,2\n": "0 to 1 are open", "time,place\n1,2\n": "trial"}.items():
@@ -133,17 +133,17 @@ def test_a_rig_is_asked_and_told(serve: Callable[..., Any], see: Callable[..., A
     hand.locator("summary").click()
     cell = hand.get_by_label("t, row 1")
     cell.fill("soon")
-    hand.get_by_role("button", name="Send").click()
+    hand.get_by_role("button", name="Submit").click()
     expect(hand.get_by_role("alert")).to_contain_text("“soon” is no number")
     cell.fill("3")
     hand.get_by_label("ball x, row 1").fill("1")
     hand.get_by_label("ball y, row 1").fill("1")
-    hand.get_by_role("button", name="Send").click()
+    hand.get_by_role("button", name="Submit").click()
     expect(hand.get_by_role("alert")).to_contain_text("from 0 to 0.1 s")
     first, second = server.ask("GET", f"/v1/iplw/{job}/proposals")["proposals"]
     cell.focus()
     cell.evaluate(PASTE, block(server, first))
-    hand.get_by_role("button", name="Send").click()
+    hand.get_by_role("button", name="Submit").click()
     expect(hand.locator(".tag")).to_have_text("answered")
     expect(page.locator(".calibrate-head .count")).to_have_text("1")
     file.write_text(csv(server, [second]))

@@ -45,7 +45,7 @@ def test_a_hidden_effect_is_named_in_six_clicks(serve: Callable[..., Any], see: 
     page.evaluate(CLICKS)
     page.get_by_role("link", name="Diagnose", exact=True).click()
     drop(page, "throws.csv", csv(launches(14, 70)))
-    expect(page.locator(".glance")).to_contain_text("14 launches, 980 samples")
+    expect(page.locator(".glance")).to_contain_text("14 trials, 980 samples")
     run(page)
     expect(verdict(page).locator("h2")).to_have_text("The simulation lacks quadratic drag.")
     clicks = page.evaluate("window.clicks") + 1
@@ -61,10 +61,10 @@ def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: C
     page = see(server).open("#/jobs")
     page.get_by_role("link", name="Result").click()
     expect(verdict(page).locator("h2")).to_have_text("The simulation lacks quadratic drag.")
-    for part in ("Effects", "Paths before and after", "Sizes launch by launch", "Rivals", "Gain", "Predictive check", "Figures"):
+    for part in ("Effects", "Trajectories before and after", "Estimates by trial", "Rivals", "Gain", "Predictive check", "Figures"):
         expect(page.get_by_role("region", name=part, exact=True)).to_be_visible()
-    page.get_by_label("Launch", exact=True).select_option("3")
-    expect(page.get_by_role("img", name="Launch 3: seen")).to_be_visible()
+    page.get_by_label("Trial", exact=True).select_option("3")
+    expect(page.get_by_role("img", name="Trial 3: measured")).to_be_visible()
     with page.expect_download() as saved:
         page.get_by_role("button", name="Download report.json").click()
     report = json.loads(Path(saved.value.path()).read_text())
@@ -93,7 +93,7 @@ def test_what_ties_has_a_next_experiment_drawn(serve: Callable[..., Any], see: C
     assert job["result"]["verdict"] == "ambiguous" and job["result"]["next_scene"], job["result"]["reason"]
     page = see(server).open(f"#/diagnose/{job['id']}")
     expect(verdict(page).locator("h2")).to_contain_text(f"One of {len(rivals)} is missing")
-    expect(page.get_by_role("img", name="The next experiment: launched from")).to_be_visible()
+    expect(page.get_by_role("img", name="The next experiment: throw from")).to_be_visible()
     expect(page.locator("path.rival")).to_have_count(min(4, len(rivals)))
     residuals = page.get_by_role("region", name="Residuals before and after", exact=True)
     residuals.get_by_label("Over", exact=True).select_option("speed")
@@ -105,14 +105,14 @@ def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], 
     drop(page, "film.csv", csv(launches(12, 40), "track_id,frame no,pos_x,pos_y", scale=0.002, down=True).replace("e-05", ""))
     run_button = page.get_by_role("button", name="Run the diagnosis")
     expect(run_button).to_be_disabled()
-    expect(page.get_by_text("say how many there are in a second")).to_be_visible()
+    expect(page.get_by_text("enter frames per second")).to_be_visible()
     page.get_by_label("Time", exact=True).select_option(label="frame no")
-    page.get_by_label("Pictures a second").fill("1")
+    page.get_by_label("Frames per second").fill("1")
     page.get_by_label("Lengths in").select_option("px")
-    expect(page.get_by_text("say how many metres one is")).to_be_visible()
+    expect(page.get_by_text("enter metres per pixel")).to_be_visible()
     # A ruler along the grid: as far as one of its lines, drawn as metres as long as nobody said.
     apart = float(page.locator(".over figcaption").inner_text().split("Grid lines are ")[1].split(" m")[0])
-    page.get_by_label("as long as").fill(str(round(0.002 * apart, 4)))
+    page.get_by_label("object of length").fill(str(round(0.002 * apart, 4)))
     scale = page.evaluate("document.querySelector('.over svg.scene > g').getScreenCTM().a")
     box = page.locator(".over svg.scene").bounding_box()
     assert box
@@ -126,7 +126,7 @@ def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], 
     assert abs(float(size.input_value()) - 0.002) < 0.00005
     size.fill("0.002")
     page.get_by_label("downwards").check()
-    expect(page.locator(".glance")).to_contain_text("12 launches, 480 samples")
+    expect(page.locator(".glance")).to_contain_text("12 trials, 480 samples")
     expect(page.locator(".glance")).to_contain_text(FALLS)
     run(page)
     expect(verdict(page).locator("h2")).to_contain_text("quadratic drag")
@@ -136,7 +136,7 @@ def test_a_wrong_file_is_told_in_words(serve: Callable[..., Any], see: Callable[
     page = see(serve()).open("#/diagnose")
     error = page.locator(".error")
     page.locator(".drop input").set_input_files({"name": "film.mp4", "mimeType": "video/mp4", "buffer": b"\x00\xff\xfe\x80"})
-    expect(error).to_contain_text("film.mp4: It is no text")
+    expect(error).to_contain_text("film.mp4: It is not a UTF-8 text file")
     drop(page, "words.csv", "name,size\nred,1\n")
     run(page)
     expect(error).to_contain_text("a line that names the columns")
@@ -183,7 +183,7 @@ def test_tracks_of_a_diagnosis_are_seen_again_after_a_reload(serve: Callable[...
     told = page.locator(".glance").inner_text()
     run(page)
     title = page.locator("[data-job] h2")
-    expect(title).to_have_text("The diagnosis waits for its turn")
+    expect(title).to_have_text("The diagnosis is queued")
     job = page.locator("[data-job]").get_attribute("data-job")
     other = see(server).open(f"#/diagnose/{job}")
     page.reload()
@@ -191,7 +191,7 @@ def test_tracks_of_a_diagnosis_are_seen_again_after_a_reload(serve: Callable[...
         expect(seen.get_by_role("img", name="14 tracks over the scene")).to_be_visible()
         # As they were read: in metres, though they came in centimetres.
         expect(seen.locator(".glance")).to_have_text(told)
-        expect(seen.locator("[data-job] h2")).to_have_text("The diagnosis waits for its turn")
+        expect(seen.locator("[data-job] h2")).to_have_text("The diagnosis is queued")
     server.ask("DELETE", f"/v1/jobs/{before}")
     for seen in (page, other):
         expect(verdict(seen).locator("h2")).to_have_text("The simulation lacks quadratic drag.")

@@ -54,13 +54,13 @@ def test_a_program_is_watched_step_by_step(serve: Callable[..., Any], see: Calla
     expect(page.get_by_role("img", name=f"Scene of bowling:001 in {world}")).to_be_visible()
     happened.filter(has_text="solved, interactions 1").get_by_role("button").press("Enter")
     expect(page.get_by_role("img", name=f"Scene of bowling:000 in {world}")).to_be_visible()
-    expect(page.get_by_label("Show the newest film at once")).not_to_be_checked()
+    expect(page.get_by_label("Show the newest film automatically")).not_to_be_checked()
     # A rollout and a picture beside the episode are attempts, too; looking on was none.
     server.ask("POST", f"/v1/worlds/{world}/rollout", {"actions": [solves, solves], "task": "bowling:000", "trajectories": True})
     expect(happened.first).to_contain_text("2 attempts on bowling:000: 2 placed, 2 solved")
     assert server.ask("GET", f"/v1/worlds/{world}")["interactions"] == int(page.locator(".facts .count").inner_text().split()[0])
     server.ask("DELETE", f"/v1/worlds/{world}")
-    expect(page.get_by_text("The world is gone")).to_be_visible()
+    expect(page.get_by_text("The world was deleted")).to_be_visible()
 
 
 def test_a_watch_goes_on_after_the_server_was_gone(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
@@ -139,7 +139,7 @@ def test_a_world_of_a_scene_of_its_own_shows_no_material(serve: Callable[..., An
     assert len(page.locator(".stage .trail").all()) == 1
     # All that the server tells of it, up to where the world goes.
     server.ask("DELETE", f"/v1/worlds/{world}")
-    expect(page.get_by_text("The world is gone")).to_be_visible()
+    expect(page.get_by_text("The world was deleted")).to_be_visible()
     stream = told.read().decode()
     assert "event: gone" in stream and '"floor"' in stream
     for hidden in ("0.4375", "3.625", "0.8125", "1.5625", "wind", "friction", "restitution", "density"):

@@ -145,7 +145,7 @@ def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], 
     if importlib.util.find_spec("iplw"):
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
         assert "'valid': True" in done.stdout
-    page.get_by_role("button", name="Play in it").click()
+    page.get_by_role("button", name="Play").click()
     expect(page.locator("h1")).to_have_text("Play")
     expect(page.locator(".badge.sim")).to_have_text("Simulation: solved")
     page.get_by_role("link", name="Make").click()
@@ -237,7 +237,7 @@ def test_a_wrong_value_shows_the_servers_words_at_its_field(serve: Callable[...,
     page.get_by_label("Held for").fill("0")
     page.get_by_role("button", name="Effects", exact=True).click()
     page.get_by_label("Effect", exact=True).select_option("wind")
-    page.get_by_role("button", name="Add the effect").click()
+    page.get_by_role("button", name="Add effect").click()
     page.get_by_label("ax of wind").fill("1000")
     expect(page.get_by_label("ax of wind")).to_have_attribute("aria-invalid", "true")
     expect(page.locator(".problem")).to_contain_text("effects[1].parameters.ax")
@@ -266,7 +266,7 @@ def test_a_wrong_file_is_told_and_a_right_one_kept_as_it_was(serve: Callable[...
     # What the editor has no form for stays when something else is changed; names go along.
     page.get_by_role("button", name="ball", exact=True).click()
     page.get_by_label("Name").fill("hammer")
-    expect(page.get_by_text('Another thing is named "hammer".')).to_be_visible()
+    expect(page.get_by_text('Another object is named "hammer".')).to_be_visible()
     page.get_by_label("Name").fill("puck")
     page.get_by_label("Restitution").fill("0.25")
     after = saved(page, tmp_path)

@@ -83,8 +83,8 @@ def test_a_policy_is_trained_set_beside_chance_and_shows_what_it_would_try(serve
     expect(compare.get_by_label("Show policy-1")).to_be_checked()
     expect(compare.get_by_label("Show random")).to_be_checked()
     compare.get_by_label("World", exact=True).select_option("basketball-real")
-    compare.get_by_label("Attempts a task").fill(str(ATTEMPTS))
-    compare.get_by_role("button", name="Evaluate what is ticked").click()
+    compare.get_by_label("Attempts per task").fill(str(ATTEMPTS))
+    compare.get_by_role("button", name="Evaluate selected").click()
     for number, name in enumerate(("random", "policy-1"), start=2):
         auccess = evaluated(page, server, number)["auccess"]
         curve = compare.locator(f"[data-curve={name}]")
@@ -117,7 +117,7 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     server.ended(server.ask("POST", "/v1/policies", SMALL)["id"])
     page = see(server).open("#/train/policy-1")
     form = section(page, "Train")
-    form.get_by_label("Kind of learner").select_option("learn")
+    form.get_by_label("Kind of training").select_option("learn")
     expect(form.get_by_label("friction")).to_be_hidden()
     form.get_by_label("World", exact=True).select_option("basketball-real")
     form.get_by_label("Attempts to learn from").fill("200")
@@ -130,19 +130,19 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     compare = section(page, "Compare")
     expect(compare.get_by_label(f"Show {policy}")).to_be_checked()
     compare.get_by_label("Show policy-1").check()
-    compare.get_by_label("Attempts a task").fill(str(ATTEMPTS))
-    compare.get_by_role("button", name="Evaluate what is ticked").click()
+    compare.get_by_label("Attempts per task").fill(str(ATTEMPTS))
+    compare.get_by_role("button", name="Evaluate selected").click()
     for number in (3, 4, 5):
         evaluated(page, server, number)
     expect(compare.locator(f"[data-curve={policy}]")).to_be_visible()
     expect(compare.locator("[data-curve=policy-1]")).to_be_visible()
-    expect(compare.get_by_text("Learning on in a world", exact=True)).to_be_visible()
+    expect(compare.get_by_text("Further training in a world", exact=True)).to_be_visible()
     page.wait_for_function(f"() => [...document.querySelectorAll('[data-series={policy}]')].some((g) => g.dataset.points === '2')")
     # Jobs lead here.
     page.get_by_role("link", name="Jobs").click()
     page.get_by_role("link", name="Evaluation").first.click()
     expect(page).to_have_url(re.compile("#/train/job-"))
-    expect(section(page, "Compare").get_by_label("Attempts a task")).to_have_value(str(ATTEMPTS))
+    expect(section(page, "Compare").get_by_label("Attempts per task")).to_have_value(str(ATTEMPTS))
 
 
 def test_a_training_on_an_estimate_goes_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:

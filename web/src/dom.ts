@@ -1,6 +1,6 @@
-// Elements, made by a call. Text is only ever text: nothing here parses HTML.
+// Creates elements. Text is always inserted as text: nothing here parses HTML.
 
-/** What an element may be given: attributes, `class`, `on…` listeners, `data-…`, and properties such as `value`. */
+/** Attributes of an element: attributes, `class`, `on…` listeners, `data-…`, and properties such as `value`. */
 export type Attributes = Record<string, string | number | boolean | null | undefined | ((event: never) => void)>;
 export type Child = Node | string | number | null | undefined | false;
 
@@ -22,7 +22,7 @@ export function s<K extends keyof SVGElementTagNameMap>(
   return build(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
-/** Sets attributes of an element; `null` and `false` take them away. */
+/** Sets attributes of an element; `null` and `false` remove them. */
 export function set<E extends Element>(element: E, attributes: Attributes): E {
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name.slice(2), value as EventListener);
@@ -33,7 +33,7 @@ export function set<E extends Element>(element: E, attributes: Attributes): E {
   return element;
 }
 
-/** Replaces what an element holds. */
+/** Replaces the children of an element. */
 export function put<E extends Element>(element: E, ...children: Child[]): E {
   element.replaceChildren(...(children.filter((c) => c !== null && c !== undefined && c !== false).map(node) as Node[]));
   return element;
@@ -41,13 +41,13 @@ export function put<E extends Element>(element: E, ...children: Child[]): E {
 
 let idCount = 0;
 
-/** An id that no other element of the page has. */
+/** An id that is unique in the page. */
 export function uniqueId(stem: string): string {
   idCount += 1;
   return `${stem}-${idCount}`;
 }
 
-/** What must be set as a property, since the attribute is only its start. */
+/** Names that must be set as properties, because the attribute only gives the initial value. */
 const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "selected", "open"]);
 
 function build<E extends Element>(element: E, attributes: Attributes, children: Child[]): E {

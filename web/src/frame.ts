@@ -1,4 +1,4 @@
-// What stands around every view: navigation, banner, sign-in, errors; and which view is open.
+// The frame around every view: navigation, banner, sign-in, errors; opens the view of the address.
 
 import { unauthorized } from "./api/client";
 import { reconnected, isLost, onConnectionChange } from "./api/connection";
@@ -61,7 +61,7 @@ function build(views: readonly View[]): Parts {
   const banner = h(
     "div",
     { class: "banner", role: "alert", hidden: true },
-    "Connection lost: the server does not answer. Jobs go on where it left them; this page goes on when it is back.",
+    "Connection lost: the server does not respond. Jobs and this page continue when it is back.",
   );
   const heading = h("h1", { tabindex: "-1" });
   const about = h("p", { class: "about" });
@@ -70,7 +70,7 @@ function build(views: readonly View[]): Parts {
   const place = h("div", { class: "place" });
   const main = h("main", { id: "main" }, h("div", { class: "title" }, heading, about), errors, place);
   const skip = h("a", { href: "#main", class: "skip" }, "Skip to the view");
-  // The address belongs to the views.
+  // The address is used by the views.
   skip.addEventListener("click", (e) => (e.preventDefault(), heading.focus()));
   return { all: [skip, header, banner, main, status], nav, main, heading, about, banner, errors, status, place, out };
 }
@@ -95,16 +95,16 @@ function open(views: readonly View[], parts: Parts, signal: AbortSignal): void {
   const run = async (): Promise<void> => view.open(put(parts.place), { ...address, signal, fail, say });
   run().catch((error: unknown) => {
     fail(error);
-    // Nothing was shown: opened anew when the server is back.
+    // Nothing was displayed: open the view again when the server is back.
     if (isLost()) void reconnected().then(() => signal.aborted || open(views, parts, signal));
   });
 }
 
-/** Shows an error in words; `null` takes it away. */
+/** Displays an error; `null` removes it. */
 function show(place: HTMLElement, error: unknown): void {
   if (error === null || error === undefined) return void put(place);
   if (error instanceof DOMException && error.name === "AbortError") return;
-  // The sign-in says it.
+  // Handled by the sign-in dialogue.
   if (error instanceof ProblemError && error.problem.status === 401) return;
   const { title, detail, field } = describeError(error);
   const close = h("button", { type: "button", class: "quiet", "aria-label": "Close the message" }, "×");

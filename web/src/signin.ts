@@ -1,4 +1,4 @@
-// Signing in where the server has tokens: asked for when it answers 401.
+// Sign-in for servers with tokens, on a response with status 401.
 
 import { api, ok } from "./api/client";
 import { describeError } from "./api/problem";
@@ -8,19 +8,19 @@ import { uniqueId, h, put } from "./dom";
 type Listener = (signedIn: boolean) => void;
 let listener: Listener = () => undefined;
 
-/** Calls `now` with whether there is a token, now and when it changes. */
+/** Calls `now` with whether there is a token, immediately and on changes. */
 export function signedIn(now: Listener): void {
   listener = now;
   now(token() !== null);
 }
 
-/** Forgets the token. */
+/** Deletes the token. */
 export function signOut(): void {
   storeToken("");
   listener(false);
 }
 
-/** Asks for a token in a dialogue, once; `then` goes on with it. */
+/** Asks for a token in a dialogue; then calls `then`. */
 export function signIn(place: HTMLElement, then: () => void): void {
   if (place.querySelector("dialog.signin")) return;
   const [id, hint] = [uniqueId("token"), uniqueId("hint")];
@@ -37,7 +37,7 @@ export function signIn(place: HTMLElement, then: () => void): void {
     "form",
     {},
     h("h2", {}, "Sign in"),
-    h("p", { id: hint }, "This server asks for a token. It is made by ", h("code", {}, "iplw token new NAME"), " and kept here until this tab is closed."),
+    h("p", { id: hint }, "This server requires a token. Create one with ", h("code", {}, "iplw token new NAME"), "; it is stored until this tab is closed."),
     message,
     h("label", { for: id }, "Token"),
     input,
@@ -51,7 +51,7 @@ export function signIn(place: HTMLElement, then: () => void): void {
     input.focus();
   };
   if (token() !== null) message.hidden = false;
-  if (token() !== null) put(message, "The server does not know the token that was used: it is mistyped, revoked or has run out.");
+  if (token() !== null) put(message, "The server rejected the token: it is mistyped, revoked or expired.");
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     storeToken(input.value.trim());
@@ -68,7 +68,7 @@ export function signIn(place: HTMLElement, then: () => void): void {
         reject(error);
       });
   });
-  // Without a token there is nothing to see.
+  // Without a token nothing can be displayed.
   dialog.addEventListener("cancel", (event) => event.preventDefault());
   place.append(dialog);
   dialog.showModal();

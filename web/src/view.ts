@@ -1,28 +1,28 @@
-// What a view is: one file in views/ and one row in views.ts.
+// The interface of a view: one file in views/ and one row in views.ts.
 
-/** A view that is open, in the place the frame gave it. */
+/** Context of an open view. */
 export interface Context {
-  /** The rest of the address after the view's id, without slashes: `#/jobs/job-3` gives `["job-3"]`. */
+  /** Path segments of the address after the view's id: `["job-3"]` for `#/jobs/job-3`. */
   rest: string[];
-  /** What stands behind `?` in the address after `#`. */
+  /** Query parameters in the address after `#`. */
   query: URLSearchParams;
-  /** Aborts when the view is left: give it to `fetch`, `follow` and `addEventListener`. */
+  /** Aborts when the view is closed: pass it to `fetch`, `follow` and `addEventListener`. */
   signal: AbortSignal;
-  /** Shows an error above the view, in the server's words; `null` takes it away. An abort is no error. */
+  /** Displays an error above the view; `null` removes it. Aborts are ignored. */
   fail: (error: unknown) => void;
-  /** Says something to screen readers, politely. */
+  /** Announces a text to screen readers, politely. */
   say: (text: string) => void;
 }
 
 /** A view of the page. */
 export interface View {
-  /** In the address: `#/play`. */
+  /** Id in the address: `#/play`. */
   id: string;
-  /** In the navigation, and the page's heading. */
+  /** Title in the navigation, and the heading of the page. */
   title: string;
   /** One sentence under the heading. */
   about: string;
-  /** Fills `place`; may go on by itself until `context.signal` aborts. */
+  /** Fills `place`; may continue until `context.signal` aborts. */
   open: (place: HTMLElement, context: Context) => void | Promise<void>;
 }
 
@@ -33,7 +33,7 @@ export function link(view: string, rest: string[] = [], query: Record<string, st
   return `#/${parts}${search ? `?${search}` : ""}`;
 }
 
-/** What an address asks for. */
+/** Parses an address. */
 export function parseAddress(hash: string): { view: string; rest: string[]; query: URLSearchParams } {
   const [path = "", search = ""] = hash.replace(/^#\/?/, "").split("?", 2);
   const [view = "", ...rest] = path.split("/").filter(Boolean).map(decode);

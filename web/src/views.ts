@@ -1,4 +1,4 @@
-// The views, a row each, in the order of the navigation; the first is opened where the address names none.
+// The views, in the order of the navigation; the first is the default.
 
 import { calibrate } from "./views/calibrate";
 import { diagnose } from "./views/diagnose";

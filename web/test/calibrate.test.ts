@@ -22,7 +22,7 @@ const trial = {
   },
 };
 
-test("what was not seen is neither compared nor shown", () => {
+test("unobserved states are neither compared nor plotted", () => {
   const simulated: Film = { t: [0, 1, 2], bodies: { ball: { x: [3, 9, 5], y: [1, 9, 1], angle: [0, 0, 0] } }, contacts: [] };
   assert.deepEqual(observations(trial, "ball").map((p) => p.t), [0, 2]);
   assert.equal(observations(trial, "moon").length, 0);
@@ -33,7 +33,7 @@ test("what was not seen is neither compared nor shown", () => {
   assert.equal(filmOfTrial({ ...trial, bodies: { cup: trial.bodies.cup } }), null);
 });
 
-test("an estimate is simulated with the effects that were fitted along", () => {
+test("an estimate is simulated with the jointly fitted effects", () => {
   const of = (name: string, value: number) => ({ name, value, ci95: [null, null] as [null, null], identifiable: false });
   assert.deepEqual(simulationPhysics([of("friction", 0.4), of("wind.ax", 1), of("wind.ay", 2), of("linear_drag.c", 3)]), {
     latents: { friction: 0.4 },
@@ -41,7 +41,7 @@ test("an estimate is simulated with the effects that were fitted along", () => {
   });
 });
 
-test("an axis holds all values and finite ends, on round numbers", () => {
+test("an axis covers all values and finite bounds, at round numbers", () => {
   for (const [low, high] of [[0.83, 0.8303], [0, 0], [-3, 12], [1e-5, 3e-5]] as const) {
     const shown = span([{ x: 1, y: low, low: null, high: null }, { x: 2, y: high, low, high }], false);
     assert.ok(shown.low <= low + 1e-12 && shown.high >= high - 1e-12 && shown.low < shown.high, JSON.stringify(shown));
@@ -51,11 +51,11 @@ test("an axis holds all values and finite ends, on round numbers", () => {
   assert.deepEqual(span([], false).ticks, [0, 1]);
 });
 
-test("the ends of an interval are told apart", () => {
+test("the bounds of an interval are formatted distinguishably", () => {
   assert.deepEqual([4, 0.3, 0.04, 0.0004, 0, 1e-20].map(significantDigits), [3, 3, 3, 5, 3, 9]);
 });
 
-test("blocks of spreadsheets and files are cells", () => {
+test("pasted spreadsheet ranges and files are parsed into cells", () => {
   const wanted = [["0", "1.5", ""], ["0.1", "1.6", "2"]];
   assert.deepEqual(parseBlock("0\t1.5\t\n0.1\t1.6\t2\n"), wanted);
   assert.deepEqual(parseBlock("0;1.5;\r\n0.1;1.6;2"), wanted);
@@ -63,7 +63,7 @@ test("blocks of spreadsheets and files are cells", () => {
   assert.deepEqual(parseBlock("0,5\t1,5"), [["0,5", "1,5"]]);
 });
 
-test("a file to fill in has a row for each body and time", () => {
+test("a template file has a row for each body and time", () => {
   const scene = { bodies: [{ name: "a" }, { name: "b" }] };
   assert.equal(blankTrials([{ number: 4, scene: scene as never, observe_at: [0, 0.25] }]), "trial,t,body,x,y\n4,0,a,,\n4,0,b,,\n4,0.25,a,,\n4,0.25,b,,\n");
 });

@@ -12,7 +12,7 @@ import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/v
 import { gainText, interval, plain, estimatesText, verdictText } from "../src/views/diagnose/messages";
 
 /** Names and what the server takes them for (src/reality/columns.rs has the same list). */
-test("names of columns are understood as the server does", () => {
+test("column names are recognised as by the server", () => {
   const cases: [string, string | null, string | null, string | null][] = [
     ["t", "time", null, null],
     ["Time (s)", "time", "s", null],
@@ -51,7 +51,7 @@ function fall(head: string, row: (t: number, y: number) => string, launches = 1)
   return [head, ...rows].join("\n");
 }
 
-test("files are cut whatever separates them, with what stands above", () => {
+test("files are split at any separator, with their preamble", () => {
   assert.deepEqual(split('"1,5",2', ","), ["1,5", "2"]);
   const files = [
     fall("t,x,y", (t, y) => `${t},0,${y}`),
@@ -69,7 +69,7 @@ test("files are cut whatever separates them, with what stands above", () => {
   assert.equal(parseFile("b", "hello world").hasHeader, false);
 });
 
-test("of several tracks one is read, and columns chosen by hand are said in the header that is sent", () => {
+test("one of several tracks is read, and manually selected columns are written to the header of the request", () => {
   const two = parseFile("k.csv", "Time;Ball/0/X;Ball/0/Y;Hand/0/X;Hand/0/Y\n0;1;2;3;4\n1;2;3;4;5");
   assert.deepEqual(tracks(two), ["Ball/0", "Hand/0"]);
   assert.equal(defaultColumns(two, "hand/0").x, 3);
@@ -83,7 +83,7 @@ test("of several tracks one is read, and columns chosen by hand are said in the 
   assert.equal(textToSend(both, { ...defaultColumns(both), clock: 0 }), "frame,unused1,unused2,unused3,x_cm,y_cm\n0,0,1,2,3,4");
 });
 
-test("a setup asks for what the file does not say, and guesses what the picture shows", () => {
+test("a setup requires what the file lacks, and guesses settings from the data", () => {
   const setup = { ...emptySetup(), files: [parseFile("a.csv", fall("frame,x_px,y_px", (t, y) => `${t / 0.02},0,${-y / 0.002}`))] };
   assert.match(missingInput(setup)!, /pixels/);
   assert.equal(guessReading(setup).length, 1);
@@ -102,7 +102,7 @@ test("a setup asks for what the file does not say, and guesses what the picture 
   assert.equal("reading" in requestBody(silent), false);
 });
 
-test("a floor is where bounces meet, and nothing that only flies has one", () => {
+test("the floor is estimated from bounces, and free flights have none", () => {
   const rows = (id: number): string[] => {
     const height = (t: number): number => 0.02 + Math.abs(((t + 0.013 * id) % 0.5) - 0.25) * 4;
     return Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`);
@@ -122,7 +122,7 @@ function report(): Report {
   return found as unknown as Report;
 }
 
-test("a launch's way has both models, and starts the extended scene", () => {
+test("a trial's trajectory includes both models, and initialises the extended scene", () => {
   const own = trajectoryOf(report().paths, 4)!;
   assert.deepEqual(own.starts, [3]);
   assert.ok(Math.abs(own.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(own.before.at[0]![0] + 0.4) < 1e-12);
@@ -147,19 +147,19 @@ test("a launch's way has both models, and starts the extended scene", () => {
   assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });
 
-test("a verdict is said in words", () => {
+test("a verdict is described in text", () => {
   assert.equal(verdictText(report()), "The simulation lacks quadratic drag");
-  assert.equal(verdictText({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing, and these trials cannot tell which: a b; none (the base model)");
+  assert.equal(verdictText({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing; these trials do not distinguish: a b; none (the base model)");
   assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
   const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
   const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", p_value: 0, parameters }];
   assert.equal(estimatesText(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
   assert.equal(estimatesText(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
-  assert.equal(interval([null, 1]), "no bound from these trials");
+  assert.equal(interval([null, 1]), "unbounded");
   assert.match(gainText({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
 });
 
-test("plots have round marks within their range, and means of as many each", () => {
+test("plots have round ticks within their range, and bin means of equal counts", () => {
   assert.deepEqual(marks(-0.2, 0.31, 6), [-0.2, -0.1, 0, 0.1, 0.2, 0.3]);
   assert.deepEqual(marks(1, 1, 5).length, 1);
   assert.deepEqual(range([3, Number.NaN, -1], [2]), [-1, 3]);
@@ -170,7 +170,7 @@ test("plots have round marks within their range, and means of as many each", () 
   assert.deepEqual(cells(pushes, "ax", "ay"), [{ at: [0.005, 0], push: [2, 3] }, { at: [1, 1], push: [2, 2] }]);
 });
 
-test("a bounce early or late between two pictures is at the same height", () => {
+test("the estimated floor does not depend on the phase of a bounce between two samples", () => {
   const g = 9.81;
   for (let phase = 0; phase < 10; phase++) {
     // Falls from 0.5 m and comes back with 0.8 of its speed.

@@ -41,7 +41,7 @@ function near(a: Point, b: Point, by = 1e-6): void {
   assert.ok(Math.hypot(a[0] - b[0], a[1] - b[1]) <= by, `${a} and ${b}`);
 }
 
-test("paths read and write what the server names, and leave the rest as it was", () => {
+test("paths read and write the server's field names, without changing other fields", () => {
   assert.equal(read(scene, "bodies[1].shape.half_width"), 2);
   assert.equal(read(scene, "bodies[7].shape.half_width"), undefined);
   const next = write(scene, "bodies[1].shape.half_width", 3);
@@ -54,7 +54,7 @@ test("paths read and write what the server names, and leave the rest as it was",
   assert.deepEqual(read(write({}, "action.bounds[0]", 1), "action.bounds"), [1]);
 });
 
-test("a problem is about the field it names, else those within it, else the one around it", () => {
+test("a problem is assigned to its field, else to those within it, else to the enclosing one", () => {
   const fields = ["bodies[0].position[0]", "bodies[0].position[1]", "bodies[0].shape.type", "bodies[0]", "bodies[01]"];
   assert.deepEqual(affectedFields(fields, "bodies[0].position[1]"), ["bodies[0].position[1]"]);
   assert.deepEqual(affectedFields(fields, "bodies[0].position"), fields.slice(0, 2));
@@ -65,7 +65,7 @@ test("a problem is about the field it names, else those within it, else the one 
   assert.equal(locationOf("gravity[0]"), "world");
 });
 
-test("changes of one drag are undone together, others one by one", () => {
+test("changes of one drag are undone together, others one at a time", () => {
   let now = begin(0);
   for (const v of [1, 2, 3]) now = change(now, v, "drag-1");
   now = change(settle(now), 4, "drag-1");
@@ -78,9 +78,9 @@ test("changes of one drag are undone together, others one by one", () => {
   assert.equal(redo(change(undo(now), 9)).present, 9);
 });
 
-test("names go along, and what is gone is named nowhere", () => {
+test("references follow renames, and references to deleted objects are removed", () => {
   const other = renameObject(scene, "bodies[0]", "puck") as Scene;
-  assert.equal(renameObject(scene, "bodies[0]", "plank"), `Another thing is named "plank".`);
+  assert.equal(renameObject(scene, "bodies[0]", "plank"), `Another object is named "plank".`);
   assert.ok(!JSON.stringify(other).includes('"ball"'));
   assert.deepEqual(other.goal, { type: "contact", bodies: ["puck", "floor"], hold_s: 1 });
   assert.deepEqual(other.settings, { slow: { bodies: { puck: { mass: 0.5 } } } });
@@ -93,7 +93,7 @@ test("names go along, and what is gone is named nowhere", () => {
   assert.deepEqual(duplicateObject(scene, "bodies[0]", 1).scene.bodies[2], { ...scene.bodies[0], name: "ball 2", position: [1, 6] });
 });
 
-test("a body becomes a static without what only bodies have, and back with what they need", () => {
+test("a body is converted to a static without body-only fields, and back with the required fields", () => {
   const heavy = write(scene, "bodies[0]", { ...scene.bodies[0]!, mass: 2, velocity: [1, 0] });
   const fixed = convertObject(heavy, "bodies[0]");
   assert.equal(fixed.place, "statics[1]");
@@ -104,7 +104,7 @@ test("a body becomes a static without what only bodies have, and back with what 
   assert.ok(shape.type === "segment" && shape.radius! > 0);
 });
 
-test("what is turned keeps its middle", () => {
+test("rotation keeps the centre", () => {
   for (const shape of [scene.statics![0]!.shape, { type: "polygon", vertices: [[0, 0], [2, 0], [1, 3]] } as Body["shape"], scene.bodies[1]!.shape]) {
     const one: Body = { name: "a", shape, position: [3, -1], angle: 0.2 };
     near(toWorldFrame(rotated(one, 2), middle(shape)), toWorldFrame(one, middle(shape)), 1e-5);
@@ -112,7 +112,7 @@ test("what is turned keeps its middle", () => {
   }
 });
 
-test("what is made larger grows about its middle, compounds with all their pieces", () => {
+test("scaling keeps the centre, and scales all parts of compounds", () => {
   const shape: Body["shape"] = {
     type: "compound",
     pieces: [
@@ -126,14 +126,14 @@ test("what is made larger grows about its middle, compounds with all their piece
   assert.deepEqual(convertShape({ type: "disc", radius: 2 }, "box"), { type: "box", half_width: 2, half_height: 2 });
 });
 
-test("a hull is convex and counter-clockwise, whatever is clicked", () => {
+test("a hull is convex and counter-clockwise for any order of clicks", () => {
   assert.deepEqual(hull([[0, 0], [0, 2], [2, 2], [1, 1], [2, 0], [1, 0], [0, 0]]), [[0, 0], [2, 0], [2, 2], [0, 2]]);
   assert.equal(hull([[0, 0], [1, 1], [2, 2]]).length < 3, true);
   const done = drawPolygon(scene, [[0, 0], [0, 3], [3, 0]], true)!;
   assert.deepEqual(corners(objectAt(done.scene, done.place)!.shape, objectAt(done.scene, done.place)!.position!, 0), [[0, 0], [3, 0], [0, 3]]);
 });
 
-test("a corner that is dragged leaves the one opposite, and a handle turns to where it is put", () => {
+test("dragging a corner keeps the opposite one, and dragging a handle rotates to the pointer", () => {
   const before = objectAt(scene, "bodies[1]")!;
   const fixed = toWorldFrame(before, [-2, -0.5]);
   const after = objectAt(dragHandle(scene, "bodies[1]", "2", [8, 5]), "bodies[1]")!;
@@ -145,7 +145,7 @@ test("a corner that is dragged leaves the one opposite, and a handle turns to wh
   assert.deepEqual(handles(scene, "bodies[0]", 1).map((h) => h.id), ["radius", "turn"]);
 });
 
-test("where an action places things is a rectangle with handles", () => {
+test("the action region is a rectangle with handles", () => {
   assert.deepEqual(placementAreas(scene).map((a) => a.box), [[-1, 4, 1, 6], [-10, 0, 10, 10]]);
   const wider = dragHandle(scene, "action", "2:ball", [3, 9]);
   assert.deepEqual(placementAreas(wider)[0]!.box, [-1, 4, 3, 9]);
@@ -154,7 +154,7 @@ test("where an action places things is a rectangle with handles", () => {
   assert.deepEqual(placementAreas(moveSelection(scene, "action", [1, 1])).map((a) => a.box), [[0, 5, 2, 7], [-9, 1, 11, 11]]);
 });
 
-test("the topmost thing is hit, and thin ones when one is near", () => {
+test("the topmost object is hit, and thin objects within a tolerance", () => {
   assert.equal(hitTest(scene, [0.9, 5], 0.2), "bodies[0]");
   assert.equal(hitTest(scene, [3, 0.1], 0.2), "statics[0]");
   assert.equal(hitTest(scene, [3, 0.5], 0.2), null);
@@ -162,7 +162,7 @@ test("the topmost thing is hit, and thin ones when one is near", () => {
   assert.equal(distanceTo({ name: "half", shape: { type: "halfspace", normal: [0, 1], offset: 2 } }, [5, 3]), 1);
 });
 
-test("tools draw what was dragged", () => {
+test("tools create objects from the drag", () => {
   const blank: Scene = { format: "iplw.scene/1", bodies: [] };
   const view: [number, number, number, number] = [-10, -5, 10, 5];
   const draw = (tool: "disc" | "box" | "segment" | "goal" | "area" | "bounds", on = blank, moving = true) => drawShape(on, tool, [1, 1], [3, 2], moving, view, "bodies[0]");
@@ -179,7 +179,7 @@ test("tools draw what was dragged", () => {
   assert.equal(drawDefault(blank, "disc", [0, 0], true, view, "", 0.1)!.scene.bodies.length, 1);
 });
 
-test("bodies that an action places stand where it places them, and are moved from there", () => {
+test("bodies placed by an action are displayed at their action positions, and moved from there", () => {
   const { position: _, ...ball } = scene.bodies[0]!;
   const open = { ...scene, bodies: [ball, scene.bodies[1]!] };
   const state = { ...initialState(open), action: [1, 0.5, 0], selected: "bodies[0]" };
@@ -195,7 +195,7 @@ test("bodies that an action places stand where it places them, and are moved fro
   assert.equal(applyChange({ ...state, selected: "bodies[1]" }, removeObject(open, "bodies[1]"), null).selected, "world");
 });
 
-test("half a pair is completed, and an empty field leaves it out", () => {
+test("an incomplete pair is completed, and an empty field removes it", () => {
   const asked = { label: "x", path: "bodies[0].velocity[0]", empty: "0", pair: [0, 0] as [number, number] };
   const fast = withNumber(scene, asked, 3);
   assert.deepEqual(fast.bodies[0]!.velocity, [3, 0]);
@@ -203,7 +203,7 @@ test("half a pair is completed, and an empty field leaves it out", () => {
   assert.equal("velocity" in withNumber(fast, asked, undefined).bodies[0]!, false);
 });
 
-test("a saved scene is the scene; what is copied survives the shell and Python", () => {
+test("a saved scene is unchanged; copied commands are quoted for the shell and Python", () => {
   assert.deepEqual(JSON.parse(pretty(scene)), scene);
   assert.equal(filename(scene), "it-s.json");
   assert.equal(filename({ ...scene, name: "../" }), "scene.json");
@@ -212,7 +212,7 @@ test("a saved scene is the scene; what is copied survives the shell and Python",
   assert.ok(python(scene, "http://h").includes('"it\'s"'));
 });
 
-test("actions that are tried are spread over the cube, its middle first", () => {
+test("candidate actions cover the cube, its centre first", () => {
   assert.deepEqual(quasiRandomPoint(3, 0), [0.5, 0.5, 0.5]);
   const cells = new Set(Array.from({ length: 200 }, (_, i) => quasiRandomPoint(2, i).map((v) => Math.floor(v * 5)).join()));
   assert.equal(cells.size, 25);

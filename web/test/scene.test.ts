@@ -24,7 +24,7 @@ function film(t: number[], y: (t: number) => number): Film {
   return { t, bodies: { red: { x: t.map((v) => 2 * v), y: t.map(y), angle: t.map(() => 0) } }, contacts: [] };
 }
 
-test("an action sets what its components name, and leaves the scene as it was", () => {
+test("an action sets its components' targets without changing the scene", () => {
   const done = applyAction(scene, [0.25, 0.9, 1]);
   assert.deepEqual(done.bodies[0]!.position, [2.5, 5]);
   assert.deepEqual(done.bodies[0]!.shape, { type: "disc", radius: 1.5 });
@@ -35,7 +35,7 @@ test("an action sets what its components name, and leaves the scene as it was", 
   assert.equal(shareFor(scene.action!.components[1]!, 5), 0);
 });
 
-test("a picture shows bodies, and long floors no further than near them", () => {
+test("a picture's extent covers bodies, and long floors only near them", () => {
   const [left, bottom, right, top] = sceneExtent(scene);
   assert.ok(left > -5 && right < 10, `${left} to ${right}`);
   assert.ok(bottom <= 0 && top >= 4, `${bottom} to ${top}`);
@@ -43,7 +43,7 @@ test("a picture shows bodies, and long floors no further than near them", () => 
   assert.deepEqual(halfPlane([0, 1], -2, [-1, -1, 1, 1]), []);
 });
 
-test("films wait before their start and after their end, and pass through their samples", () => {
+test("videos hold at their start and end, and pass through their samples", () => {
   const fall = film([0, 0.25, 0.5], (t) => 1 - 4 * t * t);
   for (const t of [0, 0.25, 0.5]) assert.ok(Math.abs(posesAt(fall, t).get("red")!.y - (1 - 4 * t * t)) < 1e-12);
   assert.equal(posesAt(fall, -1).get("red")!.y, 1);
@@ -51,7 +51,7 @@ test("films wait before their start and after their end, and pass through their 
   assert.equal(pathUntil(fall, "red", 0.3).length, 3);
 });
 
-test("between coarse samples nothing is drawn beyond them", () => {
+test("interpolation between coarse samples does not overshoot", () => {
   const bounce = film([0, 0.25, 0.5, 0.75], (t) => Math.abs(t - 0.4));
   for (let t = 0; t <= 0.75; t += 0.01) {
     const { y } = posesAt(bounce, t).get("red")!;
@@ -59,7 +59,7 @@ test("between coarse samples nothing is drawn beyond them", () => {
   }
 });
 
-test("the distance is measured when reality was seen, as far as both go", () => {
+test("the distance is computed at measured times, over the common duration", () => {
   const fine = film(Array.from({ length: 61 }, (_, k) => k / 60), (t) => t);
   const seen = film([0, 0.5, 1, 1.5], (t) => t + 0.3);
   const { t, bodies } = distanceOverTime(fine, seen);
@@ -67,7 +67,7 @@ test("the distance is measured when reality was seen, as far as both go", () => 
   for (const apart of bodies.get("red")!) assert.ok(Math.abs(apart - 0.3) < 1e-9);
 });
 
-test("only what was wanted last is asked for after what is under way", async () => {
+test("only the latest request is sent after the one in progress", async () => {
   const [done, ends]: [number[], (() => void)[]] = [[], []];
   const ask = latest<number>(async (value) => {
     await new Promise<void>((resolve) => ends.push(resolve));
@@ -81,7 +81,7 @@ test("only what was wanted last is asked for after what is under way", async () 
   assert.deepEqual(done, [1, 4]);
 });
 
-test("ticks are round and reach what is shown", () => {
+test("ticks are round and cover the range", () => {
   assert.deepEqual(ticks(1, 4).map((v) => Number(v.toFixed(9))), [0, 0.5, 1]);
   for (const most of [0.013, 0.7, 3.3, 16.7, 420]) assert.ok(ticks(most, 4).at(-1)! >= most);
 });

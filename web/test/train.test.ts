@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Schema } from "../src/api/client";
 import type { Scene } from "../src/scene/types";
-import { cellOf, bestByCell, actionGrid, cellBox, placementAxes, ranges, shares, strength, groupNearby } from "../src/views/train/actionGrid";
+import { cellOf, bestByCell, actionGrid, cellBox, placementAxes, ranges, solvedByCell, strength, groupNearby } from "../src/views/train/actionGrid";
 import { updateCurves, type Curves } from "../src/views/train/trainingProgress";
 import { auccess, meanCurve, difference, learningChains, curve, evaluation, hasSetting, mean, means, trainingKey, movingAverage, wilson, taskScore } from "../src/views/train/scores";
 
@@ -12,7 +12,7 @@ function near(found: number, wanted: number): void {
   assert.ok(Math.abs(found - wanted) < 1e-9, `${found}, not ${wanted}`);
 }
 
-test("AUCCESS is the server's: its weights telescope", () => {
+test("AUCCESS equals the server's: its weights telescope", () => {
   const from = (k: number): number => Math.log(101 / k) / Math.log(101);
   const check = (solvedAt: (number | null)[], wanted: number): void => near(auccess(solvedAt).value, wanted);
   check([null], 0);
@@ -28,7 +28,7 @@ test("AUCCESS is the server's: its weights telescope", () => {
   assert.equal(taskScore(null), 0);
 });
 
-test("Wilson's interval is known, and not empty where all or none are solved", () => {
+test("Wilson's interval equals reference values, and is not empty if all or none are solved", () => {
   // Brown, Cai and DasGupta (2001): 95 % of 5 in 20.
   const { low, high } = wilson(5, 20);
   assert.ok(Math.abs(low - 0.1119) < 1e-3 && Math.abs(high - 0.4687) < 1e-3, `${low} ${high}`);
@@ -37,7 +37,7 @@ test("Wilson's interval is known, and not empty where all or none are solved", (
   assert.deepEqual(wilson(0, 0), { value: 0, low: 0, high: 1 });
 });
 
-test("the same tasks are compared one by one", () => {
+test("equal tasks are compared pairwise", () => {
   // Tasks differ much, the policies differ by the same on each: the difference is sharp, the means are not.
   const [one, other] = [[1, 5, 25], [2, 10, 50]];
   const ahead = difference(one, other)!;
@@ -47,7 +47,7 @@ test("the same tasks are compared one by one", () => {
   assert.deepEqual(mean([0.5]), { value: 0.5, low: 0, high: 1 });
 });
 
-test("an evaluation knows its setting, with what the server takes where nothing was asked", () => {
+test("an evaluation has its settings, with the server's defaults", () => {
   const result = { auccess: 0.5, interactions: 12, tasks: [{ task: "a", solved_at: 3 }, { task: "b", solved_at: null }] };
   const job = { id: "job-1", kind: "evaluate", seed: 0, config: { policy: "random", world: "w" }, result } as unknown as Job;
   const found = evaluation(job)!;
@@ -57,7 +57,7 @@ test("an evaluation knows its setting, with what the server takes where nothing 
   assert.equal(evaluation({ ...job, result: null } as unknown as Job), null);
 });
 
-test("policies that went on from each other are one way", () => {
+test("policies trained from one another form one chain", () => {
   const learners = [
     { id: "p1", from: null, attempts: 0 },
     { id: "p2", from: "p1", attempts: 100 },
@@ -72,7 +72,7 @@ test("policies that went on from each other are one way", () => {
   assert.deepEqual(learningChains([{ id: "a", from: "b", attempts: 1 }, { id: "b", from: "a", attempts: 1 }]), []);
 });
 
-test("policies that differ by their seed alone are alike, and so are those that went on from them alike", () => {
+test("policies that differ only by their seed share a key, and so do policies trained from them identically", () => {
   const policy = (id: string, training: string, config: object, job: string | null = "job-1"): Schema<"PolicyOut"> => ({ id, training, config, job }) as unknown as Schema<"PolicyOut">;
   const all = [
     policy("a", "fixed", { task: "bowling", seed: 1 }),
@@ -90,14 +90,14 @@ test("policies that differ by their seed alone are alike, and so are those that 
   assert.ok(Math.abs(value - 0.5) < 1e-12 && low > 0.3 && high < 0.7);
 });
 
-test("losses are told in means, each in one", () => {
+test("losses are averaged in bins, each loss in one bin", () => {
   assert.deepEqual(means([1, 3, 5, 7, 9], 3), [{ at: 2, value: 2 }, { at: 4, value: 6 }, { at: 5, value: 9 }]);
   assert.deepEqual(means([], 3), []);
   assert.deepEqual(movingAverage([4, 0, 2, 6, 4], 3), [2, 2, 8 / 3, 4, 5]);
   assert.deepEqual(movingAverage([], 3), []);
 });
 
-test("curves grow by events, begin anew with a training that does, and end with its result", () => {
+test("curves grow with events, restart with the training, and end with its result", () => {
   const job = (state: string, stage: string, figures: object[], result: object | null = null): Job =>
     ({ state, progress: { stage, done: 0, total: 0, figures }, result }) as unknown as Job;
   let now: Curves = { loss: [], validation: [] };
@@ -122,7 +122,7 @@ const scene = {
   },
 } as unknown as Scene;
 
-test("a map has cells in metres, and knows the best and the share that solves in each", () => {
+test("a map has cells in metres, with the best action and the solved share of each", () => {
   assert.deepEqual(placementAxes(scene), [{ target: "ball", x: 0, y: 1 }]);
   const many = Array.from({ length: 30 }, (_, i) => [i / 29, i / 29]);
   const grid = actionGrid({ target: "ball", x: 0, y: 1 }, many, 5);
@@ -135,10 +135,10 @@ test("a map has cells in metres, and knows the best and the share that solves in
   assert.deepEqual([[0, 0], [1, 0], [0, 1], [1, 1]].map((a) => cellOf(lattice, a)), [0, 2, 3, 5]);
   const actions = [[0.5, 0.5, 0], [0.1, 0.1, 0], [0.51, 0.5, 0.9]];
   assert.deepEqual([...bestByCell(grid, actions)], [[12, 0], [0, 1]]);
-  assert.deepEqual([...shares(grid, actions, [false, false, true])], [[12, { of: 2, solve: 1, one: 2 }], [0, { of: 1, solve: 0, one: null }]]);
+  assert.deepEqual([...solvedByCell(grid, actions, [false, false, true])], [[12, { of: 2, solve: 1, one: 2 }], [0, { of: 1, solve: 0, one: null }]]);
 });
 
-test("earlier tries are stronger, and tries at one place share a label", () => {
+test("earlier tries are more opaque, and tries at one position share a label", () => {
   const ranks = [1, 2, 10, 100, 1000].map((rank) => strength(rank, 1000));
   assert.equal(ranks[0], 1);
   assert.ok(ranks.every((v, i) => i === 0 || v < ranks[i - 1]!) && ranks.at(-1)! >= 0);

@@ -31,7 +31,7 @@ fn learn<'a>(lessons: &TrainingSet<'a>, progress: &dyn Progress) -> Result<DqnRa
     let lesson = OutcomeDataset::new(lessons.tables, &fold.train, &config.labels(), fold.seed);
     let train = TrainConfig { seed: fold.seed, ..config.train.clone() };
     // The same feature set for tables of one or several families.
-    let (dqn, _) = train_with_features(FeatureSet::Shared, &lesson, None, &train, progress)?;
+    let (dqn, _) = train_with_features(FeatureSet::Generic, &lesson, None, &train, progress)?;
     Ok(DqnRanker { tables: lessons.tables, dqn })
 }
 

@@ -49,7 +49,7 @@ impl ModelCard {
         same("format", &self.format, FORMAT)?;
         if FeatureSet::from_version(&self.features).is_none() {
             let known =
-                [FeatureSet::Own, FeatureSet::Shared].map(|v| format!("{:?}", v.version())).join(" or ");
+                [FeatureSet::Family, FeatureSet::Generic].map(|v| format!("{:?}", v.version())).join(" or ");
             return Err(Error::input("features", format!("{:?}", self.features), known));
         }
         if self.dimensions.iter().any(|d| !(1..=MAX_UNITS).contains(d)) {

@@ -13,7 +13,7 @@ use crate::discover::{DiagnosisConfig, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{JobSpec, Work, WorkOutcome};
 use crate::json::{from_value, parse};
-use crate::reality::{Subject, TrackParseOptions, load_tracks, trials_from_csv, written};
+use crate::reality::{Subject, TrackParseOptions, load_tracks, trials_from_csv, write_trials_csv};
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -97,7 +97,7 @@ fn uploaded_data(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, Strin
     // A single file in our own format is stored unchanged.
     let csv = match found.own_format && files.len() == 1 {
         true => files.swap_remove(0).text,
-        false => written(&found.trials, budget)?,
+        false => write_trials_csv(&found.trials, budget)?,
     };
     Ok((found.scene, csv, found.trials.len()))
 }

@@ -3,7 +3,7 @@
 use super::estimation::{self, EstimationJob};
 use crate::error::{Error, Result};
 use crate::json::{from_value, parse};
-use crate::reality::{Trial, settled, trials_to_csv};
+use crate::reality::{Trial, trials_to_csv, with_trial_settings};
 use crate::serve::operation::{
     Extractor, HandlerOutput, MediaBody, Operation, OperationDoc, OperationRequest, OperationResponse,
     Pagination, PathId, Payload, READ, get,
@@ -151,6 +151,6 @@ fn measured_trials(app: &RequestContext, id: &str, first: u64, limit: usize) -> 
 /// Trials with a common scene that has one setting per trial; no scene without trials.
 fn with_common_scene(trials: Vec<Trial>) -> Result<(Option<Scene>, Vec<Trial>)> {
     let Some(first) = trials.first() else { return Ok((None, trials)) };
-    let (scene, trials) = settled(&first.scene.clone(), trials)?;
+    let (scene, trials) = with_trial_settings(&first.scene.clone(), trials)?;
     Ok((Some(scene), trials))
 }

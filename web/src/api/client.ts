@@ -6,16 +6,16 @@ import type { components, paths } from "./schema";
 import { markLost } from "./connection";
 import { token } from "./token";
 
-/** A type of the API's: `Schema<"WorldOut">`. */
+/** A type of the API: `Schema<"WorldOut">`. */
 export type Schema<K extends keyof components["schemas"]> = components["schemas"][K];
 
-/** Told whenever the server wants a token, or another one. */
+/** Emits `needed` when the server requires a token, or another one. */
 export const unauthorized = new EventTarget();
 
-/** Every operation by its path. */
+/** All operations by path. */
 export const api = createClient<paths>({ fetch: (request) => send(request) });
 
-/** `fetch` with the token; throws `GoneError` where nobody answers. An abort stays an abort. */
+/** `fetch` with the token; throws `ConnectionError` if there is no response. Aborts are rethrown. */
 export async function send(request: Request): Promise<Response> {
   const stored = token();
   if (stored) request.headers.set("Authorization", `Bearer ${stored}`);
@@ -31,7 +31,7 @@ export async function send(request: Request): Promise<Response> {
   return response;
 }
 
-/** What an operation answers; throws what it refuses as `ProblemError`. */
+/** The data of a response; throws `ProblemError` for an error. */
 export async function ok<T>(
   pending: Promise<{ data?: T; error?: unknown; response: Response }>,
 ): Promise<NonNullable<T>> {
@@ -40,7 +40,7 @@ export async function ok<T>(
   return data as NonNullable<T>;
 }
 
-/** All items of a list, page by page. */
+/** All items of a paginated list. */
 export async function all<P, T>(page: (cursor: string | undefined) => Promise<P & { next?: string | null }>, items: (page: P) => T[]): Promise<T[]> {
   const collected: T[] = [];
   for (let cursor: string | undefined; ; ) {
@@ -51,10 +51,10 @@ export async function all<P, T>(page: (cursor: string | undefined) => Promise<P 
   }
 }
 
-/** The problem of an answer; one in our words where the answer is none (a proxy's page). */
+/** The problem in a response; a generic one if the body is not a problem (a proxy's page). */
 export function problem(body: unknown, response: Response): Problem {
   if (typeof body === "object" && body !== null && "detail" in body && "type" in body) return body as Problem;
-  const detail = `the server answered with status ${response.status} and no explanation`;
+  const detail = `the server responded with status ${response.status} and no explanation`;
   return { type: "about:blank", title: response.statusText || "Error", status: response.status, detail };
 }
 

@@ -1,8 +1,8 @@
-// Whether the server answers. Once it does not, it is asked for its health until it does.
+// State of the connection. While it is lost, the server's health is polled.
 
 type Listener = (lost: boolean) => void;
 
-/** Shortest and longest wait between two questions, ms. */
+/** Minimum and maximum polling interval, ms. */
 const RETRY_MS = [500, 5_000] as const;
 
 const listeners = new Set<Listener>();
@@ -13,20 +13,20 @@ export function isLost(): boolean {
   return lost;
 }
 
-/** Calls `listener` when the connection is lost and when it is back; returns what ends that. */
+/** Calls `listener` when the connection is lost and when it is back; returns a function that removes it. */
 export function onConnectionChange(listener: Listener): () => void {
   listeners.add(listener);
   return () => listeners.delete(listener);
 }
 
-/** A request had no answer. */
+/** Reports a request without response. */
 export function markLost(): void {
   if (lost) return;
   notify(true);
   void checkHealth(RETRY_MS[0]);
 }
 
-/** Waits until the server answers. */
+/** Waits until the server responds. */
 export function reconnected(): Promise<void> {
   if (!lost) return Promise.resolve();
   return new Promise((resolve) => {
@@ -43,7 +43,7 @@ async function checkHealth(wait: number): Promise<void> {
   try {
     if ((await fetch("/readyz", { cache: "no-store" })).ok) return notify(false);
   } catch {
-    // Asked again below.
+    // Retried below.
   }
   return checkHealth(Math.min(wait * 1.5, RETRY_MS[1]));
 }

@@ -1,5 +1,5 @@
-// Server-sent events by `fetch`, so that a token can go along (`EventSource` sends none). A stream that breaks is taken
-// up again after the last event seen, also across a restart of the server.
+// Server-sent events by `fetch`, because `EventSource` cannot send a token. An interrupted stream is resumed after the last
+// event, even after a restart of the server.
 
 import { reconnected, markLost } from "./connection";
 import { problem, send } from "./client";
@@ -11,7 +11,7 @@ export interface ServerEvent {
   data: string;
 }
 
-/** Calls `take` with every event of a stream until it ends, `last` is seen, or `signal` aborts. */
+/** Calls `take` with every event of a stream until it ends, the event `last` arrives, or `signal` aborts. */
 export async function follow(
   path: string,
   take: (event: ServerEvent) => void,
@@ -23,7 +23,7 @@ export async function follow(
     try {
       const headers: Record<string, string> = lastId === null ? {} : { "Last-Event-ID": lastId };
       const response = await send(new Request(path, { headers, signal }));
-      // 204: nothing more will ever come.
+      // 204: no more events.
       if (response.status === 204) return;
       if (!response.ok) throw new ProblemError(problem(await response.json().catch(() => null), response));
       for await (const event of events(response.body!)) {
@@ -31,7 +31,7 @@ export async function follow(
         take(event);
         if (event.event === last) return;
       }
-      // The server ended it without the last event: it stops, or sheds load.
+      // The server ended the stream early: it is stopping or overloaded.
       await pause(1_000, signal);
     } catch (e) {
       if (signal.aborted) return;
@@ -42,7 +42,7 @@ export async function follow(
   }
 }
 
-/** The events of a body, as they come. */
+/** The events of a response body. */
 export async function* events(body: ReadableStream<Uint8Array>): AsyncGenerator<ServerEvent> {
   const reader = body.getReader();
   const decoder = new TextDecoder();
@@ -64,7 +64,7 @@ export async function* events(body: ReadableStream<Uint8Array>): AsyncGenerator<
   }
 }
 
-/** One block of lines; `null` if it holds no data (a comment that keeps the connection). */
+/** Parses one block of lines; `null` if it has no data (a keep-alive comment). */
 export function parseEvent(block: string): ServerEvent | null {
   const event: ServerEvent = { id: null, event: "message", data: "" };
   const data: string[] = [];

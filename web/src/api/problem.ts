@@ -1,14 +1,14 @@
-// What went wrong, in words: the server's own, which name the field, its value and what is allowed (RFC 9457).
+// Error messages. Problems of the server name the field, its value and what is allowed (RFC 9457).
 
 import type { components } from "./schema";
 
 export type Problem = components["schemas"]["Problem"];
 
-/** An answer that is a problem. */
+/** A response that is a problem. */
 export class ProblemError extends Error {
   constructor(
     readonly problem: Problem,
-    /** Seconds after which asking again makes sense, where the server says. */
+    /** Seconds to wait before a retry, if the server says. */
     readonly after: number | null = null,
   ) {
     super(problem.detail);
@@ -16,15 +16,15 @@ export class ProblemError extends Error {
   }
 }
 
-/** No answer at all. */
+/** No response. */
 export class ConnectionError extends Error {
   constructor() {
-    super("The server does not answer. What you asked for was not done, or nobody knows; the page goes on when it is back.");
+    super("The server does not respond. The request may not have been executed. The page continues when the server is back.");
     this.name = "GoneError";
   }
 }
 
-/** A file that somebody chose is not what it has to be. */
+/** A file with invalid content. */
 export class FileError extends Error {
   constructor(
     readonly file: string,
@@ -35,20 +35,20 @@ export class FileError extends Error {
   }
 }
 
-/** The kind of a problem: the last part of its type. */
+/** Kind of a problem: the last segment of its type. */
 export function slug(problem: Problem): string {
   return problem.type.split("/").at(-1) ?? "";
 }
 
-/** An error for people: a title, and what to do. */
+/** A message for the user: title and instruction. */
 export interface ErrorMessage {
   title: string;
   detail: string;
-  /** The field that the server names, if it does. */
+  /** The field that the server names, if any. */
   field: string | null;
 }
 
-/** Any error in words. */
+/** Message of any error. */
 export function describeError(error: unknown): ErrorMessage {
   if (error instanceof ProblemError) {
     const { problem, after } = error;
@@ -58,14 +58,14 @@ export function describeError(error: unknown): ErrorMessage {
   if (error instanceof ConnectionError) return { title: "No connection", detail: error.message, field: null };
   if (error instanceof FileError) return { title: error.file, detail: sentence(error.message), field: null };
   const detail = error instanceof Error ? error.message : String(error);
-  return { title: "The page failed", detail: sentence(detail), field: null };
+  return { title: "Error in the page", detail: sentence(detail), field: null };
 }
 
-/** What a status means to who looks at the page; else the server's title. */
+/** Title for a status; default: the server's. */
 function titleOf(problem: Problem): string {
   if (problem.status === 401) return "Sign in";
   if (problem.status === 403) return "Not allowed";
-  if (problem.status === 429) return "Nothing left, or too much at a time";
+  if (problem.status === 429) return "Budget spent or limit reached";
   return problem.title;
 }
 

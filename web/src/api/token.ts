@@ -1,4 +1,4 @@
-// The token: kept for this tab until it is closed, sent as a header, never in an address.
+// The token: stored for this tab, sent as a header, never in an address.
 
 const KEY = "iplw-token";
 
@@ -7,7 +7,7 @@ export function token(): string | null {
   return sessionStorage.getItem(KEY);
 }
 
-/** Keeps a token; an empty one is forgotten. */
+/** Stores a token; an empty one is deleted. */
 export function storeToken(value: string): void {
   if (value) sessionStorage.setItem(KEY, value);
   else sessionStorage.removeItem(KEY);

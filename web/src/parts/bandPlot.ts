@@ -1,4 +1,4 @@
-// Curves over rounds in SVG, with bands about them: estimates and their intervals, several runs over each other.
+// Plots over rounds in SVG: estimates with intervals, of one or two estimations.
 
 import { put, s, set } from "../dom";
 import { short } from "./slider";
@@ -7,31 +7,31 @@ export interface EstimatePoint {
   /** Number of the round, from 1. */
   x: number;
   y: number;
-  /** Ends of the interval; `null` where it is infinite, absent where there is none. */
+  /** Ends of the interval; `null` if infinite, absent if there is none. */
   low?: number | null;
   high?: number | null;
 }
 
 export interface EstimateSeries {
   name: string;
-  /** Which of the runs that are compared: the looks of its curve. */
+  /** Style of the series. */
   look: "first" | "second";
   points: readonly EstimatePoint[];
 }
 
 export interface BandPlot {
   svg: SVGSVGElement;
-  /** `rounds` is how many there may be. */
+  /** `rounds`: maximum number of rounds. */
   draw: (runs: readonly EstimateSeries[], rounds: number) => void;
 }
 
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [190, 52, 36, 12, 14];
-/** Pixels that a label of an axis needs. */
+/** Width of an axis label, px. */
 const LABEL = 34;
-/** Ticks of the upright axis. */
+/** Ticks of the y axis. */
 const TICKS = 4;
 
-/** A picture of runs. A filled mark is one whose trials tell the value, a hollow one is not. */
+/** A plot of estimates. Filled marks have a finite interval, hollow ones do not. */
 export function bandPlot(labels: { about: string; y: string; logarithmic?: boolean }): BandPlot {
   const svg = s("svg", { class: "curve bands", role: "img", height: HEIGHT });
   let [width, last]: [number, { runs: readonly EstimateSeries[]; rounds: number }] = [420, { runs: [], rounds: 1 }];
@@ -54,7 +54,7 @@ export function bandPlot(labels: { about: string; y: string; logarithmic?: boole
     put(svg, ...rows, ...columns, ...names, ...runs.flatMap((run) => elementsOf(run, x, y)));
     set(svg, { viewBox: `0 0 ${width} ${HEIGHT}`, "aria-label": `${labels.about}. ${runs.map(describe).join(" ")}` });
   };
-  // One unit is a pixel at any width, so that labels stay readable.
+  // One unit is one pixel at any width, so that labels stay readable.
   new ResizeObserver(([entry]) => {
     width = Math.max(200, entry?.contentRect.width ?? width);
     draw(last.runs, last.rounds);
@@ -80,7 +80,7 @@ function elementsOf(run: EstimateSeries, x: (v: number) => number, y: (v: number
   return [...areas, ...bars, polyline, ...marks];
 }
 
-/** What is shown of the upright axis: all values and finite ends, and a little more. */
+/** Range of the y axis with ticks: all values and finite interval ends. */
 export function span(points: readonly EstimatePoint[], logarithmic: boolean): { low: number; high: number; ticks: number[] } {
   const all = points.flatMap((p) => [p.y, p.low, p.high]).filter((v): v is number => typeof v === "number" && Number.isFinite(v));
   const values = logarithmic ? all.filter((v) => v > 0) : all;
@@ -100,10 +100,10 @@ export function span(points: readonly EstimatePoint[], logarithmic: boolean): { 
   return { low: ticks[0]!, high: ticks.at(-1)!, ticks };
 }
 
-/** A run in words: where it stands. */
+/** Text of the last estimate. */
 function describe(run: EstimateSeries): string {
   const last = run.points.at(-1);
-  if (!last) return `${run.name}: nothing yet.`;
+  if (!last) return `${run.name}: no data yet.`;
   const within = typeof last.low === "number" && typeof last.high === "number" ? `, from ${short(last.low)} to ${short(last.high)}` : "";
   return `${run.name}: ${short(last.y)}${within} after round ${last.x}.`;
 }

@@ -1,5 +1,5 @@
-// Curves with bands in SVG: several series over a common axis, linear or logarithmic, as lines, steps or points. A series is known
-// by its number: `series-3` of a style sheet is its colour and dash, in the picture and in a `key` beside a name.
+// Line plots with bands in SVG: several series, linear or logarithmic x axis, as lines, steps or points. The number of a series
+// selects its colour and dash in the style sheet (`series-3`), in the plot and in its `key`.
 
 import { put, s, set } from "../dom";
 import { ticks } from "./timePlot";
@@ -11,35 +11,35 @@ export interface CurveSeries {
   look: number;
   x: readonly number[];
   y: readonly number[];
-  /** Between what each value lies. */
+  /** Interval of each value. */
   low?: readonly number[];
   high?: readonly number[];
-  /** Drawn lightly: another series says the same better. */
+  /** Drawn lightly. */
   faint?: boolean;
 }
 
 export interface CurveAxes {
-  /** What the picture is of, for who does not see it. */
+  /** Title for screen readers. */
   about: string;
   x: string;
   y: string;
-  /** The x axis is logarithmic, from 1. */
+  /** Whether the x axis is logarithmic, from 1. */
   log?: boolean;
-  /** A value holds until the next. */
+  /** Whether a value holds until the next. */
   steps?: boolean;
-  /** Points are marked. */
+  /** Whether points are marked. */
   marked?: boolean;
-  /** The highest value there can be; the axis ends there. */
+  /** Maximum of the y axis. */
   most?: number;
 }
 
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [230, 44, 38, 10, 14];
-/** Pixels that a label of the x axis needs. */
+/** Width of an x axis label, px. */
 const LABEL = 64;
-/** Colours and dashes that a style sheet has. */
+/** Number of colours and dashes in the style sheet. */
 export const SERIES_STYLES = 8;
 
-/** A picture of curves with bands; `draw` shows other ones, `last` says how far the x axis goes at least. */
+/** A plot; `draw` displays other series, `last` is the minimum end of the x axis. */
 export function curvePlot(axes: CurveAxes): { svg: SVGSVGElement; draw: (series: readonly CurveSeries[], last?: number) => void } {
   const plot = s("g");
   const svg = s("svg", { class: "curve plotted", role: "img", height: HEIGHT }, plot);
@@ -49,7 +49,7 @@ export function curvePlot(axes: CurveAxes): { svg: SVGSVGElement; draw: (series:
     current = { series, last };
     put(plot, ...elementsOf(axes, series, last, width));
     const ends = series.filter((one) => !one.faint).map((one) => `${one.name} ${short(one.y.at(-1) ?? 0)} at ${one.x.at(-1) ?? 0}`);
-    set(svg, { "aria-label": `${axes.about}: ${ends.length ? ends.join("; ") : "nothing yet"}` });
+    set(svg, { "aria-label": `${axes.about}: ${ends.length ? ends.join("; ") : "no data yet"}` });
   };
   new ResizeObserver(([entry]) => {
     width = Math.max(240, entry?.contentRect.width ?? width);
@@ -59,7 +59,7 @@ export function curvePlot(axes: CurveAxes): { svg: SVGSVGElement; draw: (series:
   return { svg, draw };
 }
 
-/** A stroke as a series has it, beside its name. */
+/** Legend line of a series. */
 export function key(look: number): SVGElement {
   return s("svg", { class: `series series-${look % SERIES_STYLES}`, width: 26, height: 10, "aria-hidden": "true" }, s("line", { class: "series-line", x1: 1, x2: 25, y1: 5, y2: 5 }));
 }
@@ -108,7 +108,7 @@ function decades(last: number): number[] {
   return ticks10;
 }
 
-/** A tick without the rounding of sums. */
+/** A tick label without rounding errors. */
 function plain(v: number): string {
   return String(Number(v.toPrecision(6)));
 }

@@ -1,29 +1,29 @@
-// Fields of forms: a label, an input, its unit, and what the server says is wrong with it.
+// Form fields: label, input, unit, error message.
 
 import { uniqueId, h, put, set } from "../dom";
 
 export interface Field {
   element: HTMLElement;
   input: HTMLInputElement | HTMLSelectElement;
-  /** Says what is wrong with it; `null` takes it away. */
+  /** Displays an error; `null` removes it. */
   refuse: (why: string | null) => void;
 }
 
-/** A number, `null` while it is empty. `told` is called with every change that is a number, or nothing where that is allowed. */
+/** A number, `null` while empty. `onChange` is called with every valid input. */
 export function numeric(label: string, unit: string, value: number | null, onChange: (value: number | null) => void): Field {
   const input = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", value: value === null ? "" : String(value), class: "number" });
   const field = buildField(label, input, unit);
   input.addEventListener("input", () => {
     const text = input.value.trim().replace(",", ".");
     const now = text === "" ? null : Number(text);
-    if (now !== null && !Number.isFinite(now)) return field.refuse(`${input.value} is no number.`);
+    if (now !== null && !Number.isFinite(now)) return field.refuse(`${input.value} is not a number.`);
     field.refuse(null);
     onChange(now);
   });
   return field;
 }
 
-/** One of a few; an option is its value and what is shown. */
+/** A choice; options are pairs of value and label. */
 export function choice(label: string, options: readonly (readonly [string, string])[], value: string, onChange: (value: string) => void): Field {
   const input = h("select", {}, ...options.map(([v, text]) => h("option", { value: v, selected: v === value }, text)));
   const field = buildField(label, input, "");

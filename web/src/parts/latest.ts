@@ -1,6 +1,6 @@
-// Requests that follow a hand: one is under way at a time, and after it only what was wanted last.
+// Rate limiting of requests: one at a time, then only the latest value.
 
-/** A function that does `work` with the newest value; values that were overtaken are dropped. */
+/** A function that calls `work` with the latest value; intermediate values are dropped. */
 export function latest<T>(work: (value: T) => Promise<void>): (value: T) => void {
   let busy = false;
   let waiting: { value: T } | null = null;

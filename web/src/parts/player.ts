@@ -1,22 +1,22 @@
-// The player of films: plays with real time, pauses, scrubs, faster and slower.
+// The film player: real time, pause, scrubbing, speed.
 
 import { uniqueId, h, put, set } from "../dom";
 import { short } from "./slider";
 
 export interface Player {
   element: HTMLElement;
-  /** A film of another length, s; time goes on where it is. */
+  /** Loads a film of another length, s, keeping the time. */
   load: (length: number) => void;
-  /** From the start. */
+  /** Plays from the start. */
   restart: () => void;
-  /** To a time, s; paused. */
+  /** Seeks to a time, s, and pauses. */
   seek: (time: number) => void;
   time: () => number;
 }
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
-/** `shown` is called for every picture with its time, s. */
+/** `onFrame` is called for every frame with its time, s. */
 export function player(onFrame: (time: number) => void, signal: AbortSignal): Player {
   let [time, length, speed, playing, before, frameRequest] = [0, 0, 1, false, 0, 0];
   const [scrubId, speedId] = [uniqueId("scrub"), uniqueId("speed")];
@@ -37,7 +37,7 @@ export function player(onFrame: (time: number) => void, signal: AbortSignal): Pl
   };
   const tick = (now: number): void => {
     if (!playing || signal.aborted) return;
-    // A tab that was hidden goes on where it was.
+    // A hidden tab continues where it stopped.
     time += Math.min(now - before, 100) * 1e-3 * speed;
     before = now;
     if (time >= length) [time, playing] = [length, false];
@@ -74,7 +74,7 @@ export function player(onFrame: (time: number) => void, signal: AbortSignal): Pl
     },
     restart: () => {
       time = 0;
-      // Who asked for less motion starts it by hand.
+      // With reduced motion, playback starts manually.
       if (matchMedia("(prefers-reduced-motion: reduce)").matches) show();
       else play();
     },

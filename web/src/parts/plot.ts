@@ -1,38 +1,38 @@
-// Plots on canvas: dots with intervals, lines with bands, axes with their names. Drawn when they come into sight, so that a page
-// of many stays quick; drawn anew at another width or in the other theme.
+// Plots on canvas: dots with intervals, lines with bands, labelled axes. Drawn when they become visible, and again after changes
+// of size or theme.
 
 import { h, put, s } from "../dom";
 
 export interface PlotSeries {
   name: string;
   look: "dots" | "line" | "band";
-  /** A colour's name in style.css: `--sim`. */
+  /** A CSS variable of style.css: `--sim`. */
   colour: string;
   x: readonly number[];
   y: readonly number[];
-  /** Ends of an interval about each: of dots bars, of lines a band. */
+  /** Interval of each value: error bars for dots, a band for lines. */
   low?: readonly number[];
   high?: readonly number[];
   dashed?: boolean;
 }
 
 export interface PlotAxes {
-  /** What is seen, for a heading and for who does not see it. */
+  /** Heading, and text for screen readers. */
   title: string;
   x: string;
   y: string;
-  /** A sentence under it. */
+  /** Caption. */
   note?: string;
-  /** Whether x counts things: its marks are whole numbers. */
+  /** Whether x is an integer count. */
   counts?: boolean;
 }
 
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [260, 62, 40, 10, 14];
-/** Share of the range that stays free at either end. */
+/** Margin at both ends of a range, share. */
 const MARGIN = 0.04;
 const DOT_RADIUS_PX = 2.2;
 
-/** A figure; it draws itself until `signal` aborts. */
+/** A figure that redraws itself until `signal` aborts. */
 export function plot(axes: PlotAxes, series: readonly PlotSeries[], signal: AbortSignal): HTMLElement {
   const canvas = h("canvas", { role: "img", "aria-label": describe(axes, series), height: HEIGHT });
   const draw = (): void => {
@@ -49,7 +49,7 @@ export function plot(axes: PlotAxes, series: readonly PlotSeries[], signal: Abor
   );
 }
 
-/** Calls `draw` when an element is first seen, and after that whenever its size or the theme changes. */
+/** Calls `draw` when an element first becomes visible, and after changes of its size or of the theme. */
 function drawWhenVisible(element: HTMLElement, draw: () => void, signal: AbortSignal): void {
   let isVisible = false;
   const redraw = (): void => void (isVisible && requestAnimationFrame(draw));
@@ -66,7 +66,7 @@ function drawWhenVisible(element: HTMLElement, draw: () => void, signal: AbortSi
   signal.addEventListener("abort", () => [visibility, size, theme].forEach((o) => o.disconnect()));
 }
 
-/** The smallest and the largest of numbers; `null` without any. */
+/** Minimum and maximum of numbers; `null` without any. */
 export function range(...lists: readonly (readonly number[])[]): [number, number] | null {
   let [low, high] = [Infinity, -Infinity];
   for (const list of lists) {
@@ -179,7 +179,7 @@ function lines({ at, x, y, colour }: PlotFrame, one: PlotSeries): void {
 function dots({ at, x, y, colour }: PlotFrame, one: PlotSeries): void {
   at.fillStyle = at.strokeStyle = colour(one.colour);
   at.lineWidth = 1.5;
-  // Many lie over each other.
+  // Dots overlap.
   at.globalAlpha = one.x.length > 400 ? 0.5 : 1;
   if (one.low && one.high) one.x.forEach((v, i) => stroke(at, [[x(v), y(one.low![i]!)], [x(v), y(one.high![i]!)]]));
   for (let i = 0; i < one.x.length; i++) {
@@ -207,12 +207,12 @@ function stroke(at: CanvasRenderingContext2D, points: readonly (readonly [number
 function key(one: PlotSeries): HTMLElement {
   const swatch = s("svg", { width: 22, height: 12, "aria-hidden": "true" });
   const paint = { stroke: `var(${one.colour})`, fill: "none" };
-  const band_ = one.low && one.look !== "dots" ? s("rect", { width: 22, height: 12, fill: `var(${one.colour})`, "fill-opacity": 0.2 }) : null;
+  const bandSwatch = one.low && one.look !== "dots" ? s("rect", { width: 22, height: 12, fill: `var(${one.colour})`, "fill-opacity": 0.2 }) : null;
   const bar = one.low && one.look === "dots" ? s("line", { x1: 11, x2: 11, y1: 0, y2: 12, ...paint }) : null;
   const line = one.look === "line" ? s("line", { x1: 0, x2: 22, y1: 6, y2: 6, "stroke-width": 2.5, "stroke-dasharray": one.dashed ? "6 4" : null, ...paint }) : null;
   const square = s("rect", { x: 8, y: 3, width: 6, height: 6, ...paint });
   const dot = one.look !== "dots" ? null : one.dashed ? square : s("circle", { cx: 11, cy: 6, r: 3, fill: `var(${one.colour})` });
-  return h("span", { class: "key" }, put(swatch, band_, bar, line, dot), one.name);
+  return h("span", { class: "key" }, put(swatch, bandSwatch, bar, line, dot), one.name);
 }
 
 function plain(v: number): string {

@@ -1,9 +1,9 @@
-// Looking again and again while a view is open.
+// Polling while a view is open.
 
 import { reconnected, isLost } from "../api/connection";
 import type { Context } from "../view";
 
-/** Looks every `wait` ms; while the page is hidden or the connection is lost it waits, and then it goes on. */
+/** Calls `update` every `interval` ms; pauses while the page is hidden or the connection is lost. */
 export async function poll(update: () => Promise<void>, interval: number, context: Context): Promise<void> {
   while (!context.signal.aborted) {
     await new Promise((resolve) => setTimeout(resolve, interval));

@@ -1,14 +1,14 @@
-// A slider with its label and value; the keyboard moves it as well.
+// A slider with label and value.
 
 import { uniqueId, h, put, set } from "../dom";
 
 export interface Slider {
   element: HTMLElement;
-  /** Moves it without telling. */
+  /** Moves it without calling `onMove`. */
   show: (share: number) => void;
 }
 
-/** A slider from 0 to 1; `text` says what a place means, `moved` is told while it is dragged. */
+/** A slider from 0 to 1; `text` formats a position, `onMove` is called while dragging. */
 export function slider(label: string, share: number, text: (share: number) => string, onMove: (share: number) => void): Slider {
   const id = uniqueId("slider");
   const input = h("input", { id, type: "range", min: 0, max: 1, step: 0.001 });
@@ -28,7 +28,7 @@ export function slider(label: string, share: number, text: (share: number) => st
   return { element: h("div", { class: "slider" }, h("label", { for: id }, label), output, input), show };
 }
 
-/** A number as people read it. */
+/** A number with about three significant digits. */
 export function short(value: number, unit = ""): string {
   const size = Math.abs(value);
   const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;

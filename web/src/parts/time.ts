@@ -1,13 +1,13 @@
-// Spans of time as people say them.
+// Readable times.
 
-/** Seconds as people say them. */
+/** A readable duration. */
 export function duration(seconds: number): string {
   if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`;
   if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
   return `${Math.round(seconds / 3600)} h`;
 }
 
-/** How long ago something was; coarse, so that a list does not change at every look. */
+/** Elapsed time; coarse, so that lists do not change at every update. */
 export function ago(seconds: number): string {
   if (seconds < 10) return "now";
   if (seconds < 90) return `${Math.floor(seconds / 10) * 10} s ago`;

@@ -1,4 +1,4 @@
-// Curves over time in SVG: axes, several lines, marks, and a cursor that follows the film.
+// Line plots over time in SVG: axes, lines, marks, and a cursor that follows the film.
 
 import { put, s, set } from "../dom";
 import { short } from "./slider";
@@ -18,10 +18,10 @@ export interface TimePlot {
 }
 
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [170, 44, 34, 10, 12];
-/** Pixels that a label of the time axis needs. */
+/** Width of an axis label, px. */
 const LABEL = 60;
 
-/** A picture of curves; `picked` is told where somebody points. */
+/** A plot; `onPick` is called with the time at the pointer. */
 export function timePlot(labels: { about: string; x: string; y: string }, onPick?: (x: number) => void): TimePlot {
   const plot = s("g");
   const cursor = s("line", { class: "cursor", y1: TOP, y2: HEIGHT - BOTTOM, visibility: "hidden" });
@@ -67,7 +67,7 @@ export function timePlot(labels: { about: string; x: string; y: string }, onPick
     svg.addEventListener("pointerdown", (event) => (svg.setPointerCapture(event.pointerId), pick(event)));
     svg.addEventListener("pointermove", (event) => event.buttons && pick(event));
   }
-  // One unit is a pixel at any width, so that labels stay readable.
+  // One unit is one pixel at any width, so that labels stay readable.
   new ResizeObserver(([entry]) => {
     width = Math.max(240, entry?.contentRect.width ?? width);
     set(svg, { viewBox: `0 0 ${width} ${HEIGHT}` });
@@ -76,12 +76,12 @@ export function timePlot(labels: { about: string; x: string; y: string }, onPick
   return { svg, draw, at };
 }
 
-/** A tick without the rounding of sums. */
+/** A tick label without rounding errors. */
 function plain(v: number): string {
   return String(Number(v.toPrecision(6)));
 }
 
-/** Round numbers from 0 to at least `most`, about `count` steps apart. */
+/** Ticks from 0 to at least `most`, about `count` of them. */
 export function ticks(most: number, count: number): number[] {
   const rough = most / count;
   const ten = 10 ** Math.floor(Math.log10(rough));

@@ -1,4 +1,4 @@
-/** Lets something else be drawn: between two pieces of work that together would be seen as a stutter. */
+/** Yields to the browser between two long tasks, so that it can render. */
 export function yieldToBrowser(): Promise<void> {
   return new Promise((resolve) => setTimeout(resolve, 0));
 }

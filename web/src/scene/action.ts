@@ -1,19 +1,19 @@
-// Actions: what their numbers mean in a scene. Whether one has a place, the server says.
+// Values of action components. The server decides whether an action is valid.
 
 import { type Component, allObjects, type Scene } from "./types";
 
-/** What a component of an action sets at `share` (0 to 1), SI. */
+/** Value of a component at `share` (0 to 1), SI. */
 export function valueAt(component: Component, share: number): number {
   return component.low + share * (component.high - component.low);
 }
 
-/** The share at which a component sets `wanted`, within 0 to 1. */
+/** The share at which a component has the value `target`, clamped to 0 to 1. */
 export function shareFor(component: Component, target: number): number {
   const span = component.high - component.low;
   return span === 0 ? 0 : Math.min(1, Math.max(0, (target - component.low) / span));
 }
 
-/** The scene with an action carried out, as far as it is drawn. */
+/** The scene after placing an action, as far as it is displayed. */
 export function applyAction(scene: Scene, action: readonly number[]): Scene {
   const copy = structuredClone(scene);
   const objects = new Map(allObjects(copy).map((b) => [b.name, b]));
@@ -30,12 +30,12 @@ export function applyAction(scene: Scene, action: readonly number[]): Scene {
   return copy;
 }
 
-/** Names of what an action places, in order. */
+/** Names of the objects that the action places, in order. */
 export function targets(scene: Scene): string[] {
   return [...new Set((scene.action?.components ?? []).map((c) => c.target))];
 }
 
-/** The unit of what a component sets. */
+/** The unit of a component. */
 export function unit(component: Component): string {
   return { x: "m", y: "m", radius: "m", angle: "rad", vx: "m/s", vy: "m/s", omega: "rad/s" }[component.set];
 }

@@ -1,4 +1,4 @@
-// Colours of bodies: the colour word in a name, else the palette's (Okabe and Ito 2008, safe for the colour-blind).
+// Colours of bodies: a colour word in the name, else a palette that is safe for colour blindness (Okabe and Ito 2008).
 
 import type { Scene } from "./types";
 
@@ -21,7 +21,7 @@ const WORDS: Record<string, string> = {
   gray: "#8c8c8c",
 };
 
-/** A colour for each movable body of a scene, by name. */
+/** Name -> colour of each body. */
 export function colours(scene: Scene): Map<string, string> {
   let paletteIndex = 0;
   return new Map(

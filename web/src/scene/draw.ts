@@ -1,32 +1,32 @@
-// A scene as SVG in metres: one unit is a metre, and a group turns y up. Lines keep their width at any size.
+// A scene as SVG in metres with y up. Line widths are independent of the scale.
 
 import { type Attributes, put, s, set } from "../dom";
 import { colours } from "./colour";
 import type { Body, Box, Point, Pose, Scene, Shape } from "./types";
 import { halfPlane, goalLine, sceneExtent } from "./extent";
 
-/** How movable bodies are drawn. */
+/** Styles of movable bodies. */
 export type Look = "solid" | "ghost" | "refused";
 
-/** A picture of a scene, with places for what views add. */
+/** A picture of a scene with groups for additional elements. */
 export interface Picture {
   svg: SVGSVGElement;
-  /** World frame, y up: children are given in metres. Under the bodies. */
+  /** Group below the bodies, in world coordinates, m, y up. */
   under: SVGGElement;
-  /** The same, over the bodies. */
+  /** Group above the bodies. */
   over: SVGGElement;
   box: Box;
-  /** Shows another part of the world; what is drawn to the edge of the picture is right after `redraw`. */
+  /** Shows another part of the world; call `redraw` to extend half planes to its edge. */
   frame: (box: Box) => void;
-  /** Moves bodies; those not named are hidden. */
+  /** Moves bodies; bodies without a pose are hidden. */
   pose: (look: Look, poses: ReadonlyMap<string, Pose>) => void;
-  /** Draws another scene of the same extent. */
+  /** Draws another scene in the same box. */
   redraw: (scene: Scene) => void;
-  /** A place on the screen in the world, m. */
+  /** World coordinates of a screen position, m. */
   at: (event: { clientX: number; clientY: number }) => Point;
 }
 
-/** Draws a scene; bodies without a position stay hidden until they are posed. */
+/** Draws a scene; bodies without a position are hidden until posed. */
 export function picture(scene: Scene, label: string, box: Box = sceneExtent(scene)): Picture {
   const world = s("g", { transform: "scale(1 -1)" });
   const svg = s("svg", { class: "scene", role: "img", "aria-label": label }, world);
@@ -69,7 +69,7 @@ export function picture(scene: Scene, label: string, box: Box = sceneExtent(scen
   return drawing;
 }
 
-/** A line through points, m. */
+/** A polyline, m. */
 export function line(points: readonly Point[], attributes: Attributes): SVGPolylineElement {
   const text = points.map((p) => `${round(p[0])},${round(p[1])}`).join(" ");
   return s("polyline", { points: text, fill: "none", "vector-effect": "non-scaling-stroke", ...attributes });
@@ -126,7 +126,7 @@ function shapeElements(shape: Shape, paint: Attributes, box: Box | null): SVGEle
     case "segment": {
       const { from, to, radius = 0 } = shape;
       const ends = { x1: from[0], y1: from[1], x2: to[0], y2: to[1] };
-      // Thinner than a pen it is drawn with one.
+      // Segments without a radius are drawn with the pen width.
       const thick = { ...paint, class: `${paint.class} thick`, stroke: paint.fill, "stroke-width": 2 * radius, "stroke-linecap": "round" };
       return [radius > 0 ? s("line", { ...thick, ...ends }) : s("line", { ...common, class: `${paint.class} thin`, ...ends })];
     }

@@ -1,12 +1,12 @@
-// What part of the world a picture shows.
+// The visible part of the world.
 
 import type { Box, Goal, Point, Scene, Shape } from "./types";
 
-/** Statics widen a picture by at most this share of what else is seen; longer ones are cut off. */
+/** Statics extend the box by at most this share of its size; longer ones are clipped. */
 const MAX_STATIC_SHARE = 0.25;
 const MARGIN = 0.02;
 
-/** The box to show, m: bodies, the goal, where an action may place things, and statics as far as they are near. */
+/** The visible box, m: bodies, goal, action bounds, and nearby statics. */
 export function sceneExtent(scene: Scene, also: readonly Point[] = []): Box {
   const points: Point[] = [...also];
   for (const body of scene.bodies) if (body.position) points.push(...corners(body.shape, body.position, body.angle ?? 0));
@@ -28,7 +28,7 @@ export function sceneExtent(scene: Scene, also: readonly Point[] = []): Box {
   return [box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad];
 }
 
-/** Points that a shape reaches, in the world's frame. */
+/** Extreme points of a shape, in the world frame. */
 export function corners(shape: Shape, position: Point, angle: number): Point[] {
   const at = (p: Point): Point => toWorld(p, position, angle);
   const about = (p: Point, r: number): Point[] => [[p[0] - r, p[1] - r], [p[0] + r, p[1] + r]];
@@ -50,25 +50,25 @@ export function corners(shape: Shape, position: Point, angle: number): Point[] {
   }
 }
 
-/** A point of a body's frame in the world's. */
+/** A point of a body's frame in the world frame. */
 export function toWorld(p: Point, position: Point, angle: number): Point {
   const [sin, cos] = [Math.sin(angle), Math.cos(angle)];
   return [position[0] + p[0] * cos - p[1] * sin, position[1] + p[0] * sin + p[1] * cos];
 }
 
-/** Where the line that a body is to be above passes it, if it stands somewhere. */
+/** The point of the goal's line above the body's start, if it has one. */
 function goalLinePoint(scene: Scene, goal: Extract<Goal, { type: "above" }>): Point[] {
   const at = scene.bodies.find((b) => b.name === goal.body)?.position;
   const [[ax, ay], [bx, by]] = goalLine(goal);
   return at && ax !== bx ? [[at[0], ay + ((at[0] - ax) / (bx - ax)) * (by - ay)]] : [];
 }
 
-/** Two points of the line that a body is to be above. */
+/** Two points of the goal's line. */
 export function goalLine(goal: Extract<Goal, { type: "above" }>): [Point, Point] {
   return goal.line ?? [[0, goal.height ?? 0], [1, goal.height ?? 0]];
 }
 
-/** The part of a half plane `normal . p <= offset` that a box shows, as a polygon. */
+/** The part of the half plane `normal . p <= offset` inside a box, as a polygon. */
 export function halfPlane(normal: Point, offset: number, box: Box): Point[] {
   const inside = (p: Point): number => offset - normal[0] * p[0] - normal[1] * p[1];
   const square: Point[] = [[box[0], box[1]], [box[2], box[1]], [box[2], box[3]], [box[0], box[3]]];

@@ -1,4 +1,4 @@
-// Films: states of bodies over time, as the server gives them, and the distance between two.
+// Films: states of bodies over time, and the distance between two films.
 
 import type { Point, Pose } from "./types";
 
@@ -20,14 +20,14 @@ export interface Contact {
 }
 
 export interface Film {
-  /** s, rising */
+  /** s, ascending */
   t: number[];
   bodies: Record<string, FilmTrack>;
-  /** Empty where they are not known: real worlds do not tell. */
+  /** Empty if unknown: real worlds report no contacts. */
   contacts: Contact[];
 }
 
-/** Seconds between samples from which curves are drawn through them; below that lines do. */
+/** Minimum sampling interval for cubic interpolation, s; below it linear interpolation is used. */
 const CUBIC_MIN_STEP_S = 0.05;
 
 /** The last time of a film, s. */
@@ -35,7 +35,7 @@ export function filmLength(film: Film): number {
   return film.t.at(-1) ?? 0;
 }
 
-/** Where bodies are at a time; before the start and after the end they wait. */
+/** Poses of bodies at a time; clamped before the start and after the end. */
 export function posesAt(film: Film, time: number): Map<string, Pose> {
   const { i, share } = intervalAt(film.t, time);
   const coarse = (film.t[i + 1] ?? 0) - (film.t[i] ?? 0) > CUBIC_MIN_STEP_S;
@@ -45,7 +45,7 @@ export function posesAt(film: Film, time: number): Map<string, Pose> {
   );
 }
 
-/** The way of a body until a time. */
+/** The path of a body until a time. */
 export function pathUntil(film: Film, name: string, until: number): Point[] {
   const track = film.bodies[name];
   if (!track) return [];
@@ -56,7 +56,7 @@ export function pathUntil(film: Film, name: string, until: number): Point[] {
   return points;
 }
 
-/** How far each body is in one film from where it is in the other, at the times of the second as far as both go, m. */
+/** Distance of each body between two films, at the times of the second within the first, m. */
 export function distanceOverTime(of: Film, from: Film): { t: number[]; bodies: Map<string, number[]> } {
   const t = from.t.filter((time) => time <= filmLength(of) + 1e-9);
   const poses = t.map((time) => posesAt(of, time));
@@ -72,7 +72,7 @@ export function distanceOverTime(of: Film, from: Film): { t: number[]; bodies: M
   return { t, bodies };
 }
 
-/** The interval that a time is in, and how far. */
+/** The interval that contains a time, and the fraction within it. */
 export function intervalAt(t: readonly number[], time: number): { i: number; share: number } {
   if (t.length < 2 || time <= t[0]!) return { i: 0, share: 0 };
   let [low, high] = [0, t.length - 1];
@@ -90,8 +90,8 @@ function linear(values: readonly number[], i: number, share: number): number {
   return a + share * ((values[i + 1] ?? a) - a);
 }
 
-/** Monotone cubic interpolation (Fritsch and Carlson 1980, slopes as harmonic means): never beyond the samples, so that no
- * ball is drawn through a floor that it was not seen below. */
+/** Monotone cubic interpolation (Fritsch and Carlson 1980, harmonic mean slopes): it never overshoots the samples, so no ball
+ * is drawn below the floor. */
 function monotoneCubic(t: readonly number[], values: readonly number[], i: number, share: number): number {
   const slope = (k: number): number => {
     const [a, b, c] = [values[k - 1], values[k]!, values[k + 1]];

@@ -1,4 +1,4 @@
-// `iplw.scene/1` as far as it is drawn and placed (docs/reference/formats.md). SI; y up; angles counter-clockwise.
+// The displayed part of `iplw.scene/1` (docs/reference/formats.md). SI; y up; angles counter-clockwise.
 
 export type Point = [number, number];
 
@@ -39,7 +39,7 @@ export interface Component {
 /** Left, bottom, right, top; m. */
 export type Box = [number, number, number, number];
 
-/** The discretised actions. */
+/** Discretisation of the action space. */
 export type Discrete = { type: "sequence"; count: number } | { type: "grid"; counts: number[] };
 
 export interface Scene {
@@ -59,14 +59,14 @@ export interface Scene {
   [more: string]: unknown;
 }
 
-/** Where a body is: m, m, rad. */
+/** Pose of a body: m, m, rad. */
 export interface Pose {
   x: number;
   y: number;
   angle: number;
 }
 
-/** Movable bodies and statics. */
+/** Bodies and statics. */
 export function allObjects(scene: Scene): Body[] {
   return [...scene.bodies, ...(scene.statics ?? [])];
 }

@@ -1,5 +1,5 @@
 // Calibrate: estimations of latents, started and followed. `#/calibrate` starts one, `#/calibrate/job-3` shows one,
-// `?with=job-2` lays another one over it.
+// `?with=job-2` compares it with another.
 
 import { api, ok } from "../api/client";
 import { h, put } from "../dom";
@@ -16,13 +16,13 @@ import "./calibrate.css";
 export const calibrate: View = {
   id: "calibrate",
   title: "Calibrate",
-  about: "Find the latents of a real world with few real interactions, and see how well they are known.",
+  about: "Estimate the latents of a real world from few real interactions.",
   open: (place, context) => (context.rest[0] ? estimationView(place, context.rest[0], context) : start(place, context)),
 };
 
-/** Newest estimations that are looked at. */
+/** Maximum number of estimations read, newest first. */
 const MAX_READ = 100;
-/** Estimations that are listed. */
+/** Maximum number of estimations listed. */
 const MAX_LISTED = 12;
 
 async function start(place: HTMLElement, context: Context): Promise<void> {
@@ -31,8 +31,8 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const [of, runs, before] = await Promise.all([loadChoices(signal), estimations(signal), template ? loadRequest(template, signal) : {}]);
   const form = startForm(of, before, (job) => (location.hash = link("calibrate", [job.id])), context);
   const rows = runs.slice(0, MAX_LISTED).map((job) => h("li", {}, h("a", { href: link("calibrate", [job.id]) }, job.id), h("span", {}, estimationTitle(job)), h("span", { class: `state ${job.state}` }, job.state)));
-  const list = rows.length ? h("ul", { class: "runs" }, ...rows) : h("p", { class: "soft" }, "There are none yet.");
-  put(place, h("div", { class: "calibrate-start" }, form, h("section", { class: "card stack", "aria-label": "Estimations" }, h("h2", {}, "Estimations"), list, runs.length > MAX_LISTED ? h("p", { class: "soft" }, "Older ones are under ", h("a", { href: link("jobs") }, "Jobs"), ".") : null)));
+  const list = rows.length ? h("ul", { class: "runs" }, ...rows) : h("p", { class: "soft" }, "None yet.");
+  put(place, h("div", { class: "calibrate-start" }, form, h("section", { class: "card stack", "aria-label": "Estimations" }, h("h2", {}, "Estimations"), list, runs.length > MAX_LISTED ? h("p", { class: "soft" }, "Older ones: ", h("a", { href: link("jobs") }, "Jobs"), ".") : null)));
 }
 
 /** Estimations, newest first. */
@@ -67,7 +67,7 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
   };
   const comparedId = context.query.get("with");
   const top = estimationHeader(id, runs, comparedId, compare, context);
-  put(place, h("div", { class: "calibrate" }, h("p", {}, h("a", { href: link("calibrate") }, "All estimations, and a new one")), top.element, askTell?.element, findingsView.element, rounds.element, trials.element));
+  put(place, h("div", { class: "calibrate" }, h("p", {}, h("a", { href: link("calibrate") }, "All estimations")), top.element, askTell?.element, findingsView.element, rounds.element, trials.element));
   if (comparedId) compare(comparedId);
   let state = job.state;
   const onJob = (next: Job): void => {
@@ -88,7 +88,7 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
   );
 }
 
-/** Units of the parameters that are fitted along. */
+/** Units of the effect parameters that are fitted as well. */
 async function unitsOf(job: Job, signal: AbortSignal): Promise<Map<string, string>> {
   if (!requestOf(job).fit?.length) return new Map();
   const { effects } = await ok(api.GET("/v1/effects", { params: { query: { limit: 1000 } }, signal }));

@@ -1,5 +1,5 @@
-// Diagnose: measured tracks in, the name of what the simulation gets wrong out. `#/diagnose` is the desk, `#/diagnose/job-3` a
-// diagnosis that runs or ran.
+// Diagnose: measured tracks in, missing effects out. `#/diagnose` is the setup, `#/diagnose/job-3` a diagnosis in progress or
+// ended.
 
 import { h, put } from "../dom";
 import type { View } from "../view";
@@ -10,9 +10,9 @@ import "./diagnose.css";
 export const diagnose: View = {
   id: "diagnose",
   title: "Diagnose",
-  about: "Drop the tracks of a film, and read what the simulation gets wrong.",
+  about: "Upload tracked positions to find missing physics.",
   open: (place, context) => {
-    // Its looks are its own.
+    // The container scopes the view's styles.
     const container = h("div", { class: "diagnose" });
     put(place, container);
     return context.rest[0] ? progressView(container, context.rest[0], context) : setupView(container, context);

@@ -1,4 +1,4 @@
-// Jobs: everything that runs, waits, has ended or failed. `#/jobs` is the list, `#/jobs/job-3` one job.
+// Jobs, running or ended. `#/jobs` is the list, `#/jobs/job-3` one job.
 
 import { api, ok, type Schema } from "../api/client";
 import { follow } from "../api/events";
@@ -13,14 +13,14 @@ import "./jobs.css";
 export const jobs: View = {
   id: "jobs",
   title: "Jobs",
-  about: "Everything that runs, waits, has ended or failed. Jobs outlive this page and the server.",
+  about: "All jobs, running or ended. They survive a restart of the server.",
   open: (place, context) => (context.rest[0] ? jobView(place, context.rest[0], context) : jobList(place, context)),
 };
 
 type Job = Schema<"JobOut">;
-/** Rows of a page. */
+/** Rows in one page. */
 const ROWS = 25;
-/** Time between two looks at what has not ended, ms. */
+/** Polling interval of unfinished jobs, ms. */
 const POLL_MS = 1_000;
 const STATES = ["queued", "running", "waiting", "succeeded", "failed", "cancelled"];
 
@@ -32,11 +32,11 @@ async function jobList(place: HTMLElement, context: Context): Promise<void> {
   const [newer, older] = [h("button", { type: "button" }, "Newer"), h("button", { type: "button" }, "Older")];
   const body = h("tbody");
   const none = h("p", { class: "soft", hidden: true });
-  const heads = ["Job", "What", "State", "Progress", ""].map((t) => h("th", { scope: "col" }, t || h("span", { class: "unseen" }, "Actions")));
+  const heads = ["Job", "Kind", "State", "Progress", ""].map((t) => h("th", { scope: "col" }, t || h("span", { class: "unseen" }, "Actions")));
   const rows = h("table", { class: "jobs" }, h("caption", { class: "unseen" }, "Jobs, newest first"), h("thead", {}, h("tr", {}, ...heads)), body);
   const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, newer, older);
   put(place, h("div", { class: "row" }, h("label", { for: id }, "Show"), state, pages), h("div", { class: "card wide" }, rows, none));
-  // Cursors of the pages before this one; the first has none.
+  // Cursors of the previous pages; the first page has none.
   const before: (string | undefined)[] = [];
   let [cursor, next, page]: [string | undefined, string | null, Job[]] = [undefined, null, []];
   const ask = (of: { limit: number; cursor?: string }): Promise<Schema<"Jobs">> => {
@@ -65,7 +65,7 @@ async function jobList(place: HTMLElement, context: Context): Promise<void> {
   const update = async (): Promise<void> => {
     const fresh = before.length === 0 ? (await ask({ limit: 1 })).jobs[0]?.id : page[0]?.id;
     if (fresh !== page[0]?.id) return load();
-    // Only what moves is asked for again: results of what has ended may be large.
+    // Only unfinished jobs are read again: results of ended ones may be large.
     const unfinished = page.filter((job) => !hasEnded(job));
     const now = await Promise.all(unfinished.map((job) => ok(api.GET("/v1/jobs/{id}", { params: { path: { id: job.id } }, signal }))));
     if (!now.length) return;
@@ -76,7 +76,7 @@ async function jobList(place: HTMLElement, context: Context): Promise<void> {
   void poll(update, POLL_MS, context);
 }
 
-/** Replaces the rows that changed, so that what has the focus keeps it. */
+/** Replaces changed rows; a row with the focus is updated in place. */
 function replaceChangedRows(body: HTMLElement, page: readonly Job[], make: (job: Job) => HTMLElement): void {
   page.forEach((job, i) => {
     const old = body.children[i] as HTMLElement | undefined;
@@ -97,9 +97,9 @@ function row(job: Job, changed: () => void, context: Context): HTMLElement {
   );
 }
 
-/** How far it is, or why it failed. */
+/** Progress of a job, or the reason of its failure. */
 function progress(job: Job): HTMLElement[] {
-  if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a word.")];
+  if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a message.")];
   if (hasEnded(job)) return job.state === "succeeded" ? [h("a", { href: viewOf(job) ?? link("jobs", [job.id]) }, "Result")] : [];
   const { done, total, stage, eta_s: left } = job.progress;
   const bar = total > 0 ? h("progress", { max: total, value: done, "aria-label": `Progress of ${job.id}` }) : null;
@@ -107,9 +107,9 @@ function progress(job: Job): HTMLElement[] {
   return [bar, h("span", { class: "soft" }, words.filter(Boolean).join(", "))].filter((e) => e !== null);
 }
 
-/** Cancels what has not ended, forgets what has. */
+/** A button that cancels an unfinished job or deletes an ended one. */
 function button(job: Job, changed: () => void, context: Context): HTMLElement {
-  const what = hasEnded(job) ? "Forget" : "Cancel";
+  const what = hasEnded(job) ? "Delete" : "Cancel";
   const element = h("button", { type: "button", "aria-label": `${what} ${job.id}` }, what);
   element.addEventListener("click", () => {
     element.disabled = true;
@@ -129,12 +129,12 @@ async function jobView(place: HTMLElement, id: string, context: Context): Promis
     lines.update();
   };
   const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
-  put(place, h("div", { class: "stack" }, above, lines.element, jsonSection("Asked for", job.config)));
+  put(place, h("div", { class: "stack" }, above, lines.element, jsonSection("Request", job.config)));
   show(job);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
-/** How a job stands. */
+/** Summary of a job. */
 function head(job: Job, context: Context): HTMLElement {
   const leave = (): void => void (location.hash = link("jobs"));
   const facts: [string, HTMLElement | string][] = [
@@ -150,7 +150,7 @@ function head(job: Job, context: Context): HTMLElement {
     h("h2", {}, job.id),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
     h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
-    h("div", { class: "row" }, viewOf(job) ? h("a", { href: viewOf(job) }, "See it in its view") : null, button(job, leave, context)),
+    h("div", { class: "row" }, viewOf(job) ? h("a", { href: viewOf(job) }, "Open in its view") : null, button(job, leave, context)),
   );
 }
 
@@ -158,7 +158,7 @@ function result(job: Job): HTMLElement {
   const loaded = job.result as Record<string, unknown>;
   const plain = Object.entries(loaded).flatMap(([name, v]) => (plainValue(v) === null ? [] : [[name, plainValue(v)!] as const]));
   const words = plain.slice(0, MAX_FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
-  const save = h("button", { type: "button" }, "Save as a file");
+  const save = h("button", { type: "button" }, "Save as file");
   save.addEventListener("click", () => {
     const url = URL.createObjectURL(new Blob([JSON.stringify(loaded, null, 2)], { type: "application/json" }));
     h("a", { href: url, download: `${job.id}.json` }).click();
@@ -171,10 +171,10 @@ function jsonSection(title: string, value: unknown): HTMLElement {
   return h("section", { class: "card stack" }, h("h2", {}, title), text(`${title}, as JSON`, value));
 }
 
-/** Most facts of a result that are shown apart. */
+/** Maximum number of facts of a result. */
 const MAX_FACTS = 16;
 
-/** A value in words; `null` if it is no single one, nor a few numbers by name. */
+/** Text of a scalar, or of a few named numbers; `null` for other values. */
 function plainValue(value: unknown): string | null {
   if (typeof value === "string" || typeof value === "boolean") return String(value);
   if (typeof value === "number") return Number.isInteger(value) ? String(value) : short(value);
@@ -184,7 +184,7 @@ function plainValue(value: unknown): string | null {
   return isSmall ? entries.map(([name, v]) => `${name} ${plainValue(v)}`).join(", ") : null;
 }
 
-/** Characters of JSON that are shown; a file has all of them. */
+/** Displayed characters of JSON; the file has all. */
 const MAX_JSON_CHARACTERS = 20_000;
 
 function text(label: string, value: unknown): HTMLElement {
@@ -193,10 +193,10 @@ function text(label: string, value: unknown): HTMLElement {
   return h("pre", { tabindex: 0, role: "region", "aria-label": label }, cut);
 }
 
-/** The views that show jobs of a kind as what they are, beside the list of everything. */
+/** Kind of job -> view that displays it. */
 const VIEWS: Record<string, string> = { iplw: "calibrate", diagnose: "diagnose", train: "train", learn: "train", evaluate: "train" };
 
-/** Where a job is seen as what it is; `null` where only here. */
+/** Link to the view that displays the job; `null` if there is none. */
 function viewOf(job: Job): string | null {
   const view = VIEWS[job.kind];
   return view ? link(view, [job.id]) : null;
@@ -207,11 +207,11 @@ const KINDS: Record<string, string> = {
   diagnose: "Diagnosis",
   surface: "Surface",
   train: "Training",
-  learn: "Learning on",
+  learn: "Further training",
   evaluate: "Evaluation",
 };
 
-/** What kind of job it is, leading to the view that shows it. */
+/** Kind of job, linked to its view. */
 function kind(job: Job): HTMLElement {
   const [named, at] = [KINDS[job.kind] ?? job.kind, viewOf(job)];
   return h("strong", {}, at ? h("a", { href: at }, named) : named);

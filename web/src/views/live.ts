@@ -1,4 +1,4 @@
-// Live worlds: who acts where. `#/live` is the list, `#/live/w1` one world as it is acted in.
+// Live worlds. `#/live` is the list, `#/live/w1` one world with its events.
 
 import { worldList } from "./live/worldList";
 import { worldView } from "./live/worldView";
@@ -8,6 +8,6 @@ import "./live.css";
 export const live: View = {
   id: "live",
   title: "Live worlds",
-  about: "Every world of the server, and what programs do in one of them as they do it. To look on spends nothing.",
+  about: "All worlds on the server, with live events of each. Watching is free.",
   open: (place, context) => (context.rest[0] ? worldView(place, context.rest[0], context) : worldList(place, context)),
 };

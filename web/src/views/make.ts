@@ -1,4 +1,4 @@
-// Make: a scene is drawn, and runs while one draws.
+// Make: draw a scene that is simulated while you draw.
 
 import { all, api, ok } from "../api/client";
 import { h, put } from "../dom";
@@ -11,11 +11,11 @@ import "./make.css";
 export const make: View = {
   id: "make",
   title: "Make",
-  about: "Draw a scene, watch it run while you draw, make a world of it.",
+  about: "Draw a scene, watch its simulation while you draw, create a world from it.",
   open,
 };
 
-/** `#/make` is the draft of this tab, `#/make?task=bowling:017` begins with a task. */
+/** `#/make` opens this tab's draft, `#/make?task=bowling:017` a task. */
 async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const task = context.query.get("task");
@@ -23,7 +23,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     task ? loadTask(task, signal).then((loaded) => loaded.scene) : null,
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
-  // A reload is to bring the draft back, and not the task again.
+  // A reload must restore the draft instead of opening the task again.
   if (task) history.replaceState(null, "", link("make"));
   const editor = sceneEditor(first, library, context);
   const status = h("p", { class: "soft make-said", role: "status" });
@@ -33,7 +33,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   editor.start();
 }
 
-/** Files that are dropped anywhere in the view. */
+/** Handles files dropped anywhere in the view. */
 function onFileDrop(place: HTMLElement, drop: (file: File) => void, signal: AbortSignal): void {
   place.addEventListener("dragover", (event) => event.preventDefault(), { signal });
   place.addEventListener("drop", (event) => {

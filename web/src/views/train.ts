@@ -1,5 +1,5 @@
-// Train and compare: a policy is trained while one looks, transferred to the real world, and set beside others and beside chance.
-// `#/train` is all of it, `#/train/job-3` with that training or evaluation, `#/train/policy-2` with that policy.
+// Train and compare: train a policy, transfer it to the real world, and compare it with others and with random actions.
+// `#/train` is the whole view, `#/train/job-3` with that training or evaluation, `#/train/policy-2` with that policy.
 
 import { all, api, ok, type Schema } from "../api/client";
 import { h, put } from "../dom";
@@ -14,7 +14,7 @@ import "./train.css";
 export const train: View = {
   id: "train",
   title: "Train",
-  about: "Train a policy in simulation, watch it learn, and compare what it does in the real world.",
+  about: "Train a policy in simulation and compare its performance in the real world.",
   open,
 };
 
@@ -31,20 +31,20 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   const family = families.find((f) => f.name === familyOf(job, policy, loaded.worlds, context.query.get("family"))) ?? families[0];
-  if (!family) throw new Error("the server has no family of tasks");
-  const choose = choice("Family of tasks", "family", families.map((f) => [f.name, f.name] as const));
+  if (!family) throw new Error("the server has no task families");
+  const choose = choice("Task family", "family", families.map((f) => [f.name, f.name] as const));
   choose.input.value = family.name;
   choose.input.addEventListener("change", () => (location.hash = link("train", [], { family: choose.input.value })));
   const of = (name: string): boolean => name === family.name || name.startsWith(`${family.name}:`);
   const worlds = loaded.worlds.filter((w) => w.task === family.name);
   const [comparing, mapping] = [h("div"), h("div")];
-  const none = h("p", { class: "soft" }, "What a training learns is drawn here while it runs.");
+  const none = h("p", { class: "soft" }, "Training curves are displayed here.");
   const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" }, none);
   const first = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
   const estimations = loaded.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
   const isOfFamily = (one: Job): boolean => worlds.some((w) => w.id === (one.config as { world?: string }).world);
   const trainingForm = form({ family, worlds, estimations, library }, (started) => watch(started), context);
-  // Anew where something was learned: the policies are others then.
+  // Rebuild after a training: there are new policies.
   let current: RebuiltViews | null = null;
   const rebuild = (policies: Schema<"PolicyOut">[], learningJobs: Job[], evaluations: Job[], fresh: string | null): void => {
     current?.abort.abort();
@@ -60,7 +60,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const watch = (started: Job): void => {
     none.hidden = true;
     runs.prepend(trainingProgress(started, (made) => {
-      // What had ended when the view was opened is shown in it.
+      // Jobs that ended before are already displayed.
       if (!made || hasEnded(started)) return;
       context.say(`${made} is trained.`);
       Promise.all([policiesOf(signal), jobs("learn", signal), jobs("evaluate", signal)]).then(([p, l, e]) => rebuild(p, l, e, made)).catch(context.fail);
@@ -69,14 +69,14 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   rebuild(loaded.policies, loaded.learningJobs, loaded.evaluations, first);
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
   const sides = h("div", { class: "train-sides" }, trainingForm.element, runs);
-  put(place, h("div", { class: "train stack" }, h("div", { class: "row" }, choose.element), part("Train", sides), part("Compare", comparing), part("First tries", mapping)));
+  put(place, h("div", { class: "train stack" }, h("div", { class: "row" }, choose.element), part("Train", sides), part("Compare", comparing), part("First attempts", mapping)));
   const running = loaded.trainings.filter((one) => !hasEnded(one) && one.id !== job?.id);
   for (const one of running) watch(one);
   if (job && ["train", "learn"].includes(job.kind)) watch(job);
-  if (job && !["train", "learn", "evaluate"].includes(job.kind)) throw new Error(`${job.id} is no training and no evaluation`);
+  if (job && !["train", "learn", "evaluate"].includes(job.kind)) throw new Error(`${job.id} is neither a training nor an evaluation`);
 }
 
-/** What is built anew when there is another policy. */
+/** Parts that are rebuilt when there is a new policy. */
 interface RebuiltViews {
   abort: AbortController;
   compared: Comparison;
@@ -109,16 +109,16 @@ function policiesOf(signal: AbortSignal): Promise<Schema<"PolicyOut">[]> {
   return all((cursor) => ok(api.GET("/v1/policies", { params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal })), (page) => page.policies);
 }
 
-/** Most jobs of a kind that are looked at: the newest. */
+/** Maximum number of jobs of a kind read, newest first. */
 const MAX_JOBS_READ = 200;
 
 /** The newest jobs of a kind, oldest first. */
 async function jobs(kind: string, signal: AbortSignal): Promise<Job[]> {
-  const found = await ok(api.GET("/v1/jobs", { params: { query: { kind, order: "newest", limit: MAX_JOBS_READ } }, signal }));
-  return found.jobs.reverse();
+  const response = await ok(api.GET("/v1/jobs", { params: { query: { kind, order: "newest", limit: MAX_JOBS_READ } }, signal }));
+  return response.jobs.reverse();
 }
 
-/** The family that an address is about. */
+/** The family that the address refers to. */
 function familyOf(job: Job | null, policy: Schema<"PolicyOut"> | null, worlds: readonly Schema<"WorldOut">[], address: string | null): string | null {
   if (policy) return policy.task;
   const config = job?.config as { task?: string; world?: string } | undefined;

@@ -1,4 +1,4 @@
-// A rig: proposals with pictures of the scene as it is to be let go, and what was measured, as a file or by hand.
+// Ask and tell: proposals with pictures of the initial state; results are uploaded as a file or entered by hand.
 
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
@@ -16,7 +16,7 @@ type Proposal = Schema<"ProposalOut">;
 type Tell = Schema<"TellIn">;
 
 const END_STATES = ["succeeded", "failed", "cancelled"];
-/** Proposals that are shown; a robot's hundreds are read by a program. */
+/** Maximum number of proposals displayed; for more, use the file. */
 const MAX_CARDS = 60;
 
 export interface AskTellView {
@@ -31,11 +31,11 @@ export function askTellView(id: string, context: Context): AskTellView {
   const list = h("ul", { class: "asked" });
   const rest = h("p", { class: "soft", hidden: true });
   const file = trialsUpload(id, () => proposals, (now) => onSubmitted(now), context);
-  const close = h("button", { type: "button" }, "End the round with what there is");
+  const close = h("button", { type: "button" }, "Close the round now");
   const saveJson = h("button", { type: "button" }, "Save the proposals (JSON)");
-  const saveCsv = h("button", { type: "button" }, "Save a CSV to fill in");
+  const saveCsv = h("button", { type: "button" }, "Save a CSV template");
   const tools = h("div", { class: "row" }, saveJson, saveCsv, close);
-  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "To be carried out on your rig"), words, tools, file.element, list, rest);
+  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "Proposed experiments"), words, tools, file.element, list, rest);
   let [proposals, shownKey]: [Proposals | null, string] = [null, ""];
   const onSubmitted = (now: Schema<"Told">): void => {
     context.say(`Round ${now.round + 1}: ${now.answered} measured, ${now.failed} not possible, ${now.open} open.`);
@@ -60,14 +60,14 @@ export function askTellView(id: string, context: Context): AskTellView {
     if (key !== shownKey) put(list, ...now.proposals.slice(0, MAX_CARDS).map((p) => card(p, submit, context)));
     shownKey = key;
     rest.hidden = !waits || now.proposals.length <= MAX_CARDS;
-    put(rest, `The first ${MAX_CARDS} of ${now.proposals.length} are shown; the files have all of them.`);
+    put(rest, `The first ${MAX_CARDS} of ${now.proposals.length} are displayed; the files contain all.`);
     for (const p of now.proposals) list.querySelector(`[data-proposal="${p.number}"]`)?.classList.toggle("answered", p.answered);
     for (const p of now.proposals) mark(list.querySelector(`[data-proposal="${p.number}"] .tag`), p.answered);
     if (waits) {
       const open = now.proposals.filter((p) => !p.answered).length;
-      put(words, `Round ${now.round + 1}: ${open} of ${now.proposals.length} proposals are open. Carry them out, and send what was measured; then the round is fitted and the next one comes.`);
+      put(words, `Round ${now.round + 1}: ${open} of ${now.proposals.length} proposals are open. Carry them out and submit the measurements; then the round is fitted and the next one starts.`);
     } else {
-      put(words, END_STATES.includes(now.state) ? "Nothing more is asked for." : "The round is being fitted, or the next one chosen.");
+      put(words, END_STATES.includes(now.state) ? "No more experiments are needed." : "The round is being fitted or the next one selected.");
     }
   };
   close.addEventListener("click", () => {
@@ -94,11 +94,11 @@ function mark(tag: Element | null, answered: boolean): void {
 function card(p: Proposal, submit: (body: Tell) => Promise<void>, context: Context): HTMLElement {
   const scene = p.scene as unknown as Scene;
   const what = actionText(scene, p.action);
-  const drawing = picture(scene, `Proposal ${p.number}, ${p.task}, everything placed: ${what}`);
+  const drawing = picture(scene, `Proposal ${p.number}, ${p.task}, initial state: ${what}`);
   const form = resultTable(p.number, scene.bodies.map((b) => b.name));
-  const send = h("button", { type: "button", class: "main" }, "Send");
+  const send = h("button", { type: "button", class: "main" }, "Submit");
   const failed = h("button", { type: "button", "aria-label": `Proposal ${p.number} could not be carried out` }, "Could not be carried out");
-  const manualEntry = h("details", {}, h("summary", {}, `Fill in what was measured of ${p.number}`), form.element, h("div", { class: "row" }, send, form.more));
+  const manualEntry = h("details", {}, h("summary", {}, `Enter the measurements of ${p.number}`), form.element, h("div", { class: "row" }, send, form.more));
   const runAction = (button: HTMLButtonElement, what: () => Promise<void>, onError: (e: unknown) => void): void => {
     button.disabled = true;
     context.fail(null);
@@ -122,7 +122,7 @@ function card(p: Proposal, submit: (body: Tell) => Promise<void>, context: Conte
   return h("li", { class: "card stack", "data-proposal": p.number }, title, drawing.svg, h("p", {}, what), manualEntry, h("div", { class: "row" }, failed));
 }
 
-/** A trials file in which only places are missing. */
+/** A trials file in which only the positions are missing. */
 export function blankTrials(proposals: readonly Pick<Proposal, "number" | "scene" | "observe_at">[]): string {
   const rows = proposals.flatMap((p) => {
     const bodies = (p.scene as unknown as Scene).bodies;

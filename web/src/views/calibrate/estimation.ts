@@ -1,4 +1,4 @@
-// An estimation as it goes: its job by events, its rounds asked for when something of them changed.
+// Follows an estimation: its job by events; its rounds are read again when the job's stage changes.
 
 import { api, ok, type Schema } from "../../api/client";
 import { reconnected, isLost } from "../../api/connection";
@@ -8,21 +8,21 @@ import { latest } from "../../parts/latest";
 export type Job = Schema<"JobOut">;
 export type Round = Schema<"RoundOut">;
 export type LatentEstimate = Schema<"KnownOut">;
-/** What was asked for; the fields of a request that were given. */
+/** Fields of the request that were given. */
 export type EstimationRequest = Partial<Schema<"Estimation">>;
 
-/** Rounds asked for at a time. */
+/** Rounds in one page. */
 const PAGE = 50;
 
-/** Where an estimation stands. */
+/** State of an estimation. */
 export interface EstimationState {
   job: Job;
   rounds: readonly Round[];
-  /** Real interactions so far, those of the open round too. */
+  /** Real interactions so far, including the open round. */
   interactions: number;
 }
 
-/** Follows an estimation to its end: `moved` with every event, `stands` when rounds may have changed. */
+/** Follows an estimation to its end. `onJob` is called with every event, `onRounds` when rounds may have changed. */
 export async function followEstimation(id: string, onJob: (job: Job) => void, onRounds: (now: EstimationState) => void, signal: AbortSignal, fail: (e: unknown) => void): Promise<void> {
   const first = await estimation(id, signal);
   const readRounds = roundsReader(id, signal);
@@ -49,14 +49,14 @@ export async function followEstimation(id: string, onJob: (job: Job) => void, on
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => onEvent(JSON.parse(event.data) as Job), signal);
 }
 
-/** A job, which must be an estimation. */
+/** Reads a job; throws unless it is an estimation. */
 export async function estimation(id: string, signal: AbortSignal): Promise<Job> {
   const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
-  if (job.kind !== "iplw") throw new Error(`${id} is no estimation: jobs of the kind “${job.kind}” have no rounds.`);
+  if (job.kind !== "iplw") throw new Error(`${id} is not an estimation: jobs of kind “${job.kind}” have no rounds.`);
   return job;
 }
 
-/** A function that asks for the rounds; those of whole pages are asked for once. */
+/** A function that reads the rounds; complete pages are read only once. */
 function roundsReader(id: string, signal: AbortSignal): () => Promise<Omit<EstimationState, "job">> {
   const complete: Round[] = [];
   let cursor: string | undefined;
@@ -71,17 +71,17 @@ function roundsReader(id: string, signal: AbortSignal): () => Promise<Omit<Estim
   };
 }
 
-/** What a job was asked for. */
+/** The request of a job. */
 export function requestOf(job: Job): EstimationRequest {
   return job.config as EstimationRequest;
 }
 
-/** Most rounds of an estimation. */
+/** Maximum number of rounds of an estimation. */
 export function maxRounds(job: Job): number {
   return requestOf(job).rounds ?? 5;
 }
 
-/** Whether an estimation asks for measurements. */
+/** Whether it is an ask-and-tell estimation. */
 export function isAskTell(job: Job): boolean {
   return requestOf(job).real === "ask_tell";
 }
@@ -90,14 +90,14 @@ export function hasEnded(job: Job): boolean {
   return ["succeeded", "failed", "cancelled"].includes(job.state);
 }
 
-/** What is known in the end, or after the last round that was fitted. */
+/** Final estimates, or those of the last fitted round. */
 export function currentEstimates(standing: EstimationState): readonly LatentEstimate[] {
   const result = standing.job.result as { latents?: LatentEstimate[]; effects?: LatentEstimate[] } | null | undefined;
   if (result?.latents) return [...result.latents, ...(result.effects ?? [])];
   return standing.rounds.filter((r) => r.latents.length > 0).at(-1)?.latents ?? [];
 }
 
-/** An estimate as a simulation takes it: latents, and effects whose parameters were fitted along. */
+/** Converts estimates for the simulation: latents, and effects with their fitted parameters. */
 export function simulationPhysics(estimates: readonly LatentEstimate[]): { latents: Record<string, number>; effects: { name: string; parameters: Record<string, number> }[] } {
   const latents: Record<string, number> = {};
   const effects = new Map<string, Record<string, number>>();

@@ -1,27 +1,27 @@
-// What an estimation found, round by round: a curve with its band for each latent, and the residual.
+// Results of an estimation by round: a curve with interval for each latent, and the residual.
 
 import { h, put } from "../../dom";
 import { type BandPlot, bandPlot, type EstimatePoint, type EstimateSeries } from "../../parts/bandPlot";
 import { short } from "../../parts/slider";
 import { requestOf, type LatentEstimate, currentEstimates, maxRounds, type Round, type EstimationState } from "./estimation";
 
-/** Units of latents; parameters of effects have those of the library. */
+/** Units of latents; effect parameters have the units of the library. */
 const UNITS: Record<string, string> = { density: "kg/m²" };
 
 export interface Findings {
   element: HTMLElement;
-  /** Shows a run, and another one over it. */
+  /** Displays an estimation, optionally with another one for comparison. */
   show: (one: EstimationState, other: EstimationState | null) => void;
 }
 
-/** `units` are those of parameters of effects, by `effect.parameter`. */
+/** `units`: of effect parameters, by `effect.parameter`. */
 export function findings(units: ReadonlyMap<string, string>): Findings {
   const plots = new Map<string, LatentPlot>();
   const grid = h("div", { class: "findings" });
   const residual = bandPlot({ about: "Residual of the best sample by round, m² per trajectory", y: "m² per trajectory", logarithmic: true });
   const last = h("div", { class: "words" });
-  const incomparable = h("p", { class: "soft", hidden: true }, "The two are of different kinds, which cannot be compared.");
-  const none = h("p", { class: "soft" }, "Latents are shown after the first round.");
+  const incomparable = h("p", { class: "soft", hidden: true }, "The residuals are of different kinds and cannot be compared.");
+  const none = h("p", { class: "soft" }, "Latents are displayed after the first round.");
   const misfit = h("figure", { class: "card finding", hidden: true }, h("figcaption", {}, h("h3", {}, "Residual"), last, incomparable), residual.svg);
   put(grid, none, misfit);
   const show = (one: EstimationState, other: EstimationState | null): void => {
@@ -35,7 +35,7 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
       }
       plots.get(name)!.show(one, other, rounds);
     }
-    // What only a run had that is no longer compared.
+    // Remove plots of latents that are no longer compared.
     for (const [name, old] of plots) if (!names.includes(name)) (old.element.remove(), plots.delete(name));
     const misfits = seriesOf(one, other, (r) => (typeof r.residual === "number" ? { x: r.number + 1, y: r.residual } : null));
     const fitted = misfits.some((r) => r.points.length > 0);
@@ -44,10 +44,10 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
     put(last, ...[one, ...(other ? [other] : [])].flatMap((s, i) => residualText(s, misfits.find((r) => r.name === s.job.id)?.points.at(-1)?.y, other ? i : null)));
     incomparable.hidden = !other || residualKind(one) === residualKind(other);
   };
-  return { element: h("section", { class: "stack", "aria-label": "Found so far" }, grid), show };
+  return { element: h("section", { class: "stack", "aria-label": "Results so far" }, grid), show };
 }
 
-/** A run's last residual. */
+/** The last residual of an estimation. */
 function residualText(of: EstimationState, residual: number | undefined, compared: number | null): HTMLElement[] {
   if (residual === undefined) return [];
   return [h("p", {}, runKey(of, compared), h("strong", {}, `${formatNumber(residual)} m²`), h("span", { class: "soft" }, ` ${residualKind(of)}`))];
@@ -57,7 +57,7 @@ function residualKind(of: EstimationState): string {
   return requestOf(of.job).residual ?? "trajectory";
 }
 
-/** Which run it is, where there are two. */
+/** Label of an estimation, if two are compared. */
 function runKey(of: EstimationState, compared: number | null): HTMLElement | null {
   return compared === null ? null : h("span", { class: `key ${compared ? "second" : "first"}` }, of.job.id);
 }
@@ -88,7 +88,7 @@ function seriesOf(one: EstimationState, other: EstimationState | null, pointOf: 
   return [...(other ? [run(other, "second")] : []), run(one, "first")];
 }
 
-/** What is known of a latent in words. */
+/** Text of an estimate. */
 function estimateText(estimate: LatentEstimate | undefined, unit: string, key: HTMLElement | null): HTMLElement {
   if (!estimate) return h("p", {}, key, "not estimated");
   const [low, high] = estimate.ci95;
@@ -97,17 +97,17 @@ function estimateText(estimate: LatentEstimate | undefined, unit: string, key: H
   const format = (v: number, of = ""): string => (digits === null ? short(v, of) : `${v.toFixed(digits)}${of ? ` ${of}` : ""}`);
   const interval = finite ? `, 95 %: ${format(low)} to ${format(high)}` : "";
   const tag = h("span", { class: `tag ${estimate.identifiable ? "good" : "warn"}` }, estimate.identifiable ? "identifiable" : "not identifiable");
-  const title = estimate.identifiable ? null : "The trials do not tell it: the value is merely where the search stands.";
+  const title = estimate.identifiable ? null : "The trials do not determine it: the value is the current point of the search.";
   return h("p", { title }, key, h("strong", { class: estimate.identifiable ? "" : "soft" }, format(estimate.value, unit)), h("span", { class: "soft" }, interval), " ", tag);
 }
 
-/** Digits after the point with which the ends of an interval of a width are told apart: two that count, three at least. */
+/** Decimals that resolve an interval of this width: two significant digits, at least three decimals. */
 export function significantDigits(width: number): number {
   const needed = width > 0 ? 1 - Math.floor(Math.log10(width)) : 0;
   return Math.min(9, Math.max(3, needed));
 }
 
-/** A number of any size in three digits. */
+/** A number with three significant digits. */
 export function formatNumber(v: number): string {
   return v !== 0 && (Math.abs(v) < 1e-3 || Math.abs(v) >= 1e5) ? v.toExponential(1) : String(Number(v.toPrecision(3)));
 }

@@ -1,15 +1,15 @@
-// Fields of forms, and the server's errors at the field that they name.
+// Form fields that display the server's errors.
 
 import { describeError } from "../../api/problem";
 import { uniqueId, h, put, set } from "../../dom";
 
 export interface FormField {
   element: HTMLElement;
-  /** Shows an error at it, or takes it away. */
+  /** Displays an error at the field; `null` removes it. */
   showError: (errorText: string | null) => void;
 }
 
-/** An input with its label, a hint, and a place for what is wrong with it. */
+/** An input with a label, a hint and an error message. */
 export function field(label: string, input: HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement, hint: string | HTMLElement | null = null): FormField {
   const [id, about, errorId] = [input.id || uniqueId("field"), uniqueId("hint"), uniqueId("wrong")];
   const errorText = h("p", { id: errorId, class: "why", hidden: true });
@@ -24,7 +24,7 @@ export function field(label: string, input: HTMLInputElement | HTMLSelectElement
   return { element, showError: showError };
 }
 
-/** Puts an error at the field that it names, or at the one that holds it; `false` if there is none. */
+/** Displays an error at the field that it names, or at the closest enclosing one; `false` if there is none. */
 export function showFieldError(error: unknown, fields: ReadonlyMap<string, FormField>): boolean {
   for (const f of fields.values()) f.showError(null);
   if (error === null) return true;

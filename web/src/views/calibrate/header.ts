@@ -1,4 +1,4 @@
-// The head of an estimation: what it is, how far it is, what it spent, and what can be done with it.
+// The header of an estimation: description, progress, interactions spent, actions.
 
 import { api, ok } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
@@ -13,7 +13,7 @@ export interface EstimationHeader {
   onRounds: (now: EstimationState) => void;
 }
 
-/** `compare` is told which job is wanted over this one, `null` for none. */
+/** `compare` gets the id of the job to compare with, `null` for none. */
 export function estimationHeader(id: string, others: readonly Job[], other: string | null, compare: (id: string | null) => void, context: Context): EstimationHeader {
   const [state, words] = [h("span", { class: "state" }), h("p", { class: "soft" })];
   const bar = h("progress", { max: 1, value: 0, "aria-label": `Progress of ${id}` });
@@ -27,7 +27,7 @@ export function estimationHeader(id: string, others: readonly Job[], other: stri
     context.fail(null);
     ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id } } }) as Promise<{ data?: unknown; response: Response }>).catch((e: unknown) => ((cancel.disabled = false), context.fail(e)));
   });
-  const startSimilar = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Begin again like this");
+  const startSimilar = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Start a similar one");
   const job = h("a", { href: link("jobs", [id]) }, "Job and result");
   const choice = uniqueId("compare");
   const options = others.filter((j) => j.id !== id).map((j) => h("option", { value: j.id, selected: j.id === other }, `${j.id}: ${estimationTitle(j)}`));
@@ -68,7 +68,7 @@ export function estimationHeader(id: string, others: readonly Job[], other: stri
   return { element, onJob: onJob, onRounds: onRounds };
 }
 
-/** A run in a few words: what it is told from others by. */
+/** Short description that distinguishes an estimation from others. */
 export function estimationTitle(job: Job): string {
   const { task, strategy, seed, world } = requestOf(job);
   return [task, world ?? (isAskTell(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
@@ -76,16 +76,16 @@ export function estimationTitle(job: Job): string {
 
 function description(job: Job): string {
   const { task, strategy, residual, fit, rounds, actions, world, seed } = requestOf(job);
-  const where = isAskTell(job) ? "a rig of yours" : world ? `the world ${world}` : "a real world of its own";
-  const fitted = fit?.length ? `, fitting ${fit.join(", ")} along` : "";
+  const where = isAskTell(job) ? "your own rig" : world ? `the world ${world}` : "a new real world";
+  const fitted = fit?.length ? `, also fitting ${fit.join(", ")}` : "";
   return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${fitted}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
 }
 
-/** Why it ended. */
+/** Reason for the end of an estimation. */
 function stopReason(job: Job): string {
-  if (job.state === "cancelled") return "It was cancelled; what was measured and found until then is kept.";
+  if (job.state === "cancelled") return "Cancelled; measurements and estimates so far are kept.";
   if (job.state !== "succeeded") return "";
   const { stopped, seconds } = (job.result ?? {}) as { stopped?: string; seconds?: number };
-  const why = { rounds: "All rounds were run", settled: "The estimate no longer moved", budget: "The budget of real interactions is spent" }[stopped ?? ""] ?? "It has ended";
-  return `${why}${typeof seconds === "number" ? `, after ${short(seconds, "s")} of work` : ""}.`;
+  const why = { rounds: "All rounds are done", settled: "The estimate converged", budget: "The budget of real interactions is spent" }[stopped ?? ""] ?? "Ended";
+  return `${why}${typeof seconds === "number" ? `, after ${short(seconds, "s")}` : ""}.`;
 }

@@ -1,5 +1,5 @@
-// A sheet for what was measured of one proposal: a row a time, two columns a body. A block from a spreadsheet can be
-// pasted into any cell.
+// A table for the measured result of one proposal: one row for each time, two columns for each body. A block copied from a
+// spreadsheet can be pasted into any cell.
 
 import type { Schema } from "../../api/client";
 import { describeError } from "../../api/problem";
@@ -11,13 +11,13 @@ export interface ResultTable {
   element: HTMLElement;
   /** Adds a row. */
   more: HTMLElement;
-  /** What was filled in; throws what is no number, told at its cell. */
+  /** The entered values; throws `InvalidCellError` for text that is not a number, displayed at its cell. */
   read: () => Trial;
-  /** An error of the server's about `trials[0]`; `null` takes it away. */
+  /** Displays an error of the server about `trials[0]`; `null` removes it. */
   showError: (error: unknown) => void;
 }
 
-/** Rows that a sheet begins with. */
+/** Initial number of rows. */
 const INITIAL_ROWS = 5;
 
 export function resultTable(proposal: number, bodies: readonly string[]): ResultTable {
@@ -47,7 +47,7 @@ export function resultTable(proposal: number, bodies: readonly string[]): Result
     const now = cells();
     block.forEach((line, i) => line.forEach((text, j) => now[row + i]?.[column + j] && (now[row + i]![column + j]!.value = text)));
   });
-  const more = h("button", { type: "button" }, "One row more");
+  const more = h("button", { type: "button" }, "Add a row");
   more.addEventListener("click", add);
   const clear = (): void => {
     errorText.hidden = true;
@@ -58,14 +58,14 @@ export function resultTable(proposal: number, bodies: readonly string[]): Result
     put(errorText, text);
     if (cell) set(cell, { "aria-invalid": "true" }).focus();
   };
-  /** Rows that hold something. */
+  /** Rows with at least one value. */
   const filledRows = (): HTMLInputElement[][] => cells().filter((r) => r.some((c) => c.value.trim()));
   const number = (cell: HTMLInputElement): number | null => {
     const text = cell.value.trim().replace(",", ".");
     if (text === "") return null;
     const value = Number(text);
     if (Number.isFinite(value)) return value;
-    const problem = `“${cell.value}” is no number (${cell.getAttribute("aria-label")}).`;
+    const problem = `“${cell.value}” is not a number (${cell.getAttribute("aria-label")}).`;
     markCell(cell, problem);
     throw new InvalidCellError(problem);
   };
@@ -75,7 +75,7 @@ export function resultTable(proposal: number, bodies: readonly string[]): Result
     const t = rows.map((r) => {
       const time = number(r[0]!);
       if (time !== null) return time;
-      const problem = `A time is missing (${r[0]!.getAttribute("aria-label")}).`;
+      const problem = `Time missing (${r[0]!.getAttribute("aria-label")}).`;
       markCell(r[0], problem);
       throw new InvalidCellError(problem);
     });
@@ -89,14 +89,14 @@ export function resultTable(proposal: number, bodies: readonly string[]): Result
     const { detail, field } = describeError(error);
     markCell(cellOf(field, filledRows(), bodies), detail);
   };
-  const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measured of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);
+  const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measurements of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);
   return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), errorText), more, read, showError: showError };
 }
 
-/** What the sheet has told already. */
+/** An invalid entry; its message is already displayed in the table. */
 export class InvalidCellError extends Error {}
 
-/** The cell that the server's field means. */
+/** The cell that a field path of the server refers to. */
 function cellOf(field: string | null, rows: HTMLInputElement[][], bodies: readonly string[]): HTMLInputElement | undefined {
   const time = /\.t\[(\d+)\]$/.exec(field ?? "");
   if (time) return rows[Number(time[1])]?.[0];
@@ -105,7 +105,7 @@ function cellOf(field: string | null, rows: HTMLInputElement[][], bodies: readon
   return rows[Number(place[3])]?.[1 + 2 * bodies.indexOf(place[1]!) + (place[2] === "y" ? 1 : 0)];
 }
 
-/** Rows and cells of a block that was copied from a spreadsheet or a file. */
+/** Rows and cells of a block copied from a spreadsheet or a file. */
 export function parseBlock(text: string): string[][] {
   const lines = text.trim().split(/\r?\n/);
   const tabs = lines.some((l) => l.includes("\t"));

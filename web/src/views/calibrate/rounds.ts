@@ -1,4 +1,4 @@
-// What every round proposed and why: chosen actions against all candidates, and pictures of them.
+// The rounds with their proposals and the reasons: chosen actions compared with all candidates, and pictures.
 
 import { type Child, uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
@@ -10,21 +10,21 @@ import { loadTask } from "../play/taskPicker";
 import { requestOf, type Round, type EstimationState } from "./estimation";
 import { formatNumber } from "./findings";
 
-/** Pictures of a round that are drawn; more would say no more. */
+/** Maximum number of pictures for one round. */
 const MAX_PICTURES = 12;
 
 const HEADS = ["Round", "Actions", "Collisions", "Rolling steps", "Residual, m²", "Real interactions"];
 
-/** What a strategy looks for, in words. */
+/** Criterion of each strategy. */
 export const STRATEGIES: Record<string, string> = {
-  mixed: "collisions, which tell restitution, and rolling, which tells friction, in turn",
-  collisions: "the actions with most collisions, which tell restitution",
-  rolling: "the actions that roll most, which tell friction",
-  random: "actions by chance, to compare with",
-  gradient: "collisions and rolling as far as performance depends on what they tell",
+  mixed: "alternately actions with many collisions (for restitution) and with much rolling (for friction)",
+  collisions: "the actions with most collisions (for restitution)",
+  rolling: "the actions with most rolling (for friction)",
+  random: "random actions, as a baseline",
+  gradient: "collisions and rolling, weighted by the sensitivity of performance",
   informative: "the actions that leave the least uncertainty about the latents (D-optimal design)",
-  probing: "the actions expected to tell most of what is drawn as known of latents and parameters",
-  success: "the actions expected to tell most of whether plans work",
+  probing: "the actions with the largest expected information about latents and parameters",
+  success: "the actions with the largest expected information about whether plans succeed",
 };
 
 export interface RoundsView {
@@ -38,7 +38,7 @@ export function roundsView(context: Context): RoundsView {
   const table = h(
     "table",
     { class: "rounds" },
-    h("caption", { class: "unseen" }, "Rounds: what was chosen, against all candidates, and what came of it"),
+    h("caption", { class: "unseen" }, "Rounds: chosen actions compared with all candidates, and results"),
     h("thead", {}, h("tr", {}, ...HEADS.map((t) => h("th", { scope: "col" }, t)))),
     body,
   );
@@ -61,8 +61,8 @@ export function roundsView(context: Context): RoundsView {
   choice.addEventListener("change", draw);
   const show = (now: EstimationState): void => {
     const strategy = requestOf(now.job).strategy ?? "mixed";
-    put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of the candidates, as simulated.`);
-    // Who chose an earlier round stays there.
+    put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. The table gives simulated means of the chosen actions, with those of all candidates in brackets.`);
+    // If the user selected an earlier round, keep it selected.
     const follow = !rounds.length || choice.value === String(rounds.at(-1)!.number);
     const selectedRound = follow ? String(now.rounds.at(-1)?.number ?? "") : choice.value;
     rounds = now.rounds;
@@ -71,13 +71,13 @@ export function roundsView(context: Context): RoundsView {
     proposals.hidden = rounds.length === 0;
     draw();
   };
-  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, proposals), show };
+  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Proposed actions and reasons"), why, table, proposals), show };
 }
 
 function row(round: Round): HTMLElement {
   const c = round.choice;
   const groupText = c.groups ? ` (${c.groups.collisions} for collisions, ${c.groups.rolling} for rolling)` : "";
-  // On a phone there are no heads: every cell says what it is.
+  // Narrow screens have no column headings: each cell carries its own.
   const cell = (column: number, ...children: Child[]): HTMLElement => h("td", { "data-head": HEADS[column] }, ...children);
   const meanCell = (column: number, chosen: number, all: number): HTMLElement => cell(column, formatNumber(chosen), h("span", { class: "soft" }, ` (${formatNumber(all)})`));
   return h(
@@ -92,7 +92,7 @@ function row(round: Round): HTMLElement {
   );
 }
 
-/** What actions were chosen to tell of a latent. */
+/** Expected reduction of the uncertainty of a latent. */
 function expectedGain(e: Round["choice"]["expected"][number]): HTMLElement {
   return h("span", { class: "soft hope" }, `${e.name}: ±${formatNumber(e.before)} to ±${formatNumber(e.after)} expected`);
 }
@@ -108,18 +108,18 @@ function tile(proposal: Round["proposals"][number], context: Context): HTMLEleme
 
 const scenes = new Map<string, Promise<Scene>>();
 
-/** The scene of a task, asked for once. */
+/** The scene of a task, read once. */
 export function sceneOfTask(task: string, signal: AbortSignal): Promise<Scene> {
   const cached = scenes.get(task);
   if (cached) return cached;
   const pending = loadTask(task, signal).then((t) => t.scene);
   scenes.set(task, pending);
-  // What failed, or was left, is asked for anew.
+  // Failed or aborted requests are repeated next time.
   pending.catch(() => scenes.delete(task));
   return pending;
 }
 
-/** What an action sets, in words. */
+/** Text of an action's values. */
 export function actionText(scene: Scene, action: readonly number[]): string {
   const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0), unit(c))}`);
   return set.join(", ");

@@ -1,4 +1,4 @@
-// The form that starts an estimation; errors of the server's stand at the field that they name.
+// The form that starts an estimation, with the server's errors at their fields.
 
 import { all, api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
@@ -7,7 +7,7 @@ import type { EstimationRequest } from "./estimation";
 import { type FormField, field, showFieldError } from "./formField";
 import { STRATEGIES } from "./rounds";
 
-/** What a form is filled from. */
+/** Options of the form. */
 export interface FormChoices {
   families: Schema<"FamilyOut">[];
   worlds: Schema<"WorldOut">[];
@@ -26,16 +26,16 @@ export async function loadChoices(signal: AbortSignal): Promise<FormChoices> {
   return { families, worlds: worlds.filter((w) => w.kind === "real"), surfaces, library };
 }
 
-/** Strategies that look at a performance surface. */
+/** Strategies that use a performance surface. */
 const STRATEGIES_WITH_SURFACE = ["gradient", "informative"];
 const NEW_WORLD = "";
 const ASK_TELL = "ask_tell";
-/** Fields that are always there, those under "More", and those of a world that is made for the job. */
+/** Fields that are always visible, those under "More", and those of a new real world. */
 const MAIN_FIELDS = ["task", "number", "world", "strategy", "surface", "rounds", "actions", "budget"];
 const ADVANCED_FIELDS = ["samples", "residual", "fit", "seed"];
 const HIDDEN_WORLD_FIELDS = ["real.damping", "real.noise", "real.latents.density", "real.latents.friction", "real.latents.restitution"];
 
-/** The form, filled with what another run was asked for; `begun` is told the new job. */
+/** The form, filled from another estimation's request; `onStarted` gets the new job. */
 export function startForm(of: FormChoices, template: EstimationRequest, onStarted: (job: Schema<"JobOut">) => void, context: Context): HTMLElement {
   const controls = inputs(of, template);
   const fields = labelled(controls);
@@ -43,12 +43,12 @@ export function startForm(of: FormChoices, template: EstimationRequest, onStarte
   const fieldGroup = (names: readonly string[]): HTMLElement => h("div", { class: "fields" }, ...names.map(at));
   const cost = h("p", { class: "soft", role: "status" });
   const start = h("button", { type: "submit", class: "main" }, "Start");
-  const newWorld = h("fieldset", {}, h("legend", {}, "A real world of its own: what it hides"), fieldGroup(HIDDEN_WORLD_FIELDS));
+  const newWorld = h("fieldset", {}, h("legend", {}, "New real world: hidden physics"), fieldGroup(HIDDEN_WORLD_FIELDS));
   const more = h("details", {}, h("summary", {}, "More"), fieldGroup(ADVANCED_FIELDS), newWorld);
   more.open = [template.samples, template.fit, template.seed].some((v) => v !== undefined && v !== null);
   const form = h("form", { class: "card stack", novalidate: true, "aria-label": "Start an estimation" }, h("h2", {}, "Start an estimation"), fieldGroup(MAIN_FIELDS), more, controls.parameters, cost, h("div", { class: "row" }, start));
   const updateTexts = (): void => {
-    put(controls.seeks, `Takes ${STRATEGIES[controls.strategy.value] ?? ""}.`);
+    put(controls.seeks, `Selects ${STRATEGIES[controls.strategy.value] ?? ""}.`);
     at("surface").hidden = !STRATEGIES_WITH_SURFACE.includes(controls.strategy.value);
     newWorld.hidden = controls.real.value !== NEW_WORLD;
     const bound = Math.min((numberValue(controls.rounds) ?? 5) * (numberValue(controls.actions) ?? 10), numberValue(controls.budget) ?? Infinity);
@@ -63,7 +63,7 @@ export function startForm(of: FormChoices, template: EstimationRequest, onStarte
     context.fail(null);
     showFieldError(null, fields);
     const invalid = [...fields.values()].find((f) => f.element.querySelector("input")?.validity.badInput);
-    if (invalid) return invalid.showError("This is no number.");
+    if (invalid) return invalid.showError("This is not a number.");
     start.disabled = true;
     ok(api.POST("/v1/iplw", { body: requestBody(controls), signal: context.signal }))
       .then(onStarted)
@@ -78,7 +78,7 @@ export function startForm(of: FormChoices, template: EstimationRequest, onStarte
 
 type Inputs = ReturnType<typeof inputs>;
 
-/** The inputs, as another run had them. */
+/** The inputs, filled from another request. */
 function inputs(of: FormChoices, template: EstimationRequest) {
   const number = (value: number | null | undefined, placeholder: string, minimum = 0): HTMLInputElement => h("input", { type: "number", min: minimum, step: "any", value: value ?? "", placeholder });
   const select = (names: readonly string[], selected: string | undefined): HTMLSelectElement => h("select", {}, ...names.map((n) => h("option", { value: n, selected: n === selected }, n)));
@@ -90,7 +90,7 @@ function inputs(of: FormChoices, template: EstimationRequest) {
     number: h("input", { type: "number", min: 0, step: 1, value: one ?? "", placeholder: "all for training" }),
     real: h("select", {}),
     strategy: select(Object.keys(STRATEGIES), template.strategy ?? "mixed"),
-    /** Says what the strategy looks for. */
+    /** Text describing the strategy. */
     seeks: h("span"),
     surface: h("select", {}),
     rounds: number(template.rounds, "5", 1),
@@ -109,41 +109,41 @@ function inputs(of: FormChoices, template: EstimationRequest) {
   };
 }
 
-/** Fields by what the server calls them. */
+/** Fields by their name in the request. */
 function labelled(controls: Inputs): Map<string, FormField> {
   return new Map<string, FormField>([
     ["task", field("Family", controls.task)],
     ["number", field("Task number", controls.number)],
-    ["world", field("Real world", controls.real, "Its interactions are counted and are what an estimation is sparing with.")],
+    ["world", field("Real world", controls.real, "Its interactions are counted.")],
     ["strategy", field("Strategy", controls.strategy, controls.seeks)],
-    ["surface", field("Performance surface", controls.surface, "Says which latents matter for the task.")],
-    ["rounds", field("Rounds, at most", controls.rounds)],
-    ["actions", field("Actions a round", controls.actions)],
-    ["budget", field("Real interactions, at most", controls.budget)],
-    ["samples", field("Samples of an iteration", controls.samples, "Fewer are faster and less sure.")],
-    ["residual", field("Residual", controls.residual, "trajectory: from the start to the end; shooting: a stretch at a time, which bears noise and chance.")],
-    ["fit", field("Fit along", controls.fit, "Parameters of effects, with commas between: linear_drag.c")],
+    ["surface", field("Performance surface", controls.surface, "Determines which latents matter for the task.")],
+    ["rounds", field("Maximum rounds", controls.rounds)],
+    ["actions", field("Actions per round", controls.actions)],
+    ["budget", field("Maximum real interactions", controls.budget)],
+    ["samples", field("Samples per iteration", controls.samples, "Fewer are faster but less accurate.")],
+    ["residual", field("Residual", controls.residual, "trajectory: from start to end; shooting: in segments, robust to noise and chaos.")],
+    ["fit", field("Also fit", controls.fit, "Effect parameters, separated by commas: linear_drag.c")],
     ["seed", field("Seed", controls.seed)],
-    ["real.damping", field("Damping, kept a second", controls.damping)],
-    ["real.noise", field("Noise of observations, m", controls.noise)],
+    ["real.damping", field("Damping, velocity kept per second", controls.damping)],
+    ["real.noise", field("Observation noise (sd), m", controls.noise)],
     ["real.latents.density", field("Density, kg/m²", controls.density)],
     ["real.latents.friction", field("Friction", controls.friction)],
     ["real.latents.restitution", field("Restitution", controls.restitution)],
   ]);
 }
 
-/** Offers the real worlds and surfaces of the family that is chosen. */
+/** Fills the lists of real worlds and surfaces for the selected family. */
 function fillWorldsAndSurfaces(of: FormChoices, template: EstimationRequest, { task, real, surface }: Inputs): void {
   const selectedWorld = real.childElementCount ? real.value : (template.world ?? (template.real === ASK_TELL ? ASK_TELL : NEW_WORLD));
   const worlds = of.worlds.filter((w) => w.task.split(":")[0] === task.value);
-  put(real, h("option", { value: NEW_WORLD }, "one of its own"), h("option", { value: ASK_TELL }, "a rig of yours: ask and tell"), ...worlds.map((w) => h("option", { value: w.id }, `${w.id} (${w.interactions} spent)`)));
+  put(real, h("option", { value: NEW_WORLD }, "a new one"), h("option", { value: ASK_TELL }, "your own rig: ask and tell"), ...worlds.map((w) => h("option", { value: w.id }, `${w.id} (${w.interactions} spent)`)));
   real.value = [...real.options].some((o) => o.value === selectedWorld) ? selectedWorld : NEW_WORLD;
   const selectedSurface = surface.childElementCount ? surface.value : (template.surface ?? "");
   const surfaces = of.surfaces.filter((s) => s.task === task.value);
-  put(surface, h("option", { value: "" }, "none named"), ...surfaces.map((s) => h("option", { value: s.id, selected: s.id === selectedSurface }, s.id)));
+  put(surface, h("option", { value: "" }, "none"), ...surfaces.map((s) => h("option", { value: s.id, selected: s.id === selectedSurface }, s.id)));
 }
 
-/** What is asked for. */
+/** The request. */
 function requestBody(controls: Inputs): Schema<"Estimation"> {
   const one = controls.number.value.trim();
   const latents = withoutUndefined({ density: numberValue(controls.density), friction: numberValue(controls.friction), restitution: numberValue(controls.restitution) });
@@ -162,13 +162,13 @@ function requestBody(controls: Inputs): Schema<"Estimation"> {
   } as Schema<"Estimation">;
 }
 
-/** Whether the field that an error names is among those under "More". */
+/** Whether an error concerns a field under "More". */
 function isAdvancedField(error: unknown, fields: ReadonlyMap<string, FormField>): boolean {
   const copy = new Map([...fields].filter(([, f]) => f.element.closest("details")));
   return showFieldError(error, copy);
 }
 
-/** A number that was typed. */
+/** The number entered, if any. */
 function numberValue(input: HTMLInputElement): number | undefined {
   return input.value.trim() === "" ? undefined : Number(input.value);
 }

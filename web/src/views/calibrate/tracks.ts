@@ -1,4 +1,4 @@
-// Tracks as measured: some bodies, or some of their places, may not have been seen.
+// Measured tracks, possibly with missing bodies or positions.
 
 import type { Schema } from "../../api/client";
 import { posesAt, filmLength, type Film } from "../../scene/film";
@@ -6,7 +6,7 @@ import type { Point } from "../../scene/types";
 
 type Trial = Schema<"TrialOut">;
 
-/** Where a body was seen. */
+/** Observed positions of a body. */
 export function observations(trial: Trial, name: string): { t: number; at: Point }[] {
   const track = trial.bodies[name];
   if (!track) return [];
@@ -16,8 +16,7 @@ export function observations(trial: Trial, name: string): { t: number; at: Point
   });
 }
 
-/** Root mean square of the distance between simulated and seen places, as far as the simulation goes, m; `null` if there
- * is nothing to compare. */
+/** RMS distance between simulated and observed positions within the simulated time, m; `null` if there is nothing to compare. */
 export function rmsDistance(simulated: Film, trial: Trial): number | null {
   let [sum, count] = [0, 0];
   for (const name of Object.keys(trial.bodies)) {
@@ -32,7 +31,7 @@ export function rmsDistance(simulated: Film, trial: Trial): number | null {
   return count ? Math.sqrt(sum / count) : null;
 }
 
-/** A film of those bodies that were seen, at the times when all of them were; `null` if there are not two such times. */
+/** A film of the observed bodies at times when all were observed; `null` if there are fewer than two such times. */
 export function filmOfTrial(trial: Trial): Film | null {
   const names = Object.keys(trial.bodies).filter((name) => observations(trial, name).length > 0);
   const all = (k: number): boolean => names.every((n) => typeof trial.bodies[n]!.x[k] === "number" && typeof trial.bodies[n]!.y[k] === "number");

@@ -1,22 +1,22 @@
-// A trials file of what was measured, dropped or chosen; what is wrong with it is told at it.
+// Upload of a trials file with measured results, by drag and drop or file dialog, with error messages.
 
 import { api, ok, type Schema } from "../../api/client";
 import { ProblemError, describeError } from "../../api/problem";
 import { uniqueId, h, put, set } from "../../dom";
 import type { Context } from "../../view";
 
-/** A place for files; `came` is told where the round stands then. */
+/** The upload area; `onSubmitted` gets the status of the round. */
 export function trialsUpload(id: string, now: () => Schema<"Proposals"> | null, onSubmitted: (status: Schema<"Told">) => void, context: Context): { element: HTMLElement } {
   const [input, hint, errorId] = [uniqueId("csv"), uniqueId("hint"), uniqueId("wrong")];
   const file = h("input", { id: input, type: "file", accept: ".csv,text/csv", class: "unseen", "aria-describedby": `${hint} ${errorId}` });
   const errorText = h("p", { id: errorId, class: "why", role: "alert", hidden: true });
   const replaceId = uniqueId("replace");
   const replace = h("input", { id: replaceId, type: "checkbox" });
-  const about = h("p", { id: hint, class: "soft" }, "Drop it here. A row an observation: ", h("code", {}, "trial,t,body,x,y"), "; ", h("code", {}, "trial"), " is the number of the proposal, ", h("code", {}, "t"), " in s from the moment things were let go, ", h("code", {}, "x"), " and ", h("code", {}, "y"), " in m.");
+  const about = h("p", { id: hint, class: "soft" }, "Drop it here. One row for each observation: ", h("code", {}, "trial,t,body,x,y"), "; ", h("code", {}, "trial"), " is the number of the proposal, ", h("code", {}, "t"), " in s from the release, ", h("code", {}, "x"), " and ", h("code", {}, "y"), " in m.");
   const element = h(
     "div",
     { class: "drop stack" },
-    h("span", { class: "file row" }, file, h("label", { for: input, class: "button" }, "Send measured trials (CSV)"), h("span", { class: "row" }, replace, h("label", { for: replaceId }, "in place of what was sent before"))),
+    h("span", { class: "file row" }, file, h("label", { for: input, class: "button" }, "Submit measured trials (CSV)"), h("span", { class: "row" }, replace, h("label", { for: replaceId }, "replace earlier results"))),
     about,
     errorText,
   );

@@ -1,4 +1,4 @@
-// Real over simulated: the trials that the estimate explains worst, as pictures, and one of them as a film.
+// Worst trials: real compared with simulated, as pictures, with one of them as a film.
 
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
@@ -16,16 +16,16 @@ import { rmsDistance, filmOfTrial, observations } from "./tracks";
 type Trial = Schema<"TrialOut">;
 type Physics = ReturnType<typeof simulationPhysics>;
 
-/** Most trials that are simulated again, the newest. */
+/** Maximum number of trials simulated, newest first. */
 const MAX_TRIALS = 200;
-/** Trials that are shown. */
+/** Trials displayed. */
 const TRIALS_SHOWN = 6;
-/** Time between two samples of a film, s: finer than a screen shows. */
+/** Time between two samples of a film, s; below the frame time of a screen. */
 const SAMPLE_INTERVAL_S = 1 / 60;
 
 interface ComparedTrial {
   trial: Trial;
-  /** Root mean square of the distance, m. */
+  /** RMS distance, m. */
   distance: number;
 }
 
@@ -37,11 +37,11 @@ export interface WorstTrials {
 export function worstTrials(context: Context): WorstTrials {
   const button = h("button", { type: "button" }, "Compare now");
   const words = h("p", { class: "soft", role: "status" });
-  const bar = h("progress", { hidden: true, "aria-label": "Trials simulated again" });
+  const bar = h("progress", { hidden: true, "aria-label": "Simulated trials" });
   const tiles = h("ul", { class: "tiles worst" });
   const large = h("div", {});
-  const about = h("p", { class: "soft" }, "Every measured trial is simulated again with the estimate. Dashed with dots: seen in the real world; solid: simulated. Looking spends no real interaction.");
-  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Worst trials" }, h("h2", {}, "Worst trials: real over simulated"), about, h("div", { class: "row" }, button, words), bar, tiles, large);
+  const about = h("p", { class: "soft" }, "Every measured trial is simulated with the estimate. Dashed with dots: measured in the real world; solid: simulated. This costs no real interaction.");
+  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Worst trials" }, h("h2", {}, "Worst trials: real and simulated"), about, h("div", { class: "row" }, button, words), bar, tiles, large);
   let [now, done, busy]: [EstimationState | null, string, boolean] = [null, "", false];
   const compare = async (of: EstimationState): Promise<void> => {
     const physics = simulationPhysics(currentEstimates(of));
@@ -55,12 +55,12 @@ export function worstTrials(context: Context): WorstTrials {
     }
     compared.sort((a, b) => b.distance - a.distance);
     const subset = trials.length < of.interactions ? `the newest ${trials.length} of ${of.interactions} trials` : `${trials.length} trials`;
-    put(words, compared.length ? `${subset}: the median is ${short(compared[compared.length >> 1]!.distance, "m")} apart (root mean square over the trial).` : "Nothing can be compared.");
-    const shown = compared.slice(0, TRIALS_SHOWN);
-    const elements = await Promise.all(shown.map((one) => tile(one, physics, (onChosen) => void showTrial(onChosen, physics), context)));
+    put(words, compared.length ? `${subset}: the median distance is ${short(compared[compared.length >> 1]!.distance, "m")} apart (RMS over the trial).` : "Nothing can be compared.");
+    const worst = compared.slice(0, TRIALS_SHOWN);
+    const elements = await Promise.all(worst.map((one) => tile(one, physics, (onChosen) => void showTrial(onChosen, physics), context)));
     put(tiles, ...elements);
     put(large);
-    if (shown[0]) await showTrial(shown[0], physics);
+    if (worst[0]) await showTrial(worst[0], physics);
   };
   const showTrial = async ({ trial, distance: trialDistance }: ComparedTrial, physics: Physics): Promise<void> => {
     try {
@@ -88,7 +88,7 @@ export function worstTrials(context: Context): WorstTrials {
   const show = (standing: EstimationState): void => {
     now = standing;
     element.hidden = currentEstimates(standing).length === 0;
-    // At the end by itself; before only if somebody wants to see.
+    // Automatic at the end of the estimation; before that only on request.
     if (!element.hidden && hasEnded(standing.job) && done !== standing.job.state) {
       done = standing.job.state;
       button.hidden = true;
@@ -103,7 +103,7 @@ async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<T
   const path = { id: of.job.id };
   for (let cursor: string | undefined; ; ) {
     const query = { limit: 100, ...(cursor ? { cursor } : {}) };
-    // Without a format, JSON.
+    // The default format is JSON.
     const page = (await ok(api.GET("/v1/jobs/{id}/trials", { params: { path, query }, signal }))) as Schema<"Trials">;
     compared.push(...page.trials);
     if (compared.length > MAX_TRIALS) compared.splice(0, compared.length - MAX_TRIALS);
@@ -120,12 +120,12 @@ async function simulate(trial: Trial, physics: Physics, every: number | null, si
 
 async function tile(one: ComparedTrial, physics: Physics, onChosen: (one: ComparedTrial) => void, context: Context): Promise<HTMLElement> {
   const { trial } = one;
-  const [task, shown] = await Promise.all([sceneOfTask(trial.task, context.signal), simulate(trial, physics, null, context.signal)]);
-  const drawing = picture(applyAction(task, trial.action), `Trial ${trial.proposal}: ways of ${Object.keys(trial.bodies).join(", ")}`);
+  const [task, worst] = await Promise.all([sceneOfTask(trial.task, context.signal), simulate(trial, physics, null, context.signal)]);
+  const drawing = picture(applyAction(task, trial.action), `Trial ${trial.proposal}: trajectories of ${Object.keys(trial.bodies).join(", ")}`);
   const bodyColours = colours(task);
   for (const name of Object.keys(trial.bodies)) {
     const stroke = bodyColours.get(name) ?? "currentColor";
-    if (shown.bodies[name]) drawing.over.append(line(pathUntil(shown, name, Infinity), { class: "trail", stroke }));
+    if (worst.bodies[name]) drawing.over.append(line(pathUntil(worst, name, Infinity), { class: "trail", stroke }));
     drawing.over.append(line(observations(trial, name).map((p) => p.at), { class: "trail real", stroke }));
   }
   const button = h("button", { type: "button", class: "tile", "data-trial": trial.proposal, "aria-pressed": false }, h("span", { class: "thumb", "aria-hidden": "true" }, drawing.svg), h("span", {}, `${trial.proposal}: ${trial.task}, round ${trial.round + 1}`), h("strong", {}, `${short(one.distance, "m")} apart`));

@@ -1,20 +1,20 @@
-// What columns are called by the programs that write them, as the server reads them (src/reality/columns.rs): here only so
-// that tracks can be drawn before they are sent.
+// Column names of common tracking programs, as the server recognises them (src/reality/columns.rs); used here only for the
+// preview.
 
 export type Quantity = "time" | "frame" | "x" | "y" | "trial" | "setting" | "body";
 
-/** A unit; `size` in m or s, `null` where only the user knows it: of pixels and pictures. */
+/** A unit; `size` in m or s, `null` if only the user knows it (pixels, frames). */
 export interface Unit {
   name: string;
   size: number | null;
 }
 
 export interface Column {
-  /** As written. */
+  /** Name in the file. */
   name: string;
   quantity: Quantity | null;
   unit: Unit | null;
-  /** Whose it is: `Ball` of `Ball/0/X`. */
+  /** Name of the track: `Ball` for `Ball/0/X`. */
   track: string | null;
 }
 
@@ -53,10 +53,10 @@ const NAMES: Record<Quantity, string[]> = {
 const inPixels = (c: string): string[] => [`pixel${c}`, `${c}pixel`, `px${c}`, `pix${c}`, `${c}pix`];
 const PIXEL = LENGTHS.at(-1)![0];
 const SEPARATORS = /[/_ .-]/g;
-/** `v_x` is no x of something called v. */
+/** For example, `v_x` is not the x of a track named v. */
 const NOT_TRACK_NAMES = new Set("v a p f d vel velocity speed acc accel acceleration momentum force err error std".split(" "));
 
-/** What a column of this name holds. */
+/** Recognises the quantity of a column from its name. */
 export function column(name: string): Column {
   const written = name.trim().replace(/^\ufeff/, "").trim();
   const columnOf = (quantity: Quantity, of: Unit | null, track: string | null = null): Column => ({ name: written, quantity, unit: of, track });
@@ -69,20 +69,20 @@ export function column(name: string): Column {
   if (separatorAt >= 0) {
     const tail = normalise(rest.slice(separatorAt + 1));
     const track = rest.slice(0, separatorAt).replace(/[/_ .-]+$/, "");
-    // A single capital may be a name.
+    // A single capital letter may be a name.
     const spelt = track.length === 1 ? track : normalise(track);
     if ((tail === "x" || tail === "y") && unitFits(tail, unitOfName) && !NOT_TRACK_NAMES.has(spelt)) return columnOf(tail, unitOfName, track.trim());
   }
   return { name: written, quantity: null, unit: null, track: null };
 }
 
-/** The unit of a name among some. */
+/** Looks up a unit by name. */
 export function unitNamed(units: Units, name: string): Unit | null {
   const normalised = name.trim().toLowerCase();
   return units.find(([, names]) => names.includes(normalised))?.[0] ?? null;
 }
 
-/** A name without its unit: `Time (s)`, `X [m]`, `x/m`, `x_px`. */
+/** Splits a unit from a name: `Time (s)`, `X [m]`, `x/m`, `x_px`. */
 function withoutUnit(name: string): [string, Unit | null] {
   const recognised = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
   const bracketed = /^([^([]*)[([]([^)\]]*)[)\]]$/.exec(name);
@@ -97,7 +97,7 @@ function lastSeparator(name: string): number {
   return Math.max(...["/", "_", " ", ".", "-"].map((c) => name.lastIndexOf(c)));
 }
 
-/** Whether a unit is one of what is measured. */
+/** Whether a unit matches a quantity. */
 function unitFits(quantity: Quantity, of: Unit | null): boolean {
   if (!of) return true;
   const among = (units: Units): boolean => units.some(([u]) => u === of);
@@ -110,7 +110,7 @@ function quantityNamed(name: string): Quantity | null {
   return (columnOf?.[0] as Quantity | undefined) ?? null;
 }
 
-/** In small letters, without anything between the words. */
+/** Lower case without separators. */
 function normalise(name: string): string {
   return name.replace(SEPARATORS, "").toLowerCase();
 }

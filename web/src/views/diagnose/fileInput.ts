@@ -1,11 +1,11 @@
-// Files: dropped anywhere on the view, or chosen; several are a launch each.
+// File input by drag and drop or file dialog; each of several files is a trial.
 
 import { FileError } from "../../api/problem";
 import { uniqueId, h } from "../../dom";
 import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { parseFile, type ParsedFile } from "./parseFile";
 
-/** The place for files; `taken` has them cut. */
+/** The drop zone; `onFiles` gets the parsed files. */
 export function fileInput(place: HTMLElement, onFiles: (files: ParsedFile[]) => Promise<void>, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
   const id = uniqueId("tracks");
   const input = h("input", { id, type: "file", accept: ".csv,.tsv,.txt,text/csv,text/plain", multiple: true, class: "unseen" });
@@ -14,7 +14,7 @@ export function fileInput(place: HTMLElement, onFiles: (files: ParsedFile[]) => 
     { class: "drop file" },
     input,
     h("label", { for: id, class: "button" }, "Choose tracks (CSV)"),
-    h("span", { class: "soft" }, "or drop them here. As Tracker, Kinovea or a data frame write them; several files are a launch each."),
+    h("span", { class: "soft" }, "or drop them here, as written by Tracker, Kinovea or pandas; each of several files is one trial."),
   );
   const readFiles = (files: readonly File[]): void => {
     if (!files.length) return;
@@ -47,7 +47,7 @@ export function fileInput(place: HTMLElement, onFiles: (files: ParsedFile[]) => 
   return zone;
 }
 
-/** Files cut one at a time, so that the page stays quick between them. */
+/** Parses files one at a time, to keep the page responsive. */
 async function parseFiles(files: readonly File[]): Promise<ParsedFile[]> {
   const parsed: ParsedFile[] = [];
   for (const file of files) {
@@ -61,7 +61,7 @@ async function text(file: File): Promise<string> {
   try {
     return new TextDecoder("utf-8", { fatal: true }).decode(await file.arrayBuffer());
   } catch (e) {
-    if (e instanceof TypeError) throw new FileError(file.name, "it is no text (UTF-8), so it holds no table of tracks");
+    if (e instanceof TypeError) throw new FileError(file.name, "it is not a UTF-8 text file");
     throw e;
   }
 }

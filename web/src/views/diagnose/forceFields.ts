@@ -1,4 +1,4 @@
-// Force fields over the scene: what the base model lacks, what the extension adds, and what is left.
+// Acceleration fields over the scene: missing in the base model, added by the extension, and residual.
 
 import { h } from "../../dom";
 import type { Point, Scene } from "../../scene/types";
@@ -6,9 +6,9 @@ import { arrows, corners, overlay, dotElements } from "./overlay";
 import { columnOf, type Report, type Table } from "./report";
 import { digits } from "./messages";
 
-/** Square of a push over its standard deviations from which the data tell it: 95 % of chi squared of 2. */
+/** 95 % quantile of the chi-squared distribution with 2 degrees of freedom: threshold of a significant acceleration. */
 const CHI2_2_QUANTILE_95 = 5.99;
-/** Cells of the plane for what is missing. */
+/** Grid cells of the field of missing acceleration. */
 const [COLUMNS, ROWS] = [10, 7];
 
 interface AccelerationArrow {
@@ -16,34 +16,34 @@ interface AccelerationArrow {
   push: Point;
 }
 
-/** What the base model lacks, and what the extension adds, by cells of the plane. */
+/** Acceleration missing in the base model and added by the extension, by grid cell. */
 export function missingAccelerationField(report: Report, scene: Scene): HTMLElement | null {
   const pushes = report.evidence?.pushes;
   if (!pushes?.rows.length) return null;
   const [missing, added] = [cells(pushes, "ax", "ay"), cells(pushes, "found_ax", "found_ay")];
   const any = added.some((p) => Math.hypot(...p.push) > 0);
-  const about = "Acceleration that the base model lacks along flights, the median of each cell";
-  return arrowPlot(scene, about, [[missing, "arrow lacks", "lacking"], ...(any ? [[added, "arrow adds", "what the extension adds"] as const] : [])]);
+  const about = "Acceleration missing in the base model, median of each cell";
+  return arrowPlot(scene, about, [[missing, "arrow lacks", "missing"], ...(any ? [[added, "arrow adds", "added by the extension"] as const] : [])]);
 }
 
-/** What pushes beside the reported model, with an arrow where the data tell it. */
+/** Residual acceleration of the reported model, with arrows where it is significant. */
 export function residualField(report: Report, scene: Scene): (HTMLElement | null)[] {
   if (!report.field) return [];
   const [x, y, ax, ay, sx, sy] = ["x", "y", "ax", "ay", "sd_ax", "sd_ay"].map((name) => columnOf(report.field!, name)) as [number[], number[], number[], number[], number[], number[]];
   const all = x.map((v, i) => ({ at: [v, y[i]!] as Point, push: [ax[i]!, ay[i]!] as Point, told: (ax[i]! / sx[i]!) ** 2 + (ay[i]! / sy[i]!) ** 2 > CHI2_2_QUANTILE_95 }));
   const significant = all.filter((p) => p.told);
-  if (!significant.length) return [h("p", {}, "Nowhere do the data tell a push that launches share beside the reported model.")];
-  const about = "What pushes beside the reported model, per mass; dots where nothing is told";
+  if (!significant.length) return [h("p", {}, "No further common force is visible in the data.")];
+  const about = "Residual acceleration of the reported model; dots where it is not significant";
   return [arrowPlot(scene, about, [[significant, "arrow left", "left"]], all.filter((p) => !p.told).map((p) => p.at))];
 }
 
-/** Arrows over a scene with their scale in words. */
+/** Arrows over a scene, with their scale. */
 function arrowPlot(scene: Scene, about: string, of: readonly (readonly [AccelerationArrow[], string, string])[], insignificant: readonly Point[] = []): HTMLElement {
   const all = [...of.flatMap(([pushes]) => pushes.map((p) => p.at)), ...insignificant];
   const largest = Math.max(...of.flatMap(([pushes]) => pushes.map((p) => Math.hypot(...p.push))));
   const [low, high] = corners(all);
   const size = low && high ? Math.max(high[0] - low[0], high[1] - low[1]) : 1;
-  // The longest reaches about as far as the next cell.
+  // The longest arrow reaches about the next cell.
   const scale = largest > 0 ? (0.12 * size) / largest : 0;
   const tips = of.flatMap(([pushes]) => pushes.map((p): Point => [p.at[0] + scale * p.push[0], p.at[1] + scale * p.push[1]]));
   const key = h("div", { class: "row keys" }, ...of.map(([, look, name]) => h("span", { class: `key swatch ${look}` }, name)));
@@ -51,7 +51,7 @@ function arrowPlot(scene: Scene, about: string, of: readonly (readonly [Accelera
   return h("div", { class: "stack" }, h("h3", {}, about), key, picture.element);
 }
 
-/** For each cell with anything in it the mean place and the median push. */
+/** Mean position and median acceleration of each non-empty cell. */
 export function cells(pushes: Table, ax: string, ay: string): AccelerationArrow[] {
   const of = ["x", "y", ax, ay].map((name) => columnOf(pushes, name)) as [number[], number[], number[], number[]];
   const rows = of[0].map((_, i) => of.map((c) => c[i]!)).filter((r) => r.every(Number.isFinite));

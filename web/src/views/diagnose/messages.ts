@@ -1,56 +1,56 @@
-// A diagnosis in words.
+// Texts of a diagnosis.
 
 import { short } from "../../parts/slider";
 import type { Effect, HeldOut, Parameter, Report } from "./report";
 
-/** An effect's name as people read it. */
+/** Readable name of an effect. */
 export function title(name: string): string {
   return name.replaceAll("_", " ");
 }
 
-/** A set of effects; the empty one is the base model. */
+/** Name of a set of effects; the empty set is the base model. */
 export function effectSetName(names: readonly string[]): string {
   return names.length ? names.map(title).join(" + ") : "none (the base model)";
 }
 
-/** The verdict in a line. */
+/** One-line verdict. */
 export function verdictText(report: Report): string {
   const effects = report.effects.map((e) => e.name);
   switch (report.verdict) {
     case "named":
       return `The simulation lacks ${effectSetName(effects)}`;
     case "ambiguous":
-      return `One of ${report.rivals.length} is missing, and these trials cannot tell which: ${report.rivals.map(effectSetName).join("; ")}`;
+      return `One of ${report.rivals.length} is missing; these trials do not distinguish: ${report.rivals.map(effectSetName).join("; ")}`;
     case "unknown":
-      return effects.length ? `Something is missing that no effect of the library explains; in part it is ${effectSetName(effects)}` : "Something is missing that no effect of the library explains";
+      return effects.length ? `Something is missing that no effect of the library explains; partly ${effectSetName(effects)}` : "Something is missing that no effect of the library explains";
     case "none":
       return "Nothing is missing: the simulation explains these trials";
     case "insufficient_data":
-      return "These trials are too few to say";
+      return "Too few trials for a conclusion";
   }
 }
 
-/** The verdict's word alone. */
+/** Short labels of the verdicts. */
 export const VERDICT_LABELS: Record<Report["verdict"], string> = {
   named: "named",
   ambiguous: "ambiguous",
   unknown: "unknown",
   none: "nothing missing",
-  insufficient_data: "too few data",
+  insufficient_data: "insufficient data",
 };
 
-/** What the server says, with the names of effects as people read them. */
+/** The server's text with readable names of effects. */
 export function plain(text: string): string {
   return sentence(text.replace(/([a-z])_(?=[a-z])/g, "$1 "));
 }
 
-/** A sentence, with a capital and a full stop. */
+/** A sentence with a capital and a full stop. */
 export function sentence(text: string): string {
-  const whole = text.charAt(0).toUpperCase() + text.slice(1);
-  return /[.!?]$/.test(whole) ? whole : `${whole}.`;
+  const capitalised = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(capitalised) ? capitalised : `${capitalised}.`;
 }
 
-/** A number with four digits that count. */
+/** A number with four significant digits. */
 export function digits(v: number | null): string {
   if (v === null || !Number.isFinite(v)) return "-";
   const size = Math.abs(v);
@@ -59,10 +59,10 @@ export function digits(v: number | null): string {
 
 /** A 95 % interval. */
 export function interval([low, high]: readonly [number | null, number | null]): string {
-  return low === null || high === null ? "no bound from these trials" : `${digits(low)} to ${digits(high)}`;
+  return low === null || high === null ? "unbounded" : `${digits(low)} to ${digits(high)}`;
 }
 
-/** A unit as people write it; nothing for plain numbers. */
+/** Readable unit; empty for dimensionless numbers. */
 export function symbol(unit: string): string {
   return unit === "1" ? "" : unit.replace("^2", "²");
 }
@@ -73,21 +73,21 @@ export function probability(p: number): string {
   return p < 1e-3 ? p.toExponential(0) : p.toFixed(3);
 }
 
-/** A length: mm where metres are too large. */
+/** A length in mm or m. */
 export function metres(v: number): string {
   return Math.abs(v) < 0.1 ? short(v * 1e3, "mm") : short(v, "m");
 }
 
-/** What the extension takes away of the error. */
+/** Effect of the extension on the error. */
 export function gainText(g: HeldOut): string {
-  const removed = g.excess_removed === null ? "nothing was to be removed" : `${(100 * Math.min(1, g.excess_removed)).toFixed(1)} % of the excess gone`;
+  const removed = g.excess_removed === null ? "no excess error" : `${(100 * Math.min(1, g.excess_removed)).toFixed(1)} % of the excess removed`;
   return `${metres(g.base_rmse)} before, ${metres(g.extended_rmse)} after; noise ${metres(g.floor_rmse)}: ${removed}`;
 }
 
-/** Settings of which each size is said; of more the range is. */
+/** Maximum number of settings with separate estimates; for more the range is given. */
 const MAX_SETTINGS_LISTED = 3;
 
-/** Sizes of effects in short. */
+/** Estimates of effects in short. */
 export function estimatesText(effects: readonly Effect[]): string {
   const one = (e: Effect, p: Parameter): string => {
     const intervalText = p.ci95[0] !== null && p.ci95[1] !== null ? ` (${interval(p.ci95)})` : "";
@@ -107,10 +107,10 @@ export function estimatesText(effects: readonly Effect[]): string {
   return all.join("; ");
 }
 
-/** The predictive check in a sentence or two. */
+/** Text of the predictive check. */
 export function predictiveCheckText(report: NonNullable<Report["predictive"]>): string {
   const n = report.launches.length;
   const outside = Math.round(report.outside_share * n);
-  const outlierText = report.further_off.length ? `further off than predicted: ${report.further_off.join(", ")}` : "none is further off than predicted";
-  return `Each launch beside what the others predict of it: ${outside} of ${n} are outside the 95 % range, where ${(0.05 * n).toFixed(1)} are expected; ${outlierText}. The usual launch is ${report.usual_ratio.toFixed(2)} times as far off as predicted.`;
+  const outlierText = report.further_off.length ? `outliers: ${report.further_off.join(", ")}` : "no outliers";
+  return `Each trial compared with the prediction from the others: ${outside} of ${n} are outside the 95 % range, ${(0.05 * n).toFixed(1)} are expected; ${outlierText}. The median deviation is ${report.usual_ratio.toFixed(2)} times the predicted one.`;
 }

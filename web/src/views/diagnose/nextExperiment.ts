@@ -1,4 +1,4 @@
-// The next experiment in words, and drawn over the scene: where it starts and which way each rival has it go.
+// The next experiment: text, and the trajectories that each rival model predicts.
 
 import { api, ok } from "../../api/client";
 import { h, put } from "../../dom";
@@ -9,9 +9,9 @@ import { arrows, overlay, dotElements, pathElements } from "./overlay";
 import type { Report, Score } from "./report";
 import { plain, effectSetName } from "./messages";
 
-/** Most rivals that are drawn. */
+/** Maximum number of rivals displayed. */
 const MAX_RIVALS = 4;
-/** Seconds between samples. */
+/** Time between samples, s. */
 const SAMPLE_INTERVAL_S = 1 / 60;
 
 export function nextExperiment(report: Report, context: Context): HTMLElement[] {
@@ -19,7 +19,7 @@ export function nextExperiment(report: Report, context: Context): HTMLElement[] 
   if (!experiment) return [];
   const words = [h("p", {}, h("strong", {}, plain(experiment.do))), h("p", {}, `Why: ${plain(experiment.why)}`)];
   if (!scene) return words;
-  const place = h("div", { class: "stack" }, h("p", { class: "soft" }, "Simulating what each rival has it do…"));
+  const place = h("div", { class: "stack" }, h("p", { class: "soft" }, "Simulating the rival models…"));
   drawPredictions(report, scene, place, context).catch((e: unknown) => {
     put(place);
     context.fail(e);
@@ -27,7 +27,7 @@ export function nextExperiment(report: Report, context: Context): HTMLElement[] 
   return [...words, place];
 }
 
-/** The rivals that have sizes, the best first. */
+/** The models of the credible set with estimates, best first. */
 export function rivals(report: Report): Score[] {
   const credibleSet = new Set(report.rivals.map((r) => JSON.stringify(r)));
   return report.scores.filter((s) => credibleSet.has(JSON.stringify(s.effects))).slice(0, MAX_RIVALS);
@@ -46,11 +46,11 @@ async function drawPredictions(report: Report, scene: Scene, place: HTMLElement,
   const scale = (0.2 * span) / (Math.hypot(...velocity) || 1);
   const elements = [...paths.map((c, i) => pathElements([c], `track rival rival-${i}`)), arrows([{ at: start, push: velocity }], scale, "arrow launch"), dotElements([start], "seen-spot")];
   const keys = sets.map((s, i) => h("span", { class: `key swatch rival rival-${i}` }, `by ${effectSetName(s.effects)}`));
-  const label = `The next experiment: launched from ${start.map((v) => v.toFixed(2)).join(", ")} m with ${velocity.map((v) => v.toFixed(2)).join(", ")} m/s`;
+  const label = `The next experiment: throw from ${start.map((v) => v.toFixed(2)).join(", ")} m with ${velocity.map((v) => v.toFixed(2)).join(", ")} m/s`;
   put(place, h("div", { class: "row keys" }, ...keys), overlay(scene, label, all, elements, `${label}.`).element);
 }
 
-/** The experiment as one rival would have it seen; `null` where it has no sizes for this setting. */
+/** The experiment simulated with one rival model; `null` if it is not valid. */
 async function film(scene: Scene, rival: Score, signal: AbortSignal): Promise<Film | null> {
   const effects = rival.sizes.map((e) => ({ name: e.name, parameters: Object.fromEntries(e.parameters.map((p) => [p.name, p.value])) }));
   const every = Math.max(1, Math.round(SAMPLE_INTERVAL_S / (scene.time_step ?? 1 / 240)));

@@ -1,4 +1,4 @@
-// Tracks, paths and arrows drawn over a scene, with a grid in metres.
+// Tracks, trajectories and arrows over a scene, with a metric grid.
 
 import { h, put, s } from "../../dom";
 import { marks } from "../../parts/plot";
@@ -6,10 +6,10 @@ import { picture, type Picture } from "../../scene/draw";
 import type { Box, Point, Scene } from "../../scene/types";
 import { sceneExtent } from "../../scene/extent";
 
-/** Width over height of a picture, at least: a tall one would leave its sides empty. */
+/** Minimum aspect ratio of a picture. */
 const MIN_ASPECT = 1.8;
 
-/** A scene with what is drawn over it; `around` must be in sight. */
+/** A scene with elements over it; the points `extra` are visible. */
 export function overlay(scene: Scene, label: string, extra: readonly Point[], elements: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
   const box = widened(sceneExtent(scene, corners(extra)));
   const base = picture(scene, label, box);
@@ -17,29 +17,29 @@ export function overlay(scene: Scene, label: string, extra: readonly Point[], el
   put(base.under, ...lines);
   put(base.over, ...elements);
   put(base.svg, s("title", {}, label), ...base.svg.childNodes);
-  const scale = `Grid lines are ${step} m apart; the stronger ones are x = 0 and y = 0.`;
+  const scale = `Grid lines are ${step} m apart; the bold ones are x = 0 and y = 0.`;
   return { element: h("figure", { class: "over" }, base.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: base };
 }
 
-/** Many ways as one element: as quick as one. `null` where there is nothing to draw. */
+/** Many paths as one element, for speed; `null` if there is nothing to draw. */
 export function pathElements(points: readonly (readonly Point[])[], look: string): SVGElement | null {
   const text = points.filter((p) => p.length > 1).map((p) => `M${p.map(([x, y]) => `${short(x)} ${short(y)}`).join("L")}`);
   return text.length ? s("path", { class: look, d: text.join(""), fill: "none", "vector-effect": "non-scaling-stroke" }) : null;
 }
 
-/** Dots as one element: lines of no length with round ends. */
+/** Dots as one element: zero-length lines with round caps. */
 export function dotElements(points: readonly Point[], look: string): SVGElement | null {
   const text = points.map(([x, y]) => `M${short(x)} ${short(y)}h0`).join("");
   return text ? s("path", { class: look, d: text, fill: "none", "stroke-linecap": "round", "vector-effect": "non-scaling-stroke" }) : null;
 }
 
-/** A strip between two ways. */
+/** The area between two paths. */
 export function bandElement(low: readonly Point[], high: readonly Point[], look: string): SVGElement | null {
   const extra = [...low, ...[...high].reverse()];
   return extra.length > 3 ? s("polygon", { class: look, points: extra.map(([x, y]) => `${short(x)},${short(y)}`).join(" ") }) : null;
 }
 
-/** Arrows with their heads, `per` metres for a unit. */
+/** Arrows with heads, `scale` metres for each unit. */
 export function arrows(of: readonly { at: Point; push: Point }[], per: number, look: string): SVGElement | null {
   const heads = of.flatMap(({ at, push }) => {
     const [dx, dy] = [push[0] * per, push[1] * per];
@@ -51,7 +51,7 @@ export function arrows(of: readonly { at: Point; push: Point }[], per: number, l
   return pathElements(heads as Point[][], look);
 }
 
-/** The two corners of what is around points; none without any. */
+/** Lower left and upper right corner of the bounding box of points; empty without points. */
 export function corners(points: readonly Point[]): Point[] {
   let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
   for (const [x, y] of points) {
@@ -79,7 +79,7 @@ function grid(box: Box): { lines: SVGElement[]; step: number } {
   return { lines: [...columns, ...along(box[1], box[3]).map((v) => line(box[0], v, box[2], v, v === 0))], step: Number(step.toPrecision(6)) };
 }
 
-/** To a hundredth of a millimetre: quicker than digits that count, and there are many. */
+/** Rounded to 0.01 mm; faster than toPrecision for many points. */
 function short(v: number): number {
   return Math.round(v * 1e5) / 1e5;
 }

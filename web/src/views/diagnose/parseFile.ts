@@ -1,24 +1,24 @@
-// A file of tracks cut into cells: where its header stands, what separates its cells, and what its columns hold
-// (src/reality/header.rs). Nothing here refuses a file: that is the server's, who says why.
+// Parses a file of tracks: header, separator, columns (src/reality/header.rs). Errors are left to the server, which explains
+// them.
 
 import { column, type Column, type Quantity } from "./columns";
 
-/** A file as it was cut. */
+/** A parsed file. */
 export interface ParsedFile {
   name: string;
   text: string;
   /** Lines above the header. */
   linesAbove: number;
-  /** A character, or ` ` for blanks. */
+  /** A character, or ` ` for white space. */
   separator: string;
   columns: Column[];
-  /** Cells of the lines below. */
+  /** Cells of the lines below the header. */
   rows: string[][];
-  /** Whether a line that names a clock and a coordinate was found. */
+  /** Whether a header with time and a coordinate was found. */
   hasHeader: boolean;
 }
 
-/** Which columns are read, by number; -1 for none. */
+/** Column indices; -1 for none. */
 export interface ColumnSelection {
   clock: number;
   x: number;
@@ -27,10 +27,10 @@ export interface ColumnSelection {
   body: number;
 }
 
-/** Lines above a header, at most. */
+/** Maximum number of lines above the header. */
 const MAX_LINES_ABOVE_HEADER = 50;
 
-/** Cuts a file. */
+/** Parses a file. */
 export function parseFile(name: string, text: string): ParsedFile {
   const lines = text.split(/\r\n|\n|\r/);
   let linesAbove: string[] = [];
@@ -47,14 +47,14 @@ export function parseFile(name: string, text: string): ParsedFile {
     }
     if (!lines[i]!.trimStart().startsWith("#")) linesAbove = cells;
   }
-  // Nothing that is understood: the first line that has several cells may still be a header.
+  // No recognised header: the first line with several cells may still be one.
   const first = Math.max(0, lines.findIndex((l) => l.trim() && !l.trim().startsWith("#")));
   const separator = separatorOf(lines[first] ?? "");
   const columns = split(lines[first] ?? "", separator).map(column);
   return { name, text, linesAbove: first, separator, columns, rows: rowsBelow(lines, first + 1, separator), hasHeader: false };
 }
 
-/** The columns that are read where nobody chose: as the server does. `track`: of several, which. */
+/** Default columns, as the server selects them. `track`: which of several. */
 export function defaultColumns(of: ParsedFile, track = "", pixels = false): ColumnSelection {
   const at = (...quantities: Quantity[]): number => of.columns.findIndex((c) => c.quantity !== null && quantities.includes(c.quantity));
   const pairs = of.columns.flatMap((c, x) => {
@@ -70,7 +70,7 @@ export function defaultColumns(of: ParsedFile, track = "", pixels = false): Colu
   return { clock: time >= 0 ? time : at("frame"), x: pair?.x ?? at("x"), y: pair?.y ?? at("y"), trial: at("trial"), body: at("body") };
 }
 
-/** Names of the tracks that a file holds, where it holds several. */
+/** Names of the tracks in a file, if there are several. */
 export function tracks(of: ParsedFile): string[] {
   const body = of.columns.findIndex((c) => c.quantity === "body");
   const names = body >= 0 ? of.rows.map((r) => r[body]?.trim() ?? "") : of.columns.filter((c) => c.quantity === "x").map((c) => c.track ?? "");
@@ -78,7 +78,7 @@ export function tracks(of: ParsedFile): string[] {
   return trackNames.length > 1 ? trackNames : [];
 }
 
-/** The text to send: the file's own, or with a header that says which columns were chosen. */
+/** The text to send: the file's own, or with a header that encodes the selected columns. */
 export function textToSend(of: ParsedFile, selected: ColumnSelection, track = ""): string {
   const defaults = defaultColumns(of, track, of.columns[selected.x]?.unit?.size === null);
   if ((Object.keys(defaults) as (keyof ColumnSelection)[]).every((k) => defaults[k] === selected[k])) return of.text;
@@ -96,7 +96,7 @@ export function textToSend(of: ParsedFile, selected: ColumnSelection, track = ""
   return [names.join(join), ...lines.slice(of.linesAbove + 1)].join("\n");
 }
 
-/** A number; NaN for what is missing or is none. */
+/** A number; NaN if missing or invalid. */
 export function number(cell: string | undefined): number {
   const text = cell?.trim().replace(",", ".") ?? "";
   return text ? Number(text) : Number.NaN;
@@ -106,7 +106,7 @@ function separatorOf(line: string): string {
   return ["\t", ";", ","].find((c) => line.includes(c)) ?? " ";
 }
 
-/** Cells of a line; those in quotes may hold the separator. */
+/** Cells of a line; quoted cells may contain the separator. */
 export function split(line: string, separator: string): string[] {
   if (separator === " ") return line.trim().split(/\s+/);
   if (!line.includes('"')) return line.split(separator);
@@ -129,7 +129,7 @@ function rowsBelow(lines: readonly string[], from: number, separator: string): s
   return rows;
 }
 
-/** Tracker writes the names of several tracks above their columns, each above its first. */
+/** Tracker writes track names above the columns, each above its first. */
 function nameTracks(columns: Column[], linesAbove: readonly string[]): void {
   if (columns.filter((c) => c.quantity === "x" && c.track === null).length < 2) return;
   let name: string | null = null;

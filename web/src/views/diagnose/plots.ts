@@ -1,4 +1,4 @@
-// Plots of a diagnosis: sizes, residuals, bounces, the predictive check.
+// Plots of a diagnosis: parameter estimates, residuals, bounces, predictive check.
 
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
@@ -6,16 +6,16 @@ import { plot, type PlotSeries } from "../../parts/plot";
 import { columnOf, type Evidence, type Launch, type Report, type Table } from "./report";
 import { symbol, title } from "./messages";
 
-/** Standard deviations to either side of 95 % of a normal distribution. */
+/** 97.5 % quantile of the normal distribution. */
 const Z_95 = 1.96;
-/** How far beside its mark what is known of a launch from the others stands. */
+/** Horizontal offset between the two estimates of a trial. */
 const TRIAL_OFFSET = 0.3;
-/** Fewest observations of a mean along a curve, and most means. */
+/** Minimum number of observations for each mean of a curve, and maximum number of means. */
 const [MIN_OBSERVATIONS_PER_MEAN, MAX_MEANS] = [12, 24];
-/** Speed of approach, as a share of the largest, below which a bounce tells nothing. */
+/** Minimum approach speed of a bounce, as a share of the largest; slower ones are uninformative. */
 const MIN_APPROACH_SHARE = 0.05;
 
-/** A plot for every amplitude of the reported model. */
+/** A plot for each amplitude of the reported model. */
 export function parameterPlots(report: Report, signal: AbortSignal): HTMLElement[] {
   const names = report.effects.flatMap((e) => [...new Set(e.parameters.map((p) => p.name))].map((name) => [e, name] as const));
   return names.flatMap(([effect, name]) => {
@@ -26,7 +26,7 @@ export function parameterPlots(report: Report, signal: AbortSignal): HTMLElement
     const shared = estimates.map((s) => ({ x: s.launch.trial, p: pooled(s.launch) })).filter((s) => s.p !== undefined);
     const series: PlotSeries[] = [
       {
-        name: "all launches, and one spread about it",
+        name: "all trials, with the sd between trials",
         look: "line",
         colour: "--soft",
         x: shared.map((s) => s.x),
@@ -34,12 +34,12 @@ export function parameterPlots(report: Report, signal: AbortSignal): HTMLElement
         low: shared.map((s) => s.p!.value - (s.p!.spread ?? 0)),
         high: shared.map((s) => s.p!.value + (s.p!.spread ?? 0)),
       },
-      intervals("the launch alone, 95 %", "--real", separate.map((s) => [s.launch.trial, s.alone![0], Z_95 * s.alone![1]]), true),
-      intervals("knowing the others, 95 %", "--sim", estimates.map((s) => [s.launch.trial + TRIAL_OFFSET, s.value, Z_95 * s.sd]), false),
+      intervals("trial alone, 95 %", "--real", separate.map((s) => [s.launch.trial, s.alone![0], Z_95 * s.alone![1]]), true),
+      intervals("given the other trials, 95 %", "--sim", estimates.map((s) => [s.launch.trial + TRIAL_OFFSET, s.value, Z_95 * s.sd]), false),
     ];
     const unit = effect.parameters.find((p) => p.name === name)?.unit;
-    const note = "A launch by itself tells a size by least squares; knowing how sizes are spread among the others, by best linear prediction.";
-    return [plot({ title: `${title(effect.name)}: ${name}`, x: "launch", y: [name, symbol(unit ?? "")].filter(Boolean).join(", "), note, counts: true }, series, signal)];
+    const note = "Alone: least squares. Given the other trials: best linear unbiased prediction (BLUP).";
+    return [plot({ title: `${title(effect.name)}: ${name}`, x: "trial", y: [name, symbol(unit ?? "")].filter(Boolean).join(", "), note, counts: true }, series, signal)];
   });
 }
 
@@ -47,7 +47,7 @@ function intervals(name: string, colour: string, of: readonly (readonly [number,
   return { name, look: "dots", colour, dashed, x: of.map((p) => p[0]), y: of.map((p) => p[1]), low: of.map((p) => p[1] - p[2]), high: of.map((p) => p[1] + p[2]) };
 }
 
-/** What residuals can be drawn over, with its axis. */
+/** Abscissae of residual plots with their axis labels. */
 const ABSCISSAE: Record<string, [string, (e: Table) => number[]]> = {
   time: ["t, s", (e) => columnOf(e, "t")],
   x: ["x, m", (e) => columnOf(e, "x")],
@@ -57,7 +57,7 @@ const ABSCISSAE: Record<string, [string, (e: Table) => number[]]> = {
   vy: ["vy, m/s", (e) => columnOf(e, "vy")],
 };
 
-/** Residuals before and after over one thing at a time; their size by setting; accelerations over speed. */
+/** Residuals of both models over a selectable abscissa; their size by setting; accelerations over speed. */
 export function residuals(report: Report, signal: AbortSignal): HTMLElement[] {
   const { evidence } = report;
   if (!evidence?.points.rows.length) return [];
@@ -72,13 +72,13 @@ function residual(points: Table, abscissa: string, axis: "x" | "y", signal: Abor
   const [label, of] = ABSCISSAE[abscissa]!;
   const [x, before, after] = [of(points), columnOf(points, `before_${axis}`), columnOf(points, `after_${axis}`)];
   const curve = means(x, before.map((v, i) => v - after[i]!));
-  const informative = curve.y.some((v) => v !== 0) ? [{ name: "what the extension makes of it, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
+  const informative = curve.y.some((v) => v !== 0) ? [{ name: "removed by the extension, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
   const series: PlotSeries[] = [
     { name: "before", look: "dots", colour: "--real", dashed: true, x, y: before },
     { name: "after", look: "dots", colour: "--sim", x, y: after },
     ...informative,
   ];
-  return plot({ title: `Residual in ${axis} over ${abscissa}`, x: label, y: `seen less simulated ${axis}, m` }, series, signal);
+  return plot({ title: `Residual in ${axis} over ${abscissa}`, x: label, y: `measured - simulated ${axis}, m` }, series, signal);
 }
 
 function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
@@ -87,9 +87,9 @@ function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
   const colours = ["--real", "--sim", "--good", "--bad", "--warn", "--soft"];
   const series = settings.slice(0, colours.length).map((name, k): PlotSeries => {
     const rows = estimates.flatMap((v, i) => (v === k ? [i] : []));
-    return { name: name || "all launches", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: rows.map((i) => speed[i]!), y: rows.map((i) => Math.hypot(bx[i]!, by[i]!)) };
+    return { name: name || "all trials", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: rows.map((i) => speed[i]!), y: rows.map((i) => Math.hypot(bx[i]!, by[i]!)) };
   });
-  return plot({ title: "Size of the residual before, by setting", x: "speed, m/s", y: "residual, m" }, series, signal);
+  return plot({ title: "Residual of the base model, by setting", x: "speed, m/s", y: "residual, m" }, series, signal);
 }
 
 function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | null {
@@ -106,10 +106,10 @@ function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | n
     ...report("ax"),
     ...report("ay"),
   ];
-  return plot({ title: "Acceleration that the base model lacks", x: "speed, m/s", y: "acceleration, m/s²", note: "By pieces of flight." }, series, signal);
+  return plot({ title: "Acceleration missing in the base model", x: "speed, m/s", y: "acceleration, m/s²", note: "By segments of flight." }, series, signal);
 }
 
-/** What contacts gave, as seen and by both models. */
+/** Impulses and restitution of bounces: observed and by both models. */
 export function bounces(report: Report, signal: AbortSignal): HTMLElement[] {
   const all = report.evidence?.bounces;
   if (!all?.rows.length) return [];
@@ -117,7 +117,7 @@ export function bounces(report: Report, signal: AbortSignal): HTMLElement[] {
   const approaches = ["seen", "base", "extended"].map((sources) => all.columns.indexOf(`${sources}_approach`));
   const informative: Table = { columns: all.columns, rows: all.rows.filter((row) => approaches.every((i) => (row[i] ?? 0) > MIN_APPROACH_SHARE * largest)) };
   if (!informative.rows.length) return [];
-  const who = [["seen", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
+  const who = [["measured", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
   const of = (k: number, name: string): number[] => columnOf(informative, `${["seen", "base", "extended"][k]}_${name}`);
   const bouncePlot = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
     plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): PlotSeries => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
@@ -125,25 +125,25 @@ export function bounces(report: Report, signal: AbortSignal): HTMLElement[] {
   return [
     h("div", { class: "pair" },
       bouncePlot("Impulse along the normal", impact, impulse, (k) => [of(k, "approach"), of(k, "normal")]),
-      bouncePlot("Impulse along the surface", "slip before, m/s", impulse, (k) => [of(k, "slip"), of(k, "along")]),
-      bouncePlot("Restitution", impact, "rebound over impact speed", (k) => [of(k, "approach"), of(k, "normal").map((v, i) => v / of(k, "approach")[i]! - 1)])),
+      bouncePlot("Impulse along the surface", "slip velocity before, m/s", impulse, (k) => [of(k, "slip"), of(k, "along")]),
+      bouncePlot("Restitution", impact, "rebound / impact speed", (k) => [of(k, "approach"), of(k, "normal").map((v, i) => v / of(k, "approach")[i]! - 1)])),
   ];
 }
 
-/** The probabilities of launches in order, beside where they are if predictions are right. */
+/** Sorted p-values of the trials with the expected range. */
 export function predictivePlot(report: NonNullable<Report["predictive"]>, signal: AbortSignal): HTMLElement | null {
   const n = report.sorted.length;
   if (n < 2) return null;
   const x = report.sorted.map((_, k) => (k + 1) / (n + 1));
   const series: PlotSeries[] = [
-    { name: "if predictions are right, 95 %", look: "line", colour: "--soft", x, y: x, low: report.sorted.map((s) => s[1]), high: report.sorted.map((s) => s[2]) },
-    { name: "launches", look: "dots", colour: "--sim", x, y: report.sorted.map((s) => s[0]) },
+    { name: "expected range, 95 %", look: "line", colour: "--soft", x, y: x, low: report.sorted.map((s) => s[1]), high: report.sorted.map((s) => s[2]) },
+    { name: "trials", look: "dots", colour: "--sim", x, y: report.sorted.map((s) => s[0]) },
   ];
-  const note = "Below the band: launches further off than predicted. A flat middle: launches more alike than predictions allow for.";
-  return plot({ title: "Launches as the others predict them", x: "share of launches", y: "probability of one further off", note }, series, signal);
+  const note = "Points below the band: outliers. A flat curve: predictions too cautious.";
+  return plot({ title: "p-values of the trials, sorted", x: "share of trials", y: "p-value", note }, series, signal);
 }
 
-/** Autocorrelation of residuals, where the result has it. */
+/** Autocorrelation of residuals, if available. */
 export function correlation(report: Report, signal: AbortSignal): HTMLElement[] {
   const both = report.evidence?.autocorrelation;
   if (!both) return [];
@@ -155,7 +155,7 @@ export function correlation(report: Report, signal: AbortSignal): HTMLElement[] 
   return [plot({ title: "Autocorrelation of residuals", x: "lag, observations", y: "correlation", note: "White noise has none beyond lag 0." }, series, signal)];
 }
 
-/** Means of neighbours along x, about as many in each. */
+/** Means over bins with about equal counts along x. */
 export function means(x: readonly number[], y: readonly number[]): { x: number[]; y: number[] } {
   const points = x.map((v, i) => [v, y[i]!] as const).filter((p) => p.every(Number.isFinite)).sort((a, b) => a[0] - b[0]);
   const count = Math.min(MAX_MEANS, Math.max(1, Math.floor(points.length / MIN_OBSERVATIONS_PER_MEAN)));

@@ -1,4 +1,4 @@
-// Tracks over their scene, and what they tell at a glance: of files as they will be read, of a job as they were.
+// Preview of tracks over their scene, with a summary: of files as they will be read, or of a job's trials.
 
 import { api, ok } from "../../api/client";
 import { h } from "../../dom";
@@ -9,20 +9,20 @@ import type { Point, Scene } from "../../scene/types";
 import { overlay, dotElements, pathElements } from "./overlay";
 import { summarise, type Track } from "./tracks";
 
-/** Draws tracks over a scene; `note` stands under the picture. */
+/** Draws tracks over a scene; `note` is the caption. */
 export function preview(scene: Scene, tracks: readonly Track[], note = ""): { element: HTMLElement; picture: Picture } {
   const elements = [pathElements(tracks.map((t) => t.at), "track"), dotElements(tracks.map((t) => t.at[0]!), "track-start")];
   const launches = new Set(tracks.map((t) => t.trial)).size;
   return overlay(scene, tracks.length ? `${launches} tracks over the scene` : "The scene", tracks.flatMap((t) => t.at), elements, note);
 }
 
-/** What tracks tell at a glance; with the acceleration (m/s^2, downwards) that they should fall with, if it is known. */
+/** Summary of tracks, with the expected downward acceleration, m/s^2, if known. */
 export function facts(tracks: readonly Track[], gravity: number | null): HTMLElement {
   const summary = summarise(tracks);
   const fall = summary.upwardAcceleration === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
   const bodies = new Set(tracks.map((t) => t.body)).size;
   const words = [
-    `${summary.trials} ${summary.trials === 1 ? "launch" : "launches"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${summary.samples} samples`,
+    `${summary.trials} ${summary.trials === 1 ? "trial" : "trials"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${summary.samples} samples`,
     `up to ${short(summary.seconds, "s")}`,
     `${short(summary.width, "m")} wide, ${short(summary.height, "m")} high`,
     fall + (fall && gravity !== null ? ` (gravity: ${short(gravity)})` : ""),
@@ -30,10 +30,10 @@ export function facts(tracks: readonly Track[], gravity: number | null): HTMLEle
   return h("p", { class: "glance" }, words.filter(Boolean).join("; "), ".");
 }
 
-/** Trials asked for at once. */
+/** Trials in one page. */
 const PAGE = 200;
 
-/** What a diagnosis was given, as the server read it, drawn. */
+/** The trials of a diagnosis as the server read them. */
 export async function submittedTracks(id: string, signal: AbortSignal): Promise<HTMLElement[]> {
   const tracks: Track[] = [];
   for (let cursor: string | undefined; ; ) {
@@ -54,7 +54,7 @@ export async function submittedTracks(id: string, signal: AbortSignal): Promise<
   }
 }
 
-/** The times and places at which a body was seen. */
+/** Times and positions at which a body was observed. */
 function observations(t: readonly number[], x: readonly (number | null)[], y: readonly (number | null)[]): { t: number[]; at: Point[] } {
   const summary = t.map((_, k) => k).filter((k) => typeof x[k] === "number" && typeof y[k] === "number");
   return { t: summary.map((k) => t[k]!), at: summary.map((k) => [x[k]!, y[k]!]) };

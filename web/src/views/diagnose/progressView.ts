@@ -1,4 +1,4 @@
-// A diagnosis that runs: what it is at, how far, cancel; and what came of it.
+// A diagnosis in progress: stage, progress, cancellation; then its result.
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
@@ -11,11 +11,11 @@ import { submittedTracks } from "./preview";
 
 type Job = Schema<"JobOut">;
 
-/** Follows a job until it ends, and shows what it found. */
+/** Follows a job until it ends, then displays its result. */
 export async function progressView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
   const first = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
-  if (first.kind !== "diagnose") throw new Error(`${id} is no diagnosis. Jobs lists what it is.`);
+  if (first.kind !== "diagnose") throw new Error(`${id} is not a diagnosis; see it under Jobs.`);
   const view = progress(id, context);
   let done = false;
   const show = (job: Job): void => {
@@ -34,7 +34,7 @@ export async function progressView(place: HTMLElement, id: string, context: Cont
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
-/** What a diagnosis goes through, in order; others come at the end as they are told. */
+/** Progress with the stages passed so far. */
 function progress(id: string, context: Context): { element: HTMLElement; show: (job: Job) => void } {
   const state = h("span", { class: "state" });
   const [bar, words, stages] = [h("progress", { "aria-label": `Progress of ${id}` }), h("span", { class: "soft" }), h("ol", { class: "stages" })];
@@ -53,7 +53,7 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
   const element = h(
     "section",
     { class: "card stack", "data-job": id, "aria-label": "The diagnosis" },
-    h("div", { class: "row between" }, h("h2", {}, "The diagnosis runs"), state),
+    h("div", { class: "row between" }, h("h2", {}, "The diagnosis is running"), state),
     bar,
     words,
     stages,
@@ -65,7 +65,7 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
     put(state, job.state);
     state.className = `state ${job.state}`;
     bar.hidden = cancel.hidden = ended;
-    put(failure, job.state === "failed" ? (job.error?.detail ?? "It failed without a word.") : null);
+    put(failure, job.state === "failed" ? (job.error?.detail ?? "It failed without a message.") : null);
     const { stage, done, total, eta_s: left } = job.progress;
     if (total > 0) [bar.max, bar.value] = [total, done];
     else bar.removeAttribute("value");
@@ -75,7 +75,7 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
       put(stages, ...stagesSeen.map((text) => h("li", { "aria-current": text === stage && !ended ? "step" : null }, text)));
       if (!ended) context.say(stage);
     }
-    put(element.querySelector("h2")!, { failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" }[job.state] ?? (job.state === "queued" ? "The diagnosis waits for its turn" : "The diagnosis runs"));
+    put(element.querySelector("h2")!, { failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" }[job.state] ?? (job.state === "queued" ? "The diagnosis is queued" : "The diagnosis is running"));
   };
   return { element, show };
 }

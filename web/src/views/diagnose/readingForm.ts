@@ -1,4 +1,4 @@
-// How files are read: columns, units, which way y points. What a field changes is seen in the picture beside it.
+// The reading options: columns, units, direction of y. Changes are visible in the preview.
 
 import { h } from "../../dom";
 import { choice, type Field, numeric, radios } from "../../parts/field";
@@ -12,7 +12,7 @@ export interface ReadingForm {
   fields: Record<string, Field>;
 }
 
-/** The fields of a setup; `changed` after every change, `again` after one that other fields depend on. */
+/** The fields of a setup; `onChange` is called after every change, `rebuild` after one that affects other fields. */
 export function readingForm(setup: Setup, onChange: () => void, rebuild: () => void): ReadingForm {
   const first = setup.files[0];
   if (!first) return { element: h("div"), fields: {} };
@@ -31,13 +31,13 @@ export function readingForm(setup: Setup, onChange: () => void, rebuild: () => v
     rebuild();
   });
   const pixel = numeric("Metres per pixel", "m", options.metresPerPixel, (v) => ((options.metresPerPixel = v), onChange()));
-  const fromGravity = h("button", { type: "button" }, "As gravity has it");
+  const fromGravity = h("button", { type: "button" }, "From gravity");
   fromGravity.addEventListener("click", () => {
     options.metresPerPixel = pixelSizeFromGravity(setup);
     rebuild();
   });
-  const fps = numeric("Pictures a second", "1/s", options.fps, (v) => ((options.fps = v), onChange()));
-  const down = radios("y is counted", [["up", "upwards"], ["down", "downwards, as in pictures"]], options.yDown ? "down" : "up", (v) => {
+  const fps = numeric("Frames per second", "1/s", options.fps, (v) => ((options.fps = v), onChange()));
+  const down = radios("y points", [["up", "upwards"], ["down", "downwards, as in images"]], options.yDown ? "down" : "up", (v) => {
     options.yDown = v === "down";
     onChange();
   });
@@ -57,15 +57,15 @@ export function readingForm(setup: Setup, onChange: () => void, rebuild: () => v
   return { element, fields };
 }
 
-const COLUMN_LABELS = { clock: "Time", x: "x", y: "y", trial: "Launch" } as const;
+const COLUMN_LABELS = { clock: "Time", x: "x", y: "y", trial: "Trial" } as const;
 
-/** Which columns hold what. */
+/** Fields that select the columns. */
 function columns(setup: Setup, rebuild: () => void): Field[] {
   const first = setup.files[0]!;
   const now = columnsOf(setup, first);
   const names = first.columns.map((c, i) => [String(i), c.name || `column ${i + 1}`] as const);
   return (Object.keys(COLUMN_LABELS) as (keyof typeof COLUMN_LABELS)[]).map((what) => {
-    const none = [["-1", what === "trial" ? "a file each" : "none"] as const];
+    const none = [["-1", what === "trial" ? "one file each" : "none"] as const];
     return choice(COLUMN_LABELS[what], [...none, ...names], String(now[what]), (v) => {
       setup.columns = { ...columnsOf(setup, first), [what]: Number(v) };
       rebuild();
@@ -74,5 +74,5 @@ function columns(setup: Setup, rebuild: () => void): Field[] {
 }
 
 function units(names: readonly string[], unitName: string): [string, string][] {
-  return [["", unitName], ...names.map((n): [string, string] => [n, n === "px" ? "px (pixels)" : n === "frames" ? "frames (pictures)" : n])];
+  return [["", unitName], ...names.map((n): [string, string] => [n, n === "px" ? "px (pixels)" : n === "frames" ? "frames" : n])];
 }

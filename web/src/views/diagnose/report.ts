@@ -1,4 +1,4 @@
-// `iplw.diagnosis/1` as far as it is shown (docs/reference/formats.md), and the tables beside it.
+// The displayed part of `iplw.diagnosis/1` (docs/reference/formats.md) and of its tables.
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
@@ -52,7 +52,7 @@ export interface Predictive {
   sorted: [number, number, number][];
 }
 
-/** Rows of numbers with the columns' names; `null` for what is not told. */
+/** Rows of numbers with column names; `null` for missing values. */
 export interface Table {
   columns: string[];
   rows: (number | null)[][];
@@ -87,30 +87,30 @@ export interface Report {
   paths: { columns: string[]; launches: { trial: number; rows: (number | null)[][] }[] };
   failed: string[][];
   seed: number;
-  /** What a job's result has beside the file's fields; of results of earlier versions not all. */
+  /** Fields of a job's result beyond those of the file; missing in results of earlier versions. */
   extended_scene?: Scene;
   next_scene?: Scene | null;
   evidence?: Evidence;
 }
 
-/** The report as the command line writes it. */
+/** The report in the form of the command line. */
 export function plainReport(report: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
   const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = report;
   return rest;
 }
 
-/** A column of a table; NaN for what is not told. */
+/** A column of a table; NaN for missing values. */
 export function columnOf(table: Table, name: string): number[] {
   const i = table.columns.indexOf(name);
   return table.rows.map((row) => (i < 0 ? null : row[i]) ?? Number.NaN);
 }
 
-/** A launch along its way: what was seen, and where both models had it, with what they predict. */
+/** Trajectory of a trial: observed, and predicted by both models. */
 export interface TrialTrajectory {
   trial: number;
   t: number[];
   observed: Point[];
-  /** Breaks between stretches: indices at which a new one begins. */
+  /** Indices at which a new segment starts. */
   starts: number[];
   before: ModelPrediction;
   after: ModelPrediction;
@@ -118,13 +118,13 @@ export interface TrialTrajectory {
 
 export interface ModelPrediction {
   at: Point[];
-  /** Seen less simulated, m. */
+  /** Measured minus simulated, m. */
   residual: Point[];
-  /** Standard deviations of what is predicted of an observation, m; NaN where not told. */
+  /** Predictive standard deviations of the observations, m; NaN if unknown. */
   sd: Point[];
 }
 
-/** A launch's way; of several bodies the first. */
+/** The trajectory of a trial; of the first body, if there are several. */
 export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajectory | null {
   const rows = paths.launches.find((l) => l.trial === trial)?.rows ?? [];
   const body = paths.columns.indexOf("body");
@@ -144,14 +144,14 @@ export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajec
   return { trial, t: columnOf(table, "t"), observed: observed, starts: starts, before: model("before"), after: model("after") };
 }
 
-/** Trials by how far off they are beside what was predicted: the furthest first. */
+/** Trials by their deviation from the prediction, largest first. */
 export function trialsByDistance(report: Report): number[] {
   const ordered = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
   return ordered.length ? ordered : report.paths.launches.map((l) => l.trial);
 }
 
-/** The extended scene as a launch started, in its setting: places and velocities of the first body, from the parabola through the first three places
- * of the extended model. `null` where the launch does not tell it. */
+/** The extended scene in the initial state of a trial, in its setting: position and velocity of the first body from the parabola
+ * through the first three positions of the extended model. `null` if they are unknown. */
 export function sceneOfTrial(report: Report, trial: number): Scene | null {
   const table = trajectoryOf(report.paths, trial);
   const scene = report.extended_scene;
@@ -183,13 +183,13 @@ export function sceneOfTrial(report: Report, trial: number): Scene | null {
 
 type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
 
-/** The parameters that an effect has in a setting of its own. */
+/** Parameters of an effect that are specific to a setting. */
 function parametersOfSetting(report: Report, effect: string, setting: string | null): Record<string, number> {
   const table = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
   return Object.fromEntries(table.map((p) => [p.name, p.value]));
 }
 
-/** What is to be in sight of a launch, m: where launches were seen, with room at the sides. */
+/** Visible box for a trial, m: the extent of all observations with a margin. */
 export function extentOfTrials(report: Report): Box | null {
   const [x, y] = ["x", "y"].map((name) => report.paths.launches.flatMap((l) => columnOf({ columns: report.paths.columns, rows: l.rows }, name)));
   const [across, up] = [range(x!), range(y!)];

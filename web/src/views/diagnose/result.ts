@@ -1,4 +1,4 @@
-// What a diagnosis found: the verdict first, what it rests on below. Built a section at a time, so that the page stays quick.
+// The result of a diagnosis: verdict first, evidence below. Built section by section, to keep the page responsive.
 
 import { api, all, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
@@ -13,7 +13,7 @@ import { openInPlay } from "./openInPlay";
 import { effectsTable, factsList, gainsTable, latentsTable, setsTable, credibleSetList } from "./tables";
 import { predictiveCheckText, digits, interval, plain, sentence, effectSetName, symbol, verdictText, VERDICT_LABELS } from "./messages";
 
-/** Shows a result in place of what was there. */
+/** Displays a result in the container. */
 export async function showResult(place: HTMLElement, report: Report, job: Schema<"JobOut">, context: Context): Promise<void> {
   const { signal } = context;
   const scene = report.extended_scene ?? { format: "iplw.scene/1" as const, bodies: [] };
@@ -22,16 +22,16 @@ export async function showResult(place: HTMLElement, report: Report, job: Schema
   body.append(head(report, job, context));
   const sections: [string, () => (HTMLElement | null)[]][] = [
     ["Effects", () => [effectsTable(report)]],
-    ["Sets that tie", () => [credibleSetList(report)]],
+    ["Credible set", () => [credibleSetList(report)]],
     ["Next experiment", () => nextExperiment(report, context)],
-    ["Paths before and after", () => trajectories(report, scene, signal)],
-    ["What is missing, and what is left", () => [missingAccelerationField(report, scene), ...residualField(report, scene)]],
-    ["Sizes launch by launch", () => parameterPlots(report, signal)],
+    ["Trajectories before and after", () => trajectories(report, scene, signal)],
+    ["Missing and residual acceleration", () => [missingAccelerationField(report, scene), ...residualField(report, scene)]],
+    ["Estimates by trial", () => parameterPlots(report, signal)],
     ["Rivals", () => [setsTable(report)]],
     ["Gain", () => [gainsTable(report)]],
     ["Latents", () => [latentsTable(report)]],
     ["Residuals before and after", () => residuals(report, signal)],
-    ["What contacts gave", () => bounces(report, signal)],
+    ["Contacts", () => bounces(report, signal)],
     ["Predictive check", () => (report.predictive ? [h("p", {}, predictiveCheckText(report.predictive)), predictivePlot(report.predictive, signal)] : [])],
     ["Figures", () => [factsList(report), ...correlation(report, signal)]],
   ];
@@ -44,7 +44,7 @@ export async function showResult(place: HTMLElement, report: Report, job: Schema
   body.dataset.whole = "true";
 }
 
-/** The verdict in words, what it is in symbols, and what can be done with it. */
+/** The verdict in words, equations, and actions. */
 function head(report: Report, job: Schema<"JobOut">, context: Context): HTMLElement {
   const equations = h("div", { class: "stack equations" });
   showEffects(report, equations, context).catch(context.fail);
@@ -58,18 +58,18 @@ function head(report: Report, job: Schema<"JobOut">, context: Context): HTMLElem
     equations,
     h("p", {}, plain(report.reason)),
     report.residual_law
-      ? h("div", {}, h("p", {}, report.residual_law.offered ? "What is left, as an acceleration without a name; it is part of the extended scene:" : "What is left, as an acceleration without a name; on held-out trials it does not help:"), h("pre", { tabindex: 0, "aria-label": "Formula of what is left" }, report.residual_law.formula))
+      ? h("div", {}, h("p", {}, report.residual_law.offered ? "Residual acceleration as an empirical formula; it is part of the extended scene:" : "Residual acceleration as an empirical formula; it does not improve predictions of held-out trials:"), h("pre", { tabindex: 0, "aria-label": "Formula of the residual acceleration" }, report.residual_law.formula))
       : null,
     actions(report, job),
   );
 }
 
-/** Found effects with their equations and sizes. */
+/** Effects with their equations and estimates. */
 async function showEffects(report: Report, place: HTMLElement, { signal }: Context): Promise<void> {
   const lines = (library: readonly Schema<"EffectOut">[]): HTMLElement[] =>
     report.effects.map((e) => {
       const equation = library.find((known) => known.name === e.name)?.equation;
-      // Of many settings the table has the sizes.
+      // With many settings, see the table.
       const values = e.parameters.length <= 3 ? e.parameters.map((p) => `${p.name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)} ${symbol(p.unit)} (95 %: ${interval(p.ci95)})`) : [];
       return h("p", {}, h("strong", {}, effectSetName([e.name])), equation ? [": ", equation].join("") : null, values.length ? h("span", { class: "sizes" }, values.join("; ")) : null);
     });

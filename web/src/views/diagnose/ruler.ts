@@ -1,22 +1,22 @@
-// A ruler: dragged in the picture along something whose length is known, it tells how large a pixel is.
+// A ruler: dragging it along an object of known length gives the size of a pixel.
 
 import { h, s, set } from "../../dom";
 import { type Field, numeric } from "../../parts/field";
 import type { Picture } from "../../scene/draw";
 import type { Point } from "../../scene/types";
 
-/** The length that was said last, m; and what was measured, in pixels. */
+/** The last known length, m, and the measured length, px. */
 const measured: { known: number | null; pixels: number | null } = { known: null, pixels: null };
 
-/** A ruler over a picture in which a pixel is `drawn` m; `told` has the size of a pixel, m. */
+/** A ruler over a picture drawn with `metresPerPixelDrawn`; `onScale` gets the size of a pixel, m. */
 export function ruler(at: Picture, metresPerPixelDrawn: number, onScale: (metresPerPixel: number) => void): HTMLElement {
   const line = s("line", { class: "ruler", "vector-effect": "non-scaling-stroke", visibility: "hidden" });
   at.over.append(line);
   const report = (): void => {
     if (measured.known !== null && measured.known > 0 && measured.pixels) onScale(Number((measured.known / measured.pixels).toPrecision(5)));
-    else if (measured.pixels) field.refuse("How long is it?");
+    else if (measured.pixels) field.refuse("Enter its length.");
   };
-  const field: Field = numeric("Or drag along something that is as long as", "m", measured.known, (v) => {
+  const field: Field = numeric("Or drag along an object of length", "m", measured.known, (v) => {
     measured.known = v;
     if (measured.pixels) report();
   });

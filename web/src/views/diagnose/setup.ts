@@ -1,4 +1,4 @@
-// What is to be diagnosed: the files, how they are read, and what they are of. Kept while other views are looked at.
+// Input of a diagnosis: files, how they are read, and the scene. It is kept while other views are open.
 
 import type { Schema } from "../../api/client";
 import type { Scene } from "../../scene/types";
@@ -18,19 +18,19 @@ export interface Ball {
 
 export interface Setup {
   files: ParsedFile[];
-  /** Chosen by hand, for files with the columns of the first; `null`: as the server finds them. */
+  /** Columns selected by the user, for files with as many columns as the first; `null`: as the server finds them. */
   columns: ColumnSelection | null;
   reading: ReadingOptions;
-  /** What the tracks are of; of a job, its own trials. */
+  /** What was recorded: a ball, a scene, a task's scene, or the trials of a job. */
   subject: "ball" | "scene" | "task" | "job";
   ball: Ball;
-  /** Of a file or a task. */
+  /** From a file or a task. */
   scene: Scene | null;
   sceneName: string;
   job: string;
 }
 
-/** A table tennis ball: while a ball flies, its size matters to nothing but a bounce. */
+/** A table tennis ball; the radius matters only for bounces. */
 const BALL: Ball = { radius: 0.02, mass: null, gravity: 9.81, floor: null };
 
 export function emptySetup(): Setup {
@@ -44,12 +44,12 @@ export function columnsOf(setup: Setup, file: ParsedFile): ColumnSelection {
   return defaultColumns(file, setup.reading.track, setup.reading.metresPerPixel !== null);
 }
 
-/** All tracks, as they are read now. */
+/** All tracks with the current reading options. */
 export function tracksOf(setup: Setup): Track[] {
   return setup.files.flatMap((file) => readTracks(file, columnsOf(setup, file), setup.reading));
 }
 
-/** What looking at the tracks suggests where nobody said anything: y downwards, a floor. In words, what was set. */
+/** Sets reading options that the data suggest (y downwards, a floor); returns messages about them. */
 export function guessReading(setup: Setup): string[] {
   const notes: string[] = [];
   const first = setup.files[0];
@@ -58,28 +58,28 @@ export function guessReading(setup: Setup): string[] {
   const { pixels } = unitsNeeded(setup);
   let tracks = tracksOf(setup);
   const up = upwardAcceleration(tracks);
-  // In units of nobody's knowledge only the direction is told.
+  // With unknown units only the direction is meaningful.
   if (setup.reading.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
     setup.reading.yDown = true;
     tracks = tracksOf(setup);
-    notes.push("y was set to be counted downwards: read upwards, what is thrown would fall up.");
+    notes.push("y was set to point downwards: otherwise objects would fall upwards.");
   }
   const scaled = !pixels || setup.reading.metresPerPixel !== null;
   const contactHeight = setup.subject === "ball" && scaled && setup.ball.floor === null ? typicalBounceHeight(tracks) : null;
   if (contactHeight !== null) {
     setup.ball.floor = Number((contactHeight - setup.ball.radius).toFixed(4));
-    notes.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (centre less radius).`);
+    notes.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (height of the centre minus radius).`);
   }
   return notes;
 }
 
-/** m of a pixel with which the tracks would fall as gravity has it. */
+/** Size of a pixel, m, for which the tracks fall with the given gravity. */
 export function pixelSizeFromGravity(setup: Setup): number | null {
   const up = upwardAcceleration(tracksOf({ ...setup, reading: { ...setup.reading, metresPerPixel: 1, lengthUnit: "" } }));
   return up ? Number((setup.ball.gravity / Math.abs(up)).toPrecision(4)) : null;
 }
 
-/** The scene that tracks are drawn over. */
+/** The scene below the tracks. */
 export function sceneOf(setup: Setup): Scene {
   if (setup.subject === "scene" || setup.subject === "task") return setup.scene ?? { format: "iplw.scene/1", bodies: [] };
   const { radius, floor } = setup.ball;
@@ -88,21 +88,21 @@ export function sceneOf(setup: Setup): Scene {
   return { format: "iplw.scene/1", name: "one ball", bodies: [body], statics: floor === null ? [] : [ground] };
 }
 
-/** Whether the size of a pixel, and the number of pictures a second, must be said. */
+/** Whether the size of a pixel and the frame rate are required. */
 export function unitsNeeded(setup: Setup): { pixels: boolean; pictures: boolean } {
   const first = setup.files[0];
   const needed = first ? unitsUnknown(first, columnsOf(setup, first)) : { pixels: false, pictures: false };
   return { pixels: needed.pixels || setup.reading.lengthUnit === "px", pictures: needed.pictures || setup.reading.timeUnit === "frames" };
 }
 
-/** Why it cannot be asked for yet; `null` if it can. */
+/** A message about missing input; `null` if the request is complete. */
 export function missingInput(setup: Setup): string | null {
-  if (setup.subject === "job") return setup.job ? null : "Choose an estimation whose trials are to be diagnosed.";
-  if (!setup.files.length) return "Drop a CSV of tracks, or choose one.";
+  if (setup.subject === "job") return setup.job ? null : "Choose an estimation.";
+  if (!setup.files.length) return "Drop or choose a CSV file with tracks.";
   if (setup.subject !== "ball" && !setup.scene) return setup.subject === "task" ? "Choose a task." : "Open a scene file.";
   const { pixels, pictures } = unitsNeeded(setup);
-  if (pixels && setup.reading.metresPerPixel === null) return "Coordinates are in pixels: say how many metres one is.";
-  if (pictures && setup.reading.fps === null) return "Times are numbers of pictures: say how many there are in a second.";
+  if (pixels && setup.reading.metresPerPixel === null) return "Coordinates are in pixels: enter metres per pixel.";
+  if (pictures && setup.reading.fps === null) return "Times are frame numbers: enter frames per second.";
   return null;
 }
 
@@ -117,7 +117,7 @@ export function requestBody(setup: Setup): Schema<"DiagnosisIn"> {
   return { ...subject, trials, ...(Object.keys(reading).length ? { reading } : {}) };
 }
 
-/** What was said, as the server takes it. */
+/** Reading options in the format of the request. */
 export function readingRequest(reading: ReadingOptions): Schema<"ReadingIn"> {
   return {
     ...(reading.fps === null ? {} : { fps: reading.fps }),

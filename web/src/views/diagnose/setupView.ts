@@ -1,4 +1,4 @@
-// The desk: files, how they are read, what they are of, and the tracks over the scene as all that makes them.
+// The setup view: files, reading options, subject, and a preview of the tracks over the scene.
 
 import { api, ok } from "../../api/client";
 import { ProblemError } from "../../api/problem";
@@ -13,10 +13,10 @@ import { requestBody, emptySetup, guessReading, missingInput, sceneOf, type Setu
 import { facts, preview } from "./preview";
 import { subjectForm } from "./subjectForm";
 
-/** What was set up last: there again after a diagnosis was looked at. */
+/** The last setup, restored after a diagnosis was viewed. */
 let lastSetup: Setup = emptySetup();
 
-/** Fills a place with the desk. */
+/** Fills a container with the setup view. */
 export function setupView(place: HTMLElement, outer: Context): void {
   const abort = new AbortController();
   const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, abort.signal]) };
@@ -44,7 +44,7 @@ export function setupView(place: HTMLElement, outer: Context): void {
   const zone = fileInput(place, async (cuts) => {
     context.fail(null);
     const fresh = emptySetup();
-    // Another recording of the same thing: what it is of stays, how it is read is told anew.
+    // New files of the same subject: keep the subject, reset the reading options.
     Object.assign(setup, { files: cuts, columns: null, said: fresh.reading, ...(setup.subject === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
     if (setup.subject === "job") setup.subject = "ball";
     notes = guessReading(setup);
@@ -66,7 +66,7 @@ export function setupView(place: HTMLElement, outer: Context): void {
         context.fail(e);
       });
   });
-  const restart = h("button", { type: "button", class: "quiet" }, "Start anew");
+  const restart = h("button", { type: "button", class: "quiet" }, "Reset");
   restart.addEventListener("click", () => {
     abort.abort();
     lastSetup = emptySetup();
@@ -74,8 +74,8 @@ export function setupView(place: HTMLElement, outer: Context): void {
     setupView(place, outer);
   });
   const tracksCard = card("Tracks", zone, files);
-  const readingCard = card("How they are read", readings);
-  const subjectCard = card("What they are of", subjects);
+  const readingCard = card("Reading options", readings);
+  const subjectCard = card("Recorded object", subjects);
   const controls = h("div", { class: "stack" }, tracksCard, subjectCard, readingCard);
   put(place, h("div", { class: "desk" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, restart, problemText), previewPane)));
   form();
@@ -85,7 +85,7 @@ function card(title: string, ...content: HTMLElement[]): HTMLElement {
   return h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
 }
 
-/** Replaces a form; the field that had the focus has it again. */
+/** Replaces a form and restores the focus. */
 function refill(place: HTMLElement, content: HTMLElement): void {
   const inputs = (): HTMLElement[] => [...place.querySelectorAll<HTMLElement>("input, select, button")];
   const focusIndex = inputs().indexOf(document.activeElement as HTMLElement);
@@ -93,7 +93,7 @@ function refill(place: HTMLElement, content: HTMLElement): void {
   if (focusIndex >= 0) inputs()[focusIndex]?.focus();
 }
 
-/** What the server refuses, at the field that it names. */
+/** Displays an error at the field that it names. */
 function showFieldError(error: unknown, fields: Record<string, Field>): void {
   if (!(error instanceof ProblemError) || !error.problem.field) return;
   const field = fields[error.problem.field];
@@ -108,24 +108,24 @@ function fileList(setup: Setup): HTMLElement {
   return h("span", {}, h("strong", {}, names), others);
 }
 
-/** The tracks over the scene, and what they tell at a glance. */
+/** The tracks over the scene, with a summary. */
 function picture(setup: Setup, notes: readonly string[], restart: () => void): HTMLElement[] {
-  if (setup.subject === "job") return [h("p", { class: "soft" }, "An estimation's trials are diagnosed as it measured them, with the scene that it simulates.")];
+  if (setup.subject === "job") return [h("p", { class: "soft" }, "The trials of the estimation are diagnosed with its scene.")];
   const scene = sceneOf(setup);
   const tracks = tracksOf(setup);
   if (!tracks.length && !setup.scene) return [h("p", { class: "soft" }, setup.files.length ? NOTHING : START)];
   const { pixels } = unitsNeeded(setup);
-  const note = pixels && setup.reading.metresPerPixel === null ? "A pixel is drawn as a metre until its size is said." : "";
+  const note = pixels && setup.reading.metresPerPixel === null ? "A pixel is drawn as a metre until its size is entered." : "";
   const previewPane = preview(scene, tracks, note);
   const scale = setup.reading.metresPerPixel ?? 1;
   const rulerElement = pixels && scale > 0 ? ruler(previewPane.picture, scale, (v) => ((setup.reading.metresPerPixel = v), restart())) : null;
   return [
     previewPane.element,
     ...(rulerElement ? [rulerElement] : []),
-    tracks.length ? facts(tracks, setup.subject === "ball" ? setup.ball.gravity : null) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop the CSV of the tracks."),
+    tracks.length ? facts(tracks, setup.subject === "ball" ? setup.ball.gravity : null) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop a CSV file with tracks."),
     ...notes.map((text) => h("p", { class: "told" }, text)),
   ];
 }
 
-const START = "The tracks are drawn here, over the scene, as they will be read. Nothing is sent before you run the diagnosis.";
-const NOTHING = "No numbers were found in the chosen columns. Choose others, or run it to hear what the server says of the file.";
+const START = "Preview of the tracks over the scene. Nothing is sent before you run the diagnosis.";
+const NOTHING = "The selected columns contain no numbers. Choose others, or run the diagnosis to see the server's message.";

@@ -1,4 +1,4 @@
-// What the tracks are of: one ball that flies, a scene file, a task's scene; or an estimation that measured its own.
+// The subject of the tracks: a single ball, a scene file, a task's scene, or the trials of an estimation.
 
 import { api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
@@ -12,10 +12,10 @@ export interface SubjectForm {
   fields: Record<string, Field>;
 }
 
-/** The fields; `changed` after every change, `again` after one that other fields depend on. */
+/** The fields; `onChange` is called after every change, `rebuild` after one that affects other fields. */
 export function subjectForm(setup: Setup, onChange: () => void, rebuild: () => void, context: Context): SubjectForm {
-  const kinds = [["ball", "one ball that flies"], ["scene", "a scene file"], ["task", "a task's scene"], ["job", "an estimation's trials"]] as const;
-  const kind = radios("They are of", kinds, setup.subject, (v) => {
+  const kinds = [["ball", "a single ball"], ["scene", "a scene file"], ["task", "a task's scene"], ["job", "an estimation's trials"]] as const;
+  const kind = radios("What was filmed?", kinds, setup.subject, (v) => {
     setup.subject = v as Setup["subject"];
     [setup.scene, setup.sceneName] = [null, ""];
     rebuild();
@@ -33,11 +33,11 @@ function ball(setup: Setup, onChange: () => void, rebuild: () => void): SubjectF
   const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), onChange()));
   const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), onChange()));
   const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), onChange()));
-  const floor = numeric("Its height", "m", ball.floor, (v) => ((ball.floor = v), onChange()));
+  const floor = numeric("Floor height", "m", ball.floor, (v) => ((ball.floor = v), onChange()));
   const hasFloor = h("input", { type: "checkbox", checked: ball.floor !== null });
   hasFloor.addEventListener("change", () => ((ball.floor = hasFloor.checked ? 0 : null), rebuild()));
   const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, hasFloor, "There is a floor"), ball.floor === null ? null : floor.element);
-  const note = h("p", { class: "soft" }, "While it flies, radius and mass hardly matter; where it bounces, the radius does.");
+  const note = h("p", { class: "soft" }, "The radius matters only for bounces; the mass is optional.");
   const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground, note);
   return { element, fields: { "ball.radius": radius, "ball.mass": mass, "ball.gravity": gravity, ...(ball.floor === null ? {} : { "ball.floor": floor }) } };
 }
@@ -77,14 +77,14 @@ function task(setup: Setup, rebuild: () => void, context: Context): HTMLElement 
   return place;
 }
 
-/** Newest estimations that are looked at, and most that are listed. */
+/** Maximum number of estimations read, newest first, and listed. */
 const [MAX_JOBS_READ, MAX_JOBS_LISTED] = [200, 20];
 
 function jobs(setup: Setup, onChange: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
   const fill = async (): Promise<void> => {
     const choices = await estimations(context.signal);
-    if (!choices.length) return void put(place, h("p", { class: "soft" }, "No estimation has measured anything yet."));
+    if (!choices.length) return void put(place, h("p", { class: "soft" }, "There is no estimation with trials."));
     const field = choice("Estimation", [["", "choose"], ...choices.map((job) => [job.id, jobLabel(job)] as const)], setup.job, (v) => ((setup.job = v), onChange()));
     put(place, field.element);
   };
@@ -92,7 +92,7 @@ function jobs(setup: Setup, onChange: () => void, context: Context): HTMLElement
   return place;
 }
 
-/** Estimations that may have measured something, the newest first. */
+/** Estimations that may have trials, newest first. */
 async function estimations(signal: AbortSignal): Promise<Schema<"JobOut">[]> {
   const query = { kind: "iplw", order: "newest", results: false, limit: MAX_JOBS_READ };
   const { jobs } = await ok(api.GET("/v1/jobs", { params: { query }, signal }));

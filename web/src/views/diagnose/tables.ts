@@ -4,12 +4,12 @@ import { h } from "../../dom";
 import type { HeldOut, Report, Score } from "./report";
 import { probability, digits, interval, metres, effectSetName, estimatesText, symbol, title } from "./messages";
 
-/** Sets that are shown at once. */
+/** Sets displayed at first. */
 const MAX_SETS_SHOWN = 8;
-/** A column's heading; those of numbers stand to the right. */
+/** A column heading; columns of numbers are right-aligned. */
 type Heading = string | { number: string };
 
-/** A table that scrolls by itself where it is wider than its place. */
+/** A table that scrolls horizontally if necessary. */
 export function table(caption: string, headings: readonly Heading[], rows: readonly (readonly string[])[]): HTMLElement {
   const right = headings.map((c) => (typeof c === "string" ? null : "n"));
   const names = headings.map((c) => (typeof c === "string" ? c : c.number));
@@ -27,8 +27,8 @@ export function effectsTable(report: Report): HTMLElement | null {
     e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), probability(e.p_value)]),
   );
   if (!rows.length) return null;
-  const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Spread by launch" }, { number: "p" }];
-  return table("Effects found; p is corrected for the search over the library", headings, rows);
+  const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Sd between trials" }, { number: "p" }];
+  return table("Effects; p-values are corrected for the search over the library", headings, rows);
 }
 
 export function credibleSetList(report: Report): HTMLElement | null {
@@ -36,54 +36,54 @@ export function credibleSetList(report: Report): HTMLElement | null {
   return h("ul", { class: "ties" }, ...report.rivals.map((r) => h("li", {}, effectSetName(r))));
 }
 
-/** The best of the sets that were fitted, the others behind a click, and those that could not be. */
+/** The best fitted sets, the others in a collapsed table, and those that failed. */
 export function setsTable(report: Report): HTMLElement | null {
   if (!report.scores.length) return null;
-  const headings: Heading[] = ["Set", { number: "Score, nats" }, { number: "Worse, probability" }, "Sizes, where it ties"];
+  const headings: Heading[] = ["Set", { number: "Score, nats" }, { number: "P(worse)" }, "Estimates, if in the credible set"];
   const row = (s: Score): string[] => [effectSetName(s.effects), s.score.toFixed(1), s.probability_worse.toFixed(3), estimatesText(s.sizes)];
   const rest = report.scores.slice(MAX_SETS_SHOWN).map(row);
-  const note = "Sets of effects by log predictive density of launches told from the others, beside the best set's; and the bootstrap's probability that a set predicts worse";
+  const note = "Sets of effects by held-out log predictive density relative to the best set, with the bootstrap probability of a worse prediction";
   return h(
     "div",
     { class: "stack" },
     table(note, headings, report.scores.slice(0, MAX_SETS_SHOWN).map(row)),
-    rest.length ? h("details", {}, h("summary", {}, `Every other set that was fitted (${rest.length})`), table("The other sets", headings, rest)) : null,
-    report.failed.length ? h("p", { class: "soft" }, `Could not be fitted, and have not lost: ${report.failed.map(effectSetName).join("; ")}.`) : null,
+    rest.length ? h("details", {}, h("summary", {}, `Other fitted sets (${rest.length})`), table("Other sets", headings, rest)) : null,
+    report.failed.length ? h("p", { class: "soft" }, `Could not be fitted: ${report.failed.map(effectSetName).join("; ")}.`) : null,
   );
 }
 
 export function gainsTable(report: Report): HTMLElement | null {
   const all: [string, HeldOut | null | undefined][] = [
     ["held-out trials", report.gain.held_out],
-    ["held-out trials, with the law without a name", report.residual_law?.held_out],
-    ["a setting never fitted", report.gain.extrapolation],
+    ["held-out trials, with the empirical formula", report.residual_law?.held_out],
+    ["a setting not used for fitting", report.gain.extrapolation],
   ];
   const rows = all.flatMap(([on, g]) =>
     g ? [[on, String(g.trials), metres(g.base_rmse), metres(g.extended_rmse), metres(g.floor_rmse), g.excess_removed === null ? "-" : `${(100 * g.excess_removed).toFixed(1)} %`]] : [],
   );
   if (!rows.length) return null;
   const headings: Heading[] = ["On", { number: "Trials" }, { number: "Error before" }, { number: "Error after" }, { number: "Noise" }, { number: "Excess removed" }];
-  return table("Errors on trials that were not fitted; starts are fitted for every trial, everything else comes from other trials", headings, rows);
+  return table("Errors on held-out trials; only the initial state is fitted to each trial", headings, rows);
 }
 
 export function latentsTable(report: Report): HTMLElement | null {
-  const rows = report.calibrated.map((c) => [title(c.name), digits(c.value), c.identifiable ? interval(c.ci95) : "not told by these trials"]);
-  return rows.length ? table("Latents estimated along", ["Latent", { number: "Value" }, "95 % interval"], rows) : null;
+  const rows = report.calibrated.map((c) => [title(c.name), digits(c.value), c.identifiable ? interval(c.ci95) : "not identifiable"]);
+  return rows.length ? table("Estimated latents", ["Latent", { number: "Value" }, "95 % interval"], rows) : null;
 }
 
-/** The figures behind the verdict. */
+/** Statistics behind the verdict. */
 export function factsList(report: Report): HTMLElement {
   const { residual: r, unlike } = report;
   const rows: [string, string][] = [
     ["Error of the base model", metres(r.base_rmse)],
     ["Noise floor", metres(r.floor_rmse)],
-    ["p of no misfit", probability(r.lack_of_fit_p)],
-    ["p of white residuals", probability(r.whiteness_p)],
+    ["p-value, no misfit", probability(r.lack_of_fit_p)],
+    ["p-value, white residuals", probability(r.whiteness_p)],
     ["Correlation of neighbouring residuals", r.autocorrelation.toFixed(2)],
     ["Correlation of the noise", r.noise_correlation.toFixed(2)],
-    ["Unexplained share of the excess", report.unexplained_share === null ? "nothing to explain" : report.unexplained_share.toFixed(3)],
-    ...(report.remainder ? [["What is left", report.remainder.text] as [string, string]] : []),
-    ...unlike.map((u): [string, string] => [`Launches differ in ${title(u.effect)} ${u.parameter}`, `by ${digits(u.spread)} ${symbol(u.unit)} (standard deviation)`]),
+    ["Unexplained share of the excess error", report.unexplained_share === null ? "nothing to explain" : report.unexplained_share.toFixed(3)],
+    ...(report.remainder ? [["Residual summary", report.remainder.text] as [string, string]] : []),
+    ...unlike.map((u): [string, string] => [`Between-trial variation of ${title(u.effect)} ${u.parameter}`, `${digits(u.spread)} ${symbol(u.unit)} (sd)`]),
   ];
   return h("dl", { class: "facts figures" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
 }

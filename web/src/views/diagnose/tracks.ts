@@ -1,10 +1,10 @@
-// Tracks as they will be read: m, s, y up; and what can be told of them at a glance.
+// Tracks in m and s with y up, and summary statistics.
 
 import type { Point } from "../../scene/types";
 import { LENGTHS, TIMES, unitNamed } from "./columns";
 import { type ColumnSelection, type ParsedFile, number } from "./parseFile";
 
-/** What a file does not say of itself; empty for what nobody said. */
+/** Options that a file does not contain; empty if not given. */
 export interface ReadingOptions {
   fps: number | null;
   metresPerPixel: number | null;
@@ -14,7 +14,7 @@ export interface ReadingOptions {
   track: string;
 }
 
-/** A launch of one body. */
+/** A trial of one body. */
 export interface Track {
   trial: string;
   body: string;
@@ -45,13 +45,13 @@ export function readTracks(of: ParsedFile, columns: ColumnSelection, options: Re
   return [...heights.values()];
 }
 
-/** Whether coordinates are in pixels, and times in pictures, whose size must be said. */
+/** Whether coordinates are in pixels and times in frames, so that their size is required. */
 export function unitsUnknown(of: ParsedFile, columns: ColumnSelection): { pixels: boolean; pictures: boolean } {
   const clock = of.columns[columns.clock];
   return { pixels: of.columns[columns.x]?.unit?.size === null, pictures: clock?.quantity === "frame" || clock?.unit?.size === null };
 }
 
-/** How many tracks, samples, how far, how long; and the acceleration upwards that they fly with, m/s^2. */
+/** Number of trials and samples, extent, duration, and upward acceleration, m/s^2. */
 export interface TracksSummary {
   trials: number;
   samples: number;
@@ -59,7 +59,7 @@ export interface TracksSummary {
   height: number;
   seconds: number;
   lowest: number;
-  /** `null` where it is not told. */
+  /** `null` if unknown. */
   upwardAcceleration: number | null;
 }
 
@@ -78,11 +78,11 @@ export function summarise(tracks: readonly Track[]): TracksSummary {
   return { trials, samples, width: box[2] - box[0], height: box[3] - box[1], seconds, lowest: box[1], upwardAcceleration: upwardAcceleration(tracks) };
 }
 
-/** Pieces that a track is cut into, and fewest samples of one. */
+/** Maximum number of pieces of a track, and minimum number of samples in one. */
 const [MAX_PIECES, MIN_SAMPLES_PER_PIECE] = [3, 8];
 
-/** The median over pieces of tracks of the curvature of a parabola fitted to y; of the pieces those count that it fits best, so
- * that bounces do not. */
+/** Median curvature of parabolas fitted to y over pieces of tracks; only the better half of the fits is used, to exclude
+ * bounces. */
 export function upwardAcceleration(tracks: readonly Track[]): number | null {
   const fits = tracks.flatMap(({ t, at }) => {
     const count = Math.max(1, Math.min(MAX_PIECES, Math.floor(t.length / MIN_SAMPLES_PER_PIECE)));
@@ -96,7 +96,7 @@ export function upwardAcceleration(tracks: readonly Track[]): number | null {
   return best.length ? best[best.length >> 1]! : null;
 }
 
-/** The second derivative of the parabola nearest to values, and the mean square of how far off they are. */
+/** Second derivative of the least-squares parabola, and its mean squared residual. */
 function fitParabola(t: readonly number[], y: readonly number[]): { curve: number; off: number } | null {
   const n = t.length;
   const middle = t.reduce((a, b) => a + b, 0) / n;
@@ -113,10 +113,10 @@ function fitParabola(t: readonly number[], y: readonly number[]): { curve: numbe
   return { curve: 2 * curvature, off: misfit };
 }
 
-/** Times the usual change of velocity between samples, and m/s: by which a path must turn upwards to have bounced. */
+/** Minimum change of vertical velocity in a bounce: multiple of the median change between samples, and m/s. */
 const MIN_BOUNCE_TURN = [8, 0.5] as const;
 
-/** Heights of the centre at which tracks turn upwards sharply, as in a bounce: where the parabolas before and after meet. */
+/** Heights of the centre at sharp upward turns: intersections of the parabolas before and after. */
 export function bounceHeights(tracks: readonly Track[]): number[] {
   return tracks.flatMap(({ t, at }) => {
     const speed = (i: number): number => (at[i + 1]![1] - at[i]![1]) / (t[i + 1]! - t[i]!);
@@ -127,12 +127,12 @@ export function bounceHeights(tracks: readonly Track[]): number[] {
     const curvature = median(turns.map((v, i) => (2 * v) / (t[i + 2]! - t[i]!)));
     const turn = (i: number): number => (speeds[i + 1] ?? -Infinity) - speeds[i - 1]!;
     const heights: number[] = [];
-    // The interval with the bounce in it is between one that falls and one that rises, and they differ the most.
+    // The interval that contains the bounce lies between a falling and a rising one, with the largest difference.
     for (let i = 1; i + 1 < speeds.length; i++) {
       const [down, up] = [speeds[i - 1]!, speeds[i + 1]!];
       if (!(down < 0 && up > 0 && up - down > sharp) || turn(i + 1) > up - down) continue;
       const span = t[i + 1]! - t[i]!;
-      // Speeds are those in the middle of their intervals.
+      // Speeds hold at the middle of their intervals.
       const before = down + 0.5 * curvature * (t[i]! - t[i - 1]!);
       const after = up - 0.5 * curvature * (t[i + 2]! - t[i + 1]!);
       const when = (at[i + 1]![1] - at[i]![1] - after * span + 0.5 * curvature * span * span) / (before - after + curvature * span);
@@ -144,7 +144,7 @@ export function bounceHeights(tracks: readonly Track[]): number[] {
   });
 }
 
-/** The height of the centre when the ball touches what it bounces off; `null` where hardly anything bounces. */
+/** Height of the centre at contact with the ground; `null` if there are few bounces. */
 export function typicalBounceHeight(tracks: readonly Track[]): number | null {
   const heights = bounceHeights(tracks).sort((a, b) => a - b);
   return heights.length > 1 && heights.length > tracks.length / 10 ? heights[heights.length >> 1]! : null;

@@ -1,4 +1,4 @@
-// Launches before and after: all of them over the scene, one at a time with what the models predict of it.
+// Trials before and after the extension: all of them over the scene, one selected with predictions.
 
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
@@ -8,21 +8,21 @@ import { overlay, dotElements, bandElement, pathElements } from "./overlay";
 import { openInPlay } from "./openInPlay";
 import { trialsByDistance, sceneOfTrial, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
 
-/** Standard deviations to either side that a band is drawn over. */
+/** Half-width of a band in standard deviations. */
 const BAND_SDS = 2;
 
-/** The choice of a launch, its path over the scene among all others, and its residuals. */
+/** Selection of a trial, its trajectory over the scene among all others, and its residuals. */
 export function trajectories(report: Report, scene: Scene, signal: AbortSignal): HTMLElement[] {
   const order = trialsByDistance(report).filter((trial) => trajectoryOf(report.paths, trial) !== null);
   if (!order.length) return [];
   const medianTrial = order[order.length >> 1]!;
   const place = h("div", { class: "stack" });
   const names = new Map(report.launches.map((l) => [l.trial, l.name]));
-  const trialName = (trial: number): string => (names.get(trial) === String(trial) ? `launch ${trial}` : `${trial}: ${names.get(trial) ?? "launch"}`);
-  const mark = (trial: number): string => (report.predictive && trial === order[0] ? " (the furthest off)" : report.predictive && trial === medianTrial ? " (the usual one)" : "");
+  const trialName = (trial: number): string => (names.get(trial) === String(trial) ? `trial ${trial}` : `${trial}: ${names.get(trial) ?? "trial"}`);
+  const mark = (trial: number): string => (report.predictive && trial === order[0] ? " (largest deviation)" : report.predictive && trial === medianTrial ? " (median deviation)" : "");
   const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${trialName(t)}${mark(t)}`] as const);
   const show = (value: string): void => put(place, ...trialView(report, scene, Number(value), signal)) && undefined;
-  const field = choice("Launch", options, String(medianTrial), show);
+  const field = choice("Trial", options, String(medianTrial), show);
   const step = (text: string, by: number): HTMLElement => {
     const button = h("button", { type: "button" }, text);
     button.addEventListener("click", () => {
@@ -32,15 +32,15 @@ export function trajectories(report: Report, scene: Scene, signal: AbortSignal):
     });
     return button;
   };
-  const furthest = h("button", { type: "button" }, "The furthest off");
+  const furthest = h("button", { type: "button" }, "Largest deviation");
   furthest.addEventListener("click", () => show((field.input.value = String(order[0]))));
-  const playButton = h("button", { type: "button" }, "Play this launch");
+  const playButton = h("button", { type: "button" }, "Play this trial");
   playButton.addEventListener("click", () => {
     const startScene = sceneOfTrial(report, Number(field.input.value));
     if (startScene) openInPlay(startScene, report);
   });
   show(String(medianTrial));
-  return [h("div", { class: "row" }, field.element, step("Before it", -1), step("After it", 1), report.predictive ? furthest : null, report.extended_scene ? playButton : null), place];
+  return [h("div", { class: "row" }, field.element, step("Previous", -1), step("Next", 1), report.predictive ? furthest : null, report.extended_scene ? playButton : null), place];
 }
 
 function trialView(report: Report, scene: Scene, trial: number, signal: AbortSignal): HTMLElement[] {
@@ -56,21 +56,21 @@ function trialView(report: Report, scene: Scene, trial: number, signal: AbortSig
     pathElements(splitAt(trajectory.after.at, trajectory.starts), "track after"),
     dotElements(trajectory.observed, "seen-spot"),
   ];
-  const label = `Launch ${trial}: seen, by the base model and by the extended one`;
+  const label = `Trial ${trial}: measured, base model and extended model`;
   const key = h(
     "div",
     { class: "row keys" },
-    h("span", { class: "key swatch seen" }, "seen"),
+    h("span", { class: "key swatch seen" }, "measured"),
     h("span", { class: "key swatch before" }, "base model"),
     h("span", { class: "key swatch after" }, "extended model"),
-    h("span", { class: "key swatch other" }, "other launches"),
+    h("span", { class: "key swatch other" }, "other trials"),
   );
   const all = [...trajectory.observed, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
-  const note = `Bands are ${BAND_SDS} standard deviations of what a model predicts of an observation.`;
+  const note = `Bands: ${BAND_SDS} predictive standard deviations of an observation.`;
   return [key, overlay(scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, 0, signal), residual(trajectory, 1, signal))];
 }
 
-/** A band across a way: along its normal where it goes, by what is predicted there. */
+/** A band across a trajectory: predictive standard deviation along the normal. */
 function bandElements(trajectory: TrialTrajectory, model: ModelPrediction, look: string): (SVGElement | null)[] {
   const [low, high]: [Point[], Point[]] = [[], []];
   model.at.forEach((p, i) => {
@@ -95,10 +95,10 @@ function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal)
     ];
   };
   const series = [...of("base model", "--real", trajectory.before, true), ...of("extended model", "--sim", trajectory.after, false)];
-  return plot({ title: `Launch ${trajectory.trial}: residual in ${letter}`, x: "t, s", y: `seen less simulated ${letter}, m` }, series, signal);
+  return plot({ title: `Trial ${trajectory.trial}: residual in ${letter}`, x: "t, s", y: `measured - simulated ${letter}, m` }, series, signal);
 }
 
-/** Pieces of a list that begin at some places. */
+/** A list split at indices. */
 export function splitAt<T>(list: readonly T[], starts: readonly number[]): T[][] {
   const edges = [0, ...starts, list.length];
   return edges.slice(1).map((end, k) => list.slice(edges[k]!, end));

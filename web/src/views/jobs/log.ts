@@ -1,4 +1,4 @@
-// The log of a job: what happened, line by line, with a tail that is followed.
+// The log of a job, line by line, optionally following its end.
 
 import { all, api, ok, type Schema } from "../../api/client";
 import { uniqueId, h } from "../../dom";
@@ -8,12 +8,12 @@ import type { Context } from "../../view";
 
 type Line = Schema<"LineOut">;
 
-/** Lines that are shown; the server keeps as many. */
+/** Displayed lines; the server keeps as many. */
 const MAX_LINES = 1_000;
 
 export interface JobLog {
   element: HTMLElement;
-  /** Fetches what has come since. */
+  /** Fetches new lines. */
   update: () => void;
 }
 
@@ -21,12 +21,12 @@ export function jobLog(id: string, context: Context): JobLog {
   const box = uniqueId("tail");
   const tail = h("input", { id: box, type: "checkbox", checked: true });
   const lines = h("div", { class: "log", role: "log", tabindex: 0, "aria-label": `Log of ${id}` });
-  const none = h("p", { class: "soft" }, "No line yet.");
-  const element = h("section", { class: "card stack", "aria-label": "Log" }, h("div", { class: "row" }, h("h2", {}, "Log"), tail, h("label", { for: box }, "Follow its end")), none, lines);
+  const none = h("p", { class: "soft" }, "No lines yet.");
+  const element = h("section", { class: "card stack", "aria-label": "Log" }, h("div", { class: "row" }, h("h2", {}, "Log"), tail, h("label", { for: box }, "Follow the end")), none, lines);
   let last: Line | null = null;
   const end = (): void => void (tail.checked && (lines.scrollTop = lines.scrollHeight));
   tail.addEventListener("change", end);
-  // Who scrolls up reads; who comes back to the end follows again.
+  // Scrolling up stops following the end; scrolling to the end resumes it.
   lines.addEventListener("scroll", () => (tail.checked = lines.scrollTop + lines.clientHeight >= lines.scrollHeight - 4));
   const update = latest<null>(async () => {
     const after = last?.number ?? 0;
@@ -35,7 +35,7 @@ export function jobLog(id: string, context: Context): JobLog {
         (cursor) => ok(api.GET("/v1/jobs/{id}/log", { params: { path: { id }, query: { after, limit: MAX_LINES, ...(cursor ? { cursor } : {}) } }, signal: context.signal })),
         (page) => page.lines,
       );
-      // Set by the last line that came, before a scroll of ours can tell.
+      // Read before appending lines, because that fires a scroll event.
       const wasFollowing = tail.checked;
       for (const line of newLines) {
         lines.append(...rows(line, last));
@@ -52,7 +52,7 @@ export function jobLog(id: string, context: Context): JobLog {
   return { element, update: () => update(null) };
 }
 
-/** A line, after its day where that is another than the line's before. */
+/** A line, preceded by its date if that differs from the previous line's. */
 function rows(line: Line, before: Line | null): HTMLElement[] {
   const today = day(line.at);
   const head = before && day(before.at) === today ? [] : [h("p", { class: "soft" }, today)];

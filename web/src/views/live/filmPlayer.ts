@@ -1,4 +1,4 @@
-// The film of one action in a world: what was placed, how it moved, how it ended.
+// The film of one action in a world: placement, motion, outcome.
 
 import { h, put, s } from "../../dom";
 import { player } from "../../parts/player";
@@ -11,13 +11,13 @@ import type { Context } from "../../view";
 
 export interface FilmPlayer {
   element: HTMLElement;
-  /** The scene as it stands, and why nothing moves. */
+  /** Displays the current scene, and why nothing moves. */
   empty: (why: string) => void;
-  /** An action with its film; without one it was not carried out. */
+  /** Displays an action with its film; without a film the action was not executed. */
   show: (action: readonly number[], film: Film | null, verdict: string) => void;
 }
 
-/** The screen of a scene. */
+/** The film player of a scene. */
 export function filmPlayer(scene: Scene, label: string, context: Context): FilmPlayer {
   const drawing = picture(scene, label);
   const trails = s("g");

@@ -1,4 +1,4 @@
-// What happened in a world, in words, and the world after it.
+// Texts of world events, and the world after an event.
 
 import type { Schema } from "../../api/client";
 import { short } from "../../parts/slider";
@@ -6,7 +6,7 @@ import { short } from "../../parts/slider";
 export type World = Schema<"WorldOut">;
 export type WorldEvent = Schema<"HappenedOut">;
 
-/** The world after an event, as far as the event tells. */
+/** The world after an event, as far as the event describes it. */
 export function applyEvent(world: World, event: WorldEvent): World {
   const state = { ...world.state };
   if (event.what === "reset") [state.task, state.phase, state.episodes] = [event.task ?? null, "ready", state.episodes + 1];
@@ -15,12 +15,12 @@ export function applyEvent(world: World, event: WorldEvent): World {
   return { ...world, state, interactions: event.interactions, remaining, ...(event.latents ? { latents: event.latents } : {}) };
 }
 
-/** What a world that nothing happens in waits for. */
+/** Text of the next expected event. */
 export function waitingFor(world: World): string {
-  return { new: "No episode has begun.", ready: "An action is waited for.", done: "The episode has ended." }[world.state.phase] ?? "";
+  return { new: "No episode has started.", ready: "Waiting for an action.", done: "The episode has ended." }[world.state.phase] ?? "";
 }
 
-/** How an action ended; empty for attempts beside the episode. */
+/** Outcome of an action; empty for attempts outside the episode. */
 export function verdict(event: WorldEvent): string {
   if (event.what === "attempts") return "";
   if (!event.valid) return `not placed: ${event.reason ?? ""}`;
@@ -28,7 +28,7 @@ export function verdict(event: WorldEvent): string {
   return event.solved ? "solved" : "not solved";
 }
 
-/** An event in a line. */
+/** One-line text of an event. */
 export function eventText(event: WorldEvent): string {
   const at = event.action ? ` at ${event.action.map((v) => v.toFixed(3)).join(", ")}` : "";
   switch (event.what) {
@@ -43,11 +43,11 @@ export function eventText(event: WorldEvent): string {
     case "latents":
       return `Latents set: ${Object.entries(event.latents ?? {}).map(([name, v]) => `${name} ${short(v as number)}`).join(", ")}`;
     default:
-      return "The world is gone";
+      return "The world was deleted";
   }
 }
 
-/** Whether something was attempted: the counter stands behind it. */
+/** Whether the event counts as an interaction. */
 export function countsInteraction(event: WorldEvent): boolean {
   return event.what === "attempts" || (event.what === "step" && event.valid === true);
 }

@@ -1,4 +1,4 @@
-// The list of worlds, in pages: those used last first, or by id.
+// The list of worlds in pages, by last use or by id.
 
 import { api, ok } from "../../api/client";
 import { poll } from "../../parts/poll";
@@ -7,9 +7,9 @@ import { uniqueId, h, put } from "../../dom";
 import { type Context, link } from "../../view";
 import type { World } from "./messages";
 
-/** Rows of a page. */
+/** Rows in one page. */
 const ROWS = 25;
-/** Time between two looks, ms. */
+/** Polling interval, ms. */
 const POLL_MS = 2_000;
 
 export async function worldList(place: HTMLElement, context: Context): Promise<void> {
@@ -21,7 +21,7 @@ export async function worldList(place: HTMLElement, context: Context): Promise<v
   const table = h("table", { class: "worlds" }, h("caption", { class: "unseen" }, "Worlds"), h("thead", {}, head), body);
   const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, back, forward);
   put(place, h("div", { class: "row" }, h("label", { for: id }, "Order"), order, pages), h("div", { class: "card wide" }, table));
-  // Cursors of the pages before this one; the first has none.
+  // Cursors of the previous pages; the first page has none.
   const before: (string | undefined)[] = [];
   let [cursor, next]: [string | undefined, string | null] = [undefined, null];
   const load = async (): Promise<void> => {
@@ -45,7 +45,7 @@ export async function worldList(place: HTMLElement, context: Context): Promise<v
   void poll(load, POLL_MS, context);
 }
 
-/** Shows the rows; those that have not changed stay, and keep the focus. */
+/** Updates the rows; unchanged rows keep the focus. */
 function updateRows(body: HTMLElement, worlds: readonly World[], owned: boolean): void {
   const rowsByKey = new Map([...body.children].map((row) => [(row as HTMLElement).dataset.seen, row]));
   const focus = document.activeElement?.closest("tr")?.dataset.world;
@@ -65,7 +65,7 @@ function row(world: World, cells: [string, string][], key: string): HTMLElement 
   return h("tr", { "data-world": world.id, "data-seen": key }, first, ...cells.map(([name, text]) => h("td", { "data-name": name }, text)));
 }
 
-/** A world's cells: a name for narrow pages, and what stands there. */
+/** The cells of a world, with labels for narrow screens. */
 function worldCells(world: World, owned: boolean): [string, string][] {
   const task = world.state.task && world.state.task !== world.task ? `${world.task}, now ${world.state.task}` : world.task;
   return [

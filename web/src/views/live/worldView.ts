@@ -1,4 +1,4 @@
-// One world, watched: what a program does in it, step by step, with the film of what was observed.
+// One world with its events and the film of what was observed.
 
 import { ok, api, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
@@ -11,15 +11,15 @@ import { loadTask } from "../play/taskPicker";
 import { filmPlayer, type FilmPlayer } from "./filmPlayer";
 import { applyEvent, type WorldEvent, eventText, countsInteraction, verdict, waitingFor, type World } from "./messages";
 
-/** Events that stay in the list. */
+/** Number of events listed. */
 const MAX_EVENTS_LISTED = 50;
-/** Least time between two pictures of a program that acts faster than one can look, ms. */
+/** Minimum time between two updates, ms. */
 const MIN_FRAME_INTERVAL_MS = 150;
 
-/** What is known of the world that is watched. */
+/** State of the watched world. */
 interface WatchState {
   world: World;
-  /** Scenes by task: fetched once. */
+  /** Scenes by task, read once. */
   scenes: Map<string, Promise<Scene>>;
   missed: number;
   last: number;
@@ -28,30 +28,30 @@ interface WatchState {
 export async function worldView(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
   const path = { id };
-  // Who may not see it is told so in the server's words, before anything is followed.
+  // Without permission this request fails, before the event stream is opened.
   const watch: WatchState = { world: await ok(api.GET("/v1/worlds/{id}", { params: { path }, signal })), scenes: new Map(), missed: 0, last: 0 };
   const [facts, front] = [h("div"), h("div", { class: "front" })];
-  const log = h("ol", { class: "happened", reversed: true, "aria-label": "What happened, newest first" });
-  const noEvents = h("p", { class: "soft" }, "Nothing has happened since you look on. Steps of a program appear here.");
+  const log = h("ol", { class: "happened", reversed: true, "aria-label": "Events, newest first" });
+  const noEvents = h("p", { class: "soft" }, "No events yet. Steps of a program appear here.");
   const status = h("p", { class: "soft", role: "status" }, "Connecting …");
   const box = uniqueId("follow");
   const newest = h("input", { id: box, type: "checkbox", checked: true });
   const head = h("section", { class: "card stack", "aria-label": "World" }, h("p", {}, h("a", { href: link("live") }, "All worlds")), h("h2", {}, id), facts);
-  const events = h("section", { class: "card stack", "aria-label": "What happens" }, h("h2", {}, "What happens"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film at once")), noEvents, log);
+  const events = h("section", { class: "card stack", "aria-label": "Events" }, h("h2", {}, "Events"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film automatically")), noEvents, log);
   put(place, h("div", { class: "live-body" }, front, h("div", { class: "stack" }, head, events)));
-  let shown: { task: string; screen: FilmPlayer } | null = null;
+  let current: { task: string; screen: FilmPlayer } | null = null;
   const playerFor = async (task: string): Promise<FilmPlayer> => {
-    if (shown?.task !== task) {
+    if (current?.task !== task) {
       const scene = await sceneOf(watch, task, signal);
-      shown = { task, screen: filmPlayer(scene, `Scene of ${task} in ${id}`, context) };
-      put(front, shown.screen.element);
+      current = { task, screen: filmPlayer(scene, `Scene of ${task} in ${id}`, context) };
+      put(front, current.screen.element);
     }
-    return shown.screen;
+    return current.screen;
   };
   const show = async (event: WorldEvent): Promise<void> => {
     if (!event.task) return;
     const at = await playerFor(event.task);
-    if (event.what === "reset") at.empty("The episode has begun: an action is waited for.");
+    if (event.what === "reset") at.empty("The episode has started: waiting for an action.");
     else at.show(event.action ?? [], event.film ? (event.film as unknown as Film) : null, verdict(event));
   };
   const render = throttled((waiting: WorldEvent[]) => {
@@ -60,7 +60,7 @@ export async function worldView(place: HTMLElement, id: string, context: Context
     log.prepend(...rows);
     while (log.childElementCount > MAX_EVENTS_LISTED) log.lastElementChild!.remove();
     noEvents.hidden = log.childElementCount > 0;
-    put(status, watch.missed ? `Watching. ${watch.missed} events came faster than they could be shown.` : "Watching.");
+    put(status, watch.missed ? `Watching. ${watch.missed} events were too fast to be displayed.` : "Watching.");
     const last = waiting.filter((e) => e.what === "reset" || e.what === "step" || e.film).at(-1);
     if (last && newest.checked) show(last).catch(context.fail);
   }, signal);
@@ -69,7 +69,7 @@ export async function worldView(place: HTMLElement, id: string, context: Context
       const first = JSON.parse(data) as Schema<"WatchOut">;
       watch.world = first.world;
       watch.scenes.set(first.task, Promise.resolve(first.scene as unknown as Scene));
-      if (!shown) void playerFor(first.task).then((s) => s.empty(waitingFor(first.world))).catch(context.fail);
+      if (!current) void playerFor(first.task).then((s) => s.empty(waitingFor(first.world))).catch(context.fail);
       render(null);
       return;
     }
@@ -80,10 +80,10 @@ export async function worldView(place: HTMLElement, id: string, context: Context
     render(event);
   };
   await follow(`/v1/worlds/${encodeURIComponent(id)}/events`, (e) => onEvent(e.data, e.event), signal, "gone");
-  if (!signal.aborted) put(status, "The world is gone: it was deleted, or nobody had used it for a while.");
+  if (!signal.aborted) put(status, "The world was deleted, on request or because it was idle.");
 }
 
-/** A task's scene: of a family from the list of tasks, else what the watch began with. */
+/** A task's scene, from the list of tasks or from the first event. */
 function sceneOf(watch: WatchState, task: string, signal: AbortSignal): Promise<Scene> {
   const cached = watch.scenes.get(task) ?? loadTask(task, signal).then((t) => t.scene);
   watch.scenes.set(task, cached);
@@ -114,7 +114,7 @@ function eventRow(event: WorldEvent, pick: () => void): HTMLElement {
   return item;
 }
 
-/** Gathers what comes and paints it no more often than one can look. */
+/** Collects items and renders them at most every `MIN_FRAME_INTERVAL_MS`. */
 function throttled<T>(render: (waiting: T[]) => void, signal: AbortSignal): (one: T | null) => void {
   let [waiting, due, last]: [T[], boolean, number] = [[], false, -MIN_FRAME_INTERVAL_MS];
   const now = (): void => {

@@ -1,4 +1,4 @@
-// The form of the action space: what an action sets, between which values, and the discretised actions.
+// The form of the action space: components with ranges, bounds, discretisation.
 
 import { h } from "../../dom";
 import { unit } from "../../scene/action";
@@ -17,7 +17,7 @@ export function actionPanel(context: FormContext): Panel {
   const addButton = h("button", { type: "button", disabled: !allObjects(context.scene()).length }, "Add a component");
   addButton.addEventListener("click", () => context.change(addComponent(context.scene()), null));
   if (!action) {
-    const note = h("p", { class: "soft" }, "Nothing is placed. Choose the tool Action area and drag where the selected thing may be placed, or add a component.");
+    const note = h("p", { class: "soft" }, "There is no action. Choose the tool Action area and drag the area where the selected object may be placed, or add a component.");
     return { element: h("div", { class: "stack" }, note, h("div", { class: "row" }, addButton)), fields: [] };
   }
   const rows = action.components.map((_, i) => component(context, i));
@@ -33,7 +33,7 @@ function component(context: FormContext, index: number): Panel {
   const at = (scene: Scene): Component | undefined => scene.action?.components[index];
   const set = at(context.scene())!.set;
   const fields = [
-    nameChoice(context, { label: "Thing", path: `${path}.target`, of }, names),
+    nameChoice(context, { label: "Object", path: `${path}.target`, of }, names),
     choice(context, { label: "Sets", path: `${path}.set`, of }, SETS.map((s) => [s, s]), (scene) => at(scene)?.set ?? "", (scene, value) =>
       write(scene, path, withDefaultRange(scene, { ...at(scene)!, set: value as Component["set"] })),
     ),
@@ -55,7 +55,7 @@ function bounds(context: FormContext): Panel {
   button.addEventListener("click", () => context.change(write(context.scene(), "action.bounds", current ? undefined : boundingBox(context.scene())), null));
   if (!Array.isArray(current)) return { element: h("div", { class: "row" }, button), fields: [] };
   const fields = ["Left", "Bottom", "Right", "Top"].map((label, i) => number(context, { label, path: `action.bounds[${i}]`, unit: "m" }));
-  return { element: group("Bounds that nothing placed may leave", ...fields, button), fields };
+  return { element: group("Bounds of the action", ...fields, button), fields };
 }
 
 function discretised(context: FormContext): Panel {
@@ -63,14 +63,14 @@ function discretised(context: FormContext): Panel {
   const type = choice(
     context,
     { label: "Numbered actions", path: "action.discrete.type" },
-    [["", "the usual 10000"], ["sequence", "a sequence"], ["grid", "a grid"]],
+    [["", "default: 10000"], ["sequence", "a sequence"], ["grid", "a grid"]],
     (scene) => scene.action?.discrete?.type ?? "",
     (scene, value) => write(scene, "action.discrete", discrete(scene, value)),
   );
   type.element.classList.add("broad");
   const counts: Field[] =
     now?.type === "sequence"
-      ? [number(context, { label: "How many", path: "action.discrete.count" })]
+      ? [number(context, { label: "Count", path: "action.discrete.count" })]
       : now?.type === "grid"
         ? now.counts.map((_, i) => number(context, { label: "Cells", path: `action.discrete.counts[${i}]`, of: `along component ${i + 1}` }))
         : [];
@@ -82,7 +82,7 @@ function discrete(scene: Scene, type: string): unknown {
   return type === "grid" ? { type, counts: scene.action!.components.map(() => 10) } : undefined;
 }
 
-/** One component more: what is not yet set of the first thing that something is set of. */
+/** Adds a component: the next quantity of the last target. */
 function addComponent(scene: Scene): Scene {
   const list = scene.action?.components ?? [];
   const target = list.at(-1)?.target ?? allObjects(scene)[0]?.name;
@@ -93,7 +93,7 @@ function addComponent(scene: Scene): Scene {
   return withComponent(scene, withDefaultRange(scene, { target, set: quantity, low: 0, high: 1 }));
 }
 
-/** A component with values about what the thing has now. */
+/** A component with a default range around the object's current value. */
 function withDefaultRange(scene: Scene, one: Component): Component {
   const target = allObjects(scene).find((b) => b.name === one.target);
   const [x, y] = target?.position ?? [0, 0];
@@ -111,7 +111,7 @@ function withDefaultRange(scene: Scene, one: Component): Component {
   return { ...one, low: round(low), high: round(high) };
 }
 
-/** A box about all that components place. */
+/** The bounding box of all placements. */
 function boundingBox(scene: Scene): number[] {
   const of = (set: string): number[] => (scene.action?.components ?? []).filter((c) => c.set === set).flatMap((c) => [c.low, c.high]);
   const at = allObjects(scene).flatMap((b) => (b.position ? [b.position] : []));

@@ -1,4 +1,4 @@
-// The picture that is drawn in: what is seen of the world, a grid to measure by, the film over the drawing, handles.
+// The picture: visible part of the world, grid, film over the drawing, handles.
 
 import { put, s, set } from "../../dom";
 import { ticks } from "../../parts/timePlot";
@@ -10,46 +10,46 @@ import { sceneExtent } from "../../scene/extent";
 import { placementAreas, type Handle, handles } from "./handles";
 import { objectAt } from "./objects";
 
-/** What is shown of a draft. */
+/** Displayed content of a draft. */
 export interface CanvasContent {
-  /** The scene as it is drawn, every body somewhere. */
+  /** The displayed scene, in which every body has a position. */
   scene: Scene;
   selected: string;
-  /** Name of the thing that the server complains about. */
+  /** Name of the object with a problem. */
   invalidName: string | null;
 }
 
 export interface Canvas {
   svg: SVGSVGElement;
   picture: Picture;
-  /** m that a pixel shows. */
+  /** Size of a pixel, m. */
   pixel: () => number;
-  /** Grid that the mouse keeps to, m. */
+  /** Spacing of the snap grid, m. */
   step: () => number;
-  /** The nearest point of that grid. */
+  /** The nearest point of the snap grid. */
   snap: (p: Point) => Point;
   show: (content: CanvasContent) => void;
-  /** The handle of what is selected that is nearest to a point, within so many pixels. */
+  /** The handle of the selection nearest to a point, within `radius` pixels. */
   handle: (p: Point, near: number) => string | null;
-  /** What a gesture would draw; nothing where none is under way. */
+  /** Displays the preview of a gesture; without arguments removes it. */
   sketch: (...elements: SVGElement[]) => void;
   film: (film: Film | null) => void;
-  /** The film at a time, s. */
+  /** Displays the film at a time, s. */
   time: (time: number) => void;
-  /** Shows everything of the scene. */
+  /** Shows the whole scene. */
   fit: () => void;
   zoom: (factor: number) => void;
-  /** Moves what is seen, m. */
+  /** Moves the view, m. */
   pan: (by: Point) => void;
 }
 
-/** Pixels: between two lines of the grid at least, and the grid of the mouse at least. */
+/** Minimum distance of grid lines, and minimum spacing of the snap grid, px. */
 const [MIN_GRID_SPACING_PX, MIN_SNAP_PX] = [56, 3];
-/** Radius of a handle, and how far the turning one stands off, pixels. */
+/** Radius of a handle, and distance of the rotation handle, px. */
 const [HANDLE_RADIUS_PX, TURN_HANDLE_GAP_PX] = [7, 26];
-/** Room around the scene when all of it is shown, share of its size. */
+/** Margin around the whole scene, share of its size. */
 const FIT_MARGIN = 0.08;
-/** Widths of the world that can be shown, m. */
+/** Minimum and maximum width of the view, m. */
 const [MIN_WIDTH_M, MAX_WIDTH_M] = [1e-3, 1e5];
 
 export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas {
@@ -128,18 +128,18 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
   };
 }
 
-/** A box with a frame, m; drawn while something is being drawn, too. */
+/** A rectangle outline, m; also used for previews. */
 export function rectangleElement([left, bottom, right, top]: Box, look: string): SVGRectElement {
   return s("rect", { class: look, x: left, y: bottom, width: Math.max(0, right - left), height: Math.max(0, top - bottom), "vector-effect": "non-scaling-stroke" });
 }
 
-/** The ways of all bodies. */
+/** The trajectories of all bodies. */
 function trajectories(film: Film, scene: Scene): SVGElement[] {
   const bodyColours = colours(scene);
   return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: "trail", stroke: bodyColours.get(name) ?? "currentColor" }));
 }
 
-/** Handles of what is selected. */
+/** Handles of the selection. */
 function handleElements({ scene, selected }: CanvasContent, pixel: number): SVGElement[] {
   return handles(scene, selected, TURN_HANDLE_GAP_PX * pixel).map(({ id, look, at: [x, y], about }) => {
     const place = { cx: x, cy: y, r: HANDLE_RADIUS_PX * pixel, "vector-effect": "non-scaling-stroke" };
@@ -147,7 +147,7 @@ function handleElements({ scene, selected }: CanvasContent, pixel: number): SVGE
   });
 }
 
-/** Marks what is selected, and what is wrong. */
+/** Highlights the selection and the object with a problem. */
 function highlight(svg: SVGSVGElement, { scene, selected, invalidName: invalidName }: CanvasContent): void {
   const selectedName = objectAt(scene, selected)?.name;
   for (const group of svg.querySelectorAll<SVGGElement>("[data-name]")) {
@@ -157,7 +157,7 @@ function highlight(svg: SVGSVGElement, { scene, selected, invalidName: invalidNa
   svg.classList.toggle("goal-selected", selected === "goal");
 }
 
-/** Everything of a scene with some room; of one with nothing in it a few metres. */
+/** The box of the whole scene with a margin; a default for an empty scene. */
 function fitBox(scene: Scene): Box {
   const rooms = placementAreas(scene).flatMap(({ box }): Point[] => [[box[0], box[1]], [box[2], box[3]]]);
   const fixed = scene.bodies.some((b) => b.position) || rooms.length ? [] : allObjects(scene).map((b): Point => b.position ?? [0, 0]);
@@ -167,14 +167,14 @@ function fitBox(scene: Scene): Box {
   return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
 }
 
-/** A box widened to an aspect. */
+/** A box enlarged to an aspect ratio. */
 function withAspect(box: Box, aspect: number): Box {
   const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
   const w = Math.max(box[2] - box[0], aspect * (box[3] - box[1])) / 2;
   return [x - w, y - w / aspect, x + w, y + w / aspect];
 }
 
-/** The round number (1, 2, 5 times a power of ten) that is next from a length, m. */
+/** The next round number (1, 2, 5 times a power of ten) from a length, m. */
 function roundLength(length: number): number {
   return ticks(length, 1)[1] ?? length;
 }
@@ -198,7 +198,7 @@ function lines(view: Box, step: number): string {
   return [...columns, ...rows].join("");
 }
 
-/** Metres along the lower and the left edge. */
+/** Axis labels in metres along the lower and left edges. */
 function labels(view: Box, pixel: number): SVGElement[] {
   const step = spacing(view, pixel);
   const across = multiples(view[0] + 30 * pixel, view[2] - 30 * pixel, step).map((x) => word([x, view[1]], String(x), pixel, "middle"));
@@ -206,9 +206,9 @@ function labels(view: Box, pixel: number): SVGElement[] {
   return [...across, ...up, word([view[2] - 4 * pixel, view[1]], "m", pixel, "end")];
 }
 
-/** What a rectangle is, inside it: bounds and the place of a thing are often the same. */
+/** Label inside a rectangle: bounds and placement area often coincide. */
 function areaLabel({ box, id, bounds }: { box: Box; id: string; bounds: boolean }, pixel: number): SVGElement {
-  return bounds ? word([box[2] - 4 * pixel, box[1]], "bounds", pixel, "end") : word([box[0], box[3] - 18 * pixel], `place of ${id}`, pixel);
+  return bounds ? word([box[2] - 4 * pixel, box[1]], "bounds", pixel, "end") : word([box[0], box[3] - 18 * pixel], `area of ${id}`, pixel);
 }
 
 function word([x, y]: Point, text: string, pixel: number, anchor = "start"): SVGElement {

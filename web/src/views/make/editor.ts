@@ -1,4 +1,4 @@
-// The editor: the picture that is drawn in, the list of things, the form, and the film, over one draft.
+// The editor of one draft: picture, list of objects, form, film.
 
 import { h, put } from "../../dom";
 import type { Scene } from "../../scene/types";
@@ -19,40 +19,40 @@ import { emptyDrawingMessage, type Tool } from "./tools";
 export interface Editor {
   element: HTMLElement;
   scene: () => Scene;
-  /** Draws on another scene; undo brings the one before back. */
+  /** Opens another scene; undo restores the previous one. */
   open: (scene: Scene) => void;
-  /** When the element is on the page. */
+  /** Call once the element is attached to the page. */
   start: () => void;
 }
 
-/** What the editor is at. */
+/** State of the editor. */
 interface Session {
   state: EditorState;
   tool: Tool;
-  /** Whether what is drawn moves. */
+  /** Whether drawn objects are bodies. */
   moving: boolean;
-  /** Whether something is being dragged. */
+  /** Whether a drag is in progress. */
   dragging: boolean;
-  /** Whether the scene was opened just now: its first mistake is gone to. */
+  /** Whether the scene was just opened: its first problem is then selected. */
   justOpened: boolean;
 }
 
-/** What changes it, and shows the change. */
+/** Changes the state and updates the display. */
 interface Actions {
   update: (state: EditorState) => void;
   render: () => void;
   select: (place: string) => void;
   choose: (tool: Tool) => void;
-  /** Runs the draft. */
+  /** Simulates the draft. */
   run: () => void;
-  /** To screen readers; `shown`: to everybody, until something changes. */
+  /** Announces a text to screen readers; with `visible` it is also displayed until the next change. */
   announce: (text: string, visible?: boolean) => void;
 }
 
-/** The draft with its history, while the page stands: Play and back loses nothing. */
+/** The draft with its history, kept while the page is open, so that returning from Play loses nothing. */
 let lastState: EditorState | null = null;
 
-/** The editor over a scene; for `null` over the draft of this tab. */
+/** The editor of a scene; `null` for this tab's draft. */
 export function sceneEditor(first: Scene | null, library: Library, context: Context): Editor {
   const { signal } = context;
   const session: Session = { state: first ? initialState(first) : (lastState ?? initialState(storedDraft() ?? empty())), tool: "select", moving: true, dragging: false, justOpened: true };
@@ -103,7 +103,7 @@ export function sceneEditor(first: Scene | null, library: Library, context: Cont
   const film = rollout(at, () => session.state, () => session.dragging, rolloutListener(session, editing), context);
   shortcuts(undo, redo, signal);
   const stage = h("div", { class: "stage" }, bar.element, bar.hint, at.svg, problem, film.element, help());
-  const side = h("div", { class: "stack" }, h("section", { class: "card", "aria-label": "Things" }, objects.element), form.element);
+  const side = h("div", { class: "stack" }, h("section", { class: "card", "aria-label": "Objects" }, objects.element), form.element);
   return {
     element: h("div", { class: "make-body" }, stage, side),
     scene: () => currentScene(session.state),
@@ -120,9 +120,9 @@ export function sceneEditor(first: Scene | null, library: Library, context: Cont
   };
 }
 
-const LABEL = "The scene. Arrow keys move what is selected, N takes the next thing, Enter goes to its numbers or draws with the tool that is chosen, letters choose tools.";
+const LABEL = "The scene. Arrow keys move the selection, N selects the next object, Enter opens its properties or draws with the selected tool, letters select tools.";
 
-/** What mouse and keyboard do to the draft. */
+/** Actions of mouse and keyboard on the draft. */
 function editorActions(session: Session, editing: Actions): EditorActions {
   return {
     scene: () => displayedScene(session.state),
@@ -164,21 +164,21 @@ function commands(session: Session, editing: Actions, pointerActions: EditorActi
   };
 }
 
-/** What a rollout says of the draft. */
+/** Applies results of a rollout to the draft. */
 function rolloutListener(session: Session, editing: Actions): RolloutListener {
   return {
     onProblem: (invalid, of) => {
-      // What a scene before this one has says nothing of it.
+      // Problems of an earlier scene do not apply to this one.
       const justOpened = session.justOpened && of === currentScene(session.state);
       if (justOpened) session.justOpened = false;
       if (!invalid && !session.state.problem) return;
-      // Of a scene that was opened the first mistake is gone to; while one draws, nothing is taken out of one's hand.
+      // After opening a scene, select its first problem; while the user is drawing, keep the selection.
       const selected = invalid && justOpened ? locationOf(invalid.field) : session.state.selected;
       session.state = { ...session.state, problem: invalid, selected };
       editing.render();
     },
     onAction: (action) => {
-      // Found for a scene that had other components.
+      // The action belongs to a scene with other components.
       if (action && action.length !== currentScene(session.state).action?.components.length) return;
       session.state = { ...session.state, action };
       editing.render();
@@ -186,7 +186,7 @@ function rolloutListener(session: Session, editing: Actions): RolloutListener {
   };
 }
 
-/** What is wrong in the server's words, and the way to its field; said again only if it is something else. */
+/** Displays the problem with a button that selects its field; unchanged problems are not announced again. */
 function showProblem(problem: HTMLElement, state: EditorState, select: (place: string) => void, form: PropertiesPanel): void {
   const { problem: invalid } = state;
   const text = invalid ? `${invalid.field} ${invalid.message}` : "";
@@ -206,10 +206,10 @@ function nameAt(state: EditorState, place: string): string {
 
 function help(): HTMLElement {
   const rows = KEYBOARD_HELP.flatMap(([key, description]) => [h("dt", {}, key), h("dd", {}, description)]);
-  return h("details", {}, h("summary", {}, "Keys in the picture"), h("dl", { class: "facts" }, ...rows));
+  return h("details", {}, h("summary", {}, "Keyboard shortcuts"), h("dl", { class: "facts" }, ...rows));
 }
 
-/** Undo and redo from anywhere but a field, which has its own. */
+/** Undo and redo shortcuts; input fields have their own. */
 function shortcuts(undo: () => void, redo: () => void, signal: AbortSignal): void {
   addEventListener("keydown", (event) => {
     const key = event.key.toLowerCase();

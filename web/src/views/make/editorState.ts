@@ -1,4 +1,4 @@
-// The draft on the desk: the scene with its history, what is selected, what the server says of it.
+// State of the editor: the draft with its history, the selection, the server's problem.
 
 import { applyAction, shareFor } from "../../scene/action";
 import type { Scene } from "../../scene/types";
@@ -7,9 +7,9 @@ import { begin, change, type History, redo, settle, undo } from "./history";
 import { write } from "./path";
 import { objectAt } from "./objects";
 
-/** What the server says is wrong. */
+/** A problem that the server reports. */
 export interface SceneProblem {
-  /** Of the scene, without `scene.` before it. */
+  /** Path within the scene, without the prefix `scene.`. */
   field: string;
   message: string;
 }
@@ -19,7 +19,7 @@ export interface EditorState {
   /** `world`, `goal`, `action`, `effects`, `bodies[0]`, `statics[0]`. */
   selected: string;
   problem: SceneProblem | null;
-  /** The action that bodies without a position stand by, and that the film starts with; `null`: as it is drawn. */
+  /** The action that places bodies without a position and starts the film; `null`: as drawn. */
   action: number[] | null;
 }
 
@@ -31,14 +31,14 @@ export function currentScene(state: EditorState): Scene {
   return state.history.present;
 }
 
-/** The scene as it is drawn, which is how the film starts: with the action carried out, where there is one. */
+/** The scene as displayed, which is the initial state of the film: after the action, if any. */
 export function displayedScene(state: EditorState): Scene {
   const now = currentScene(state);
   if (!now.action || (state.action === null && !needsAction(now))) return now;
   return applyAction(now, state.action ?? now.action.components.map(() => 0.5));
 }
 
-/** The scene with what is at a place standing as it is drawn, so that it can be moved from there. */
+/** The scene with the object's displayed position stored in it, so that it can be moved from there. */
 export function withDisplayedPose(state: EditorState, place: string): Scene {
   const now = currentScene(state);
   const object = objectAt(now, place);
@@ -46,7 +46,7 @@ export function withDisplayedPose(state: EditorState, place: string): Scene {
   return object && sets ? write(now, place, objectAt(displayedScene(state), place)) : now;
 }
 
-/** After a thing was moved by hand: it stands where it was put, and not where the action had put it. */
+/** Applies a manual move: the object's position replaces the one set by the action. */
 export function moveObject(state: EditorState, next: Scene, key: string | null): EditorState {
   const done = applyChange(state, next, key);
   if (done.action === null || !next.action) return done;
@@ -77,13 +77,13 @@ export function redoChange(state: EditorState): EditorState {
   return validated({ ...state, history: redo(state.history) });
 }
 
-/** Where in the list what is wrong stands. */
+/** The entry of the object list that a field belongs to. */
 export function locationOf(field: string): string {
   const [, place] = /^((?:bodies|statics)\[\d+\]|goal|action|effects)/.exec(field) ?? [];
   return place ?? "world";
 }
 
-/** An action that no longer fits is put away, and a selection of what is gone. */
+/** Removes an action that no longer matches, and a selection that no longer exists. */
 function validated(state: EditorState): EditorState {
   const now = currentScene(state);
   const fits = state.action !== null && state.action.length === (now.action?.components.length ?? 0);

@@ -1,11 +1,11 @@
-// The form of the effects that the scene has beyond gravity and contact: from the server's library, with their parameters.
+// The form of the scene's effects beyond gravity and contact, from the server's library.
 
 import { uniqueId, h, put } from "../../dom";
 import { group, number } from "./formFields";
 import type { FormContext, Library, Panel } from "./panel";
 import { read, write } from "./path";
 
-/** An effect of a scene, as the format has it. */
+/** An effect of a scene, as in the scene format. */
 interface EffectTerm {
   name: string;
   parameters?: Record<string, number>;
@@ -30,7 +30,7 @@ function row(desk: FormContext, library: Library, term: EffectTerm, index: numbe
     const remaining = write(desk.scene(), path, undefined);
     desk.change((remaining.effects as EffectTerm[]).length ? remaining : write(remaining, "effects", undefined), null);
   });
-  const fieldset = group(title, h("div", { class: "equation" }, h("p", { class: "soft" }, effect?.equation ?? "The server's library does not have it."), removeButton), ...fields);
+  const fieldset = group(title, h("div", { class: "equation" }, h("p", { class: "soft" }, effect?.equation ?? "Not in the server's library."), removeButton), ...fields);
   fieldset.classList.add("effect");
   return { element: fieldset, fields };
 }
@@ -42,7 +42,7 @@ function addForm(desk: FormContext, library: Library): HTMLElement {
   const about = (): void => void put(equation, library.find((e) => e.name === select.value)?.equation);
   select.addEventListener("change", about);
   about();
-  const add = h("button", { type: "button" }, "Add the effect");
+  const add = h("button", { type: "button" }, "Add effect");
   add.addEventListener("click", () => {
     const terms = (read(desk.scene(), "effects") as EffectTerm[] | undefined) ?? [];
     const effect = library.find((e) => e.name === select.value);

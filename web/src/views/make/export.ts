@@ -1,29 +1,29 @@
-// A scene as a file, and as what one types to make a world of it.
+// Exports a scene as a file and as commands that create a world from it.
 
 import type { Scene } from "../../scene/types";
 
-/** The scene as JSON that people can read: a line for each thing. */
+/** The scene as readable JSON with one line for each object. */
 export function pretty(scene: Scene): string {
   const lines = Object.entries(scene).map(([name, value]) => `  ${JSON.stringify(name)}: ${field(value)}`);
   return `{\n${lines.join(",\n")}\n}\n`;
 }
 
-/** A name of a file for it. */
+/** A file name for the scene. */
 export function filename(scene: Scene): string {
   const safe = (scene.name ?? "").replaceAll(/[^\p{L}\p{N}._-]+/gu, "-").replaceAll(/^[-.]+|-+$/g, "");
   return `${safe || "scene"}.json`;
 }
 
-/** A world of the scene, made by curl. With a token the shell's IPLW_TOKEN is used: it is not copied. */
+/** A curl command that creates a world of the scene. The token is not copied: the command uses IPLW_TOKEN. */
 export function curl(scene: Scene, server: string, token: boolean): string {
   const authorization = token ? `  -H "Authorization: Bearer $IPLW_TOKEN" \\\n` : "";
   const body = pretty(scene).trimEnd().replaceAll("'", `'\\''`);
   return `curl -s ${server}/v1/worlds -H 'Content-Type: application/json' \\\n${authorization}  -d '{"scene": ${body}}'\n`;
 }
 
-/** The same with the Python client, and a first step. */
+/** Python code that creates a world of the scene and makes a step. */
 export function python(scene: Scene, server: string): string {
-  // Three quotes on end cannot stand in JSON: quotes in its texts have a backslash before them.
+  // JSON cannot contain three quotes in a row: quotes within strings are escaped.
   return [
     "import json",
     "",

@@ -1,4 +1,4 @@
-// Scenes in and out: new, opened, saved, copied as commands, handed to Play. A draft outlives a reload of the tab.
+// New, open, save, copy as commands, play. A draft survives a reload of the tab.
 
 import { api, ok } from "../../api/client";
 import { FileError, ProblemError } from "../../api/problem";
@@ -12,12 +12,12 @@ import { curl, filename, pretty, python } from "./export";
 
 const KEY = "iplw-draft";
 
-/** A scene with nothing in it. */
+/** An empty scene. */
 export function empty(): Scene {
   return { format: "iplw.scene/1", gravity: [0, -9.8], bodies: [], statics: [] };
 }
 
-/** The draft of this tab, if there is one. */
+/** This tab's draft, if any. */
 export function storedDraft(): Scene | null {
   const text = sessionStorage.getItem(KEY);
   return text ? (JSON.parse(text) as Scene) : null;
@@ -27,7 +27,7 @@ export function storeDraft(scene: Scene): void {
   sessionStorage.setItem(KEY, JSON.stringify(scene));
 }
 
-/** Buttons for all of it; `opened` is given a scene that is to be drawn on, `scene` says which one is drawn. */
+/** The buttons; `onOpen` gets a scene to edit, `scene` returns the draft. */
 export async function files(
   scene: () => Scene,
   onOpen: (scene: Scene) => void,
@@ -58,7 +58,7 @@ export async function files(
     button("Save", () => save(scene())),
     copy("curl", () => curl(scene(), location.origin, token() !== null)),
     copy("Python", () => python(scene(), location.origin)),
-    button("Play in it", () => {
+    button("Play", () => {
       storeScene(scene());
       location.hash = link("play", ["scene"]);
     }, "main"),
@@ -67,22 +67,22 @@ export async function files(
   return { element, drop: openFile };
 }
 
-/** The scene, if it can be drawn: what the server cannot even read is refused in its words. Wrong values can be mended here. */
+/** Checks that the server can read the scene; values that are out of range can be corrected in the editor. */
 async function validated(scene: Scene, name: string, signal: AbortSignal): Promise<Scene> {
   try {
     await ok(api.POST("/v1/simulate", { body: { scene: { ...scene, steps: 1 } as unknown as Record<string, never> }, signal }));
   } catch (e) {
     if (!(e instanceof ProblemError)) throw e;
-    if (e.problem.status === 400) throw new FileError(name, `it cannot be read as a scene: ${e.problem.detail}`);
+    if (e.problem.status === 400) throw new FileError(name, `it is not a valid scene: ${e.problem.detail}`);
     if (e.problem.status !== 422) throw e;
   }
   return scene;
 }
 
-/** What the server would miss. */
+/** Text about parts that are missing for a world. */
 function missingParts(scene: Scene): string {
   const missing = [scene.goal ? "" : "a goal", scene.action ? "" : "an action space"].filter(Boolean);
-  return missing.length ? `The server makes a world of it when it has ${missing.join(" and ")}.` : "";
+  return missing.length ? `To create a world, add ${missing.join(" and ")}.` : "";
 }
 
 function save(scene: Scene): void {
@@ -91,7 +91,7 @@ function save(scene: Scene): void {
   URL.revokeObjectURL(url);
 }
 
-/** Into the clipboard; where the browser has none (plain HTTP elsewhere), shown to be copied by hand. */
+/** Copies to the clipboard; if the browser does not allow it (plain HTTP), displays the text for manual copying. */
 async function copyToClipboard(text: string, what: string): Promise<string> {
   try {
     await navigator.clipboard.writeText(text);
@@ -99,7 +99,7 @@ async function copyToClipboard(text: string, what: string): Promise<string> {
   } catch {
     const close = h("button", { type: "button" }, "Close");
     const area = h("textarea", { rows: 14, readonly: true, "aria-label": `The scene as ${what}` }, text);
-    const message = h("p", {}, "The browser does not let this page copy: select the text and copy it.");
+    const message = h("p", {}, "The browser does not allow copying: select the text and copy it.");
     const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, message, area, close);
     close.addEventListener("click", () => (dialog.close(), dialog.remove()));
     document.body.append(dialog);

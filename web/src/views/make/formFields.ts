@@ -1,36 +1,36 @@
-// Fields of a form over a draft: each shows what stands at its path, writes there what is typed, and can be marked wrong.
+// Form fields of a draft: each displays the value at its path, writes the input to it, and displays errors.
 
 import { uniqueId, h, put, set } from "../../dom";
 import type { Scene } from "../../scene/types";
 import { affectedFields, read, write } from "./path";
 
-/** The draft that a form is about. */
+/** The draft of a form. */
 export interface Draft {
   scene: () => Scene;
-  /** Another scene; changes with the same key are undone together. */
+  /** Replaces the scene; changes with the same key are undone together. */
   change: (scene: Scene, key: string | null) => void;
 }
 
 export interface Field {
   element: HTMLElement;
-  /** As the server names it. */
+  /** Path as the server names it. */
   path: string;
   show: (scene: Scene) => void;
-  /** Marks it wrong and says why, where it is not said elsewhere; `null` takes that away. */
+  /** Marks the field as invalid and optionally displays the message; `null` removes the mark. */
   mark: (message: string | null, showText?: boolean) => void;
 }
 
-/** What stands at a path that the scene leaves out, and what happens where nothing is typed. */
+/** Description of a field. */
 export interface FieldSpec {
   label: string;
   path: string;
   unit?: string;
-  /** What an empty field means; a field without it cannot be empty. */
+  /** Meaning of an empty field, displayed as a placeholder; without it the field is required. */
   empty?: string;
-  /** The whole pair where a path is one of two numbers, and the scene has none. */
+  /** The default of both numbers, if the path is one of a pair that the scene lacks. */
   pair?: [number, number];
   whole?: boolean;
-  /** What else the form calls it, for screen readers: of which corner, say. */
+  /** Context for screen readers, for example the corner it belongs to. */
   of?: string;
 }
 
@@ -39,18 +39,18 @@ export function number(draft: Draft, spec: FieldSpec): Field {
   const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: spec.empty });
   return field(draft, spec, input, (scene) => {
     const now = read(scene, spec.path);
-    // Ninths of a millionth are rounding: they stay in the scene, and out of sight.
+    // Hide rounding errors beyond nine digits; the scene keeps them.
     return typeof now === "number" ? String(Number(now.toPrecision(9))) : "";
   }, (text) => {
     const value = text === "" ? undefined : Number(text);
-    if (value === undefined && spec.empty === undefined) return "A number is needed here.";
-    if (value !== undefined && !Number.isFinite(value)) return "This is no number.";
+    if (value === undefined && spec.empty === undefined) return "Enter a number.";
+    if (value !== undefined && !Number.isFinite(value)) return "This is not a number.";
     draft.change(withNumber(draft.scene(), spec, value), `type-${spec.path}`);
     return null;
   }, "input");
 }
 
-/** A text; `changed` makes the scene of it, or says why it cannot be. */
+/** A text; `changed` returns the new scene, or an error message. */
 export function text(draft: Draft, spec: FieldSpec, changed: (scene: Scene, value: string) => Scene | string): Field {
   const input = h("input", { type: "text", autocomplete: "off", spellcheck: "false" });
   return field(draft, spec, input, (scene) => String(read(scene, spec.path) ?? ""), (value) => {
@@ -61,7 +61,7 @@ export function text(draft: Draft, spec: FieldSpec, changed: (scene: Scene, valu
   }, "input");
 }
 
-/** One of a list; `of` says which stands in the scene, `changed` makes the scene of another one. */
+/** A choice; `of` returns the current value, `changed` the scene with another one. */
 export function choice(
   draft: Draft,
   spec: FieldSpec,
@@ -72,7 +72,7 @@ export function choice(
   const input = h("select", {}, ...options.map(([value, title]) => h("option", { value }, title)));
   const show = (scene: Scene): string => {
     const now = of(scene);
-    // A name that no thing has (any more) is shown, and the server says so.
+    // Display a name that no object has; the server reports it.
     if (![...input.options].some((o) => o.value === now)) input.append(h("option", { value: now }, now || "none"));
     return now;
   };
@@ -82,32 +82,32 @@ export function choice(
   }, "change");
 }
 
-/** A name among others at a path. */
+/** A choice among names at a path. */
 export function nameChoice(draft: Draft, spec: FieldSpec, names: readonly string[]): Field {
   const options = names.map((n): [string, string] => [n, n]);
   return choice(draft, spec, options, (scene) => String(read(scene, spec.path) ?? ""), (scene, value) => write(scene, spec.path, value));
 }
 
-/** Fields side by side under a title. */
+/** A row of fields with a title. */
 export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
   return h("fieldset", { class: "fields" }, h("legend", {}, title), ...parts.map((p) => ("path" in p ? p.element : p)));
 }
 
-/** Marks the fields that a problem is about; whether there were any. */
+/** Marks the fields that a problem concerns and returns them. */
 export function markFields(fields: readonly Field[], problem: { field: string; message: string } | null): Field[] {
   const paths = problem ? affectedFields(fields.map((f) => f.path), problem.field) : [];
   const invalid = fields.filter((f) => paths.includes(f.path));
-  // Said once, at the first.
+  // The message is displayed once, at the first field.
   for (const f of fields) f.mark(invalid.includes(f) ? problem!.message : null, f === invalid[0]);
   return invalid;
 }
 
-/** The scene with a number at a path; of a pair that the scene leaves out, the other is as it is understood. */
+/** The scene with a number at a path; if it is one of a missing pair, the other number gets its default. */
 export function withNumber(scene: Scene, { path, pair, empty }: FieldSpec, value: number | undefined): Scene {
   const [, parent, index] = /^(.*)\[(\d)\]$/.exec(path) ?? [];
   if (!pair || parent === undefined) return write(scene, path, value);
   const now = (read(scene, parent) as [number, number] | null | undefined) ?? pair;
-  // Half a pair cannot be left out.
+  // One number of a pair cannot be removed.
   if (value === undefined) return empty === undefined ? scene : write(scene, parent, undefined);
   return write(scene, parent, index === "0" ? [value, now[1]] : [now[0], value]);
 }
@@ -131,13 +131,13 @@ function field(
     set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": words === null ? null : whyId });
     put(message, words);
     if (words === null) return message.remove();
-    // Across all columns, where there are some.
+    // Span all columns, if any.
     const row = element.closest(".fields, .corner") ?? element;
     if (message.parentElement !== row) row.append(message);
   };
   let [hasLocalError, hasUnusedInput] = [false, false];
   input.addEventListener(event, () => {
-    // Half a number ("-") is waited for.
+    // An incomplete number ("-") is not yet an error.
     const invalid = input.validity.badInput ? null : onInput(input.value);
     hasLocalError = invalid !== null;
     hasUnusedInput = hasLocalError || input.validity.badInput;
@@ -148,7 +148,7 @@ function field(
     hasLocalError = false;
     input.value = of(scene);
   };
-  // What could not be used is not left standing.
+  // Restore the value if the input could not be used.
   input.addEventListener("blur", () => {
     if (!hasUnusedInput) return;
     [hasLocalError, hasUnusedInput] = [false, false];

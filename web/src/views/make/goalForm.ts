@@ -1,4 +1,4 @@
-// The form of the goal: two things touch or do not, a body's centre is in a region, or a body is above a line.
+// The form of the goal: contact, no contact, centre within a region, or above a line.
 
 import { h } from "../../dom";
 import { allObjects, type Goal, type Scene } from "../../scene/types";
@@ -9,8 +9,8 @@ import { corners } from "./objectForm";
 
 const KINDS: readonly [string, string][] = [
   ["", "none"],
-  ["contact", "two things touch"],
-  ["apart", "two things do not touch"],
+  ["contact", "two objects touch"],
+  ["apart", "two objects do not touch"],
   ["inside", "a body's centre is in a region"],
   ["above", "a body is above a height"],
 ];
@@ -22,12 +22,12 @@ export function goalPanel(context: FormContext): Panel {
   const type = choice(context, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", defaultGoal(scene, value)));
   type.element.classList.add("broad");
   const hold = number(context, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
-  const note = h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.");
+  const note = h("p", { class: "soft" }, "A world requires a goal and an action space.");
   if (!goal) return { element: h("div", { class: "stack" }, type.element, note), fields: [type] };
   if (goal.type === "contact" || goal.type === "apart") {
     const parts = [
-      nameChoice(context, { label: "One thing", path: "goal.bodies[0]" }, names),
-      nameChoice(context, { label: "The other", path: "goal.bodies[1]" }, names),
+      nameChoice(context, { label: "First object", path: "goal.bodies[0]" }, names),
+      nameChoice(context, { label: "Second object", path: "goal.bodies[1]" }, names),
       number(context, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
       hold,
     ];
@@ -36,14 +36,14 @@ export function goalPanel(context: FormContext): Panel {
   const body = nameChoice(context, { label: "Body", path: "goal.body" }, bodies);
   if (goal.type === "above") {
     const line: Field[] = goal.line ? [] : [number(context, { label: "Height", path: "goal.height", unit: "m" })];
-    const about = goal.line ? h("p", { class: "soft" }, "The line through two points is said in the scene's file.") : null;
+    const about = goal.line ? h("p", { class: "soft" }, "The line through two points can only be edited in the file.") : null;
     return { element: h("div", { class: "stack" }, type.element, group("Above", body, ...line, hold), about), fields: [type, body, ...line, hold] };
   }
   const region = corners(context, "goal.region", "Region");
   return { element: h("div", { class: "stack" }, type.element, group("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
 }
 
-/** A goal of a kind to begin with: about the first bodies. */
+/** A default goal of a type, with the first bodies. */
 function defaultGoal(scene: Scene, type: string): Goal | undefined {
   const names = [...scene.bodies, ...(scene.statics ?? [])].map((b) => b.name);
   const hold = scene.goal?.hold_s === undefined ? {} : { hold_s: scene.goal.hold_s };

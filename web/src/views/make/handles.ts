@@ -1,4 +1,4 @@
-// Handles of what is selected: where they are, and what becomes of the scene when one is dragged.
+// Handles of the selection: their positions, and the effect of dragging one.
 
 import { allObjects, type Body, type Box, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
@@ -6,15 +6,15 @@ import { distanceToSegment, distanceTo, inside, middle, toWorldFrame, halfExtent
 import { roundedInBodyFrame, objectPaths, translated, objectAt, rotated } from "./objects";
 
 export interface Handle {
-  /** Unique within what is selected. */
+  /** Unique within the selection. */
   id: string;
   look: "size" | "turn" | "move";
   at: Point;
-  /** What it does, for people who point at it. */
+  /** Tooltip. */
   about: string;
 }
 
-/** Handles of what is at a place; `gap` is how far the turning one stands off, m. */
+/** Handles of the object at a path; `gap`: distance of the rotation handle, m. */
 export function handles(scene: Scene, place: string, gap: number): Handle[] {
   const object = objectAt(scene, place);
   if (object) return !object.position && place.startsWith("bodies") ? [] : [...sizeHandles(object), ...turnHandle(object, gap)];
@@ -23,7 +23,7 @@ export function handles(scene: Scene, place: string, gap: number): Handle[] {
   return [];
 }
 
-/** The scene after a handle was dragged to a point, m. */
+/** The scene after dragging a handle to a point, m. */
 export function dragHandle(scene: Scene, place: string, id: string, to: Point): Scene {
   const object = objectAt(scene, place);
   if (object) return write(scene, place, id === "turn" ? turnedTowards(object, to) : resized(object, id, to));
@@ -32,7 +32,7 @@ export function dragHandle(scene: Scene, place: string, id: string, to: Point): 
   return scene;
 }
 
-/** The scene with what is at a place moved, m. */
+/** The scene after moving the selection, m. */
 export function moveSelection(scene: Scene, place: string, by: Point): Scene {
   const object = objectAt(scene, place);
   if (object) return write(scene, place, translated(object, by));
@@ -42,10 +42,10 @@ export function moveSelection(scene: Scene, place: string, by: Point): Scene {
   return placementAreas(scene).reduce((now, { id, box }) => placedArea(now, id, [...shift([box[0], box[1]]), ...shift([box[2], box[3]])] as Box), scene);
 }
 
-/** What is at a point: the topmost thing within `near`, m, the goal's region, or a side of where the action places things. */
+/** The selection at a point: the topmost object within `radius`, m, the goal region, or an edge of a placement area. */
 export function hitTest(scene: Scene, p: Point, radius: number): string | null {
   const visible = objectPaths(scene).filter((at) => objectAt(scene, at)!.position || at.startsWith("statics"));
-  // Bodies lie over statics, later ones over earlier.
+  // Bodies are drawn above statics, later objects above earlier ones.
   const order = [...visible.filter((at) => at.startsWith("statics")), ...visible.filter((at) => at.startsWith("bodies"))].reverse();
   const distances = order.map((at) => distanceTo(objectAt(scene, at)!, p));
   const topmost = order.find((_, i) => distances[i] === 0);
@@ -56,7 +56,7 @@ export function hitTest(scene: Scene, p: Point, radius: number): string | null {
   return null;
 }
 
-/** Where the action places things, and the box that they must stay in: rectangles of the world, m. */
+/** Rectangles of possible placements, and the bounds of the action, m. */
 export function placementAreas(scene: Scene): { id: string; box: Box; about: string; bounds: boolean }[] {
   const { action } = scene;
   if (!action) return [];
@@ -70,10 +70,10 @@ export function placementAreas(scene: Scene): { id: string; box: Box; about: str
   });
   const { bounds } = action;
   const limits: Box | null = !bounds ? null : Array.isArray(bounds) ? bounds : [...bounds.min, ...bounds.max];
-  return limits ? [...targets, { id: BOUNDS_ID, box: limits, about: "the bounds of what is placed", bounds: true }] : targets;
+  return limits ? [...targets, { id: BOUNDS_ID, box: limits, about: "the bounds of the action", bounds: true }] : targets;
 }
 
-/** No name of a thing: names have 1 to 100 characters. */
+/** Cannot be a name: names have 1 to 100 characters. */
 const BOUNDS_ID = "";
 
 function sizeHandles(object: Body): Handle[] {
@@ -99,22 +99,22 @@ function sizeHandles(object: Body): Handle[] {
 function turnHandle(object: Body, gap: number): Handle[] {
   if (object.shape.type === "halfspace") return [];
   const [x, y] = middle(object.shape);
-  return [{ id: "turn", look: "turn", at: toWorldFrame(object, [x, y + halfExtent(object.shape) + gap]), about: "Turn" }];
+  return [{ id: "turn", look: "turn", at: toWorldFrame(object, [x, y + halfExtent(object.shape) + gap]), about: "Rotate" }];
 }
 
-/** A thing turned so that its turning handle, above its middle, points to a place. */
+/** The object rotated such that its rotation handle points to a position. */
 function turnedTowards(object: Body, to: Point): Body {
   const at = toWorldFrame(object, middle(object.shape));
   const angle = Math.atan2(to[1] - at[1], to[0] - at[0]) - Math.PI / 2;
   return rotated(object, Math.round(nearestTurn(angle, object.angle ?? 0) * 100) / 100);
 }
 
-/** The same direction with as few turns from another as can be. */
+/** The angle modulo 2 pi that is nearest to another. */
 function nearestTurn(angle: number, other: number): number {
   return angle + 2 * Math.PI * Math.round((other - angle) / (2 * Math.PI));
 }
 
-/** Smallest length that dragging makes, m. */
+/** Minimum length after dragging, m. */
 const MIN_LENGTH_M = 1e-3;
 
 function resized(object: Body, id: string, to: Point): Body {
@@ -124,7 +124,7 @@ function resized(object: Body, id: string, to: Point): Body {
     case "disc":
       return { ...object, shape: { ...shape, radius: Math.max(MIN_LENGTH_M, round(Math.hypot(p[0], p[1]))) } };
     case "box": {
-      // The corner opposite stays.
+      // The opposite corner stays fixed.
       const [w, h] = [shape.half_width, shape.half_height];
       const fixed: Point = ([[w, h], [-w, h], [-w, -h], [w, -h]] as Point[])[Number(id)]!;
       const half: Point = [Math.max(MIN_LENGTH_M, round(Math.abs(p[0] - fixed[0]) / 2)), Math.max(MIN_LENGTH_M, round(Math.abs(p[1] - fixed[1]) / 2))];
@@ -157,13 +157,13 @@ function resizedArea(scene: Scene, handle: string, to: Point): Scene {
   const corner = Number(which);
   const [x, y] = [corner === 0 || corner === 3 ? 0 : 2, corner < 2 ? 1 : 3] as const;
   const next: Box = [...box];
-  // A corner does not pass the one opposite.
+  // A corner cannot pass the opposite one.
   next[x] = x === 0 ? Math.min(to[0], box[2]) : Math.max(to[0], box[0]);
   next[y] = y === 1 ? Math.min(to[1], box[3]) : Math.max(to[1], box[1]);
   return placedArea(scene, id, next);
 }
 
-/** The scene with another rectangle for what the action places. */
+/** The scene with another placement rectangle. */
 function placedArea(scene: Scene, id: string, [left, bottom, right, top]: Box): Scene {
   const { action } = scene;
   if (!action) return scene;
@@ -176,7 +176,7 @@ function placedArea(scene: Scene, id: string, [left, bottom, right, top]: Box): 
   return { ...scene, action: { ...action, components } };
 }
 
-/** The sides of a box, from its lower left corner counter-clockwise. */
+/** The edges of a box, counter-clockwise from the lower left corner. */
 function sides([left, bottom, right, top]: Box): [Point, Point][] {
   const corners: Point[] = [[left, bottom], [right, bottom], [right, top], [left, top]];
   return corners.map((a, i) => [a, corners[(i + 1) % 4]!]);

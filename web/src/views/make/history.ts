@@ -1,21 +1,21 @@
-// What was drawn before, for undo and redo.
+// Undo and redo.
 
 export interface History<T> {
   readonly past: readonly T[];
   readonly present: T;
   readonly future: readonly T[];
-  /** What the last change belongs to: changes with the same key are undone together. */
+  /** Changes with the same key are undone together. */
   readonly key: string | null;
 }
 
-/** Changes that are kept; older ones cannot be undone. */
+/** Maximum number of undo steps. */
 const MAX_UNDO_STEPS = 500;
 
 export function begin<T>(present: T): History<T> {
   return { past: [], present: present, future: [], key: null };
 }
 
-/** One change more. With a `key` that is also the last change's it becomes one with it: a drag, or a number being typed. */
+/** Adds a change. If `key` equals the key of the last change, both become one: a drag, or typing a number. */
 export function change<T>(history: History<T>, present: T, key: string | null = null): History<T> {
   if (present === history.present) return history;
   const merges = key !== null && key === history.key;
@@ -23,7 +23,7 @@ export function change<T>(history: History<T>, present: T, key: string | null = 
   return { past, present: present, future: [], key };
 }
 
-/** The last change is over: the next one is undone by itself. */
+/** Ends the last change: the next one is undone separately. */
 export function settle<T>(history: History<T>): History<T> {
   return { ...history, key: null };
 }

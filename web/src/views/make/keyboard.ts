@@ -1,4 +1,4 @@
-// The keyboard in the picture: everything that the mouse does.
+// Keyboard input in the picture: the same functions as the mouse.
 
 import type { Body, Point, Scene } from "../../scene/types";
 import { corners } from "../../scene/extent";
@@ -10,31 +10,31 @@ import { distanceTo, middle, toWorldFrame, scaled } from "./shapes";
 import { objectPaths, translated, objectAt, rotated } from "./objects";
 import { type DrawingResult, type Tool, TOOLS, drawDefault } from "./tools";
 
-/** What keys do beyond what the hand does. */
+/** Commands beyond those of the pointer. */
 export interface Commands {
   tool: (tool: Tool) => void;
   remove: () => void;
   duplicate: () => void;
-  /** To the form of what is selected. */
+  /** Focuses the form of the selection. */
   form: () => void;
 }
 
-/** What the picture tells screen readers, and the help shows. */
+/** Keyboard help, for screen readers and the help text. */
 export const KEYBOARD_HELP: readonly [string, string][] = [
-  ["arrows", "move what is selected; with Shift finely"],
+  ["arrows", "move the selection; with Shift in small steps"],
   ["+ and -", "larger, smaller"],
-  ["r and R", "turn counter-clockwise, clockwise"],
-  ["n and N", "next, previous thing"],
-  ["Enter", "put what the tool draws in the middle; with Select, to the numbers"],
-  ["Delete", "take it away"],
-  ["Ctrl D", "the same again"],
+  ["r and R", "rotate counter-clockwise, clockwise"],
+  ["n and N", "next, previous object"],
+  ["Enter", "draw in the middle of the view; with Select, open the properties"],
+  ["Delete", "delete the selection"],
+  ["Ctrl D", "duplicate the selection"],
   ["Ctrl Z, Ctrl Shift Z", "undo, redo"],
   [TOOLS.map((t) => t.key).join(" "), `tools: ${TOOLS.map((t) => t.title.toLowerCase()).join(", ")}`],
-  ["0, i, o", "show all, nearer, farther"],
-  ["Escape", "give up what is being drawn; nothing selected"],
+  ["0, i, o", "show all, zoom in, zoom out"],
+  ["Escape", "cancel drawing; clear the selection"],
 ];
 
-/** How far an arrow moves, share of what is seen; how much larger, and how far round, rad. */
+/** Step of an arrow key, share of the view; scale factor; rotation step, rad. */
 const [MOVE_SHARE, SCALE_FACTOR, TURN_STEP_RAD] = [0.02, 1.1, Math.PI / 36];
 
 export function keys(at: Canvas, actions: EditorActions, polygon: PolygonDrawing, commands: Commands, signal: AbortSignal): void {
@@ -104,7 +104,7 @@ function escape(actions: EditorActions, polygon: PolygonDrawing, commands: Comma
   actions.select("world");
 }
 
-/** What was drawn, above what was there before. */
+/** Moves a new object upwards to a free place. */
 function toFreePlace(result: DrawingResult, step: number): DrawingResult {
   const object = objectAt(result.scene, result.place);
   if (!object) return result;
@@ -114,10 +114,10 @@ function toFreePlace(result: DrawingResult, step: number): DrawingResult {
   return { ...result, scene: write(result.scene, result.place, now) };
 }
 
-/** Steps upwards for a free place. */
+/** Maximum number of steps to a free place. */
 const MAX_STEPS_UP = 200;
 
-/** Whether two things may overlap: corners of one in the other. */
+/** Whether two objects may overlap: a corner of one lies in the other. */
 function overlap(a: Body, b: Body): boolean {
   const hasCornerIn = (object: Body, other: Body): boolean =>
     [toWorldFrame(object, middle(object.shape)), ...corners(object.shape, object.position ?? [0, 0], object.angle ?? 0)].some((p) => distanceTo(other, p) === 0);

@@ -1,4 +1,4 @@
-// The form of a body or a static: shape, place, motion, material.
+// The form of a body or static: shape, pose, motion, material.
 
 import { h } from "../../dom";
 import type { Body, Point, Scene, Shape } from "../../scene/types";
@@ -82,11 +82,11 @@ function shape(context: FormContext, place: string, object: Body): { fields: Fie
     case "polygon":
       return corners(context, at("vertices"), "Corners, counter-clockwise");
     case "compound":
-      return { fields: [], parts: [h("p", { class: "soft" }, `A compound of ${object.shape.pieces.length} pieces, which are kept as they are; larger and smaller go by + and -.`)] };
+      return { fields: [], parts: [h("p", { class: "soft" }, `A compound of ${object.shape.pieces.length} pieces, which cannot be edited; + and - change its size.`)] };
   }
 }
 
-/** Corners of a polygon or a region: two numbers each, one more, one less. */
+/** Vertices of a polygon or region: two numbers each, with buttons to add and remove. */
 export function corners(context: FormContext, path: string, title: string): { fields: Field[]; parts: HTMLElement[] } {
   const list = (scene: Scene): Point[] => read(scene, path) as Point[];
   const count = list(context.scene()).length;
@@ -101,7 +101,7 @@ export function corners(context: FormContext, path: string, title: string): { fi
   more.addEventListener("click", () => {
     const now = list(context.scene());
     const [last, first] = [now.at(-1)!, now[0]!];
-    // A little outside the middle of the last side, so that a convex polygon stays one.
+    // Slightly outside the middle of the last edge, so that a convex polygon remains convex.
     const [x, y] = [(last[0] + first[0]) / 2, (last[1] + first[1]) / 2];
     const out: Point = [x + (first[1] - last[1]) / 8, y - (first[0] - last[0]) / 8];
     context.change(write(context.scene(), path, [...now, out]), null);

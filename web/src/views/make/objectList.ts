@@ -1,4 +1,4 @@
-// The list of what a scene has: the world, goal, action, bodies, statics. One of them is selected.
+// The list of the scene's parts: world, goal, action, bodies, statics. One of them is selected.
 
 import { h, put } from "../../dom";
 import { colours } from "../../scene/colour";
@@ -11,7 +11,7 @@ export interface ObjectList {
 }
 
 export function objectList(select: (place: string) => void): ObjectList {
-  const element = h("div", { class: "things", role: "group", "aria-label": "What the scene has" });
+  const element = h("div", { class: "things", role: "group", "aria-label": "Parts of the scene" });
   const button = (scene: Scene, place: string, selected: string, invalid: string | null): HTMLElement => {
     const object = objectAt(scene, place);
     const colour = object && isBody(place) ? colours(scene).get(object.name) : null;
@@ -25,7 +25,7 @@ export function objectList(select: (place: string) => void): ObjectList {
   return {
     element,
     show: (scene, selected, invalid) => {
-      // What has the focus keeps it.
+      // Keep the focus.
       const focused = element.contains(document.activeElement) ? (document.activeElement as HTMLElement).dataset.place : null;
       put(element, ...[...Object.keys(SECTION_TITLES), ...objectPaths(scene)].map((place) => button(scene, place, selected, invalid)));
       if (focused) (element.querySelector<HTMLElement>(`[data-place="${focused}"]`) ?? element.querySelector("button"))?.focus();

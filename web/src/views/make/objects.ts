@@ -1,35 +1,35 @@
-// Things of a scene by their place in it (`bodies[0]`, `statics[2]`): added, taken away, named, moved, turned. Scenes are
-// never changed, only made anew; whatever is not meant stays as it was.
+// Operations on objects of a scene by their path (`bodies[0]`, `statics[2]`): add, remove, rename, move, rotate. Scenes are
+// immutable; other parts are kept.
 
 import { type Body, allObjects, type Point, type Scene } from "../../scene/types";
 import { write } from "./path";
 import { convertShape, toBodyFrame, middle, toWorldFrame, round, rounded } from "./shapes";
 
-/** The thing at a place; `null` where none is. */
+/** The object at a path; `null` if there is none. */
 export function objectAt(scene: Scene, place: string): Body | null {
   const [, list, index] = /^(bodies|statics)\[(\d+)\]$/.exec(place) ?? [];
   if (!list) return null;
   return (list === "bodies" ? scene.bodies : (scene.statics ?? []))[Number(index)] ?? null;
 }
 
-/** Places of all things: those that move, then those that do not. */
+/** Paths of all objects: bodies, then statics. */
 export function objectPaths(scene: Scene): string[] {
   return [...scene.bodies.map((_, i) => `bodies[${i}]`), ...(scene.statics ?? []).map((_, i) => `statics[${i}]`)];
 }
 
-/** Whether what is at a place moves. */
+/** Whether the object at a path is a body. */
 export function isBody(place: string): boolean {
   return place.startsWith("bodies");
 }
 
-/** One thing more, with a name that no other has; and its place. */
+/** Adds an object with a unique name; returns its path. */
 export function addObject(scene: Scene, object: Body, moving: boolean): { scene: Scene; place: string } {
   const list = moving ? "bodies" : "statics";
   const place = `${list}[${(scene[list] ?? []).length}]`;
   return { scene: write(scene, place, { ...object, name: uniqueName(scene, object.name) }), place };
 }
 
-/** Without a thing, and without what the scene said of it: action components, overrides; a goal about it goes, too. */
+/** Removes an object with its action components, overrides, and a goal that names it. */
 export function removeObject(scene: Scene, place: string): Scene {
   const removedName = objectAt(scene, place)?.name;
   if (removedName === undefined) return scene;
@@ -40,19 +40,19 @@ export function removeObject(scene: Scene, place: string): Scene {
   return renameOverrides(next, (name) => (name === removedName ? null : name));
 }
 
-/** The same again, beside it; and its place. */
+/** Duplicates an object, shifted; returns the path of the copy. */
 export function duplicateObject(scene: Scene, place: string, aside: number): { scene: Scene; place: string } {
   const object = objectAt(scene, place);
   if (!object) return { scene, place };
   return addObject(scene, translated(structuredClone(object), [aside, aside]), isBody(place));
 }
 
-/** A thing by another name, wherever the scene names it; why not, if another thing has the name: what the scene says of one
- * would be of both. */
+/** Renames an object and all references to it; returns a message if another object has the name, because references would become
+ * ambiguous. */
 export function renameObject(scene: Scene, place: string, name: string): Scene | string {
   const old = objectAt(scene, place)?.name;
   if (old === undefined || old === name) return scene;
-  if (allObjects(scene).some((b) => b.name === name)) return `Another thing is named "${name}".`;
+  if (allObjects(scene).some((b) => b.name === name)) return `Another object is named "${name}".`;
   const now = (n: string): string => (n === old ? name : n);
   let next = write(scene, `${place}.name`, name);
   const shared = allObjects(scene).filter((b) => b.name === old).length > 1;
@@ -64,7 +64,7 @@ export function renameObject(scene: Scene, place: string, name: string): Scene |
   return renameOverrides(next, now);
 }
 
-/** A body made a static, or a static a body; what the other kind does not have goes. Its new place. */
+/** Converts a body to a static or a static to a body, without the fields that the other kind lacks; returns its new path. */
 export function convertObject(scene: Scene, place: string): { scene: Scene; place: string } {
   const object = objectAt(scene, place);
   if (!object) return { scene, place };
@@ -76,7 +76,7 @@ export function convertObject(scene: Scene, place: string): { scene: Scene; plac
   return { scene: write(without, `${list}[${(without[list] ?? []).length}]`, convertedBody), place: `${list}[${(without[list] ?? []).length}]` };
 }
 
-/** A thing elsewhere, m. */
+/** The object translated, m. */
 export function translated(object: Body, by: Point): Body {
   const { shape } = object;
   if (shape.type === "halfspace") {
@@ -87,7 +87,7 @@ export function translated(object: Body, by: Point): Body {
   return { ...object, position: rounded([x + by[0], y + by[1]]) };
 }
 
-/** A thing turned to an angle, rad, about its middle; a half plane about the point of it that is nearest to its origin. */
+/** The object rotated to an angle, rad, about its centre; a half plane about its point nearest to the origin. */
 export function rotated(object: Body, angle: number): Body {
   const { shape } = object;
   if (shape.type === "halfspace") {
@@ -102,29 +102,29 @@ export function rotated(object: Body, angle: number): Body {
   return translated({ ...object, angle: round(angle) }, [was[0] - now[0], was[1] - now[1]]);
 }
 
-/** A thing whose own frame has its origin in its middle, standing where it stood: so it turns about itself by its angle. */
+/** The object with its origin moved to its centre, at the same place, so that its angle rotates it about its centre. */
 export function recentred(object: Body): Body {
   const { shape } = object;
   const centre = middle(shape);
   if (shape.type !== "polygon" && shape.type !== "segment") return object;
   const back = (p: Point): Point => rounded([p[0] - centre[0], p[1] - centre[1]]);
-  const moved = shape.type === "polygon" ? { ...shape, vertices: shape.vertices.map(back) } : { ...shape, from: back(shape.from), to: back(shape.to) };
-  return { ...object, shape: moved, position: rounded(toWorldFrame(object, centre)) };
+  const recentredShape = shape.type === "polygon" ? { ...shape, vertices: shape.vertices.map(back) } : { ...shape, from: back(shape.from), to: back(shape.to) };
+  return { ...object, shape: recentredShape, position: rounded(toWorldFrame(object, centre)) };
 }
 
-/** The place of a point of the world in a thing's frame, without tails of digits. */
+/** A world point in the object's frame, rounded. */
 export function roundedInBodyFrame(object: Body, p: Point): Point {
   return rounded(toBodyFrame(object, p));
 }
 
-/** Names that a goal is about. */
+/** Names of the bodies of the goal. */
 export function goalNames(scene: Scene): string[] {
   if (!scene.goal) return [];
   return "bodies" in scene.goal ? scene.goal.bodies : [scene.goal.body];
 }
 
-/** The scene with other components of the action, `null` for those that go; counts of a grid go along, and the action
- * itself when nothing is left. */
+/** The scene with other action components, `null` to remove one; updates grid counts, and removes the action if no component is
+ * left. */
 export function setComponents(scene: Scene, list: readonly (NonNullable<Scene["action"]>["components"][number] | null)[]): Scene {
   const { action } = scene;
   if (!action) return scene;
@@ -137,7 +137,7 @@ export function setComponents(scene: Scene, list: readonly (NonNullable<Scene["a
   return { ...scene, action: { ...next, discrete: { ...discrete, counts } } };
 }
 
-/** Cells of a grid of actions along a component that is new. */
+/** Grid cells along a new component. */
 const DEFAULT_GRID_CELLS = 10;
 
 function uniqueName(scene: Scene, stem: string): string {
@@ -149,7 +149,7 @@ function uniqueName(scene: Scene, stem: string): string {
   }
 }
 
-/** What moves is bounded, and thicker than a line. */
+/** The shape for a body: bounded, and with a thickness. */
 function movableShape(object: Body): Body["shape"] {
   const { shape } = object;
   if (shape.type === "halfspace") return convertShape(shape, "box");
@@ -157,7 +157,7 @@ function movableShape(object: Body): Body["shape"] {
   return shape;
 }
 
-/** Overrides by setting with other names; `null` takes one away. */
+/** Renames overrides by setting; `null` removes one. */
 function renameOverrides(scene: Scene, now: (name: string) => string | null): Scene {
   const settings = scene.settings as Record<string, Record<string, Record<string, unknown>>> | undefined;
   if (!settings) return scene;

@@ -1,4 +1,4 @@
-// What the form shows of what is selected: a thing, the goal, the action space, the world.
+// Selects the form for the selection: object, goal, action space, effects, world.
 
 import { h } from "../../dom";
 import { allObjects, type Scene } from "../../scene/types";
@@ -11,7 +11,7 @@ import { write } from "./path";
 import { objectAt } from "./objects";
 import { objectForm } from "./objectForm";
 
-/** The form of what is at a place. */
+/** The form for a path. */
 export function panel(context: FormContext, place: string): Panel {
   const scene = context.scene();
   if (objectAt(scene, place)) return objectForm(context, place);
@@ -21,7 +21,7 @@ export function panel(context: FormContext, place: string): Panel {
   return world(context);
 }
 
-/** Changes where the form has to be made anew, and not only filled again. */
+/** A key that changes when the form must be rebuilt instead of updated. */
 export function formKey(scene: Scene, place: string): string {
   const object = objectAt(scene, place);
   const names = allObjects(scene).map((b) => b.name);
@@ -41,7 +41,7 @@ export function formKey(scene: Scene, place: string): string {
   return place;
 }
 
-/** Fields of the format that have no form here: they are kept as they are. */
+/** Fields without a form; they are preserved. */
 const PRESERVED_FIELDS: Record<string, string> = {
   carriers: "carriers of the latents",
   calibrate: "latents to calibrate",
@@ -58,20 +58,20 @@ function world(context: FormContext): Panel {
   const time = [
     number(context, { label: "Time step", path: "time_step", unit: "s", empty: "1/240" }),
     number(context, { label: "Steps", path: "steps", empty: "4000" }),
-    number(context, { label: "Steps a sample", path: "observe_every", empty: "60" }),
-    number(context, { label: "Damping", path: "damping", unit: "kept/s", empty: "none" }),
+    number(context, { label: "Steps per sample", path: "observe_every", empty: "60" }),
+    number(context, { label: "Damping", path: "damping", unit: "1/s", empty: "none" }),
   ];
   const stop = choice(
     context,
     { label: "When the goal is reached", path: "stop" },
-    [["true", "it ends"], ["false", "it goes on"]],
+    [["true", "stop"], ["false", "continue"]],
     (scene) => String(scene.stop ?? true),
     (scene, value) => write(scene, "stop", value === "true" ? undefined : false),
   );
   stop.element.classList.add("broad");
   const fields = [name, ...gravity, ...time, stop];
   const preserved = Object.entries(PRESERVED_FIELDS).filter(([field]) => context.scene()[field] !== undefined);
-  const note = preserved.length ? h("p", { class: "soft" }, `Kept as they are: ${preserved.map(([, what]) => what).join(", ")}.`) : h("span", {});
+  const note = preserved.length ? h("p", { class: "soft" }, `Not editable here: ${preserved.map(([, what]) => what).join(", ")}.`) : h("span", {});
   const element = h("div", { class: "stack" }, name.element, group("Gravity", ...gravity), group("Time and drag", ...time, stop), note);
   return { element, fields };
 }

@@ -1,29 +1,28 @@
-// Paths of fields as the server names them: `bodies[0].shape.radius`. Documents are never changed, only made anew.
+// Field paths as the server names them: `bodies[0].shape.radius`. Documents are immutable.
 
-/** The steps of a path: names of fields and numbers of items. */
+/** The keys of a path: field names and indices. */
 export function keys(path: string): (string | number)[] {
   return [...path.matchAll(/\[(\d+)\]|[^.[\]]+/g)].map((m) => (m[1] === undefined ? m[0] : Number(m[1])));
 }
 
-/** What a document has at a path; `undefined` where it ends before. */
+/** The value at a path; `undefined` if it does not exist. */
 export function read(of: unknown, path: string): unknown {
   return keys(path).reduce<unknown>((value, key) => (value as Record<string | number, unknown> | null | undefined)?.[key], of);
 }
 
-/** The document with another value at a path; `undefined` takes the field or item away. Everything else is kept. */
+/** A copy with another value at a path; `undefined` removes the field or item. */
 export function write<T>(of: T, path: string, value: unknown): T {
   return setAt(of, keys(path), value) as T;
 }
 
-/** Whether a path is another one or lies within it. */
+/** Whether a path equals another or lies within it. */
 export function isWithin(path: string, ancestor: string): boolean {
   if (!path.startsWith(ancestor)) return false;
   const next = path[ancestor.length];
   return next === undefined || next === "." || next === "[";
 }
 
-/** Of fields on a form, those that a problem with `named` is about: the field itself, else those within it, else the one it
- * lies within. */
+/** The form fields that a problem at `path` concerns: that field, else the fields within it, else the closest one around it. */
 export function affectedFields(fields: readonly string[], path: string): string[] {
   const same = fields.filter((f) => f === path);
   if (same.length) return same;
@@ -45,6 +44,6 @@ function setAt(of: unknown, [key, ...rest]: (string | number)[], value: unknown)
   const { [key]: old, ...others } = (of ?? {}) as Record<string, unknown>;
   const next = setAt(old, rest, value);
   if (next === undefined) return others;
-  // In its old place, so that a saved file differs only where something was changed.
+  // Keep the order of fields, so that a saved file differs only where something changed.
   return old === undefined ? { ...others, [key]: next } : { ...(of as object), [key]: next };
 }

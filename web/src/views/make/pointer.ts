@@ -1,4 +1,4 @@
-// The mouse in the picture: selects, moves, resizes, turns, draws, and moves what is seen.
+// Pointer input in the picture: select, move, resize, rotate, draw, pan.
 
 import { s } from "../../dom";
 import type { Point, Scene } from "../../scene/types";
@@ -6,28 +6,28 @@ import { type Canvas, rectangleElement } from "./canvas";
 import { dragHandle, hitTest, moveSelection } from "./handles";
 import { drawPolygon, drawShape, type Tool, drawDefault } from "./tools";
 
-/** What a gesture sees of the draft, and does to it. */
+/** State of the editor, and actions on it, for input handlers. */
 export interface EditorActions {
-  /** The scene as it is drawn, every body somewhere. */
+  /** The displayed scene, in which every body has a position. */
   scene: () => Scene;
-  /** The draft with what is at a place standing where it is drawn. */
+  /** The draft with the object's displayed position stored in it. */
   sceneWithDisplayedPose: (place: string) => Scene;
   selected: () => string;
   tool: () => Tool;
-  /** Whether what is drawn moves. */
+  /** Whether drawn objects are bodies. */
   moving: () => boolean;
   select: (place: string) => void;
-  /** A step of a gesture; those with the same key are undone together. */
+  /** A step of a gesture; steps with the same key are undone together. */
   change: (scene: Scene, key: string) => void;
-  /** A gesture is over: what it drew is selected, and things are selected again. */
+  /** The end of a drawing gesture: selects the result and the selection tool. */
   onDrawn: (done: { scene: Scene; place: string } | null) => void;
   onEnd: () => void;
 }
 
-/** How near the mouse has to be, or a finger to a handle, and how far it has to go before something is dragged, pixels. */
+/** Hit radius of handles for mouse and touch, and distance after which a press becomes a drag, px. */
 const [MOUSE_RADIUS_PX, TOUCH_RADIUS_PX, DRAG_THRESHOLD_PX] = [9, 20, 3];
 
-/** Corners of a polygon that is being drawn; Enter closes it, Escape gives it up. */
+/** A polygon being drawn; Enter closes it, Escape discards it. */
 export interface PolygonDrawing {
   count: () => number;
   close: () => void;
@@ -106,19 +106,19 @@ interface Gesture {
   done: (p: Point) => void;
 }
 
-/** Moves what is seen; without a movement it is a click on nothing. */
+/** Pans the view; without movement it is a click on empty space. */
 function panning(at: Canvas, from: Point, click: () => void): Gesture {
-  let moved = false;
+  let panned = false;
   return {
     move: (p) => {
-      moved = true;
+      panned = true;
       at.pan([from[0] - p[0], from[1] - p[1]]);
     },
-    done: () => moved || click(),
+    done: () => panned || click(),
   };
 }
 
-/** A polygon, corner by corner. */
+/** Draws a polygon vertex by vertex. */
 function polygon(at: Canvas, actions: EditorActions): PolygonDrawing & { at: (p: Point) => null; toward: (p: Point) => void } {
   let corners: Point[] = [];
   const show = (to: Point | null): void => {
@@ -128,7 +128,7 @@ function polygon(at: Canvas, actions: EditorActions): PolygonDrawing & { at: (p:
   const close = (): void => {
     if (!corners.length) return;
     const done = drawPolygon(actions.sceneWithDisplayedPose(""), corners, actions.moving());
-    // Two corners are none: more are waited for.
+    // Fewer than three vertices: wait for more.
     if (!done) return;
     corners = [];
     at.sketch();

@@ -1,4 +1,4 @@
-// The form beside the picture, of what is selected: made anew when it asks for other fields, else filled again.
+// The properties panel of the selection; rebuilt if it needs other fields, else updated.
 
 import { h, put } from "../../dom";
 import { locationOf, currentScene, type EditorState } from "./editorState";
@@ -10,14 +10,14 @@ import { objectAt } from "./objects";
 export interface PropertiesPanel {
   element: HTMLElement;
   show: (state: EditorState) => void;
-  /** To the first of its fields, or the one that is wrong. */
+  /** Focuses the first field, or the one with an error. */
   focus: () => void;
 }
 
 export function propertiesPanel(desk: FormContext): PropertiesPanel {
   const title = h("h2", {});
   const place = h("div", {});
-  const element = h("section", { class: "card form", "aria-label": "What is selected" }, title, place);
+  const element = h("section", { class: "card form", "aria-label": "Properties" }, title, place);
   let [currentKind, current]: [string, Panel | null] = ["", null];
   const show = (state: EditorState): void => {
     const now = formKey(currentScene(state), state.selected);
@@ -43,7 +43,7 @@ export function propertiesPanel(desk: FormContext): PropertiesPanel {
 
 const TITLES: Record<string, string> = { world: "World", goal: "Goal", action: "Action space", effects: "Effects" };
 
-/** What gives the focus back to the field or button that has it now, or one of the same name. */
+/** A function that restores the focus to the same field or button after a rebuild. */
 function focusRestorer(element: HTMLElement): ((element: HTMLElement) => void) | null {
   const focused = document.activeElement;
   if (!(focused instanceof HTMLElement) || !element.contains(focused)) return null;

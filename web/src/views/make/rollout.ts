@@ -1,4 +1,4 @@
-// Under the picture: the film of the draft, what it came to, with which action it starts.
+// Below the picture: the film of the draft, its outcome, and the initial action.
 
 import { reconnected, isLost } from "../../api/connection";
 import { ProblemError, describeError } from "../../api/problem";
@@ -16,18 +16,18 @@ import { needsAction, findValidAction, type SimulationResult, simulate } from ".
 
 export interface Rollout {
   element: HTMLElement;
-  /** The draft is another one: runs it, if drafts are run while one draws. */
+  /** Call after a change of the draft: simulates it, if "Run as you draw" is on. */
   changed: () => void;
 }
 
-/** What a rollout tells of the draft. */
+/** Receives the results of a rollout. */
 export interface RolloutListener {
-  /** What is wrong with a scene, which may no longer be the draft. */
-  onProblem: (onProblem: SceneProblem | null, of: Scene) => void;
-  onAction: (onAction: number[] | null) => void;
+  /** The problem of a scene, which may no longer be the draft. */
+  onProblem: (problem: SceneProblem | null, of: Scene) => void;
+  onAction: (action: number[] | null) => void;
 }
 
-/** `state` is the draft; `held` says whether a gesture is under way, during which the film does not start anew. */
+/** `state`: the draft; `isDragging`: whether a gesture is in progress, during which the film does not restart. */
 export function rollout(at: Canvas, state: () => EditorState, isDragging: () => boolean, listener: RolloutListener, context: Context): Rollout {
   const { signal } = context;
   const play = player(at.time, signal);
@@ -40,7 +40,7 @@ export function rollout(at: Canvas, state: () => EditorState, isDragging: () => 
   const actionLabel = h("span", { class: "soft" });
   const acting = h("div", { class: "row acting" }, actionLabel, another, startAsDrawn);
   let [attempts, failed] = [0, false];
-  // What is shown above the view is taken away by who showed it: a wrong file is not forgiven by a film.
+  // Only remove errors that were displayed here: a successful simulation must not remove the error of a file.
   const fail = (error: unknown): void => {
     if (error !== null || failed) context.fail(error);
     failed = error !== null;
@@ -66,7 +66,7 @@ export function rollout(at: Canvas, state: () => EditorState, isDragging: () => 
   const work = latest<boolean>(async (requested) => {
     describe();
     const now = currentScene(state());
-    // An empty draft is no mistake; and what is off is run when it is asked for.
+    // An empty draft is not an error. With "Run as you draw" off, simulate only on request.
     if (!now.bodies.length || !(live.checked || requested)) {
       listener.onProblem(null, now);
       show(null);
@@ -108,20 +108,20 @@ export function rollout(at: Canvas, state: () => EditorState, isDragging: () => 
   return { element, changed: () => work(false) };
 }
 
-/** Runs the draft; where it needs an action, or the one it had has no place any more, another one is looked for. */
-async function simulateWithAction(now: Scene, onAction: number[] | null, onChosen: (onAction: number[] | null) => void, signal: AbortSignal): Promise<SimulationResult> {
-  if (onAction || !needsAction(now)) {
-    const done = await simulate(now, onAction, signal);
+/** Simulates the draft. If it needs an action, or its action is no longer valid, another one is searched for. */
+async function simulateWithAction(now: Scene, action: number[] | null, onChosen: (action: number[] | null) => void, signal: AbortSignal): Promise<SimulationResult> {
+  if (action || !needsAction(now)) {
+    const done = await simulate(now, action, signal);
     if (done.reason === null) return done;
   }
   const validAction = await findValidAction(now, 0, signal);
   onChosen(validAction);
   if (validAction) return simulate(now, validAction, signal);
-  return { film: null, solved: null, end: null, reason: "no action was found that has a place" };
+  return { film: null, solved: null, end: null, reason: "no valid action was found" };
 }
 
-/** A field of the scene, as a scene's own paths go; `null` of anything else. Effects are named without the scene: no others
- * are asked for here. */
+/** A field path within the scene; `null` for other fields. Effects are named without the prefix `scene`: requests here have no
+ * other effects. */
 function scenePath(field: string | null | undefined): string | null {
   const [, path] = /^(?:scene\.|(?=effects\[))(.*)$/.exec(field ?? "") ?? [];
   return path ?? (field === "scene" ? "" : null);
@@ -135,6 +135,6 @@ function outcomeText({ film, solved, end: how, reason }: SimulationResult): stri
   return solved ? `Goal reached at ${time}` : `Goal not reached in ${time}`;
 }
 
-function actionText(now: Scene, onAction: readonly number[]): string {
-  return (now.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, onAction[i] ?? 0.5), unit(c))}`).join(", ");
+function actionText(now: Scene, action: readonly number[]): string {
+  return (now.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0.5), unit(c))}`).join(", ");
 }

@@ -1,39 +1,39 @@
-// Shapes as they are edited: where their middle is, made larger, turned into one another, whether a point is on them.
+// Geometry of shapes: centre, scaling, conversion, distance.
 
 import type { Body, Point, Shape } from "../../scene/types";
 import { corners, toWorld } from "../../scene/extent";
 
-/** Lengths of what is drawn are multiples of a millionth: sums leave no tails of digits. */
+/** Drawn lengths are multiples of a micrometre, so that sums have no rounding digits. */
 export function round(v: number): number {
   return Math.round(v * 1e6) / 1e6;
 }
 
 export const rounded = (p: Point): Point => [round(p[0]), round(p[1])];
 
-/** The middle of a shape in its own frame, m: the middle of the box around it. */
+/** The centre of a shape's bounding box in its own frame, m. */
 export function middle(shape: Shape): Point {
   const box = extent(shape);
   return box ? [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2] : [0, 0];
 }
 
-/** Half the larger side of the box around a shape, m. */
+/** Half the longer side of a shape's bounding box, m. */
 export function halfExtent(shape: Shape): number {
   const box = extent(shape);
   return box ? Math.max(box[2] - box[0], box[3] - box[1]) / 2 : 0;
 }
 
-/** A place of a thing's own frame in the world, m. */
+/** A point of the body's frame in the world frame, m. */
 export function toWorldFrame(object: Body, p: Point): Point {
   return toWorld(p, object.position ?? [0, 0], object.angle ?? 0);
 }
 
-/** A place of the world in a thing's own frame, m. */
+/** A point of the world frame in the body's frame, m. */
 export function toBodyFrame(object: Body, p: Point): Point {
   const [x, y] = object.position ?? [0, 0];
   return toWorld([p[0] - x, p[1] - y], [0, 0], -(object.angle ?? 0));
 }
 
-/** A shape made larger about its middle; a half plane has no size. */
+/** A shape scaled about its centre; a half plane has no size. */
 export function scaled(shape: Shape, factor: number): Shape {
   const about = middle(shape);
   const point = (p: Point): Point => rounded([about[0] + factor * (p[0] - about[0]), about[1] + factor * (p[1] - about[1])]);
@@ -53,7 +53,7 @@ export function scaled(shape: Shape, factor: number): Shape {
   }
 }
 
-/** A shape of another type, of about the same size. */
+/** A shape of another type and about the same size. */
 export function convertShape(shape: Shape, type: Shape["type"]): Shape {
   if (shape.type === type) return shape;
   const [x, y] = middle(shape);
@@ -76,7 +76,7 @@ export function convertShape(shape: Shape, type: Shape["type"]): Shape {
   }
 }
 
-/** The convex hull of points, counter-clockwise (Andrew 1979); points on its sides are left out. */
+/** Convex hull, counter-clockwise (Andrew 1979), without points on its edges. */
 export function hull(points: readonly Point[]): Point[] {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const half = (list: Point[]): Point[] => {
@@ -90,12 +90,12 @@ export function hull(points: readonly Point[]): Point[] {
   return [...half(sorted), ...half(sorted.reverse())];
 }
 
-/** How far a point is from a thing, m; 0 within it. */
+/** Distance of a point from an object, m; 0 inside. */
 export function distanceTo(object: Body, p: Point): number {
   return distanceToShape(object.shape, toBodyFrame(object, p));
 }
 
-/** Whether a point is within a polygon. */
+/** Whether a point is inside a polygon. */
 export function inside(polygon: readonly Point[], p: Point): boolean {
   let odd = false;
   polygon.forEach((a, i) => {
@@ -105,7 +105,7 @@ export function inside(polygon: readonly Point[], p: Point): boolean {
   return odd;
 }
 
-/** How far a point is from the line between two others, m. */
+/** Distance of a point from a line segment, m. */
 export function distanceToSegment(p: Point, a: Point, b: Point): number {
   const [x, y] = [b[0] - a[0], b[1] - a[1]];
   const size = x * x + y * y;
@@ -132,12 +132,12 @@ function distanceToShape(shape: Shape, p: Point): number {
   }
 }
 
-/** A piece of a compound made larger about the compound's origin. */
+/** A piece of a compound scaled about the compound's origin. */
 function scaledPiece<P extends Shape & { position?: Point; angle?: number }>(piece: P, factor: number): P {
   const about = toWorld(middle(piece), [0, 0], piece.angle ?? 0);
   const resized = scaled(piece, factor);
   const [x, y] = piece.position ?? [0, 0];
-  // `scaled` keeps the middle of the piece where it is: what that leaves of the way outwards goes to its position.
+  // `scaled` keeps the centre of the piece; the remaining displacement is added to its position.
   const position = rounded([factor * x + (factor - 1) * about[0], factor * y + (factor - 1) * about[1]]);
   return { ...resized, ...(position[0] || position[1] || piece.position ? { position } : {}) } as P;
 }

@@ -1,4 +1,4 @@
-// The row over the picture: tools, whether what they draw moves, undo and redo, how much is seen.
+// The toolbar: drawing tools, body or static, undo and redo, zoom.
 
 import { uniqueId, h, put, set } from "../../dom";
 import { type Tool, TOOLS } from "./tools";
@@ -6,7 +6,7 @@ import { type Tool, TOOLS } from "./tools";
 export interface Toolbar {
   element: HTMLElement;
   hint: HTMLElement;
-  /** Says something in place of the hint. */
+  /** Displays a message in place of the hint. */
   showMessage: (text: string) => void;
   show: (tool: Tool, moving: boolean, undo: boolean, redo: boolean) => void;
 }
@@ -20,7 +20,7 @@ export interface ToolbarActions {
   fit: () => void;
 }
 
-/** Tools that draw things. */
+/** Tools that draw objects. */
 const OBJECT_TOOLS: readonly Tool[] = ["disc", "box", "polygon", "segment"];
 
 export function toolbar(actions: ToolbarActions): Toolbar {
@@ -29,11 +29,11 @@ export function toolbar(actions: ToolbarActions): Toolbar {
     return set(button, { "data-tool": tool, title: `${title} (${key})` });
   });
   const id = uniqueId("moving");
-  const kind = h("select", { id }, h("option", { value: "moves" }, "it moves"), h("option", { value: "stands" }, "it never moves"));
+  const kind = h("select", { id }, h("option", { value: "moves" }, "body"), h("option", { value: "stands" }, "static"));
   kind.addEventListener("change", () => actions.moving(kind.value === "moves"));
   const of = h("span", { class: "row kind" }, h("label", { for: id }, "Draws:"), kind);
   const [undo, redo] = [actionButton("Undo", actions.undo), actionButton("Redo", actions.redo)];
-  const zoom = [["−", "Farther", () => actions.zoom(1.25)], ["+", "Nearer", () => actions.zoom(0.8)]] as const;
+  const zoom = [["−", "Zoom out", () => actions.zoom(1.25)], ["+", "Zoom in", () => actions.zoom(0.8)]] as const;
   const viewButtons = [...zoom.map(([sign, title, act]) => set(actionButton(sign, act), { "aria-label": title, title })), actionButton("Show all", actions.fit)];
   const group = (label: string, ...parts: HTMLElement[]): HTMLElement => h("div", { class: "row", role: "group", "aria-label": label }, ...parts);
   const hint = h("p", { class: "soft hint" });

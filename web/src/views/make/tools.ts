@@ -1,4 +1,4 @@
-// Tools: what a gesture in the picture draws.
+// The drawing tools.
 
 import { type Box, type Component, type Point, type Scene } from "../../scene/types";
 import { hull, round, rounded } from "./shapes";
@@ -6,33 +6,33 @@ import { addObject, recentred, setComponents, isBody, objectAt } from "./objects
 
 export type Tool = "select" | "disc" | "box" | "polygon" | "segment" | "goal" | "area" | "bounds";
 
-/** The tools, in the order of the row of buttons. */
+/** The tools, in the order of the toolbar. */
 export const TOOLS: readonly { tool: Tool; title: string; key: string; hint: string }[] = [
-  { tool: "select", title: "Select", key: "v", hint: "Click a thing to select it, drag to move it; drag where nothing is to move the view." },
-  { tool: "disc", title: "Disc", key: "d", hint: "Drag from the centre outwards; Enter puts one in the middle of the view." },
-  { tool: "box", title: "Box", key: "b", hint: "Drag from corner to corner; Enter puts one in the middle of the view." },
-  { tool: "polygon", title: "Polygon", key: "p", hint: "Click the corners, then double-click or press Enter; what is made is their convex hull." },
-  { tool: "segment", title: "Segment", key: "s", hint: "Drag from end to end; Enter puts one in the middle of the view." },
-  { tool: "goal", title: "Goal region", key: "g", hint: "Drag a rectangle that a body's centre has to be in; Enter puts one in the middle of the view." },
-  { tool: "area", title: "Action area", key: "a", hint: "Drag a rectangle where the action may place the selected thing; Enter puts one in the middle of the view." },
-  { tool: "bounds", title: "Bounds", key: "w", hint: "Drag a rectangle that nothing placed may leave; Enter takes all that is in view." },
+  { tool: "select", title: "Select", key: "v", hint: "Click an object to select it, drag to move it; drag the background to move the view." },
+  { tool: "disc", title: "Disc", key: "d", hint: "Drag from the centre outwards; Enter draws one in the middle of the view." },
+  { tool: "box", title: "Box", key: "b", hint: "Drag from corner to corner; Enter draws one in the middle of the view." },
+  { tool: "polygon", title: "Polygon", key: "p", hint: "Click the corners, then double-click or press Enter; the result is their convex hull." },
+  { tool: "segment", title: "Segment", key: "s", hint: "Drag from end to end; Enter draws one in the middle of the view." },
+  { tool: "goal", title: "Goal region", key: "g", hint: "Drag the region that a body's centre must reach; Enter draws one in the middle of the view." },
+  { tool: "area", title: "Action area", key: "a", hint: "Drag the area where the action may place the selected object; Enter draws one in the middle of the view." },
+  { tool: "bounds", title: "Bounds", key: "w", hint: "Drag the rectangle that placed objects must stay in; Enter uses the visible area." },
 ];
 
 /** Why a tool drew nothing. */
 export function emptyDrawingMessage(scene: Scene, tool: Tool): string {
-  if (tool === "bounds" && !scene.action) return "Bounds are the action's: draw an action area first.";
-  if (tool === "goal" && !scene.bodies.length) return "Draw a body first: a goal region is where its centre has to be.";
-  if (tool === "area" && !scene.bodies.length) return "Draw a thing first: an action area is where it may be placed.";
+  if (tool === "bounds" && !scene.action) return "Bounds belong to the action: draw an action area first.";
+  if (tool === "goal" && !scene.bodies.length) return "Draw a body first: the goal region is for its centre.";
+  if (tool === "area" && !scene.bodies.length) return "Draw an object first: the action area is for placing it.";
   return "Nothing was drawn: it has no size.";
 }
 
-/** A scene after a gesture, and what is selected then. */
+/** A scene after a gesture, with the new selection. */
 export interface DrawingResult {
   scene: Scene;
   place: string;
 }
 
-/** What a drag from one point to another draws; `moving`: things that move. `view` is what is seen, m. */
+/** Draws by a drag from one point to another; `moving`: draws bodies. `view`: visible box, m. */
 export function drawShape(scene: Scene, tool: Tool, from: Point, to: Point, moving: boolean, view: Box, selected: string): DrawingResult | null {
   const box: Box = [Math.min(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[0], to[0]), Math.max(from[1], to[1])];
   const [w, h] = [round((box[2] - box[0]) / 2), round((box[3] - box[1]) / 2)];
@@ -46,7 +46,7 @@ export function drawShape(scene: Scene, tool: Tool, from: Point, to: Point, movi
       return w > 0 && h > 0 ? addObject(scene, { name: "box", shape: { type: "box", half_width: w, half_height: h }, position: centre }, moving) : null;
     case "segment": {
       if (from[0] === to[0] && from[1] === to[1]) return null;
-      // What moves has to have a thickness.
+      // A body must have a thickness.
       const radius = moving ? round((view[2] - view[0]) * SEGMENT_RADIUS_SHARE) : 0;
       return addObject(scene, recentred({ name: "segment", shape: { type: "segment", from, to, radius } }), moving);
     }
@@ -61,13 +61,13 @@ export function drawShape(scene: Scene, tool: Tool, from: Point, to: Point, movi
   }
 }
 
-/** What corners that were clicked draw. */
+/** Draws a polygon from clicked points. */
 export function drawPolygon(scene: Scene, corners: readonly Point[], moving: boolean): DrawingResult | null {
   const vertices = hull(corners);
   return vertices.length < 3 ? null : addObject(scene, recentred({ name: "polygon", shape: { type: "polygon", vertices } }), moving);
 }
 
-/** A gesture that draws something of a usual size in the middle of the view: for a click, and for the keyboard. */
+/** Draws a default size at a point: for a click, and for the keyboard. */
 export function drawDefault(scene: Scene, tool: Tool, at: Point, moving: boolean, view: Box, selected: string, step: number): DrawingResult | null {
   const r = Math.max(step, Math.round((view[2] - view[0]) / 20 / step) * step);
   const around = (w: number, h: number): DrawingResult | null => drawShape(scene, tool, [at[0] - w, at[1] - h], [at[0] + w, at[1] + h], moving, view, selected);
@@ -78,7 +78,7 @@ export function drawDefault(scene: Scene, tool: Tool, at: Point, moving: boolean
   return tool === "box" ? around(r, r) : around(2 * r, r);
 }
 
-/** Half the thickness of a segment that moves, share of the view's width. */
+/** Radius of a segment that is a body, share of the view's width. */
 const SEGMENT_RADIUS_SHARE = 0.006;
 
 function goal(scene: Scene, [left, bottom, right, top]: Box, selected: string): Scene {
@@ -98,7 +98,7 @@ function area(scene: Scene, [left, bottom, right, top]: Box, selected: string): 
   return { scene: position.reduce(withComponent, scene), place: "action" };
 }
 
-/** The scene with a component of the action in the place of the one that sets the same, or as one more. */
+/** The scene with an action component, which replaces the one with the same target and quantity. */
 export function withComponent(scene: Scene, component: Component): Scene {
   const action = scene.action ?? { components: [] };
   const index = action.components.findIndex((c) => c.target === component.target && c.set === component.set);

@@ -1,4 +1,4 @@
-// The simulation's physics: latents as sliders, effects of the library added with a click.
+// Physics of the simulation: sliders for latents, effects from the library.
 
 import type { Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
@@ -8,14 +8,14 @@ import type { Scene } from "../../scene/types";
 export type Latents = { density?: number; friction?: number; restitution?: number };
 export type EffectTerm = { name: string; parameters: Record<string, number> };
 
-/** What sliders reach: beyond it nothing on earth is. */
+/** Ranges of the sliders. */
 const SLIDER_RANGES: Record<keyof Latents, [number, number, string]> = {
   density: [0.05, 4, "kg/m²"],
   friction: [0, 1.5, ""],
   restitution: [0, 1, ""],
 };
 
-/** Sliders of the latents; `moved` has those that were given or touched. */
+/** Sliders of the latents; `onChange` gets those that were given or changed. */
 export function latents(scene: Scene, given: Latents, onChange: (latents: Latents) => void): HTMLElement {
   const now: Latents = { ...given };
   const carrier = scene.bodies.find((b) => !scene.carriers || scene.carriers.includes(b.name));
@@ -32,7 +32,7 @@ export function latents(scene: Scene, given: Latents, onChange: (latents: Latent
   return h("div", { class: "stack" }, ...rows);
 }
 
-/** The effects of the library; `moved` has those that were added, with their parameters. */
+/** Effects from the library; `onChange` gets the added ones with their parameters. */
 export function effects(library: Schema<"EffectOut">[], onChange: (terms: EffectTerm[]) => void): HTMLElement {
   const terms = new Map<EffectTerm, HTMLElement>();
   const list = h("div", { class: "stack" });
@@ -61,14 +61,14 @@ export function effects(library: Schema<"EffectOut">[], onChange: (terms: Effect
   return h("div", { class: "stack" }, h("div", { class: "row" }, h("label", { for: id, class: "unseen" }, "Effect"), select, add), equation, list);
 }
 
-/** A slider that is fine near the neutral value and reaches both bounds: the cube of its place. */
+/** A slider on a cubic scale: fine near the neutral value, with both bounds at its ends. */
 function parameter(effect: string, p: Schema<"EffectParameterOut">, first: boolean, term: EffectTerm, notify: () => void): HTMLElement {
   const [low = 0, high = 1] = p.bounds;
   const of = (share: number): number => {
     const s = 2 * share - 1;
     return p.neutral + Math.abs(s) ** 3 * (s < 0 ? p.neutral - low : high - p.neutral) * Math.sign(s);
   };
-  // An effect that is added does something at once.
+  // A new effect starts with a visible value.
   const start = first ? (high > p.neutral ? 0.6 : 0.4) : 0.5;
   term.parameters[p.name] = of(start);
   return slider(`${effect.replaceAll("_", " ")} ${p.name}`, start, (share) => short(of(share), p.unit), (share) => {

@@ -1,4 +1,4 @@
-// Placing an action in a scene: by mouse, by keyboard, by sliders; forbidden places are shaded, and why is said.
+// Placement of an action in a scene by mouse, keyboard and sliders; invalid positions are shaded.
 
 import { api, ok } from "../../api/client";
 import { h, put, s, set } from "../../dom";
@@ -9,22 +9,22 @@ import type { Picture } from "../../scene/draw";
 import { allObjects, type Component, type Point, type Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
-/** Cells of the map of forbidden places, each way: within what one request may hold, 4096. */
+/** Cells of the map of invalid positions in each direction; one request may hold 4096 actions. */
 const MAP_CELLS = 48;
-/** How far a key moves, share of the range; finer with Shift. */
+/** Step of a key, share of the range; finer with Shift. */
 const [STEP_SHARE, FINE_STEP_SHARE] = [0.02, 0.002];
 
 export interface Placement {
   element: HTMLElement;
   action: () => number[];
-  /** Why the action has no place; `null` if it has one. */
+  /** Displays why the action is invalid; `null` if it is valid. */
   showReason: (reason: string | null) => void;
 }
 
-/** What a request is about: a task by id, or a scene. */
+/** Subject of a request: a task id or a scene. */
 export type SimulationSubject = { task: string } | { scene: Record<string, never> };
 
-/** Sets up placing in a picture; `moved` is called with every new action, and once at the start, with `first` if it is one. */
+/** Adds placement to a picture; `onMove` is called with every new action and once at the start, with `first` if given. */
 export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Picture, onMove: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placement {
   const components = scene.action?.components ?? [];
   const names = targets(scene);
@@ -42,7 +42,7 @@ export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Pi
   });
   const axis = (set: Component["set"]): number => components.findIndex((c) => c.target === active && c.set === set);
   const change = (values: [number, number][], target = active): void => {
-    // What is forbidden for a thing depends on everything but its own place.
+    // The map of an object depends on all components except its own position.
     const targetAxes = axes(components, target);
     const stale = target !== active || values.some(([i]) => i !== targetAxes.x && i !== targetAxes.y);
     active = target;
@@ -76,19 +76,19 @@ export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Pi
   else onMove([]);
   const showReason = (reason: string | null): void => {
     set(message, { class: reason ? "refused-why" : "soft" });
-    put(message, reason ? `Cannot be placed here: ${reason}.` : components.length ? "Click into the scene, drag, or use the arrow keys there." : "This scene has nothing to place.");
+    put(message, reason ? `Cannot be placed here: ${reason}.` : components.length ? "Click or drag in the scene, or use the arrow keys." : "This scene has no action.");
   };
   showReason(null);
   return { element: h("div", { class: "stack" }, message, ...sliders.map((one) => one.element)), action: () => [...action], showReason: showReason };
 }
 
-/** Numbers of the components that set where a thing is; -1 where none does. */
+/** Indices of the components that set an object's position; -1 if there is none. */
 function axes(components: readonly Component[], target: string): { x: number; y: number } {
   const of = (set: string): number => components.findIndex((c) => c.target === target && c.set === set);
   return { x: of("x"), y: of("y") };
 }
 
-/** Shades where the thing cannot be; the free place nearest to where it is, if it is not free itself. */
+/** Shades invalid positions; returns the nearest valid position, or `null` if the current one is valid. */
 async function updateMap(
   scene: Scene,
   subject: SimulationSubject,
@@ -110,7 +110,7 @@ async function updateMap(
   return cells.filter((_, k) => free[k]).sort((a, b) => distance(a) - distance(b))[0] ?? null;
 }
 
-/** The forbidden cells as one path, m; neighbours in a row are one piece. */
+/** The invalid cells as one path, m; neighbours in a row are merged. */
 function forbiddenPath(scene: Scene, x: number, y: number, free: readonly boolean[], columns: number): string {
   const components = scene.action!.components;
   const [cx, cy] = [components[x]!, components[y]!];
@@ -133,7 +133,7 @@ function forbiddenPath(scene: Scene, x: number, y: number, free: readonly boolea
   return pieces.join("");
 }
 
-/** What can be placed, by how near it is to a point. */
+/** The placeable object nearest to a point. */
 function nearest(scene: Scene, action: readonly number[], names: readonly string[]): (p: Point) => string {
   const objects = allObjects(applyAction(scene, action)).filter((b) => names.includes(b.name));
   return (p) => {

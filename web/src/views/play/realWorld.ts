@@ -1,4 +1,4 @@
-// The real world beside the simulation: which one, how often it was acted in, and the one button that does.
+// The real world in Play: choice of the world, interactions spent, and the button that runs an action.
 
 import { all, api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put, set } from "../../dom";
@@ -13,23 +13,23 @@ export interface RealRun {
 
 export interface RealWorld {
   element: HTMLElement;
-  /** Another task: its real worlds are offered. */
+  /** Another task: offers its real worlds. */
   about: (task: Task) => Promise<void>;
-  /** Whether the action can be run. */
+  /** Whether the action is valid. */
   ready: (placed: boolean) => void;
 }
 
-/** `run` gives the action to run; `ran` is told what came of it. */
+/** `action` returns the action to run; `onRan` gets the result. */
 export function realWorld(action: () => number[], onRan: (onRan: RealRun) => void, context: Context): RealWorld {
   let [task, worlds, placeable, busy]: [Task | null, Schema<"WorldOut">[], boolean, boolean] = [null, [], false, false];
   const id = uniqueId("world");
   const choice = h("select", { id });
   const count = h("strong", { class: "count" });
-  const left = h("span", { class: "soft" });
+  const budgetText = h("span", { class: "soft" });
   const button = h("button", { type: "button", class: "main" }, "Run in the real world");
-  const none = h("p", { class: "soft" }, "There is no real world for this scene: everything here is simulated, and free.");
+  const none = h("p", { class: "soft" }, "There is no real world for this scene; simulation is free.");
   const some = h("div", { class: "row" }, h("label", { for: id }, "Real world"), choice, button);
-  const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", left);
+  const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", budgetText);
   const selectedWorld = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
   const show = (): void => {
     const world = selectedWorld();
@@ -39,7 +39,7 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
     button.disabled = !placeable || busy || world?.remaining === 0;
     put(count, world?.interactions ?? 0);
     const budget = world?.budget === null || world?.budget === undefined ? "" : `of ${world.budget}.`;
-    put(left, `${budget} Only this button spends one. ${world?.sealed ? "Its latents and effects are hidden." : ""}`);
+    put(budgetText, `${budget} Only this button spends interactions. ${world?.sealed ? "Its latents and effects are hidden." : ""}`);
   };
   const refresh = async (): Promise<void> => {
     const world = selectedWorld();
@@ -55,7 +55,7 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
     const body = { actions: [action()], trajectories: true, ...of };
     const batch = await ok(api.POST("/v1/worlds/{id}/rollout", { params: { path: { id: world.id } }, body, signal: context.signal }));
     const result = batch.results[0];
-    if (!result?.valid || !result.t || !result.bodies) throw new Error(result?.reason ?? "the real world showed nothing");
+    if (!result?.valid || !result.t || !result.bodies) throw new Error(result?.reason ?? "the real world returned no trajectory");
     onRan({ film: { t: result.t, bodies: result.bodies, contacts: [] }, solved: result.solved ?? null });
   };
   button.addEventListener("click", () => {
@@ -64,7 +64,7 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
     show();
     run()
       .catch(context.fail)
-      // Also what failed may have been spent.
+      // A failed run may have been counted.
       .then(refresh)
       .catch(() => undefined)
       .finally(() => {

@@ -1,4 +1,4 @@
-// The film over the scene: bodies, trails, contacts, simulated and real, and the distance between them.
+// The film over the scene: bodies, trajectories, contacts, simulated and real, and their distance.
 
 import { h, put, s, set } from "../../dom";
 import { timePlot } from "../../parts/timePlot";
@@ -11,15 +11,15 @@ import { applyAction } from "../../scene/action";
 import type { Box, Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
-/** Radius of a contact's ring: so much of the picture's width, more the harder it was. */
+/** Radius of a contact ring, share of the picture's width; scaled by the impact speed. */
 const CONTACT_RING_SHARE = 0.008;
-/** Seconds for which a contact lights up. */
+/** Time for which a contact is highlighted, s. */
 const CONTACT_HIGHLIGHT_S = 0.2;
 
 export interface FilmStage {
   element: HTMLElement;
   picture: Picture;
-  /** Shows where things are placed, without a film. */
+  /** Shows the initial state, without a film. */
   place: (action: readonly number[], reason: string | null) => void;
   simulated: (film: Film | null, solved: boolean | null) => void;
   real: (film: Film | null, solved: boolean | null) => void;
@@ -28,11 +28,11 @@ export interface FilmStage {
 
 /** The stage of a scene. */
 export function filmStage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
-  const at_ = picture(scene, label, box);
-  set(at_.svg, { tabindex: 0, role: "application" });
+  const drawing = picture(scene, label, box);
+  set(drawing.svg, { tabindex: 0, role: "application" });
   const trails = s("g");
   const rings = s("g");
-  at_.over.append(trails, rings);
+  drawing.over.append(trails, rings);
   const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
   let contactRings: { t: number; ring: SVGCircleElement }[] = [];
   const distancePlot = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
@@ -42,14 +42,14 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
   const verdicts = h("div", { class: "row verdicts", role: "status" });
   const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
   const play = player((time) => {
-    if (films.sim) at_.pose("solid", posesAt(films.sim, time));
-    at_.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
+    if (films.sim) drawing.pose("solid", posesAt(films.sim, time));
+    drawing.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
     for (const { t, ring } of contactRings) ring.classList.toggle("lit", time >= t && time < t + CONTACT_HIGHLIGHT_S);
     distancePlot.at(time);
   }, context.signal);
   const draw = (): void => {
     const bodyColours = colours(scene);
-    const width = at_.box[2] - at_.box[0];
+    const width = drawing.box[2] - drawing.box[0];
     put(trails, ...(films.sim ? paths(films.sim, bodyColours, "trail") : []), ...(films.real ? [...paths(films.real, bodyColours, "trail real"), ...dots(films.real, bodyColours, width)] : []));
     contactRings = films.sim ? films.sim.contacts.flatMap((c) => contactRing(films.sim!, c, width)) : [];
     put(rings, ...contactRings.map((l) => l.ring));
@@ -63,7 +63,7 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
     }
     play.load(Math.max(films.sim ? filmLength(films.sim) : 0, films.real ? filmLength(films.real) : 0));
     put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
-    at_.svg.dataset.film = String(Number(at_.svg.dataset.film ?? 0) + 1);
+    drawing.svg.dataset.film = String(Number(drawing.svg.dataset.film ?? 0) + 1);
   };
   const showFilm = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
     films[which] = film;
@@ -71,13 +71,13 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
     draw();
   };
   const place = (action: readonly number[], reason: string | null): void => {
-    at_.redraw(applyAction(scene, action));
-    if (reason) at_.pose("refused", starts(applyAction(scene, action)));
+    drawing.redraw(applyAction(scene, action));
+    if (reason) drawing.pose("refused", starts(applyAction(scene, action)));
   };
-  put(at_.svg, s("title", {}, label), ...at_.svg.childNodes);
+  put(drawing.svg, s("title", {}, label), ...drawing.svg.childNodes);
   return {
-    element: h("div", { class: "stage" }, at_.svg, play.element, verdicts, distanceFigure, contacts),
-    picture: at_,
+    element: h("div", { class: "stage" }, drawing.svg, play.element, verdicts, distanceFigure, contacts),
+    picture: drawing,
     place,
     simulated: showFilm("sim"),
     real: showFilm("real"),
@@ -85,7 +85,7 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
   };
 }
 
-/** A dash of a colour, beside a name. */
+/** A legend line of a colour. */
 function key(colour: string): SVGElement {
   return s("svg", { width: 18, height: 10, "aria-hidden": "true" }, s("line", { x1: 0, x2: 18, y1: 5, y2: 5, stroke: colour, "stroke-width": 3 }));
 }
@@ -99,7 +99,7 @@ function paths(film: Film, bodyColours: Map<string, string>, look: string): SVGE
   return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: bodyColours.get(name) ?? "currentColor" }));
 }
 
-/** Where a real body was seen. */
+/** Observed positions of real bodies. */
 function dots(film: Film, bodyColours: Map<string, string>, width: number): SVGElement[] {
   return Object.entries(film.bodies).flatMap(([name, track]) =>
     film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: bodyColours.get(name) ?? "currentColor" })),
@@ -115,7 +115,7 @@ function contactRing(film: Film, contact: Contact, width: number): { t: number; 
   return [{ t: contact.t, ring: s("circle", { class: "contact", cx: x, cy: y, r, "vector-effect": "non-scaling-stroke" }) }];
 }
 
-/** Contacts in words, the first of them. */
+/** List of the first contacts. */
 function contactList(contacts: readonly Contact[]): HTMLElement[] {
   const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
   return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];

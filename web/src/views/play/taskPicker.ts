@@ -1,4 +1,4 @@
-// Which task: a family, one of its tasks by picture, or a scene file.
+// Choice of a task: a family, one of its tasks by picture, or a scene file.
 
 import { api, ok, type Schema } from "../../api/client";
 import { FileError } from "../../api/problem";
@@ -7,18 +7,18 @@ import { picture } from "../../scene/draw";
 import type { Box, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
-/** What is played with. */
+/** A task to play. */
 export interface Task {
-  /** `bowling:017`; of a scene file `custom:NAME`. */
+  /** `bowling:017`; `custom:NAME` for a scene file. */
   id: string;
-  /** Absent for a scene file. */
+  /** Null for a scene file. */
   family: string | null;
   scene: Scene;
-  /** What is to be in sight; absent where the scene tells. */
+  /** Visible box; default: from the scene. */
   box?: Box;
 }
 
-/** The choice of a task; `chosen` is called with every task that is picked. */
+/** The task picker; `onChosen` is called with every chosen task. */
 export function taskPicker(families: Schema<"FamilyOut">[], onChosen: (task: Task) => void, context: Context): { element: HTMLElement; pick: (id: string) => Promise<void> } {
   const taskName = h("strong");
   const pick = async (id: string): Promise<void> => {
@@ -42,7 +42,7 @@ export function taskPicker(families: Schema<"FamilyOut">[], onChosen: (task: Tas
   return { element: h("div", { class: "row" }, taskName, open, h("span", { class: "file" }, file, label), dialog), pick };
 }
 
-/** A button that opens the pictures of all tasks; `picked` is told the id of one. */
+/** A button that opens the gallery of tasks; `onPicked` gets the id of one. */
 export function gallery(families: Schema<"FamilyOut">[], onPicked: (id: string) => void, context: Context): { button: HTMLButtonElement; dialog: HTMLDialogElement } {
   const all = h("div", { class: "gallery" });
   const close = h("button", { type: "button" }, "Close");
@@ -56,7 +56,7 @@ export function gallery(families: Schema<"FamilyOut">[], onPicked: (id: string) 
   return { button, dialog };
 }
 
-/** A task of the server's by its id. */
+/** Reads a task by its id. */
 export async function loadTask(id: string, signal: AbortSignal): Promise<Task> {
   const [family = "", number = ""] = id.split(":");
   const path = { family, number: String(Number(number)) };
@@ -64,7 +64,7 @@ export async function loadTask(id: string, signal: AbortSignal): Promise<Task> {
   return { id: task.id, family, scene: task.scene as unknown as Scene };
 }
 
-/** A scene of a file, as far as a page can tell; else an error that says what a scene file is. */
+/** Reads a scene file; an error explains the expected format. */
 export async function readScene(file: File): Promise<Scene> {
   let scene: unknown;
   try {
@@ -73,11 +73,11 @@ export async function readScene(file: File): Promise<Scene> {
     throw new FileError(file.name, `it is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
   }
   const isScene = typeof scene === "object" && scene !== null && (scene as Scene).format === "iplw.scene/1" && Array.isArray((scene as Scene).bodies);
-  if (!isScene) throw new FileError(file.name, `it is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
+  if (!isScene) throw new FileError(file.name, `it is not a scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
   return scene as Scene;
 }
 
-/** A family's tasks, drawn when they come into sight. */
+/** The tasks of a family, drawn when they become visible. */
 function pictures(family: Schema<"FamilyOut">, onPicked: (id: string) => void, context: Context): HTMLElement[] {
   const visibility = new IntersectionObserver((entries) => {
     for (const { isIntersecting, target } of entries) {

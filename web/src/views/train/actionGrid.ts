@@ -1,17 +1,17 @@
-// The action space as a map: where one thing is placed, whatever the other numbers of an action are.
+// The action space as a grid over the position of one object, whatever the other components.
 
 import { valueAt } from "../../scene/action";
 import type { Component, Scene } from "../../scene/types";
 
-/** A thing whose place an action sets. */
+/** An object whose position the action sets. */
 export interface PlacementAxes {
   target: string;
-  /** Numbers of the components that set its place. */
+  /** Indices of the components that set its position. */
   x: number;
   y: number;
 }
 
-/** Things whose place, both ways, an action sets. */
+/** Objects of which the action sets both coordinates. */
 export function placementAxes(scene: Scene): PlacementAxes[] {
   const components = scene.action?.components ?? [];
   const of = (target: string, set: string): number => components.findIndex((c) => c.target === target && c.set === set);
@@ -19,26 +19,26 @@ export function placementAxes(scene: Scene): PlacementAxes[] {
   return names.map((target) => ({ target, x: of(target, "x"), y: of(target, "y") })).filter((a) => a.x >= 0 && a.y >= 0);
 }
 
-/** A grid over where one thing is put: edges of its columns and rows, rising, as shares of the range. */
+/** A grid over the positions of one object: edges of columns and rows, ascending, as shares of the range. */
 export interface ActionGrid {
   axes: PlacementAxes;
   columns: readonly number[];
   rows: readonly number[];
 }
 
-/** A grid of at most `most` cells each way. Where actions are but at a few places, each has a cell of its own. */
+/** A grid of at most `maxCells` cells in each direction. If actions have few distinct positions, each has its own cell. */
 export function actionGrid(axes: PlacementAxes, actions: readonly (readonly number[])[], maxCells: number): ActionGrid {
   return { axes, columns: edges(actions.map((a) => a[axes.x]!), maxCells), rows: edges(actions.map((a) => a[axes.y]!), maxCells) };
 }
 
-function edges(solvedByCell: readonly number[], maxCells: number): number[] {
-  const places = [...new Set(solvedByCell)].sort((a, b) => a - b);
+function edges(shares: readonly number[], maxCells: number): number[] {
+  const places = [...new Set(shares)].sort((a, b) => a - b);
   if (places.length > maxCells || places.length < 2) return Array.from({ length: maxCells + 1 }, (_, i) => i / maxCells);
   const inner = places.slice(1).map((v, i) => (v + places[i]!) / 2);
   return [2 * places[0]! - inner[0]!, ...inner, 2 * places.at(-1)! - inner.at(-1)!];
 }
 
-/** Number of the cell of an action, row by row from below; the nearest of one beyond the grid. */
+/** Index of the cell of an action, row by row from the bottom; actions outside the grid get the nearest cell. */
 export function cellOf(grid: ActionGrid, action: readonly number[]): number {
   const of = (share: number, edges: readonly number[]): number => {
     const past = edges.findIndex((edge) => edge > share);
@@ -47,12 +47,12 @@ export function cellOf(grid: ActionGrid, action: readonly number[]): number {
   return of(action[grid.axes.y]!, grid.rows) * columnCount(grid) + of(action[grid.axes.x]!, grid.columns);
 }
 
-/** Cells of a row. */
+/** Number of columns. */
 export function columnCount(grid: ActionGrid): number {
   return grid.columns.length - 1;
 }
 
-/** Left, bottom, width, height of a cell, m. */
+/** Left, bottom, width and height of a cell, m. */
 export function cellBox(grid: ActionGrid, components: readonly Component[], number: number): [number, number, number, number] {
   const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
   const [column, row] = [number % columnCount(grid), Math.floor(number / columnCount(grid))];
@@ -60,7 +60,7 @@ export function cellBox(grid: ActionGrid, components: readonly Component[], numb
   return [left, bottom, valueAt(cx, grid.columns[column + 1]!) - left, valueAt(cy, grid.rows[row + 1]!) - bottom];
 }
 
-/** For each cell that any action is in, the number of the first action there: of a list from best to worst, its best. */
+/** Index of the first action in each non-empty cell: the best one, if actions are sorted from best to worst. */
 export function bestByCell(grid: ActionGrid, actions: readonly (readonly number[])[]): Map<number, number> {
   const byCell = new Map<number, number>();
   actions.forEach((action, i) => {
@@ -70,8 +70,8 @@ export function bestByCell(grid: ActionGrid, actions: readonly (readonly number[
   return byCell;
 }
 
-/** For each cell that any action is in, how many solve, of how many, and one that does. */
-export function shares(grid: ActionGrid, actions: readonly (readonly number[])[], solved: readonly boolean[]): Map<number, { of: number; solve: number; one: number | null }> {
+/** For each non-empty cell the number of actions, the number that solve, and one that does. */
+export function solvedByCell(grid: ActionGrid, actions: readonly (readonly number[])[], solved: readonly boolean[]): Map<number, { of: number; solve: number; one: number | null }> {
   const byCell = new Map<number, { of: number; solve: number; one: number | null }>();
   actions.forEach((action, i) => {
     const at = cellOf(grid, action);
@@ -83,13 +83,13 @@ export function shares(grid: ActionGrid, actions: readonly (readonly number[])[]
   return byCell;
 }
 
-/** How strongly the place of the `rank`-th of `of` tries is shown, 0 to 1: the first fully, and by the logarithm from there, as
- * AUCCESS weighs attempts. */
+/** Colour strength of rank `rank` of `of`, 0 to 1: 1 for the first, decreasing with the logarithm of the rank, like the weights of
+ * AUCCESS. */
 export function strength(rank: number, of: number): number {
   return of <= 1 ? 1 : 1 - Math.log(rank) / Math.log(of + 1);
 }
 
-/** Numbers that stand at about the same place are said together: `[[0, 2], [1]]`. */
+/** Groups of indices whose points nearly coincide: `[[0, 2], [1]]`. */
 export function groupNearby(points: readonly (readonly [number, number])[], near: number): number[][] {
   const groups: number[][] = [];
   points.forEach(([x, y], i) => {
@@ -100,7 +100,7 @@ export function groupNearby(points: readonly (readonly [number, number])[], near
   return groups;
 }
 
-/** Rising numbers in short: `1–4, 7`. */
+/** Ascending numbers as ranges: `1–4, 7`. */
 export function ranges(numbers: readonly number[]): string {
   const runs: [number, number][] = [];
   for (const n of numbers) {

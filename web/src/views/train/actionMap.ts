@@ -1,4 +1,4 @@
-// What a policy would try first on a task, as a map over the action space; beside it what really solves, from a simulation.
+// The actions that a policy ranks first on a task, as a map over the action space, next to the solutions in a simulation.
 
 import { api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put, s, set } from "../../dom";
@@ -8,29 +8,29 @@ import { applyAction, targets, unit, valueAt } from "../../scene/action";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { loadTask } from "../play/taskPicker";
-import { columnCount, cellOf, bestByCell, type ActionGrid, actionGrid, cellBox, placementAxes, ranges, shares, strength, groupNearby } from "./actionGrid";
+import { columnCount, cellOf, bestByCell, type ActionGrid, actionGrid, cellBox, placementAxes, ranges, solvedByCell, strength, groupNearby } from "./actionGrid";
 import { choice } from "./requestFields";
 import { CHANCE } from "./scores";
 
-/** Actions of a policy that are drawn: as many as one request gives. */
+/** Actions of a policy that are displayed; maximum of one request. */
 const MAX_RANKED_ACTIONS = 10_000;
-/** Actions that are simulated for the map beside: enough for a few in each cell, in about a second. */
+/** Actions simulated for the map of solutions: a few in each cell, in about a second. */
 const SIMULATED_ACTIONS = 2_000;
-/** Tries that are numbered. */
+/** Number of first attempts that are labelled. */
 const NUMBERED_ACTIONS = 10;
-/** Cells of a map each way, at most. */
+/** Maximum number of map cells in each direction. */
 const MAX_MAP_CELLS = 24;
 
 type Scored = Schema<"Scored">;
 
-/** What a map can be of. */
+/** Input of the maps. */
 export interface ActionMapsInput {
   family: Schema<"FamilyOut">;
   policies: readonly Schema<"PolicyOut">[];
-  /** Simulated ones of the family. */
+  /** Simulated worlds of the family. */
   worlds: readonly Schema<"WorldOut">[];
   policy: string | null;
-  /** The first one's, if `null`. */
+  /** Initial task; `null` for the first. */
   task: string | null;
 }
 
@@ -45,11 +45,11 @@ export function actionMaps(of: ActionMapsInput, context: Context): ActionMaps {
   const policyIds = of.policies.filter((p) => p.task === of.family.name).map((p) => p.id);
   const policy = choice("Policy", "policy", [...policyIds, CHANCE].map((id) => [id, id] as const));
   const task = choice("Task", "task", ids.map((id) => [id, id] as const));
-  const world = choice("What solves, simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
-  const target = choice("Where is put", "target", []);
+  const world = choice("Solutions simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
+  const target = choice("Object placed", "target", []);
   policy.input.value = of.policy && policyIds.includes(of.policy) ? of.policy : (policyIds.at(-1) ?? CHANCE);
   if (of.task) task.input.value = of.task;
-  const place_ = h("div", { class: "stack map-place" });
+  const container = h("div", { class: "stack map-place" });
   const state = h("p", { class: "soft", role: "status" });
   const simulated = of.worlds.find((w) => w.id === `${of.family.name}-sim`);
   if (simulated) world.input.value = simulated.id;
@@ -66,8 +66,8 @@ export function actionMaps(of: ActionMapsInput, context: Context): ActionMaps {
       }
       const data = await loadMapData(policy.input.value, id, world.input.value, context.signal);
       const axes = placementAxes(scene).find((a) => a.target === target.input.value);
-      if (!axes) throw new Error(`${id} has nothing that is put at a place of its own`);
-      put(place_, ...mapElements(scene, id, actionGrid(axes, [...data.ranked, ...data.sampled].map((one) => one.action), MAX_MAP_CELLS), policy.input.value, world.input.value, data));
+      if (!axes) throw new Error(`${id} has no object with a free position`);
+      put(container, ...mapElements(scene, id, actionGrid(axes, [...data.ranked, ...data.sampled].map((one) => one.action), MAX_MAP_CELLS), policy.input.value, world.input.value, data));
       put(state);
     } catch (e) {
       put(state);
@@ -76,23 +76,23 @@ export function actionMaps(of: ActionMapsInput, context: Context): ActionMaps {
   });
   for (const one of [policy, world, target]) one.input.addEventListener("change", () => show(false));
   task.input.addEventListener("change", () => show(true));
-  // Ranking a whole action space is work: done when it is looked at.
+  // Ranking the whole action space is expensive: only when visible.
   const visibility = new IntersectionObserver((entries) => {
     if (!entries.some((e) => e.isIntersecting)) return;
     visibility.disconnect();
     show(true);
   });
-  visibility.observe(place_);
+  visibility.observe(container);
   context.signal.addEventListener("abort", () => visibility.disconnect());
-  const element = h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
+  const element = h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, container);
   return { element, task: () => task.input.value };
 }
 
 interface MapData {
   ranked: Scored[];
-  /** Whether each of the first tries solves in the simulation. */
+  /** Whether each of the first attempts solves the task in the simulation. */
   firstSolve: boolean[];
-  /** A sample of the action space. */
+  /** A random sample of the action space. */
   sampled: Scored[];
   solved: boolean[];
 }
@@ -110,21 +110,21 @@ async function loadMapData(policy: string, task: string, world: string, signal: 
   return { ranked, firstSolve: solved.slice(0, first.length), sampled: sampled, solved: solved.slice(first.length) };
 }
 
-/** Both maps, the first tries in words, and what is chosen. */
+/** Both maps, the list of first attempts, and the selected cell. */
 function mapElements(scene: Scene, task: string, grid: ActionGrid, policy: string, world: string, data: MapData): HTMLElement[] {
   const components = scene.action!.components;
   const actions = data.ranked.map((one) => one.action);
   const best = bestByCell(grid, actions);
-  const true_ = shares(grid, data.sampled.map((one) => one.action), data.solved);
-  const policyMap = picture(scene, `What ${policy} would try first on ${task}: the stronger its colour, the earlier a place. Arrow keys choose a place, Enter plays it.`);
-  const solutionMap = picture(scene, `What solves ${task} in ${world}: the stronger its colour, the more of the actions tried at a place.`);
+  const solvedCells = solvedByCell(grid, data.sampled.map((one) => one.action), data.solved);
+  const policyMap = picture(scene, `First attempts of ${policy} on ${task}; stronger colours are tried earlier. Arrow keys select a cell, Enter plays it.`);
+  const solutionMap = picture(scene, `Solutions of ${task} in ${world}; stronger colours have a larger share of solving actions.`);
   shadeCells(policyMap, grid, components, new Map([...best].map(([at, i]) => [at, strength(i + 1, actions.length)])), "wanted-cell");
-  shadeCells(solutionMap, grid, components, new Map([...true_].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
+  shadeCells(solutionMap, grid, components, new Map([...solvedCells].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
   numberActions(policyMap, scene, grid, actions.slice(0, NUMBERED_ACTIONS), data.firstSolve);
   const chosenText = h("p", { class: "chosen", role: "status" });
   const chosen = cellChooser([policyMap, solutionMap], grid, components, (at) => {
     const rank = best.get(at);
-    const cellCounts = true_.get(at);
+    const cellCounts = solvedCells.get(at);
     const action = rank === undefined ? (cellCounts?.one ?? null) === null ? null : data.sampled[cellCounts!.one!]!.action : actions[rank]!;
     put(chosenText, ...cellText(scene, task, action, rank, cellCounts));
     return action === null ? null : play(task, action);
@@ -133,13 +133,13 @@ function mapElements(scene: Scene, task: string, grid: ActionGrid, policy: strin
   if (firstAction) chosen(cellOf(grid, firstAction));
   const share = data.solved.filter(Boolean).length / Math.max(1, data.solved.length);
   const right = data.firstSolve.filter(Boolean).length;
-  const ranks = h("p", { class: "soft" }, `The best ${actions.length} actions of ${policy}; places without any of them are left blank. Green rings: solves in ${world}.`);
-  const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${data.solved.length} actions drawn at random solve.`);
+  const ranks = h("p", { class: "soft" }, `The best ${actions.length} actions of ${policy}; cells without any are blank. Green rings: solved in ${world}.`);
+  const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${data.solved.length} random actions solve the task.`);
   const list = actions.slice(0, NUMBERED_ACTIONS).map((action, i) => actionItem(scene, task, action, data.firstSolve[i] ?? false));
   return [
     chosenText,
-    h("div", { class: "sides" }, figure(`${policy} would try`, policyMap, ranks), figure(`solves in ${world}`, solutionMap, trials)),
-    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${data.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...list)),
+    h("div", { class: "sides" }, figure(`Attempts of ${policy}`, policyMap, ranks), figure(`Solutions in ${world}`, solutionMap, trials)),
+    h("details", { open: true }, h("summary", {}, `First attempts: ${right} of ${data.firstSolve.length} solve the task in ${world}`), h("ol", { class: "tries" }, ...list)),
   ];
 }
 
@@ -147,7 +147,7 @@ function figure(title: string, map: Picture, note: HTMLElement): HTMLElement {
   return h("figure", { class: "map" }, h("figcaption", {}, h("strong", {}, title)), map.svg, note);
 }
 
-/** Fills cells, the stronger the higher. */
+/** Fills cells with a strength. */
 function shadeCells(at: Picture, grid: ActionGrid, components: readonly Component[], cells: ReadonlyMap<number, number>, look: string): void {
   const rects = [...cells].map(([number, how]) => {
     const [x, y, width, height] = cellBox(grid, components, number);
@@ -156,7 +156,7 @@ function shadeCells(at: Picture, grid: ActionGrid, components: readonly Componen
   at.under.append(s("g", { "data-cells": rects.filter(Boolean).length }, ...rects));
 }
 
-/** The first tries, each where it puts the thing, with its number; tries at about one place share a label. */
+/** The first attempts, each at its position with its number; nearby attempts share a label. */
 function numberActions(at: Picture, scene: Scene, grid: ActionGrid, first: readonly (readonly number[])[], solve: readonly boolean[]): void {
   const components = scene.action!.components;
   const size = (at.box[2] - at.box[0]) * 0.032;
@@ -168,7 +168,7 @@ function numberActions(at: Picture, scene: Scene, grid: ActionGrid, first: reado
   });
   const labels = groupNearby(points, size * 1.1).map((group) => {
     const [x, y] = points[group[0]!]!;
-    // Beside the thing, on the side that has room.
+    // Next to the object, on the side with more space.
     const right = x < at.box[0] + 0.7 * (at.box[2] - at.box[0]);
     const side = (right ? 1 : -1) * (Number(circles[group[0]!]!.getAttribute("r")) + size * 0.3);
     return s("text", { class: "try-number", transform: `translate(${x + side} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": right ? "start" : "end", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
@@ -176,7 +176,7 @@ function numberActions(at: Picture, scene: Scene, grid: ActionGrid, first: reado
   at.over.append(...[...circles].reverse(), ...labels);
 }
 
-/** Lets a place be chosen by mouse, or by arrow keys on the first picture; `told` gives where Enter leads. */
+/** Selection of a cell by mouse, or by arrow keys on the first picture; `onSelect` returns the link that Enter follows. */
 function cellChooser(at: readonly Picture[], grid: ActionGrid, components: readonly Component[], told: (cell: number) => string | null): (cell: number) => void {
   const frames = at.map((p) => {
     const frame = s("rect", { class: "chosen-cell", "vector-effect": "non-scaling-stroke" });
@@ -214,12 +214,12 @@ function cellChooser(at: readonly Picture[], grid: ActionGrid, components: reado
   return choose;
 }
 
-/** What is at a place, in words. */
+/** Text about a cell. */
 function cellText(scene: Scene, task: string, action: readonly number[] | null, rank: number | undefined, cellCounts: { of: number; solve: number } | undefined): (HTMLElement | string)[] {
-  const sampled = cellCounts ? `${cellCounts.solve} of ${cellCounts.of} tried here solve` : "none of the actions drawn at random was put here";
-  if (!action) return [`This place: ${sampled}; none of the policy's best is here.`];
-  const which = rank === undefined ? "one that solves" : `try ${rank + 1}`;
-  return [`This place: ${which} (${words(scene, action)}); ${sampled}. `, h("a", { href: play(task, action) }, "Play it")];
+  const sampled = cellCounts ? `${cellCounts.solve} of ${cellCounts.of} random actions here solve the task` : "no random action fell here";
+  if (!action) return [`This cell: ${sampled}; none of the policy's best actions is here.`];
+  const which = rank === undefined ? "a solving action" : `attempt ${rank + 1}`;
+  return [`This cell: ${which} (${words(scene, action)}); ${sampled}. `, h("a", { href: play(task, action) }, "Play it")];
 }
 
 function actionItem(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {

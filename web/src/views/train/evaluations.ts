@@ -1,4 +1,4 @@
-// Evaluations: those that ended, those under way, and asking for more.
+// Evaluations: finished, in progress, and requests for more.
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
@@ -9,22 +9,22 @@ import { requestOf, evaluation, type Evaluation, hasSetting, type EvaluationSett
 type Job = Schema<"JobOut">;
 
 export interface Evaluations {
-  /** A policy's in a setting. */
-  found: (policy: string, setting: EvaluationSetting) => Evaluation | undefined;
-  /** A policy's that has not ended. */
+  /** The evaluation of a policy in a setting. */
+  evaluationOf: (policy: string, setting: EvaluationSetting) => Evaluation | undefined;
+  /** The unfinished evaluation of a policy. */
   running: (policy: string) => Job | undefined;
-  /** Asks for those of the policies that are lacking. */
+  /** Starts missing evaluations of the policies. */
   ask: (policies: readonly string[], setting: EvaluationSetting) => Promise<void>;
-  /** Follows what has not ended. */
+  /** Follows unfinished evaluations. */
   start: () => void;
 }
 
-/** `changed` is told when one goes on, with whether it has ended. */
+/** `changed` is called at every event, with whether the evaluation has ended. */
 export function evaluations(jobs: readonly Job[], changed: (over: boolean) => void, context: Context): Evaluations {
   const done = jobs.map(evaluation).filter((e) => e !== null);
   const unfinished = new Map(jobs.filter((job) => !hasEnded(job)).map((job) => [job.id, job]));
-  // The newest counts: a policy's weights may have been replaced.
-  const found = (policy: string, setting: EvaluationSetting): Evaluation | undefined => done.filter((e) => e.policy === policy && hasSetting(e, setting)).at(-1);
+  // The newest one: a policy's weights may have been replaced.
+  const evaluationOf = (policy: string, setting: EvaluationSetting): Evaluation | undefined => done.filter((e) => e.policy === policy && hasSetting(e, setting)).at(-1);
   const running = (policy: string): Job | undefined => [...unfinished.values()].find((job) => requestOf(job).policy === policy);
   const onJob = (job: Job): void => {
     unfinished.set(job.id, job);
@@ -32,7 +32,7 @@ export function evaluations(jobs: readonly Job[], changed: (over: boolean) => vo
       unfinished.delete(job.id);
       const e = evaluation(job);
       if (e) done.push(e);
-      if (job.state === "failed") context.fail(new Error(`${job.id} failed: ${job.error?.detail ?? "without a word"}`));
+      if (job.state === "failed") context.fail(new Error(`${job.id} failed: ${job.error?.detail ?? "without a message"}`));
       context.say(e ? `${e.policy}: AUCCESS ${short(e.auccess)}` : `${job.id} ${job.state}`);
     }
     changed(hasEnded(job));
@@ -43,12 +43,12 @@ export function evaluations(jobs: readonly Job[], changed: (over: boolean) => vo
   };
   const ask = async (policies: readonly string[], setting: EvaluationSetting): Promise<void> => {
     for (const id of policies) {
-      if (found(id, setting) || running(id)) continue;
+      if (evaluationOf(id, setting) || running(id)) continue;
       const body = { ...setting, split: setting.split as Schema<"SplitIn"> };
       watch(await ok(api.POST("/v1/policies/{id}/evaluate", { params: { path: { id } }, body, signal: context.signal })));
     }
   };
-  return { found, running, ask, start: () => [...unfinished.values()].forEach(watch) };
+  return { evaluationOf: evaluationOf, running, ask, start: () => [...unfinished.values()].forEach(watch) };
 }
 
 function hasEnded(job: Job): boolean {

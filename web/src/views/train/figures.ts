@@ -1,4 +1,4 @@
-// What a comparison shows: solved tasks against attempts, jump starts, and AUCCESS as policies learn on in a world.
+// Figures of a comparison: share solved over attempts, jump starts, and AUCCESS over attempts learned from.
 
 import type { Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
@@ -9,16 +9,16 @@ import { meanCurve, difference, learningChains, type Evaluation, type Interval, 
 export interface EvaluatedPolicy {
   id: string;
   look: number;
-  /** As the server calls it: `fixed`, `learned_on`, ... */
+  /** As in the API: `fixed`, `learned_on`, ... */
   training: string;
   evaluation: Evaluation;
   curve: Interval[];
   auccess: Interval;
-  /** What it shares with policies that differ by their seed alone. */
+  /** Shared by policies that differ only by their seed. */
   schooling: string;
 }
 
-/** Trainings that never saw a real world. */
+/** Kinds of training without real interactions. */
 const SIMULATION_TRAININGS = ["fixed", "randomised", "believed"];
 
 export interface Figures {
@@ -26,19 +26,19 @@ export interface Figures {
   draw: (policies: readonly EvaluatedPolicy[], chance: Evaluation | undefined, learningJobs: readonly Schema<"JobOut">[], real: boolean) => void;
 }
 
-/** The figures, empty at first. */
+/** The figures, initially empty. */
 export function figures(): Figures {
-  const success = curvePlot({ about: "Share of tasks solved within so many attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
+  const success = curvePlot({ about: "Share of tasks solved over attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
   const learning = curvePlot({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
   const legend = h("figcaption", { class: "row" });
-  const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
+  const none = h("p", { class: "soft" }, "No evaluations yet: select policies and evaluate them.");
   const one = h("input", { type: "checkbox", id: uniqueId("seeds") });
-  const seeds = h("p", { class: "seeds" }, one, h("label", { for: one.id }, "One curve for policies that differ by their seed alone: mean and its interval, 95 %"));
+  const seeds = h("p", { class: "seeds" }, one, h("label", { for: one.id }, "Average policies that differ only by their seed: mean with 95 % interval"));
   const bandsOf = h("p", { class: "soft" });
   const curves = h("figure", { class: "solved" }, legend, success.svg, bandsOf, seeds);
   const starts = h("dl", {});
   const jumped = h("section", { class: "starts", "aria-label": "Jump starts" }, h("h3", {}, "Jump start ", h("span", { class: "soft" }, "AUCCESS before any learning in the real world")), starts);
-  const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
+  const further = h("figure", {}, h("figcaption", {}, "Further training in a world"), learning.svg);
   let redraw = (): void => undefined;
   one.addEventListener("change", () => redraw());
   const draw: Figures["draw"] = (all, chance, learningJobs, real) => {
@@ -47,7 +47,7 @@ export function figures(): Figures {
     seeds.hidden = groups.length === all.length;
     const together = one.checked && !seeds.hidden;
     const policies = together ? groups.map(meanOverSeeds) : all;
-    put(bandsOf, together ? "The area under a curve is its AUCCESS." : "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson).");
+    put(bandsOf, together ? "The area under a curve is its AUCCESS." : "The area under a curve is its AUCCESS. Bands: 95 % intervals (Wilson).");
     [curves.hidden, none.hidden] = [!policies.length, policies.length > 0];
     put(legend, ...policies.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
     success.draw(policies.map(line), Math.max(2, ...policies.map((one) => one.evaluation.attempts)));
@@ -61,7 +61,7 @@ export function figures(): Figures {
   return { element: h("div", { class: "stack" }, none, curves, jumped, further), draw };
 }
 
-/** Policies that differ by their seed, as one. */
+/** Averages policies that differ only by their seed. */
 function meanOverSeeds(of: EvaluatedPolicy[]): EvaluatedPolicy {
   const [first] = of as [EvaluatedPolicy];
   if (of.length === 1) return first;
@@ -74,16 +74,16 @@ function line(one: EvaluatedPolicy): CurveSeries {
   return { name: one.id, look: one.look, x, y: one.curve.map((p) => p.value), low: one.curve.map((p) => p.low), high: one.curve.map((p) => p.high) };
 }
 
-/** AUCCESS in the real world before anything was learned there. */
+/** AUCCESS in the real world before any learning there. */
 function jumpStart(one: EvaluatedPolicy, chance: Evaluation | undefined): HTMLElement[] {
   const advantage = chance ? difference(one.evaluation.solvedAt, chance.solvedAt) : null;
   return [
     h("dt", {}, h("span", { class: "name" }, key(one.look), one.id)),
-    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), advantage ? ` ${interval(advantage, true)} over chance` : ""),
+    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), advantage ? ` ${interval(advantage, true)} over random` : ""),
   ];
 }
 
-/** Policies that learned on from each other, each by what it reaches. */
+/** Learning curves of policies trained from one another. */
 function learningCurves(policies: readonly EvaluatedPolicy[], learningJobs: readonly Schema<"JobOut">[]): CurveSeries[] {
   const steps: Learner[] = learningJobs.flatMap((job) => {
     const result = job.result as { policy: string; from: string; interactions: number } | null | undefined;

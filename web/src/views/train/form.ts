@@ -1,4 +1,4 @@
-// What is asked for of a training: the kind of learner, in what it learns, how much.
+// The training form: kind of training, physics, budget.
 
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
@@ -6,13 +6,13 @@ import type { Context } from "../../view";
 import { effects, type EffectTerm } from "../play/physics";
 import { choice, type RequestField, numberOf, worldLabel, number, showFieldError } from "./requestFields";
 
-/** What trainings can be made from. */
+/** Options of the form. */
 export interface TrainingInputs {
   family: Schema<"FamilyOut">;
   worlds: readonly Schema<"WorldOut">[];
-  /** Estimations of the family that succeeded. */
+  /** Successful estimations of the family. */
   estimations: readonly Schema<"JobOut">[];
-  /** Effects that a simulation may have. */
+  /** Effects available in a simulation. */
   library: Schema<"EffectOut">[];
 }
 
@@ -20,53 +20,53 @@ export type Latents = { density?: number; friction?: number; restitution?: numbe
 
 const KINDS: [string, string][] = [
   ["fixed", "In one simulation"],
-  ["randomised", "In simulations with latents drawn at random"],
-  ["learn", "A policy learns on in a world"],
-  ["direct", "In a world alone, from nothing"],
+  ["randomised", "In randomised simulations"],
+  ["learn", "Train a policy further in a world"],
+  ["direct", "In a world, from scratch"],
 ];
 const LATENTS: [keyof Latents, string][] = [
   ["density", "density, kg/m²"],
   ["friction", "friction"],
   ["restitution", "restitution"],
 ];
-/** Policies at once that differ by their seed: for the scatter that chance makes. */
+/** Numbers of policies that differ only by their seed. */
 const SEED_COUNTS = [1, 3, 5, 10];
-/** Looks at AUCCESS on the way that the page asks for. */
+/** Default number of validations. */
 const DEFAULT_VALIDATIONS = 10;
 
 export interface TrainingForm {
   element: HTMLElement;
-  /** There are other policies to learn on with; what was typed stays. */
+  /** Updates the list of policies that can be trained further; other inputs stay. */
   learners: (policies: readonly Schema<"PolicyOut">[]) => void;
 }
 
-/** The form; `started` gets every job that was queued. */
+/** The form; `onStarted` gets every queued job. */
 export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) => void, context: Context): TrainingForm {
   const { family, worlds } = from;
   const taskIds = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
   const allTasks: [string, string] = [family.name, `all ${family.split.train} training tasks`];
-  const kind = choice("Kind of learner", "training", KINDS);
+  const kind = choice("Kind of training", "training", KINDS);
   const task = choice("Tasks", "task", [allTasks, ...taskIds.map((id) => [id, `${id} alone`] as const)]);
   const source = choice("Latents", "source", [
-    ["prior", "before anything is known"],
+    ["prior", "prior means"],
     ...from.estimations.map((job) => [job.id, `as ${job.id} estimated`] as const),
     ["hand", "by hand"],
   ]);
   const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
   const policy = choice("Policy", "policy", []);
   const world = choice("World", "world", worlds.map((w) => [w.id, worldLabel(w)]));
-  const attempts = number("Attempts to learn from", "attempts", { hint: "empty: as many as the updates hold" });
-  const batches = number("Updates", "batches", { hint: "empty: the family's own" });
+  const attempts = number("Attempts to learn from", "attempts", { hint: "empty: as many as the updates use" });
+  const batches = number("Updates", "batches", { hint: "empty: the family's default" });
   const size = number("Batch size", "batch_size");
   const validations = number("Validations", "validations", { value: DEFAULT_VALIDATIONS });
   const seed = number("Seed", "seed", { value: 0 });
-  const policyCount = choice("Policies", "many", SEED_COUNTS.map((n) => [`${n}`, n === 1 ? "one" : `${n}, a seed each`] as const));
+  const policyCount = choice("Policies", "many", SEED_COUNTS.map((n) => [`${n}`, n === 1 ? "one" : `${n}, one seed each`] as const));
   let terms: EffectTerm[] = [];
   const fields: RequestField<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, validations, seed, policyCount];
   const button = h("button", { type: "submit", class: "main" }, "Train");
   const physics = h("fieldset", {}, h("legend", {}, "The simulation's latents"), source.element, h("div", { class: "three" }, ...latents.map((l) => l.element)));
   const added = h("details", {}, h("summary", {}, "Effects of the simulation"), effects(from.library, (now) => (terms = now)));
-  const spends = h("p", { class: "soft" }, "Attempts in a world are counted there; in a real one they are what is scarce.");
+  const spends = h("p", { class: "soft" }, "Attempts in a world are counted.");
   const show = (): void => {
     const learner = kind.input.value;
     const simulated = learner === "fixed" || learner === "randomised";
@@ -78,12 +78,12 @@ export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) =>
     spends.hidden = simulated;
     const none = learner === "learn" && !policy.input.options.length;
     button.disabled = none;
-    put(button, none ? "No policy to learn on with" : "Train");
+    put(button, none ? "No policy to train" : "Train");
   };
   const fillLatents = (): void => {
-    const from_ = source.input.value;
-    if (from_ === "hand") return;
-    const now = estimatedLatents(from.estimations.find((job) => job.id === from_));
+    const sourceId = source.input.value;
+    if (sourceId === "hand") return;
+    const now = estimatedLatents(from.estimations.find((job) => job.id === sourceId));
     LATENTS.forEach(([name], i) => (latents[i]!.input.value = now[name] === undefined ? "" : String(Number(now[name].toPrecision(6)))));
   };
   kind.input.addEventListener("change", show);
@@ -106,8 +106,8 @@ export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) =>
     }
     const values = Object.fromEntries(LATENTS.flatMap(([name], i) => (numberOf(latents[i]!) === undefined ? [] : [[name, numberOf(latents[i]!)]])));
     const training = learner as Schema<"TrainingIn">;
-    const physics_ = learner === "fixed" ? { latents: values } : {};
-    const body = { task: task.input.value, training, ...physics_, ...(terms.length ? { effects: terms } : {}), ...budget, ...optional("validations", numberOf(validations)) };
+    const latentsBody = learner === "fixed" ? { latents: values } : {};
+    const body = { task: task.input.value, training, ...latentsBody, ...(terms.length ? { effects: terms } : {}), ...budget, ...optional("validations", numberOf(validations)) };
     return ok(api.POST("/v1/policies", { body, signal: context.signal }));
   };
   const element = h("form", { class: "stack train-form", novalidate: true });
@@ -135,14 +135,14 @@ export function form(from: TrainingInputs, onStarted: (job: Schema<"JobOut">) =>
   return { element, learners };
 }
 
-/** The latents of an estimation; none of no estimation. */
+/** The latents of an estimation, if any. */
 export function estimatedLatents(job: Schema<"JobOut"> | undefined): Latents {
   const estimates = (job?.result as { latents?: { name: string; value: number }[] } | undefined)?.latents ?? [];
   const relevant = estimates.filter((l) => LATENTS.some(([name]) => name === l.name));
   return Object.fromEntries(relevant.map((l) => [l.name, l.value]));
 }
 
-/** A field of a request that is left out where nothing was given. */
+/** A request field that is omitted if undefined. */
 function optional<K extends string>(name: K, value: number | undefined): { [key in K]?: number } {
   return value === undefined ? {} : ({ [name]: value } as { [key in K]?: number });
 }

@@ -1,4 +1,4 @@
-// Fields of a form that know what the server calls them, so that a refusal is told where it belongs.
+// Form fields with their name in the request, so that errors are displayed at the field.
 
 import type { Schema } from "../../api/client";
 import { describeError } from "../../api/problem";
@@ -7,20 +7,20 @@ import { type Child, uniqueId, h, put, set } from "../../dom";
 export interface RequestField<E extends HTMLInputElement | HTMLSelectElement = HTMLInputElement> {
   element: HTMLElement;
   input: E;
-  /** As the server names it: `latents.friction`. */
+  /** Name in the request: `latents.friction`. */
   name: string;
-  /** Says what is wrong with it; `null` that nothing is. */
+  /** Displays an error; `null` removes it. */
   showError: (errorText: string | null) => void;
 }
 
-/** A number; an empty one is left to the server. */
+/** A number; an empty field uses the server's default. */
 export function number(label: string, name: string, options: { value?: number; hint?: string } = {}): RequestField {
-  // Not limited here: what is allowed, the server says.
+  // No limits here: the server validates.
   const input = h("input", { type: "number", step: "any", value: options.value ?? "" });
   return field(label, name, input, options.hint);
 }
 
-/** A choice among `[value, words]`. */
+/** A choice among `[value, label]`. */
 export function choice(label: string, name: string, options: readonly (readonly [string, string])[], hint?: string): RequestField<HTMLSelectElement> {
   const select = h("select", {}, ...options.map(([value, words]) => h("option", { value }, words)));
   return field(label, name, select, hint);
@@ -40,12 +40,12 @@ function field<E extends HTMLInputElement | HTMLSelectElement>(label: string, na
   return { element, input, name, showError: showError };
 }
 
-/** The number that stands in a field; `undefined` if none does. */
+/** The number in a field; `undefined` if empty. */
 export function numberOf(field: RequestField): number | undefined {
   return field.input.value === "" ? undefined : Number(field.input.value);
 }
 
-/** Tells a refusal at the field that it names and goes there; `false` if it names none of these. */
+/** Displays an error at the field that it names and focuses it; `false` if it names none of these. */
 export function showFieldError(fields: readonly RequestField<HTMLInputElement | HTMLSelectElement>[], error: unknown): boolean {
   const { detail, field: name } = describeError(error);
   const match = fields.find((f) => f.name === name && !f.element.hidden && !f.element.closest("[hidden]"));
@@ -55,7 +55,7 @@ export function showFieldError(fields: readonly RequestField<HTMLInputElement | 
   return true;
 }
 
-/** A world with its kind, where its name does not tell. */
+/** A world's id, with its kind unless the id contains it. */
 export function worldLabel(world: Schema<"WorldOut">): string {
   return world.id.includes(world.kind) ? world.id : `${world.id}, ${world.kind}`;
 }

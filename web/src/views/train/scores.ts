@@ -1,15 +1,15 @@
-// AUCCESS and what stands around it, from evaluations: PHYRE's measure (Bakhtin et al. 2019, section 3).
+// AUCCESS and related statistics of evaluations (PHYRE, Bakhtin et al. 2019, section 3).
 
 import type { Schema } from "../../api/client";
 
-/** Most attempts that count. */
+/** Attempts for each task that count. */
 export const ATTEMPTS = 100;
-/** The policy that is always there: actions in an order drawn once. */
+/** The built-in policy with a random order of actions. */
 export const CHANCE = "random";
-/** Of a normal distribution, so many standard deviations either way hold 95 %. */
+/** 97.5 % quantile of the normal distribution. */
 const Z_95 = 1.96;
 
-/** An evaluation that ended, with what it was asked for. */
+/** A finished evaluation with its request. */
 export interface Evaluation {
   job: string;
   policy: string;
@@ -18,12 +18,12 @@ export interface Evaluation {
   attempts: number;
   seed: number;
   auccess: number;
-  /** For each task the attempt that first solved it. */
+  /** The attempt that first solved each task. */
   solvedAt: (number | null)[];
   interactions: number;
 }
 
-/** What makes two evaluations comparable. */
+/** Evaluations with equal settings are comparable. */
 export interface EvaluationSetting {
   world: string;
   split: string;
@@ -31,7 +31,7 @@ export interface EvaluationSetting {
   seed: number;
 }
 
-/** The evaluation of a job; `null` if it is none that succeeded. */
+/** The evaluation of a job; `null` if it is not a successful evaluation. */
 export function evaluation(job: Schema<"JobOut">): Evaluation | null {
   const result = job.result as EvaluationResult | null | undefined;
   if (job.kind !== "evaluate" || !result) return null;
@@ -49,12 +49,12 @@ export function evaluation(job: Schema<"JobOut">): Evaluation | null {
   };
 }
 
-/** Whether an evaluation was made in a setting. */
+/** Whether an evaluation has a setting. */
 export function hasSetting(one: EvaluationSetting, setting: EvaluationSetting): boolean {
   return one.world === setting.world && one.split === setting.split && one.attempts === setting.attempts && one.seed === setting.seed;
 }
 
-/** What one task adds, of 1: the weights of attempts `k` on, ln(k + 1) - ln(k), over all weights. */
+/** Contribution of one task, 0 to 1: the normalised sum of the weights ln(k + 1) - ln(k) of attempts `solvedAt` and later. */
 export function taskScore(solvedAt: number | null): number {
   return solvedAt === null || solvedAt > ATTEMPTS ? 0 : Math.log((ATTEMPTS + 1) / solvedAt) / Math.log(ATTEMPTS + 1);
 }
@@ -65,12 +65,12 @@ export interface Interval {
   high: number;
 }
 
-/** AUCCESS, and between what it lies for tasks like these (95 %): it is a mean over tasks. */
+/** AUCCESS with its 95 % interval over tasks. */
 export function auccess(solvedAt: readonly (number | null)[]): Interval {
   return mean(solvedAt.map(taskScore));
 }
 
-/** Share of tasks solved within 1, 2, ... `attempts`, with Wilson's interval (95 %). */
+/** Share of tasks solved within 1, 2, ... `attempts`, with Wilson's 95 % interval. */
 export function curve(solvedAt: readonly (number | null)[], attempts: number): Interval[] {
   return Array.from({ length: attempts }, (_, i) => {
     const solved = solvedAt.filter((k) => k !== null && k <= i + 1).length;
@@ -78,7 +78,7 @@ export function curve(solvedAt: readonly (number | null)[], attempts: number): I
   });
 }
 
-/** A share with Wilson's interval (1927): it stays within 0 and 1, and is not empty at 0 and 1. */
+/** A proportion with Wilson's interval (1927), which stays within 0 and 1 and is not empty at the ends. */
 export function wilson(hits: number, of: number): Interval {
   if (of === 0) return { value: 0, low: 0, high: 1 };
   const p = hits / of;
@@ -87,7 +87,7 @@ export function wilson(hits: number, of: number): Interval {
   return { value: p, low: Math.max(0, (middle - spread) / under), high: Math.min(1, (middle + spread) / under) };
 }
 
-/** A mean with its interval (95 %), within 0 and 1. */
+/** A mean with its 95 % interval, within 0 and 1. */
 export function mean(values: readonly number[]): Interval {
   const n = values.length;
   if (n === 0) return { value: 0, low: 0, high: 1 };
@@ -98,8 +98,8 @@ export function mean(values: readonly number[]): Interval {
   return { value, low: Math.max(0, value - spread), high: Math.min(1, value + spread) };
 }
 
-/** How much better a policy does than another on the same tasks (95 %): the mean of differences task by task, which is narrower
- * than the difference of two means. `null` where the tasks are not the same. */
+/** Difference of two policies on the same tasks with its 95 % interval, from paired differences, which is narrower than the
+ * difference of two means. `null` if the tasks differ. */
 export function difference(one: readonly (number | null)[], other: readonly (number | null)[]): Interval | null {
   if (one.length !== other.length || !one.length) return null;
   const differences = one.map((k, i) => taskScore(k) - taskScore(other[i]!));
@@ -110,7 +110,7 @@ export function difference(one: readonly (number | null)[], other: readonly (num
   return { value, low: Math.max(-1, value - spread), high: Math.min(1, value + spread) };
 }
 
-/** Means of at most `most` stretches of values, each at the number of values until its end: what the server tells on the way. */
+/** Means of at most `most` blocks of values, each at the index of its end, as the server reports them. */
 export function means(values: readonly number[], most: number): { at: number; value: number }[] {
   const every = Math.max(1, Math.ceil(values.length / most));
   return Array.from({ length: Math.ceil(values.length / every) }, (_, i) => {
@@ -125,7 +125,7 @@ export function interval({ value, low, high }: Interval, signed = false): string
   return `${format(value)} (${format(low)} to ${format(high)})`;
 }
 
-/** What an evaluation was asked for. */
+/** The request of an evaluation. */
 export function requestOf(job: Schema<"JobOut">): EvaluationRequest {
   return job.config as unknown as EvaluationRequest;
 }
@@ -143,23 +143,23 @@ interface EvaluationResult {
   tasks: { task: string; solved_at: number | null }[];
 }
 
-/** What policies share that differ but by their seed, and by whom they went on from if those do, too. */
+/** A key shared by policies that differ only by their seed, including the policies they were trained from. */
 export function trainingKey(policies: readonly Schema<"PolicyOut">[], id: string): string {
   const one = policies.find((p) => p.id === id);
-  // Weights that came from elsewhere are of their own.
+  // Uploaded weights are only equal to themselves.
   if (!one || one.job === null) return id;
-  // Looking on the way changes nothing of what is learned.
+  // Validations do not affect the training.
   const { seed: _, validations: __, policy, ...rest } = one.config as unknown as { seed?: number; validations?: number; policy?: string };
   const from = policy ? trainingKey(policies.filter((p) => p.id !== id), policy) : null;
   return JSON.stringify([one.training, from, Object.entries(rest).sort(([a], [b]) => (a < b ? -1 : 1))]);
 }
 
-/** The mean of curves, each of one seed, with the interval of that mean (95 %). */
+/** The mean of curves of several seeds, with its 95 % interval. */
 export function meanCurve(curves: readonly (readonly Interval[])[]): Interval[] {
   return (curves[0] ?? []).map((_, i) => mean(curves.map((one) => one[i]!.value)));
 }
 
-/** The mean of each value and its neighbours, `wide` values in all; fewer at the ends. */
+/** Centred moving average over `width` values; fewer at the ends. */
 export function movingAverage(values: readonly number[], width: number): number[] {
   const half = Math.floor(width / 2);
   return values.map((_, i) => {
@@ -168,16 +168,16 @@ export function movingAverage(values: readonly number[], width: number): number[
   });
 }
 
-/** A policy with where it learned, as far as is known. */
+/** A policy with its origin. */
 export interface Learner {
   id: string;
-  /** The policy that it went on from by learning in a world; `null` of one that did not. */
+  /** The policy that it was trained from in a world; `null` if none. */
   from: string | null;
-  /** Attempts in a world that it learned from in that step. */
+  /** Attempts in a world used in that step. */
   attempts: number;
 }
 
-/** Policies that went on from each other, oldest first, each with the attempts in a world learned from so far. */
+/** Chains of policies trained from one another, oldest first, each with the cumulative attempts in a world. */
 export function learningChains(learners: readonly Learner[]): { id: string; attempts: number }[][] {
   const byId = new Map(learners.map((one) => [one.id, one]));
   const before = new Set(learners.flatMap((one) => (one.from === null ? [] : [one.from])));

@@ -1,4 +1,4 @@
-// A training as it runs: how far it is, its loss and AUCCESS on validation tasks as curves, and what came of it.
+// Progress of a training: loss and validation AUCCESS as curves, and the result.
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
@@ -12,22 +12,22 @@ import { means, movingAverage } from "./scores";
 type Job = Schema<"JobOut">;
 type Point = { at: number; value: number };
 
-/** Curves by their names. */
+/** Curves by name. */
 export type Curves = Record<"loss" | "validation", Point[]>;
 
-/** A loss is smoothed over one of so many parts of it. */
+/** The loss is averaged over this fraction of its points. */
 const SMOOTHING_PARTS = 15;
-/** Points of a loss, at most: as many as the server tells on the way. */
+/** Maximum number of points of the loss; the server reports as many. */
 const MAX_LOSS_POINTS = 200;
 
-/** What an event adds to the curves; a training that begins again, begins with none. */
+/** Adds an event to the curves; a restarted training starts with empty curves. */
 export function updateCurves(before: Curves, job: Job): Curves {
   if (job.state === "succeeded" && job.result) {
     const result = job.result as unknown as TrainingResult;
     const checks = (result.validation ?? []).map((c) => ({ at: c.batches, value: c.auccess }));
     return { loss: means(result.loss, MAX_LOSS_POINTS), validation: checks };
   }
-  // Queued, or still labelling: what is known is of a run that a server's end cut off.
+  // Queued or still labelling: earlier points belong to a run interrupted by a restart of the server.
   if (job.state === "queued" || (job.state === "running" && job.progress.stage !== "train")) return { loss: [], validation: [] };
   const now: Curves = { loss: [...before.loss], validation: [...before.validation] };
   for (const { name, at, value } of job.progress.figures ?? []) {
@@ -36,7 +36,7 @@ export function updateCurves(before: Curves, job: Job): Curves {
   return now;
 }
 
-/** Shows a job of training or learning on; `ended` is told once it has, with the policy if there is one. */
+/** Displays a training or learning job; `onEnded` gets the policy, if there is one. */
 export function trainingProgress(job: Job, onEnded: (policy: string | null) => void, context: Context): HTMLElement {
   const state = h("span", { class: "state" });
   const bar = h("progress", { "aria-label": `Progress of ${job.id}` });
@@ -47,7 +47,7 @@ export function trainingProgress(job: Job, onEnded: (policy: string | null) => v
   const loss = curvePlot({ about: "Loss over updates", x: "updates", y: "loss, nats" });
   const validation = curvePlot({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
   const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "Validation AUCCESS, in simulation"), validation.svg);
-  const lossFigure = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
+  const lossFigure = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 is chance level"), loss.svg);
   let curves: Curves = { loss: [], validation: [] };
   const show = (now: Job): void => {
     curves = updateCurves(curves, now);
@@ -83,21 +83,21 @@ function series(name: string, look: number, points: readonly Point[]): CurveSeri
   return points.length ? [{ name, look, x: points.map((p) => p.at), y: points.map((p) => p.value) }] : [];
 }
 
-/** The same without the scatter from batch to batch. */
+/** Moving average of a curve. */
 function mean(raw: CurveSeries): CurveSeries {
   return { ...raw, name: "mean loss", y: movingAverage(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTHING_PARTS))) };
 }
 
-/** What came of it, in words. */
+/** Summary of the result. */
 function outcomeText(job: Job): (HTMLElement | string)[] {
   const result = job.result as unknown as TrainingResult;
   const from = result.interactions === undefined ? `${result.examples} simulated actions` : `${result.interactions} real attempts`;
   const last = result.validation?.at(-1);
   const checked = last ? `, validation AUCCESS ${short(last.auccess)}` : "";
-  return [h("strong", {}, result.policy), `: learned from ${from}, of which ${result.solving} solve; loss ${short(means(result.loss, 20).at(-1)?.value ?? 0)} at the end${checked}.`];
+  return [h("strong", {}, result.policy), `: trained on ${from}, of which ${result.solving} solve the task; loss ${short(means(result.loss, 20).at(-1)?.value ?? 0)} at the end${checked}.`];
 }
 
-const STAGES: Record<string, string> = { label: "trying actions in simulation", train: "learning" };
+const STAGES: Record<string, string> = { label: "labelling actions in simulation", train: "learning" };
 
 interface TrainingResult {
   policy: string;
