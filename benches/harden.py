@@ -178,9 +178,9 @@ def step_over_zmq(running: Server, token: str | None) -> Callable[[], float]:
 
 
 def cost(binary: str, transport: str, servers: int = 12) -> dict[str, tuple[float, float]]:
-    """A step's time as its client sees it, and the server's processor time for it and the reset before, s: where nobody is asked;
-    with a token and a line of the log; with a data directory besides. Lower quartiles of turns of 25, one way after the other;
-    medians over so many servers of each, which differ by where their threads come to lie."""
+    """Duration of a step for its client, and the server's processor time for it and the preceding reset, s: without authentication;
+    with a token and a log line; additionally with a data directory. Lower quartiles of alternating blocks of 25; medians over several
+    servers each, which differ by the placement of their threads."""
     times: dict[str, list[float]] = {"open": [], "guarded": [], "kept": []}
     used: dict[str, list[float]] = {name: [] for name in times}
     for _ in range(servers):
