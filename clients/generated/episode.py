@@ -21,16 +21,16 @@ with Client(base_url=sys.argv[1], raise_on_unexpected_status=True) as client:
         client=client, body=CreateWorld(task="bowling:002", latents=LatentsIn(friction=0.5))
     )
     start = reset_world.sync(world.id, client=client, body=ResetIn(seed=1))
-    attempted = rollout_world.sync(
+    rollout = rollout_world.sync(
         world.id, client=client, body=RolloutIn(actions=[1000 * k for k in range(32)])
     )
-    selected = [result.valid for result in attempted.results].index(True)
+    selected = [result.valid for result in rollout.results].index(True)
     step = step_world.sync(world.id, client=client, body=StepIn(action=1000 * selected))
     assert isinstance(step, StepOut)
     error = step_world.sync(world.id, client=client, body=StepIn(action=[0.5, 0.5, 0.2]))
     assert isinstance(error, Problem)
     delete_world.sync_detailed(world.id, client=client)
-    has_ended = get_world.sync_detailed(world.id, client=client)
+    deleted = get_world.sync_detailed(world.id, client=client)
 
 print(
     json.dumps(
@@ -38,13 +38,13 @@ print(
             "families": families,
             "task": start.info.task,
             "first": start.observation,
-            "chosen": selected,
+            "selected": selected,
             "observation": step.observation,
             "reward": step.reward,
             "terminated": step.terminated,
             "steps": step.info.steps,
-            "refused": error.status,
-            "gone": has_ended.status_code.value,
+            "error_status": error.status,
+            "status_after_delete": deleted.status_code.value,
         }
     )
 )

@@ -18,14 +18,14 @@ import pytest
 import urllib3
 
 HERE = Path(__file__).resolve().parent
-CHECKOUT = HERE.parents[1]
-DOCUMENT = CHECKOUT / "openapi" / "openapi.json"
+REPOSITORY = HERE.parents[1]
+DOCUMENT = REPOSITORY / "openapi" / "openapi.json"
 OUT = HERE / "out"
 
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    binary = os.environ.get("IPLW_BIN", str(CHECKOUT / "target" / "debug" / "iplw"))
+    binary = os.environ.get("IPLW_BIN", str(REPOSITORY / "target" / "debug" / "iplw"))
     server = subprocess.Popen(
         [binary, "serve", "--http", "127.0.0.1:0", "--exit-with-stdin"],
         stdin=subprocess.PIPE,
@@ -57,47 +57,47 @@ def reference(url: str) -> dict[str, Any]:
     http = urllib3.PoolManager()
 
     def call(method: str, path: str, body: Any = None) -> tuple[int, Any]:
-        answer = http.request(method, url + path, json=body) if body else http.request(method, url + path)
-        return answer.status, json.loads(answer.data) if answer.data else None
+        response = http.request(method, url + path, json=body) if body else http.request(method, url + path)
+        return response.status, json.loads(response.data) if response.data else None
 
     families = [family["name"] for family in call("GET", "/v1/tasks")[1]["families"]]
     world = call("POST", "/v1/worlds", {"task": "bowling:002", "latents": {"friction": 0.5}})[1]
-    at = f"/v1/worlds/{world['id']}"
-    start = call("POST", f"{at}/reset", {"seed": 1})[1]
-    results = call("POST", f"{at}/rollout", {"actions": [1000 * k for k in range(32)]})[1]["results"]
+    address = f"/v1/worlds/{world['id']}"
+    start = call("POST", f"{address}/reset", {"seed": 1})[1]
+    results = call("POST", f"{address}/rollout", {"actions": [1000 * k for k in range(32)]})[1]["results"]
     selected = [result["valid"] for result in results].index(True)
-    step = call("POST", f"{at}/step", {"action": 1000 * selected})[1]
-    rejected, _ = call("POST", f"{at}/step", {"action": [0.5, 0.5, 0.2]})
-    call("DELETE", at)
-    has_ended, _ = call("GET", at)
+    step = call("POST", f"{address}/step", {"action": 1000 * selected})[1]
+    error_status, _ = call("POST", f"{address}/step", {"action": [0.5, 0.5, 0.2]})
+    call("DELETE", address)
+    deleted, _ = call("GET", address)
     return {
         "families": families,
         "task": start["info"]["task"],
         "first": start["observation"],
-        "chosen": selected,
+        "selected": selected,
         "observation": step["observation"],
         "reward": step["reward"],
         "terminated": step["terminated"],
         "steps": step["info"]["steps"],
-        "refused": rejected,
-        "gone": has_ended,
+        "error_status": error_status,
+        "status_after_delete": deleted,
     }
 
 
 def test_episode_is_valid(reference: dict[str, Any]) -> None:
     assert reference["terminated"] and reference["steps"] > 0
-    assert (reference["refused"], reference["gone"]) == (409, 404)
+    assert (reference["error_status"], reference["status_after_delete"]) == (409, 404)
 
 
 def test_python(url: str, reference: dict[str, Any]) -> None:
-    created = OUT / "python"
-    shutil.rmtree(created, ignore_errors=True)
-    message = run(
+    target = OUT / "python"
+    shutil.rmtree(target, ignore_errors=True)
+    output = run(
         Path(sys.executable).parent / "openapi-python-client",
-        *("generate", "--path", DOCUMENT, "--output-path", created / "iplw_generated", "--meta", "none"),
+        *("generate", "--path", DOCUMENT, "--output-path", target / "iplw_generated", "--meta", "none"),
     )
-    assert "ERROR" not in message, message
-    assert json.loads(run(sys.executable, "episode.py", url, PYTHONPATH=str(created))) == reference
+    assert "ERROR" not in output, output
+    assert json.loads(run(sys.executable, "episode.py", url, PYTHONPATH=str(target))) == reference
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node")
@@ -113,7 +113,7 @@ def test_typescript(url: str, reference: dict[str, Any]) -> None:
 def test_server_conforms_to_document(url: str) -> None:
     """All of schemathesis's checks: status codes, content types, schemas, headers, rejection of invalid input.
 
-    Also of requests that follow from each other, by the document's links. `EXAMPLES` of each operation, 8 by default.
+    Includes sequences of requests along the document's links. `EXAMPLES`: number of examples per operation, default 8.
     """
     print(
         run(

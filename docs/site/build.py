@@ -1,11 +1,11 @@
-"""The pages: puts together what they are made of, builds them, holds them to it.
+"""Builds the documentation site: assembles the sources of its pages, runs mkdocs, and checks the result.
 
-    python docs/site/build.py --bin target/debug/iplw        out/pages -> out/site; any warning fails
+    python docs/site/build.py --bin target/debug/iplw        out/pages -> out/site; any warning is an error
 
-| part | from |
+| part | source |
 |---|---|
-| documents | `docs/KIND/*.md`, `CHANGELOG.md`, `SECURITY.md`, ...; links rewritten for the pages (`links.py`) |
-| Python | docstrings, read without importing anything (`python_pages.py`, `comments.py`) |
+| documents | `docs/KIND/*.md`, `CHANGELOG.md`, `SECURITY.md`, ...; links rewritten for the site (`links.py`) |
+| Python | docstrings, read without imports (`python_pages.py`, `comments.py`) |
 | HTTP | `openapi/openapi.json` (`http_pages.py`) |
 | command line | `--help` of every command (`commands.py`) |
 | tutorials | `examples/notebooks/*.ipynb` (`notebooks.py`) |
@@ -25,11 +25,11 @@ from typing import Any
 import yaml
 
 from commands import commands_page
-from diagrams import DRAWN, pictured
-from documented import problems
+from diagrams import DIAGRAMS, replace_diagrams
+from check_documents import problems
 from http_pages import http_pages
 from links import Links
-from markdown_text import four_spaces
+from markdown_text import normalize_lists
 from notebooks import notebook_page
 from python_pages import PAGES, python_pages
 
@@ -38,7 +38,7 @@ ROOT = HERE.parents[1]
 OUT = ROOT / "out"
 SOURCES = ROOT / "clients" / "python" / "src"
 
-#: Path in the repository -> path on the pages, heading in the list. Other documents come after those of their kind.
+#: Path in the repository -> path on the site, title in the navigation. Other documents follow those of their section.
 DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/how-to/install.md": ("how-to/install.md", "Install"),
     "docs/glossary.md": ("glossary.md", "Glossary"),
@@ -60,7 +60,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/reference/phyre.md": ("reference/phyre.md", "PHYRE's templates"),
     "SECURITY.md": ("security.md", "Security"),
     "docs/explanation/diagnosis.md": ("explanation/diagnosis.md", "How the diagnosis decides"),
-    "docs/explanation/verdicts.md": ("explanation/verdicts.md", "What the verdicts mean"),
+    "docs/explanation/verdicts.md": ("explanation/verdicts.md", "Interpretation of the verdicts"),
     "docs/explanation/posterior.md": ("explanation/posterior.md", "Posteriors"),
     "docs/explanation/planning.md": ("explanation/planning.md", "Planning"),
     "docs/explanation/designs.md": ("explanation/designs.md", "Designs"),
@@ -74,8 +74,8 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "CONTRIBUTING.md": ("contributing.md", "Contributing"),
     "CHANGELOG.md": ("changelog.md", "Changelog"),
 }
-#: Folder below `docs/` -> heading in the list (Diataxis: tutorials, how-to, reference, explanation; and benchmarks).
-KINDS = {
+#: Folder below `docs/` -> title in the navigation (Diataxis: tutorials, how-to, reference, explanation; and benchmarks).
+SECTIONS = {
     "tutorials": "Tutorials",
     "how-to": "How to",
     "reference": "Reference",
@@ -86,85 +86,85 @@ PROJECT = ("web/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 
 
 def documents() -> dict[str, tuple[str, str]]:
-    """Every document, those without a row above included."""
+    """All documents, including those without a row above."""
     result = dict(DOCUMENTS)
-    for kind in KINDS:
-        for file in sorted((ROOT / "docs" / kind).glob("*.md")):
+    for section in SECTIONS:
+        for file in sorted((ROOT / "docs" / section).glob("*.md")):
             heading = file.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
-            result.setdefault(f"docs/{kind}/{file.name}", (f"{kind}/{file.name}", heading))
+            result.setdefault(f"docs/{section}/{file.name}", (f"{section}/{file.name}", heading))
     return {source: page for source, page in result.items() if (ROOT / source).is_file()}
 
 
 def assemble(binary: Path, pages: Path) -> list[Any]:
-    """Writes the pages' sources; the list of them as mkdocs has it (`nav`)."""
+    """Writes the sources of the pages, and returns mkdocs' `nav`."""
     shutil.rmtree(pages, ignore_errors=True)
     shutil.copytree(HERE / "pages", pages)
-    shutil.copytree(DRAWN, pages / "diagrams")
+    shutil.copytree(DIAGRAMS, pages / "diagrams")
     result = documents()
     links = Links(ROOT, pages, {source: page for source, (page, _) in result.items()})
     for source, (page, _) in result.items():
         text = links.rewrite((ROOT / source).read_text(encoding="utf-8"), source, page)
-        write(pages / page, four_spaces(pictured(text, "../" * page.count("/"))))
-    created = python_pages(SOURCES)
-    created |= http_pages(json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8")))
-    created["commands.md"] = commands_page(binary)
-    for page, text in created.items():
+        write(pages / page, normalize_lists(replace_diagrams(text, "../" * page.count("/"))))
+    generated = python_pages(SOURCES)
+    generated |= http_pages(json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8")))
+    generated["commands.md"] = commands_page(binary)
+    for page, text in generated.items():
         write(pages / page, text)
     (pages / "files" / "openapi").mkdir(parents=True, exist_ok=True)
     shutil.copyfile(ROOT / "openapi" / "openapi.json", pages / "files" / "openapi" / "openapi.json")
     tutorials = []
     for notebook in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
-        remote = pages / "tutorials" / f"{notebook.stem}.md"
-        # The file itself lies beside its page, to be taken along.
-        complete = f"\n[`{notebook.name}`]({notebook.name}) is this page as a notebook, to be run.\n"
-        write(remote, four_spaces(notebook_page(notebook, remote) + complete))
-        shutil.copyfile(notebook, remote.with_name(notebook.name))
-        tutorials.append(f"tutorials/{remote.name}")
-    return nav(result, created, tutorials)
+        target = pages / "tutorials" / f"{notebook.stem}.md"
+        # The notebook is copied next to its page.
+        link = f"\nDownload this page as a notebook: [`{notebook.name}`]({notebook.name}).\n"
+        write(target, normalize_lists(notebook_page(notebook, target) + link))
+        shutil.copyfile(notebook, target.with_name(notebook.name))
+        tutorials.append(f"tutorials/{target.name}")
+    return nav(result, generated, tutorials)
 
 
-def nav(result: dict[str, tuple[str, str]], created: dict[str, str], notebooks: list[str]) -> list[Any]:
-    """The list of pages."""
+def nav(result: dict[str, tuple[str, str]], generated: dict[str, str], notebooks: list[str]) -> list[Any]:
+    """The navigation."""
 
     def rows(*sources: str) -> list[Any]:
         return [{result[source][1]: result[source][0]} for source in sources if source in result]
 
-    def kind(name: str) -> list[Any]:
+    def section(name: str) -> list[Any]:
         return rows(*(source for source in result if source.startswith(f"docs/{name}/")))
 
     first = [f"python/{name}.md" for name in PAGES]
-    rest = sorted(page for page in created if page.startswith("python/") and page not in first)
-    http = [page for page in created if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
+    rest = sorted(page for page in generated if page.startswith("python/") and page not in first)
+    http = [page for page in generated if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
     return [
         {"Start": ["index.md", *rows("docs/glossary.md")]},
-        {"Tutorials": [*kind("tutorials"), *notebooks]},
-        {"How to": kind("how-to")},
-        {"Reference": [{"Command line": "commands.md"}, *kind("reference"), *rows("SECURITY.md")]},
+        {"Tutorials": [*section("tutorials"), *notebooks]},
+        {"How to": section("how-to")},
+        {"Reference": [{"Command line": "commands.md"}, *section("reference"), *rows("SECURITY.md")]},
         {"Python": ["python/index.md", *first, *rest]},
         {"HTTP": ["http/index.md", *http, {"Schemas": "http/schemas.md"}]},
-        {"Explanation": [*kind("explanation"), *rows("docs/calibration.md")]},
-        {"Benchmarks": kind("benchmarks")},
+        {"Explanation": [*section("explanation"), *rows("docs/calibration.md")]},
+        {"Benchmarks": section("benchmarks")},
         {"Project": rows(*PROJECT)},
     ]
 
 
 def write(page: Path, text: str) -> None:
-    """Writes a page and the folders above it."""
+    """Writes a page, and creates its folders."""
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(text, encoding="utf-8")
 
 
 def main() -> int:
-    """Builds and checks; not 0 if anything is wrong."""
-    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    values.add_argument("--bin", type=Path, required=True, help="the program, for what its commands say")
-    binary = values.parse_args().bin.resolve()
-    if message := problems(ROOT, binary):
-        print("\n".join(message), file=sys.stderr)
+    """Builds and checks the site. Returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", type=Path, required=True, help="the program, for its `--help`")
+    binary = parser.parse_args().bin.resolve()
+    if found := problems(ROOT, binary):
+        print("\n".join(found), file=sys.stderr)
         return 1
-    created = {"INHERIT": os.path.relpath(HERE / "mkdocs.yml", OUT), "nav": assemble(binary, OUT / "pages")}
-    (OUT / "mkdocs.yml").write_text(yaml.safe_dump(created, sort_keys=False), encoding="utf-8")
-    # The theme's authors tell in every build what they think of mkdocs 2, which is not used here.
+    config = {"INHERIT": os.path.relpath(HERE / "mkdocs.yml", OUT), "nav": assemble(binary, OUT / "pages")}
+    (OUT / "mkdocs.yml").write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+    # Suppresses the theme's notice about mkdocs 2, which is not used here.
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(OUT / "mkdocs.yml")]
     if code := subprocess.run(command, env=quiet).returncode:

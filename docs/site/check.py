@@ -1,4 +1,4 @@
-"""Holds built pages to it: links and anchors lead somewhere, nobody else is asked for anything, all that is public is told.
+"""Checks the built site: links and anchors resolve, no external resources are loaded, all public names are documented.
 
     python docs/site/check.py SITE
 """
@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-#: Elements and the attributes by which a page has something loaded.
-LOADS = {
+#: Elements and their attributes that load resources.
+RESOURCE_ATTRIBUTES = {
     "script": ("src",),
     "img": ("src", "srcset"),
     "iframe": ("src",),
@@ -25,25 +25,25 @@ LOADS = {
     "use": ("href", "xlink:href"),
     "image": ("href", "xlink:href"),
 }
-#: `<link rel=...>` that only tells, and loads nothing.
-TELLS = {"canonical", "next", "prev", "license", "alternate"}
-#: Elements whose text is as it is.
+#: Values of `<link rel=...>` that load nothing.
+METADATA_LINKS = {"canonical", "next", "prev", "license", "alternate"}
+#: Elements with verbatim text.
 VERBATIM = {"pre", "code", "script", "style", "textarea"}
-#: Markdown in what is read: a link, a fence, a row of a table, emphasis.
-LEFT = re.compile(r"\]\(|```|\|\s*-{3,}\s*\||\*\*\w|^:::")
+#: Markdown syntax in rendered text: a link, a fence, a table row, emphasis.
+RAW_MARKDOWN = re.compile(r"\]\(|```|\|\s*-{3,}\s*\||\*\*\w|^:::")
 CSS = re.compile(r"""(?:url\(|@import)\s*["']?((?:https?:)?//[^"')\s]+)""")
 
 
-class Found(HTMLParser):
-    """What a page holds: anchors, links, what it has loaded."""
+class PageParser(HTMLParser):
+    """Anchors, links and loaded resources of a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.anchors: set[str] = set()
         self.links: list[str] = []
-        self.loads: list[str] = []
-        #: Markdown that was not understood.
-        self.left: list[str] = []
+        self.resources: list[str] = []
+        #: Markdown that was not rendered.
+        self.raw_markdown: list[str] = []
         self._verbatim = 0
         self.feed(text)
 
@@ -52,43 +52,43 @@ class Found(HTMLParser):
         self.anchors |= {values[name] for name in ("id", "name") if values.get(name)}
         if tag == "a" and "href" in values:
             self.links.append(values["href"])
-        for name in LOADS.get(tag, ()):
+        for name in RESOURCE_ATTRIBUTES.get(tag, ()):
             if name in values:
-                self.loads.append(values[name])
-        if tag == "link" and not set(values.get("rel", "").split()) & TELLS:
-            self.loads.append(values.get("href", ""))
-        self.loads += CSS.findall(values.get("style", ""))
+                self.resources.append(values[name])
+        if tag == "link" and not set(values.get("rel", "").split()) & METADATA_LINKS:
+            self.resources.append(values.get("href", ""))
+        self.resources += CSS.findall(values.get("style", ""))
         self._verbatim += tag in VERBATIM
 
     def handle_endtag(self, tag: str) -> None:
         self._verbatim -= tag in VERBATIM
 
     def handle_data(self, data: str) -> None:
-        if not self._verbatim and (result := LEFT.search(data)):
-            self.left.append(data[max(0, result.start() - 30) : result.end() + 30].strip())
+        if not self._verbatim and (result := RAW_MARKDOWN.search(data)):
+            self.raw_markdown.append(data[max(0, result.start() - 30) : result.end() + 30].strip())
 
 
-def invalid(site: Path) -> Iterator[str]:
-    """What is wrong, a line each."""
-    pages = {file: Found(file.read_text(encoding="utf-8")) for file in sorted(site.rglob("*.html"))}
+def page_errors(site: Path) -> Iterator[str]:
+    """Errors of all pages, one line each."""
+    pages = {file: PageParser(file.read_text(encoding="utf-8")) for file in sorted(site.rglob("*.html"))}
     for file, page in pages.items():
         name = file.relative_to(site)
-        for address in page.loads:
+        for address in page.resources:
             if urlsplit(address).netloc:
                 yield f"{name}: loads {address}"
             elif not address.startswith("data:"):
-                yield from _leads(site, file, address, pages)
-        for text in page.left:
-            yield f"{name}: Markdown that was not understood: {text!r}"
+                yield from _link_errors(site, file, address, pages)
+        for text in page.raw_markdown:
+            yield f"{name}: unrendered Markdown: {text!r}"
         for address in page.links:
-            yield from _leads(site, file, address, pages)
+            yield from _link_errors(site, file, address, pages)
     for file in sorted(site.rglob("*.css")):
         for address in CSS.findall(file.read_text(encoding="utf-8")):
             yield f"{file.relative_to(site)}: loads {address}"
 
 
-def _leads(site: Path, file: Path, address: str, pages: dict[Path, Found]) -> Iterator[str]:
-    """Says if an address within the site leads nowhere."""
+def _link_errors(site: Path, file: Path, address: str, pages: dict[Path, PageParser]) -> Iterator[str]:
+    """Reports an address within the site that does not resolve."""
     parts = urlsplit(address)
     if parts.scheme or parts.netloc:
         return
@@ -100,34 +100,34 @@ def _leads(site: Path, file: Path, address: str, pages: dict[Path, Found]) -> It
     if file.name == "404.html":
         return
     if not target.is_file():
-        yield f"{file.relative_to(site)}: {address} leads to no file"
-    elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors | ONLY:
-        yield f"{file.relative_to(site)}: {address} leads to no place on that page"
+        yield f"{file.relative_to(site)}: {address} is a broken link"
+    elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors | THEME_FRAGMENTS:
+        yield f"{file.relative_to(site)}: {address} has no such anchor"
 
 
-#: Fragments that say when a picture is shown.
-ONLY = {"only-light", "only-dark"}
+#: Fragments that select the colour scheme of a picture.
+THEME_FRAGMENTS = {"only-light", "only-dark"}
 
 
-def untold(site: Path, sources: Path) -> Iterator[str]:
-    """Public names of Python that no page tells, and those that have nothing to say for themselves."""
+def undocumented(site: Path, sources: Path) -> Iterator[str]:
+    """Public Python names on no page, and those without a docstring."""
     import griffe
 
-    from python_pages import AWAITED, INSIDE, PACKAGE, public
+    from python_pages import ASYNC_PREFIX, CLIENT_PACKAGES, PACKAGE, public
 
-    anchors = {a for file in (site / "python").glob("*.html") for a in Found(file.read_text(encoding="utf-8")).anchors}
+    anchors = {a for file in (site / "python").glob("*.html") for a in PageParser(file.read_text(encoding="utf-8")).anchors}
     package = griffe.load(PACKAGE, search_paths=[str(sources)])
     for file in [sources / PACKAGE / "__init__.py", *sorted((sources / PACKAGE).glob("*/__init__.py"))]:
-        within = "" if file.parent.name == PACKAGE else f"{file.parent.name}."
-        if within.rstrip(".") in INSIDE:
+        prefix = "" if file.parent.name == PACKAGE else f"{file.parent.name}."
+        if prefix.rstrip(".") in CLIENT_PACKAGES:
             continue
         for name in public(file):
-            if not name.startswith(AWAITED) and f"{PACKAGE}.{within}{name}" not in anchors:
-                yield f"{PACKAGE}.{within}{name} is on no page"
-            yield from _silent(package[f"{within}{name}"])
+            if not name.startswith(ASYNC_PREFIX) and f"{PACKAGE}.{prefix}{name}" not in anchors:
+                yield f"{PACKAGE}.{prefix}{name} is on no page"
+            yield from _missing_docstrings(package[f"{prefix}{name}"])
 
 
-def _silent(item: object) -> Iterator[str]:
+def _missing_docstrings(item: object) -> Iterator[str]:
     import griffe
 
     assert isinstance(item, (griffe.Object, griffe.Alias))
@@ -138,16 +138,16 @@ def _silent(item: object) -> Iterator[str]:
     if target.is_class:
         for name, member in target.members.items():
             if not name.startswith("_") and not member.is_alias and (member.is_function or member.is_class):
-                yield from _silent(member)
+                yield from _missing_docstrings(member)
 
 
 def main() -> int:
-    """Prints what is wrong; 1 if anything is."""
+    """Prints all errors; returns 1 if there are any."""
     site = Path(sys.argv[1]).resolve()
-    result = [*invalid(site), *untold(site, Path(__file__).resolve().parents[2] / "clients" / "python" / "src")]
+    result = [*page_errors(site), *undocumented(site, Path(__file__).resolve().parents[2] / "clients" / "python" / "src")]
     for line in result:
         print(line, file=sys.stderr)
-    print(f"{len(list(site.rglob('*.html')))} pages, {len(result)} things wrong")
+    print(f"{len(list(site.rglob('*.html')))} pages, {len(result)} errors")
     return 1 if result else 0
 
 

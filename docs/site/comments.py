@@ -1,6 +1,6 @@
-"""Comments `#: ...` above an attribute or beside it, and pydantic's `Field(description=...)`, as docstrings of attributes.
+"""Comments `#: ...` above or after an attribute, and pydantic's `Field(description=...)`, as docstrings of attributes.
 
-An extension of griffe, which reads sources and knows the string below an attribute only.
+An extension of griffe, which by itself only reads the string below an attribute.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from typing import Any
 import griffe
 
 
-class Comments(griffe.Extension):
-    """Gives attributes without a docstring the comment that speaks of them."""
+class AttributeComments(griffe.Extension):
+    """Uses an attribute's comment as its docstring if it has none."""
 
     def __init__(self) -> None:
         super().__init__()
         self._lines: dict[Path, list[str]] = {}
 
     def on_attribute_instance(self, *, node: ast.AST | griffe.ObjectNode, attr: griffe.Attribute, **_: Any) -> None:
-        """Called by griffe for every attribute that it finds."""
+        """Called by griffe for every attribute."""
         path = attr.filepath
         if attr.docstring is not None or attr.lineno is None or not isinstance(path, Path):
             return
         if path not in self._lines:
             self._lines[path] = path.read_text(encoding="utf-8").splitlines()
-        if text := described(node) or comment_of(self._lines[path], attr.lineno - 1):
+        if text := field_description(node) or comment_of(self._lines[path], attr.lineno - 1):
             attr.docstring = griffe.Docstring(text, parent=attr)
 
 
-def described(node: ast.AST | griffe.ObjectNode) -> str:
-    """What pydantic's `Field(description=...)` says."""
+def field_description(node: ast.AST | griffe.ObjectNode) -> str:
+    """The description of pydantic's `Field(description=...)`."""
     value = getattr(node, "value", None)
     if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Field":
         for keyword in value.keywords:
@@ -41,7 +41,7 @@ def described(node: ast.AST | griffe.ObjectNode) -> str:
 
 
 def comment_of(lines: list[str], line: int) -> str:
-    """What the comments at a line say: those above it, or the one at its end."""
+    """The comment of a line: the lines above it, or the one at its end."""
     above: list[str] = []
     for text in reversed(lines[:line]):
         if not text.lstrip().startswith("#:"):
@@ -49,5 +49,5 @@ def comment_of(lines: list[str], line: int) -> str:
         above.append(text.lstrip()[2:].strip())
     if above:
         return "\n".join(reversed(above))
-    _, mark, beside = lines[line].partition("  #: ")
-    return beside.strip() if mark else ""
+    _, mark, trailing = lines[line].partition("  #: ")
+    return trailing.strip() if mark else ""

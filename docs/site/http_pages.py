@@ -1,4 +1,4 @@
-"""The HTTP API as pages, from the OpenAPI document: an index, a page for each tag, and the schemas."""
+"""Pages of the HTTP API, from the OpenAPI document: an index, a page per tag, and the schemas."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from markdown_text import table
 
 Json = Mapping[str, Any]
 
-#: What every operation may answer, told once.
-EVERYWHERE = ("401", "403", "408", "421")
+#: Responses common to all operations, listed once.
+COMMON_STATUSES = ("401", "403", "408", "421")
 
 
 def http_pages(document: Json) -> dict[str, str]:
@@ -23,80 +23,80 @@ def http_pages(document: Json) -> dict[str, str]:
 
 
 def operations(document: Json) -> Iterator[tuple[str, str, Json]]:
-    """Method, path and what is said of each operation, in the document's order."""
+    """Method, path and description of each operation, in the document's order."""
     for path, methods in document["paths"].items():
-        for method, message in methods.items():
-            yield method.upper(), path, message
+        for method, operation in methods.items():
+            yield method.upper(), path, operation
 
 
 def _index(document: Json) -> str:
     rows = [
-        (f"[`{message['operationId']}`]({message['tags'][0]}.md#{message['operationId']})", f"`{method} {path}`", message["summary"])
-        for method, path, message in operations(document)
+        (f"[`{operation['operationId']}`]({operation['tags'][0]}.md#{operation['operationId']})", f"`{method} {path}`", operation["summary"])
+        for method, path, operation in operations(document)
     ]
     notes = "\n\n".join(f"{part.strip()}." for part in document["info"]["description"].rstrip(".").split(". "))
-    statuses = {code: text for _, _, message in operations(document) for code, text in _refusals(message) if code in EVERYWHERE}
+    statuses = {code: text for _, _, operation in operations(document) for code, text in _errors(operation) if code in COMMON_STATUSES}
     return f"""# HTTP API
 
 {notes}
 
-A server shows the same at `/docs`, to be tried out, and the document at `/openapi.json`; here it is as
-[a file](../files/openapi/openapi.json). `operationId` is the operation's name over ZeroMQ and in Python's `Client.call`.
+A server provides interactive documentation at `/docs`, and the OpenAPI document at `/openapi.json`
+([download](../files/openapi/openapi.json)). `operationId` is the operation's name in ZeroMQ and in Python's `Client.call`.
 
 {table(("operation", "", ""), rows)}
-## What any operation may answer
+## Common responses
 
 {table(("status", "when"), sorted(statuses.items()))}
-All are [`Problem`](schemas.md#problem). What each operation answers beside these is told with it.
+All are [`Problem`](schemas.md#problem). Other responses are listed with each operation.
 """
 
 
 def _tag(document: Json, tag: Json) -> str:
     parts = [f"# {tag['name'].capitalize()}\n\n{tag['description']}\n"]
-    for method, path, message in operations(document):
-        if tag["name"] in message["tags"]:
-            parts.append(_operation(document, method, path, message))
+    for method, path, operation in operations(document):
+        if tag["name"] in operation["tags"]:
+            parts.append(_operation(document, method, path, operation))
     return "\n".join(parts)
 
 
-def _operation(document: Json, method: str, path: str, message: Json) -> str:
-    inputs = [(f"`{p['name']}`", p["in"], _type(p["schema"]), p.get("description", "")) for p in message.get("parameters", [])]
+def _operation(document: Json, method: str, path: str, operation: Json) -> str:
+    inputs = [(f"`{p['name']}`", p["in"], _type(p["schema"]), p.get("description", "")) for p in operation.get("parameters", [])]
     body = "".join(
         f"\nBody, `{kind}`: {_type(how['schema'])}\n\n{_fields(document, how['schema'])}"
-        for kind, how in message.get("requestBody", {}).get("content", {}).items()
+        for kind, how in operation.get("requestBody", {}).get("content", {}).items()
     )
     good = [
-        (code, answer["description"], ", ".join(f"`{kind}`: {_type(how['schema'])}" for kind, how in _content(answer)))
-        for code, answer in message["responses"].items()
+        (code, response["description"], ", ".join(f"`{kind}`: {_type(how['schema'])}" for kind, how in _content(response)))
+        for code, response in operation["responses"].items()
         if code.startswith("2")
     ]
-    bad = [(code, text, "[`Problem`](schemas.md#problem)") for code, text in _refusals(message) if code not in EVERYWHERE]
-    scopes = [scope for rule in message.get("security", []) for scopes in rule.values() for scope in scopes]
-    may = f"\nWhere the server has tokens: one that may `{scopes[0]}`.\n" if scopes else ""
-    about = f"\n{message['description']}\n" if message.get("description") else ""
+    bad = [(code, text, "[`Problem`](schemas.md#problem)") for code, text in _errors(operation) if code not in COMMON_STATUSES]
+    scopes = [scope for rule in operation.get("security", []) for scopes in rule.values() for scope in scopes]
+    may = f"\nIf the server has tokens, requires the scope `{scopes[0]}`.\n" if scopes else ""
+    about = f"\n{operation['description']}\n" if operation.get("description") else ""
     return f"""
-## {message["operationId"]} {{#{message["operationId"]}}}
+## {operation["operationId"]} {{#{operation["operationId"]}}}
 
 `{method} {path}`
 
-{message["summary"]}
+{operation["summary"]}
 {about}{may}
 {table(("parameter", "in", "type", ""), inputs)}{body}
-{table(("status", "", "answer"), good + bad)}"""
+{table(("status", "", "response"), good + bad)}"""
 
 
-def _refusals(message: Json) -> Iterator[tuple[str, str]]:
-    for code, answer in message["responses"].items():
+def _errors(operation: Json) -> Iterator[tuple[str, str]]:
+    for code, response in operation["responses"].items():
         if not code.startswith("2"):
-            yield code, answer["description"]
+            yield code, response["description"]
 
 
-def _content(answer: Json) -> list[tuple[str, Json]]:
-    return list(answer.get("content", {}).items())
+def _content(response: Json) -> list[tuple[str, Json]]:
+    return list(response.get("content", {}).items())
 
 
 def _schemas(document: Json) -> str:
-    parts = ["# Schemas\n\nWhat bodies and answers hold. Numbers are SI; the unit is told where there is one.\n"]
+    parts = ["# Schemas\n\nRequest and response bodies. Numbers are in SI units.\n"]
     for name, schema in sorted(document["components"]["schemas"].items()):
         parts.append(f"\n## {name} {{#{name.lower()}}}\n\n{schema.get('description', '')}\n\n{_shape(document, schema)}")
     return "\n".join(parts)
@@ -110,17 +110,17 @@ def _shape(document: Json, schema: Json) -> str:
 
 
 def _fields(document: Json, schema: Json) -> str:
-    """A table of an object's fields; nothing if it is none."""
+    """A table of an object's fields; empty for other types."""
     if "$ref" in schema:
         schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
     for part in schema.get("allOf", []):
         schema = {**schema, "properties": {**schema.get("properties", {}), **part.get("properties", {})}}
-    needed = schema.get("required", [])
+    required = schema.get("required", [])
     rows = [
-        (f"`{name}`{' *' if name in needed else ''}", _type(field), _about(field))
+        (f"`{name}`{' *' if name in required else ''}", _type(field), _about(field))
         for name, field in schema.get("properties", {}).items()
     ]
-    return table(("field (* needed)", "type", ""), rows)
+    return table(("field (* required)", "type", ""), rows)
 
 
 def _about(field: Json) -> str:
@@ -131,7 +131,7 @@ def _about(field: Json) -> str:
 
 
 def _type(schema: Json) -> str:
-    """A schema in a few words, with links to what it names."""
+    """A short description of a schema's type, with links to the schemas it refers to."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[`{name}`](schemas.md#{name.lower()})"
@@ -155,7 +155,7 @@ def _one(schema: Json, kind: str) -> str:
         return f"map of {_type(schema['additionalProperties'])}"
     if kind in ("integer", "number"):
         low, high = schema.get("minimum"), schema.get("maximum")
-        # Bounds of the machine's numbers are none that one needs to know.
+        # Bounds of the integer types are omitted.
         bounds = [f"from {low}" if low is not None else "", f"to {high}" if high is not None and high < 2**31 else ""]
-        return " ".join(["whole number" if kind == "integer" else "number", *filter(None, bounds)])
+        return " ".join(["integer" if kind == "integer" else "number", *filter(None, bounds)])
     return {"null": "null", "string": "bytes" if schema.get("format") == "binary" else "text"}.get(kind, kind)

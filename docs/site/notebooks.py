@@ -1,4 +1,4 @@
-"""A notebook as a page: its text, its code, and what it printed and drew when it was last run and kept."""
+"""Converts a notebook to a page: its text, its code and its stored outputs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-#: Kinds of output, the best first, -> how a file of it is called; None for what stands in the page.
-KINDS: dict[str, str | None] = {
+#: MIME types of outputs in order of preference -> file extension; None if the output is inlined.
+MIME_TYPES: dict[str, str | None] = {
     "image/svg+xml": "svg",
     "image/png": "png",
     "text/html": None,
@@ -20,7 +20,7 @@ ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def notebook_page(file: Path, page: Path) -> str:
-    """The page's text; pictures are written beside `page`."""
+    """The page's text; images are written next to `page`."""
     cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
     parts = []
     for number, cell in enumerate(cells):
@@ -36,19 +36,19 @@ def notebook_page(file: Path, page: Path) -> str:
 
 def _output(output: dict[str, Any], name: Path) -> str:
     if output["output_type"] == "stream":
-        # A progress bar on stderr is nothing to read.
+        # Progress bars on stderr are omitted.
         return _fenced(_text(output["text"]), "text") if output["name"] == "stdout" else ""
     if output["output_type"] == "error":
         return _fenced(ANSI.sub("", "\n".join(output["traceback"])), "text")
     data = output.get("data", {})
-    kind = next((kind for kind in KINDS if kind in data), None)
+    kind = next((kind for kind in MIME_TYPES if kind in data), None)
     if kind is None:
         return ""
-    text, ending = _text(data[kind]), KINDS[kind]
-    if ending is not None:
-        path = name.with_name(f"{name.name}.{ending}")
+    text, extension = _text(data[kind]), MIME_TYPES[kind]
+    if extension is not None:
+        path = name.with_name(f"{name.name}.{extension}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(base64.b64decode(text) if ending == "png" else text.encode())
+        path.write_bytes(base64.b64decode(text) if extension == "png" else text.encode())
         return f"![output]({path.name})"
     if kind == "text/html":
         return f'<div class="output">\n{text}\n</div>'

@@ -1,4 +1,4 @@
-"""Python's reference: the page of each public name. Names without a row get the page "More"."""
+"""Pages of the Python reference. Public names without a row below are on the page "More"."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 PACKAGE = "iplw"
 
-#: Page -> heading, introduction, names in order.
+#: Page -> title, introduction, names in order.
 PAGES: dict[str, tuple[str, str, list[str]]] = {
     "environments": (
         "Environments",
@@ -38,30 +38,30 @@ PAGES: dict[str, tuple[str, str, list[str]]] = {
         ["IplwError", "Problem", "ServerUnavailable", "JobFailed", "JobCancelled"],
     ),
 }
-#: Documented with the client.
-AWAITED = "Async"
-#: Packages that are the client itself.
-INSIDE = {"aio", "sync"}
+#: Prefix of asynchronous classes, which are documented with the synchronous ones.
+ASYNC_PREFIX = "Async"
+#: Packages whose names are exported by `iplw` itself.
+CLIENT_PACKAGES = {"aio", "sync"}
 
 
 def python_pages(sources: Path) -> dict[str, str]:
-    """Path -> text; every name of every `__all__` is on one page."""
+    """Path -> text. Every name of every `__all__` is on one page."""
     pages = {f"python/{name}.md": _page(*page) for name, page in PAGES.items()}
-    reply_data = {name for _, _, names in PAGES.values() for name in names}
-    extra = [name for name in public(sources / PACKAGE / "__init__.py") if name not in reply_data and not name.startswith(AWAITED)]
+    listed = {name for _, _, names in PAGES.values() for name in names}
+    extra = [name for name in public(sources / PACKAGE / "__init__.py") if name not in listed and not name.startswith(ASYNC_PREFIX)]
     if extra:
         pages["python/more.md"] = _page("More", "Other public names of `iplw`.", extra)
     for file in sorted((sources / PACKAGE).glob("*.py")) + sorted((sources / PACKAGE).glob("*/__init__.py")):
         name = file.parent.name if file.name == "__init__.py" else file.stem
-        names = public(file) if name not in (PACKAGE, *INSIDE, "__init__") else []
+        names = public(file) if name not in (PACKAGE, *CLIENT_PACKAGES, "__init__") else []
         if names:
             about = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-            pages[f"python/{name}.md"] = _page(f"iplw.{name}", _dedented(about), [f"{name}.{one}" for one in names])
+            pages[f"python/{name}.md"] = _page(f"iplw.{name}", _with_fences(about), [f"{name}.{one}" for one in names])
     return pages
 
 
 def public(file: Path) -> list[str]:
-    """The names in a module's `__all__`, without importing it."""
+    """The names of a module's `__all__`, without importing it."""
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
             return [str(name) for name in ast.literal_eval(node.value)]
@@ -72,21 +72,21 @@ def _page(heading: str, about: str, names: list[str]) -> str:
     return f"# {heading}\n\n{about}\n\n" + "\n".join(f"::: {PACKAGE}.{name}\n" for name in names)
 
 
-def _dedented(text: str) -> str:
-    """A module's docstring, its examples in fences: indented blocks of a reStructured kind are code."""
-    created: list[str] = []
+def _with_fences(text: str) -> str:
+    """A module's docstring with its indented examples converted to fences."""
+    output: list[str] = []
     inside = False
     for line in text.splitlines():
         code = line.startswith("    ")
         if code and not inside:
-            created.append("```text" if line.lstrip().startswith(("python ", "pip ")) else "```python")
+            output.append("```text" if line.lstrip().startswith(("python ", "pip ")) else "```python")
         elif inside and line.strip() and not code:
-            # Blank lines before the following text belong outside.
-            while created and not created[-1].strip():
-                created.pop()
-            created += ["```", ""]
+            # Blank lines at the end of the block are moved after it.
+            while output and not output[-1].strip():
+                output.pop()
+            output += ["```", ""]
         inside = code or (inside and not line.strip())
-        created.append(line[4:] if code else line)
+        output.append(line[4:] if code else line)
     if inside:
-        created.append("```")
-    return "\n".join(created)
+        output.append("```")
+    return "\n".join(output)

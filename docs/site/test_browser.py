@@ -1,4 +1,4 @@
-"""The built pages in Chromium, as files and from a server: search finds, nobody else is asked, nothing is in error."""
+"""The built site in Chromium, from files and from a server: search works, no external requests, no errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SITE = Path(__file__).resolve().parents[2] / "out" / "site"
 PAGES = ["index.html", "http/worlds.html", "architecture.html"]
 
 
-class Quiet(http.server.SimpleHTTPRequestHandler):
+class SilentHandler(http.server.SimpleHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
         pass
 
@@ -39,20 +39,20 @@ def base(request: pytest.FixtureRequest) -> Iterator[str]:
     if request.param == "file":
         yield SITE.as_uri()
         return
-    handler = functools.partial(Quiet, directory=str(SITE))
+    handler = functools.partial(SilentHandler, directory=str(SITE))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
 
 
-def test_search_finds_and_nobody_else_is_asked(browser: Browser, base: str) -> None:
+def test_search_works_without_external_requests(browser: Browser, base: str) -> None:
     page = browser.new_page()
     requested: list[str] = []
-    invalid: list[str] = []
+    errors: list[str] = []
     page.on("request", lambda request: requested.append(request.url))
-    page.on("console", lambda message: invalid.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: invalid.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
     for name in PAGES:
         page.goto(f"{base}/{name}", wait_until="load")
     page.goto(f"{base}/python/index.html")
@@ -61,12 +61,12 @@ def test_search_finds_and_nobody_else_is_asked(browser: Browser, base: str) -> N
     expect(page.locator(".md-search-result__meta")).to_contain_text("matching document", timeout=30_000)
     assert page.locator(".md-search-result__item").count() >= 3
     page.close()
-    ours = (base, "data:", "blob:", "about:")
-    assert [url for url in requested if not url.startswith(ours)] == []
-    assert invalid == []
+    local = (base, "data:", "blob:", "about:")
+    assert [url for url in requested if not url.startswith(local)] == []
+    assert errors == []
 
 
-def test_the_diagram_shown_is_that_of_the_scheme(browser: Browser) -> None:
+def test_diagrams_match_the_color_scheme(browser: Browser) -> None:
     for scheme in ("light", "dark"):
         page = browser.new_page(color_scheme=scheme)
         page.goto(f"{SITE.as_uri()}/architecture.html")

@@ -1,4 +1,4 @@
-"""What builds the pages, and what holds them to it, against faults that were put there. `make test-docs`."""
+"""Tests of the build of the site and of its checks, with deliberate errors. `make test-docs`."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import griffe
 import markdown
 import pytest
 
-from check import Found, invalid, untold
+from check import PageParser, page_errors, undocumented
 from comments import comment_of
-from commands import ROW
-from documented import blocks, calls, documents, matches, problems, wrong_call, wrong_names
+from commands import COMMAND_ROW
+from check_documents import blocks, call_error, calls, documents, matches, name_errors, problems
 from http_pages import http_pages, operations
 from links import Links
-from markdown_text import four_spaces
+from markdown_text import normalize_lists
 from notebooks import notebook_page
 from python_pages import public, python_pages
 
@@ -28,58 +28,58 @@ SOURCES = ROOT / "clients" / "python" / "src"
 
 
 @pytest.mark.parametrize(
-    ("body", "says"),
+    ("body", "error"),
     [
-        ('<a href="nowhere.html">x</a>', "nowhere.html leads to no file"),
-        ('<a href="b.html#gone">x</a>', "b.html#gone leads to no place"),
-        ('<a href="#gone">x</a>', "#gone leads to no place"),
-        ('<img src="gone.png">', "gone.png leads to no file"),
+        ('<a href="nowhere.html">x</a>', "nowhere.html is a broken link"),
+        ('<a href="b.html#gone">x</a>', "b.html#gone has no such anchor"),
+        ('<a href="#gone">x</a>', "#gone has no such anchor"),
+        ('<img src="gone.png">', "gone.png is a broken link"),
         ('<script src="https://unpkg.com/x.js"></script>', "loads https://unpkg.com/x.js"),
         ('<link rel="stylesheet" href="//fonts.example/css">', "loads //fonts.example/css"),
         ('<img src="https://img.example/badge.svg">', "loads https://img.example/badge.svg"),
         ('<p style="background: url(https://img.example/a.png)">', "loads https://img.example/a.png"),
-        ("<p>see [this](formats.md)</p>", "Markdown that was not understood"),
-        ("<p>| a | b | | --- | --- |</p>", "Markdown that was not understood"),
+        ("<p>see [this](formats.md)</p>", "unrendered Markdown"),
+        ("<p>| a | b | | --- | --- |</p>", "unrendered Markdown"),
     ],
 )
-def test_faults_of_a_page_are_found(tmp_path: Path, body: str, says: str) -> None:
+def test_errors_of_a_page_are_reported(tmp_path: Path, body: str, error: str) -> None:
     (tmp_path / "a.html").write_text(f"<html><body>{body}</body></html>")
     (tmp_path / "b.html").write_text('<html><body id="here"></body></html>')
-    result = list(invalid(tmp_path))
-    assert len(result) == 1 and says in result[0]
+    result = list(page_errors(tmp_path))
+    assert len(result) == 1 and error in result[0]
 
 
-def test_a_page_without_faults_has_none(tmp_path: Path) -> None:
+def test_a_valid_page_has_no_errors(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(
         '<link rel="canonical" href="https://x.example/"><a href="b.html#here">x</a><a href="https://w3.org/#y">y</a>'
         "<code>[this](formats.md)</code><a href='#top' id='top'>z</a>"
     )
     (tmp_path / "b.html").write_text('<p id="here"></p>')
-    assert list(invalid(tmp_path)) == []
+    assert list(page_errors(tmp_path)) == []
 
 
-def test_css_that_loads_from_elsewhere_is_found(tmp_path: Path) -> None:
+def test_external_css_is_reported(tmp_path: Path) -> None:
     (tmp_path / "a.css").write_text("@import 'https://fonts.example/x.css'; p {background: url(own.png)}")
-    assert list(invalid(tmp_path)) == ["a.css: loads https://fonts.example/x.css"]
+    assert list(page_errors(tmp_path)) == ["a.css: loads https://fonts.example/x.css"]
 
 
-def test_a_public_name_on_no_page_is_found(tmp_path: Path) -> None:
+def test_an_undocumented_public_name_is_reported(tmp_path: Path) -> None:
     (tmp_path / "python").mkdir()
-    assert "iplw.Client is on no page" in list(untold(tmp_path, SOURCES))
-    assert "iplw.openenv.IplwEnv is on no page" in list(untold(tmp_path, SOURCES))
+    assert "iplw.Client is on no page" in list(undocumented(tmp_path, SOURCES))
+    assert "iplw.openenv.IplwEnv is on no page" in list(undocumented(tmp_path, SOURCES))
 
 
-def test_every_public_name_has_its_place() -> None:
+def test_every_public_name_is_on_a_page() -> None:
     text = "".join(python_pages(SOURCES).values())
     for name in public(SOURCES / "iplw" / "__init__.py"):
         assert name.startswith("Async") or f"::: iplw.{name}\n" in text
 
 
-def test_every_operation_and_schema_has_its_place() -> None:
+def test_every_operation_and_schema_is_on_a_page() -> None:
     document = json.loads((ROOT / "openapi" / "openapi.json").read_text())
     pages = http_pages(document)
-    for _, path, said in operations(document):
-        assert all(f"{{#{said['operationId']}}}" in pages[f"http/{tag}.md"] for tag in said["tags"])
+    for _, path, operation in operations(document):
+        assert all(f"{{#{operation['operationId']}}}" in pages[f"http/{tag}.md"] for tag in operation["tags"])
         assert path in pages["http/index.md"]
     assert all(f"{{#{name.lower()}}}" in pages["http/schemas.md"] for name in document["components"]["schemas"])
 
@@ -95,13 +95,13 @@ def test_every_operation_and_schema_has_its_place() -> None:
         ("text\n| a | b |\n|---|---|\n| 1 | 2 |\n", ["<td>1</td>"]),
     ],
 )
-def test_lists_and_tables_as_github_takes_them_are_understood(text: str, html: list[str]) -> None:
-    created = markdown.markdown(four_spaces(text), extensions=["tables", "sane_lists", "fenced_code"])
+def test_lists_and_tables_of_github_markdown_are_rendered(text: str, html: list[str]) -> None:
+    created = markdown.markdown(normalize_lists(text), extensions=["tables", "sane_lists", "fenced_code"])
     flat = re.sub(r"</?p>|(?<=<li>)\n|\n(?=</li>|<ul>)", "", created)
     assert all(part in flat for part in html), created
 
 
-def test_links_lead_to_pages_and_to_files_beside_them(tmp_path: Path) -> None:
+def test_links_are_rewritten_to_pages_and_copied_files(tmp_path: Path) -> None:
     (tmp_path / "repo" / "docs").mkdir(parents=True)
     (tmp_path / "repo" / "openapi.json").write_text("{}")
     pages = {"docs/a.md": "a.md", "README.md": "python/index.md"}
@@ -111,22 +111,22 @@ def test_links_lead_to_pages_and_to_files_beside_them(tmp_path: Path) -> None:
         "[x](../a.md#part) [`docs/a.md`](../a.md) [y](../files/openapi.json) [z](https://w3.org)\n```\n[x](docs/a.md)\n```\n"
     )
     assert (tmp_path / "out" / "files" / "openapi.json").is_file()
-    with pytest.raises(SystemExit, match="README.md: a link leads to gone.md"):
+    with pytest.raises(SystemExit, match="README.md: the target of a link, gone.md"):
         links.rewrite("[x](gone.md)", "README.md", "python/index.md")
 
 
-def test_comments_speak_of_the_attribute_below_or_beside_them() -> None:
+def test_comments_above_or_after_an_attribute_document_it() -> None:
     lines = ["#: (n,) times, s;", "#: from 0.", "t: int", "x: int  #: beside, m", "y: int"]
     assert [comment_of(lines, i) for i in (2, 3, 4)] == ["(n,) times, s;\nfrom 0.", "beside, m", ""]
     reading = griffe.load_extensions(str(Path(__file__).with_name("comments.py")))
     package = griffe.load("iplw", search_paths=[str(SOURCES)], extensions=reading)
-    spoken = {"rollout.Rollout.bodies": "m, and angle, rad", "openenv.models.IplwObservation.valid": "could be placed"}
-    for path, words in spoken.items():
+    expected = {"rollout.Rollout.bodies": "m, and angle, rad", "openenv.models.IplwObservation.valid": "could be placed"}
+    for path, words in expected.items():
         docstring = package[path].docstring
         assert docstring is not None and words in docstring.value
 
 
-def test_a_notebooks_text_code_and_outputs_become_a_page(tmp_path: Path) -> None:
+def test_a_page_has_the_notebooks_text_code_and_outputs(tmp_path: Path) -> None:
     png = base64.b64encode(b"\x89PNG").decode()
     cells = [
         {"cell_type": "markdown", "source": ["# Play\n", "words"]},
@@ -152,14 +152,14 @@ def test_a_notebooks_text_code_and_outputs_become_a_page(tmp_path: Path) -> None
     assert (tmp_path / "pages" / "play-1-2.png").read_bytes() == b"\x89PNG"
 
 
-def test_commands_of_a_list_are_found() -> None:
+def test_commands_of_a_list_are_parsed() -> None:
     listed = "  run         The story\n  token       Make\n      --not  One\n  help        Print"
-    assert ROW.findall(listed) == ["run", "token", "help"]
+    assert COMMAND_ROW.findall(listed) == ["run", "token", "help"]
 
 
-def test_anchors_and_what_is_verbatim_are_told_apart() -> None:
-    page = Found('<h2 id="a">x</h2><pre>](</pre><p>](</p>')
-    assert page.anchors == {"a"} and page.left == ["]("]
+def test_anchors_are_parsed_and_verbatim_text_is_ignored() -> None:
+    page = PageParser('<h2 id="a">x</h2><pre>](</pre><p>](</p>')
+    assert page.anchors == {"a"} and page.raw_markdown == ["]("]
 
 
 HELPS = {
@@ -169,7 +169,7 @@ HELPS = {
 }
 
 
-def test_calls_in_shell_blocks_and_inline_code_are_found() -> None:
+def test_calls_in_shell_blocks_and_inline_code_are_parsed() -> None:
     text = (
         "Use `iplw diagnose --out DIR`, not `iplw`.\n\n```sh\npip install iplw   # iplw\nA=1 ./target/release/iplw token new \\\n"
         "  ann --scope act && iplw check DIR > x\npython bench.py target/release/iplw measured\n```\n"
@@ -184,7 +184,7 @@ def test_calls_in_shell_blocks_and_inline_code_are_found() -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "says"),
+    ("call", "error"),
     [
         ("diagnose --trials a.csv --out DIR", None),
         ("diagnose --floor 0", "`iplw diagnose` has no --floor"),
@@ -197,31 +197,31 @@ def test_calls_in_shell_blocks_and_inline_code_are_found() -> None:
         ("", None),
     ],
 )
-def test_a_call_is_held_to_the_help(call: str, says: str | None) -> None:
-    assert wrong_call(call, HELPS) == says
+def test_calls_are_checked_against_the_help(call: str, error: str | None) -> None:
+    assert call_error(call, HELPS) == error
 
 
-def test_names_that_do_not_exist_are_found() -> None:
+def test_missing_targets_and_paths_are_reported() -> None:
     text = "`make test`, `make nothing`, `src/lib.rs`, `src/gone.rs`, `src/effect/NAME.rs`, `cargo run --example gone`"
-    result = list(wrong_names(text, ROOT, {"test"}))
+    result = list(name_errors(text, ROOT, {"test"}))
     assert result == ["there is no `make nothing`", "there is no examples/gone.rs", "there is no src/gone.rs"]
 
 
-def test_checked_blocks_are_found_and_compared() -> None:
+def test_checked_blocks_are_parsed_and_compared() -> None:
     text = "<!-- checked -->\n```console\n$ echo a \\\n  b\na b\n$ echo c\nc\n```\n```console\n$ not checked\n```\n"
     result = list(blocks(text))
     assert [(block.command, block.output) for block in result] == [("echo a   b", "a b"), ("echo c", "c")]
     assert matches("a\n...\nd", "a\nb \nc\nd\n") and matches("a  \n", "a") and not matches("a", "b") and not matches("a", "a\nb")
 
 
-def test_a_document_that_says_what_is_not_so_fails(tmp_path: Path) -> None:
+def test_an_incorrect_document_fails(tmp_path: Path) -> None:
     (tmp_path / "Makefile").write_text("test:\n")
     program = tmp_path / "iplw"
     program.write_text("#!/bin/sh\necho 'Usage: iplw'\n")
     program.chmod(0o755)
     (tmp_path / "README.md").write_text("`iplw gone`\n\n<!-- checked -->\n```console\n$ echo a\nb\n$ iplw\nUsage: iplw\n```\n")
     result = problems(tmp_path, program)
-    assert len(result) == 2 and "there is no command `iplw gone`" in result[0] and "prints something else" in result[1]
+    assert len(result) == 2 and "there is no command `iplw gone`" in result[0] and "prints a different output" in result[1]
 
 
 def test_documents_exist_for_every_kind() -> None:
@@ -230,7 +230,7 @@ def test_documents_exist_for_every_kind() -> None:
         assert any(name.startswith(f"docs/{kind}/") for name in named), kind
 
 
-def test_benchmarks_are_what_their_results_make() -> None:
+def test_benchmark_pages_match_their_results() -> None:
     check = [sys.executable, str(ROOT / "docs" / "benchmarks" / "render.py"), "--check"]
     done = subprocess.run(check, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

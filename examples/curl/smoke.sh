@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Plays reset, step, set_latents, rollout and render on every default world, with nothing but curl
-# (and python3 to read JSON).
+# Calls reset, step, set_latents, rollout and render on every default world, using only curl
+# (and python3 to parse JSON).
 #
 #   examples/curl/smoke.sh [base-url]
 #
-# Without a URL it starts a server of its own and stops it at the end; IPLW_BIN names the binary if it is not
-# target/release/iplw or target/debug/iplw. Ends with 1 at the first surprise.
+# Without a URL it starts a private server and stops it at the end. IPLW_BIN: path of the binary, default
+# target/release/iplw or target/debug/iplw. Exits with 1 at the first failed check.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -21,7 +21,7 @@ cleanup() {
 trap cleanup EXIT
 
 fail() {
-    echo "surprise: $*" >&2
+    echo "failed: $*" >&2
     exit 1
 }
 
@@ -42,19 +42,19 @@ else
         kill -0 "$server" 2>/dev/null || fail "the server ended: $(cat "$work/err")"
         sleep 0.1
     done
-    [ -n "$url" ] || fail "the server did not say where it listens"
+    [ -n "$url" ] || fail "the server did not print its address"
 fi
 
-# call STATUS METHOD PATH [BODY]: the answer's body goes to $work/body, and must come with that status.
+# call STATUS METHOD PATH [BODY]: writes the response body to $work/body, and fails unless the status is STATUS.
 call() {
     local expected=$1 method=$2 path=$3 got
     local data=()
     if [ $# -ge 4 ]; then data=(-H 'Content-Type: application/json' -d "$4"); fi
-    got=$(curl -sS -o "$work/body" -w '%{http_code}' -X "$method" "${data[@]}" "$url$path") || fail "$method $path: no answer"
+    got=$(curl -sS -o "$work/body" -w '%{http_code}' -X "$method" "${data[@]}" "$url$path") || fail "$method $path: no response"
     [ "$got" = "$expected" ] || fail "$method $path: $got instead of $expected: $(head -c 400 "$work/body")"
 }
 
-# json EXPRESSION: a Python expression over the last answer `a`.
+# json EXPRESSION: evaluates a Python expression of the last response `a`.
 json() {
     python3 -c 'import json, sys
 a = json.load(open(sys.argv[1]))
@@ -62,9 +62,9 @@ v = eval(sys.argv[2])
 print(json.dumps(v) if isinstance(v, (bool, list, dict, type(None))) else v)' "$work/body" "$1"
 }
 
-# expect EXPRESSION: it must be true.
+# expect EXPRESSION: fails unless the expression is true.
 expect() {
-    [ "$(json "$1")" = true ] || fail "not so: $1 in $(head -c 400 "$work/body")"
+    [ "$(json "$1")" = true ] || fail "expected $1 in $(head -c 400 "$work/body")"
 }
 
 call 200 GET /healthz
@@ -87,7 +87,7 @@ for family in bowling basketball; do
         task=$(json 'a["info"]["task"]')
         expect "len(a['observation']) == $features and all(0 <= v <= 1 for v in a['observation'])"
 
-        # Discrete actions in turn until one can be placed; the others are outcomes, not attempts.
+        # Discrete actions in order until one is valid; invalid ones do not count as attempts.
         for index in $(seq 0 997 39000); do
             call 200 POST "$world/step" "{\"action\": $index}"
             expect 'a["truncated"] is False and a["terminated"] == a["info"]["valid"]'

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs the Node client against a server of its own; IPLW_BIN names the binary if it is not target/debug/iplw.
+# Runs the Node client against a private server. IPLW_BIN: path of the binary, default target/debug/iplw.
 set -euo pipefail
 cd "$(dirname "$0")"
 

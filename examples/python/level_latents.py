@@ -2,12 +2,12 @@
 
     pip install numpy && python examples/python/level_latents.py src/task/families/levels/*.toml
 
-For each family (`iplw.family/1`, its certified tasks beside it) tables of outcomes are made (`iplw outcomes`) with each latent at
-either end of what its prior holds likely, the mean less and plus one standard deviation, everything else as in the real world that
-the file hides. Printed is, of the actions that solve at either end, the share that solve at one only; in brackets the share of all
-valid actions whose outcome changes. `a hair` compares the real world with one whose three latents are a thousandth larger: what
-changes there is chance. `hold`: of the actions that solve in a simulation with the prior's means and no damping, the share that
-solve in the real world; `most fail`: the tasks where fewer than half of them do, of those where any solves.
+For each family (`iplw.family/1`, with its certified tasks in the same folder) outcome tables are computed (`iplw outcomes`) with
+each latent at its prior mean minus and plus one standard deviation, and all other values those of the file's real world. A latent's
+column is the share, among actions that solve at either value, of those that solve at one value only; in brackets, the share of all
+valid actions whose outcome changes. `+0.1 %` compares the real world with one whose three latents are 0.1 % larger, the sensitivity
+to rounding. `transfer`: the share, among actions that solve in a simulation with the prior means and no damping, of those that
+solve in the real world. `mostly fail`: tasks where fewer than half of them do, of the tasks where any action solves.
 
 Python 3.11 or later, for `tomllib`.
 """
@@ -33,53 +33,53 @@ BOUNDS = {"density": (1e-3, 1e3), "friction": (0.0, 10.0), "restitution": (0.0, 
 
 
 def main() -> None:
-    values = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    values.add_argument("families", nargs="+", type=Path, help="families' files")
-    values.add_argument("--actions", type=int, default=300, help="actions tried in each task")
-    values.add_argument("--split", default="", help="train, validation or test; all tasks if not given")
-    values.add_argument("--bin", default="iplw", help="the program")
-    values.add_argument("--threads", type=int, default=1)
-    arguments = values.parse_args()
-    head = ["level", "solve %", *(f"{name} %" for name in LATENTS), "a hair %", "hold %", "most fail"]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("families", nargs="+", type=Path, help="family files")
+    parser.add_argument("--actions", type=int, default=300, help="actions per task")
+    parser.add_argument("--split", default="", help="train, validation or test; default: all tasks")
+    parser.add_argument("--bin", default="iplw", help="the program")
+    parser.add_argument("--threads", type=int, default=1)
+    arguments = parser.parse_args()
+    head = ["level", "solve %", *(f"{name} %" for name in LATENTS), "+0.1 %", "transfer %", "mostly fail"]
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head), flush=True)
     for file in arguments.families:
-        print("| " + " | ".join([file.stem, *response(file, arguments)]) + " |", flush=True)
+        print("| " + " | ".join([file.stem, *table_row(file, arguments)]) + " |", flush=True)
 
 
-def response(file: Path, arguments: argparse.Namespace) -> list[str]:
-    """The cells of a family's row."""
+def table_row(file: Path, arguments: argparse.Namespace) -> list[str]:
+    """The cells of a family's table row."""
     family: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
     real, prior = dict(family["real"]), family["prior"]
-    stored = real.pop("damping")
+    damping = real.pop("damping")
 
     def outcomes(damping: float, **latents: float) -> NDArray[np.int8]:
-        return table(file, damping, real | latents, arguments)
+        return outcome_table(file, damping, real | latents, arguments)
 
-    def ends(name: str) -> list[NDArray[np.int8]]:
+    def at_bounds(name: str) -> list[NDArray[np.int8]]:
         (mean, sd), (least, most) = prior[name], BOUNDS[name]
-        return [outcomes(stored, **{name: min(max(v, least), most)}) for v in (mean - sd, mean + sd)]
+        return [outcomes(damping, **{name: min(max(v, least), most)}) for v in (mean - sd, mean + sd)]
 
-    truth = outcomes(stored)
+    truth = outcomes(damping)
     cells = [f"{100 * np.sum(truth == 1) / np.sum(truth != 0):.1f}"]
     for name in LATENTS:
-        cells.append("{:.0f} ({:.1f})".format(*changed(*ends(name))))
-    hair = outcomes(stored, **{name: 1.001 * value for name, value in real.items()})
-    cells.append(f"{changed(truth, hair)[0]:.0f}")
+        cells.append("{:.0f} ({:.1f})".format(*changed(*at_bounds(name))))
+    perturbed = outcomes(damping, **{name: 1.001 * value for name, value in real.items()})
+    cells.append(f"{changed(truth, perturbed)[0]:.0f}")
     simulated = outcomes(1.0, **{name: prior[name][0] for name in LATENTS}) == 1
     solving = simulated.sum(axis=1)
     both = (simulated & (truth == 1)).sum(axis=1)
-    most_fail = np.sum((2 * both < solving) & (solving > 0))
-    return [*cells, f"{100 * both.sum() / max(solving.sum(), 1):.0f}", f"{most_fail} of {np.sum(solving > 0)}"]
+    mostly_fail = np.sum((2 * both < solving) & (solving > 0))
+    return [*cells, f"{100 * both.sum() / max(solving.sum(), 1):.0f}", f"{mostly_fail} of {np.sum(solving > 0)}"]
 
 
 def changed(low: NDArray[np.int8], high: NDArray[np.int8]) -> tuple[float, float]:
-    """Share of actions whose outcome differs, %: of those that solve in either table, and of all valid ones."""
+    """Percentage of actions whose outcome differs: among those that solve in either table, and among all valid ones."""
     differ = np.sum(low != high)
     return float(100 * differ / max(np.sum((low == 1) | (high == 1)), 1)), float(100 * differ / np.sum(low != 0))
 
 
-def table(file: Path, damping: float, latents: dict[str, float], arguments: argparse.Namespace) -> NDArray[np.int8]:
-    """(tasks, actions) outcomes: 1 solved, -1 not, 0 cannot be placed."""
+def outcome_table(file: Path, damping: float, latents: dict[str, float], arguments: argparse.Namespace) -> NDArray[np.int8]:
+    """(tasks, actions) outcomes: 1 solved, -1 not solved, 0 invalid placement."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "outcomes")
         argv = [arguments.bin, "outcomes", "--task", file.stem, "--actions", str(arguments.actions), "--out", str(out)]
@@ -90,12 +90,12 @@ def table(file: Path, damping: float, latents: dict[str, float], arguments: argp
         if arguments.split:
             argv += ["--split", arguments.split]
         if not built_in(file.stem, arguments.bin):
-            # A folder of its own: others beside it may not be certified yet.
-            alone = Path(folder, "families")
-            alone.mkdir()
+            # A separate folder: other families in the same folder may not be certified yet.
+            families = Path(folder, "families")
+            families.mkdir()
             for path in (file, file.with_name(f"{file.stem}.certified.json")):
-                shutil.copy(path, alone)
-            argv += ["--tasks", str(alone)]
+                shutil.copy(path, families)
+            argv += ["--tasks", str(families)]
         done = subprocess.run(argv, capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"{' '.join(argv)}\n{done.stderr}")
@@ -105,7 +105,7 @@ def table(file: Path, damping: float, latents: dict[str, float], arguments: argp
 
 @cache
 def built_in(name: str, program: str) -> bool:
-    """Whether the program knows the family by itself."""
+    """Whether the family is built into the program."""
     return subprocess.run([program, "tasks", name, "--json"], capture_output=True).returncode == 0
 
 

@@ -1,6 +1,6 @@
-"""PPO of stable-baselines3 on many environments, a request a step; what it solves before and after.
+"""stable-baselines3's PPO on vectorised environments, with one request per step; reports the success rate before and after.
 
-Needs `pip install stable-baselines3`, which brings PyTorch.
+Requires `pip install stable-baselines3`, which depends on PyTorch.
 
     python examples/python/train_sb3.py [--url http://127.0.0.1:8080] [--seed 0]
 """
@@ -25,7 +25,7 @@ def main() -> None:
         envs,
         n_steps=8,
         batch_size=512,
-        # An episode has one step: there is nothing to discount.
+        # Episodes have one step, so there is no discounting.
         gamma=0.0,
         gae_lambda=0.0,
         ent_coef=1e-3,
@@ -33,17 +33,17 @@ def main() -> None:
         seed=options.seed,
         device="cpu",
     )
-    before = success(model, options)
+    before = success_rate(model, options)
     clock = time.perf_counter()
     model.learn(options.steps)
-    took = time.perf_counter() - clock
-    print(f"{options.steps} steps of {options.envs} environments in {took:.0f} s, {options.steps / took:.0f} steps/s")
-    print(f"first attempts at test tasks that solve them: {before:.1%} before, {success(model, options):.1%} after")
+    elapsed = time.perf_counter() - clock
+    print(f"{options.steps} steps of {options.envs} environments in {elapsed:.0f} s, {options.steps / elapsed:.0f} steps/s")
+    print(f"success rate of first attempts at test tasks: {before:.1%} before, {success_rate(model, options):.1%} after")
     envs.close()
 
 
-def success(model: Any, options: argparse.Namespace) -> float:
-    """Share of 2048 first attempts at test tasks, drawn from the policy, that solve them; what cannot be placed does not."""
+def success_rate(model: Any, options: argparse.Namespace) -> float:
+    """Success rate of 2048 first attempts at test tasks, sampled from the policy; invalid placements count as failures."""
     envs = make_vec_env("bowling", 256, url=options.url, split="test")
     solved = []
     for k in range(8):
@@ -57,10 +57,10 @@ def success(model: Any, options: argparse.Namespace) -> float:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="PPO of stable-baselines3 on bowling")
-    parser.add_argument("--url", help="address of a running server; none: a private one")
+    parser.add_argument("--url", help="address of a running server; default: a private one is started")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--envs", type=int, default=256, help="environments that are stepped together")
-    parser.add_argument("--steps", type=int, default=400_000, help="steps of all environments together")
+    parser.add_argument("--envs", type=int, default=256, help="environments stepped together")
+    parser.add_argument("--steps", type=int, default=400_000, help="total steps over all environments")
     return parser.parse_args()
 
 

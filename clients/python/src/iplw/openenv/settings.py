@@ -87,7 +87,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def read(arguments: Sequence[str] | None = None) -> tuple[argparse.Namespace, Settings]:
-    """What was arguments, and the settings of it; ends the program with a line where it is not allowed."""
+    """The parsed arguments and the settings; exits with a message if a value is invalid."""
     command = parser()
     options = command.parse_args(arguments)
     try:
