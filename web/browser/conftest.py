@@ -1,5 +1,5 @@
-"""A server with the page in Debian's Chromium. Every test sees to it that the page asks nobody else and says nothing on
-its console that was not expected."""
+"""A server with the page in Debian's Chromium. Every test checks that the page sends no external requests and logs no
+unexpected messages to its console."""
 
 import json
 import os
@@ -14,18 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dev import front
+from dev import dist_proxy
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
 BINARY = Path(os.environ.get("IPLW_BIN", ROOT / "target/debug/iplw"))
-#: How long something may take to be seen, ms. A machine that does other things too is slow; nothing here measures time by waiting.
-PATIENCE = int(os.environ.get("PATIENCE", 30_000))
-expect.set_options(timeout=PATIENCE)
+#: Timeout of expectations, ms, generous for loaded machines.
+TIMEOUT_MS = int(os.environ.get("TIMEOUT_MS", 30_000))
+expect.set_options(timeout=TIMEOUT_MS)
 
 
 class Server:
-    """A server of its own, with what it keeps in a folder; it can be killed and come back at the same address."""
+    """A private server with its data in a folder; it can be killed and restarted at the same address."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.folder, self.arguments, self.url, self.page, self.token = folder, arguments, "", "", ""
@@ -36,15 +36,15 @@ class Server:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout
         line = self.process.stdout.readline()
-        found = re.search(r"http://\S+", line)
-        assert found, f"the server said {line!r}"
-        self.url = found[0]
+        match = re.search(r"http://\S+", line)
+        assert match, f"unexpected output of the server: {line!r}"
+        self.url = match[0]
         if not self.page:
-            self.page = self.before() if os.environ.get("PAGE") == "dist" else self.url
+            self.page = self.serve_dist() if os.environ.get("PAGE") == "dist" else self.url
 
-    def before(self) -> str:
-        """Address of web/dist as it is now, in front of the server: what is looked at where the program was not built anew."""
-        page = front(self.url)
+    def serve_dist(self) -> str:
+        """Serves the current web/dist in front of the server, in place of the page embedded in the program; returns its address."""
+        page = dist_proxy(self.url)
         threading.Thread(target=page.serve_forever, daemon=True).start()
         return f"http://127.0.0.1:{page.server_port}"
 
@@ -52,10 +52,10 @@ class Server:
         self.process.kill()
         self.process.wait()
 
-    def back(self) -> None:
+    def restart(self) -> None:
         self.start(self.url.removeprefix("http://"))
 
-    def ask(self, method: str, path: str, body: Any = None) -> Any:
+    def request(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
         headers = {"Authorization": f"Bearer {self.token}"} if self.token else {}
         request = urllib.request.Request(self.url + path, data, headers, method=method)
@@ -63,9 +63,9 @@ class Server:
             text = response.read()
         return json.loads(text) if text else None
 
-    def ended(self, job: str) -> Any:
+    def wait_for_job(self, job: str) -> Any:
         for _ in range(3000):
-            row = self.ask("GET", f"/v1/jobs/{job}")
+            row = self.request("GET", f"/v1/jobs/{job}")
             if row["state"] in ("succeeded", "failed", "cancelled"):
                 return row
             time.sleep(0.1)
@@ -74,7 +74,7 @@ class Server:
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
-    """Starts servers, killed in the end."""
+    """Starts servers, which are killed after the test."""
     servers: list[Server] = []
 
     def start(*arguments: str) -> Server:
@@ -88,48 +88,48 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if not found:
+    executable = shutil.which("chromium") or shutil.which("chromium-browser")
+    if not executable:
         pytest.skip("no Chromium: apt-get install chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
         yield browser
         browser.close()
 
 
-class Sight:
-    """A page, and what it asked for and complained about."""
+class MonitoredPage:
+    """A page, its requests and its console messages."""
 
     def __init__(self, context: BrowserContext, server: Server) -> None:
-        self.server, self.asked, self.said = server, [], []  # type: ignore[var-annotated]
-        context.set_default_timeout(PATIENCE)
+        self.server, self.requests, self.messages = server, [], []  # type: ignore[var-annotated]
+        context.set_default_timeout(TIMEOUT_MS)
         self.page: Page = context.new_page()
-        self.page.on("request", lambda r: self.asked.append(r.url))
-        self.page.on("pageerror", lambda e: self.said.append(str(e)))
-        self.page.on("console", lambda m: self.said.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("request", lambda r: self.requests.append(r.url))
+        self.page.on("pageerror", lambda e: self.messages.append(str(e)))
+        self.page.on("console", lambda m: self.messages.append(m.text) if m.type in ("error", "warning") else None)
 
     def open(self, address: str = "#/") -> Page:
         self.page.goto(f"{self.server.page}/{address}")
         return self.page
 
     def check(self, expected: str = "Failed to load resource") -> None:
-        """Nothing was asked of anybody else; the console has only refused requests, which browsers write there."""
-        foreign = [u for u in self.asked if not u.startswith((self.server.page, "blob:", "data:"))]
+        """Checks that there are no external requests, and no console messages except failed requests, which browsers log."""
+        foreign = [u for u in self.requests if not u.startswith((self.server.page, "blob:", "data:"))]
         assert foreign == []
-        assert [line for line in self.said if expected not in line] == []
+        assert [line for line in self.messages if expected not in line] == []
 
 
 @pytest.fixture
-def see(browser: Browser) -> Iterator[Callable[..., Sight]]:
-    """Opens the page of a server in a context of its own."""
-    contexts: list[tuple[BrowserContext, Sight]] = []
+def new_page(browser: Browser) -> Iterator[Callable[..., MonitoredPage]]:
+    """Opens the page of a server in a new browser context."""
+    contexts: list[tuple[BrowserContext, MonitoredPage]] = []
 
-    def open(server: Server, **options: Any) -> Sight:
+    def open(server: Server, **options: Any) -> MonitoredPage:
         context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
-        contexts.append((context, Sight(context, server)))
+        contexts.append((context, MonitoredPage(context, server)))
         return contexts[-1][1]
 
     yield open
-    for context, sight in contexts:
-        sight.check()
+    for context, session in contexts:
+        session.check()
         context.close()

@@ -1,4 +1,4 @@
-"""Serves web/dist in front of a running server, so that a change of the page needs no build of the program.
+"""Serves web/dist in front of a running server, so that changes of the page need no build of the program.
 
 python3 web/browser/dev.py http://127.0.0.1:8080 [PORT]
 """
@@ -11,75 +11,75 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 DIST = Path(__file__).resolve().parent.parent / "dist"
-KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+MIME_TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
 class Handler(BaseHTTPRequestHandler):
-    """A file of the page, or what the server answers."""
+    """Serves files of the page, and forwards other requests to the server."""
 
     upstream = ""
 
-    def any(self) -> None:
+    def handle_request(self) -> None:
         name = {"/": "index.html"}.get(self.path, self.path.removeprefix("/assets/"))
         file = DIST / name
         if self.command == "GET" and "/" not in name and file.is_file():
-            self.answer(200, [("Content-Type", KINDS[file.suffix]), *self.policy()], file.read_bytes())
+            self.send(200, [("Content-Type", MIME_TYPES[file.suffix]), *self.content_policy()], file.read_bytes())
             return
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
         connection = http.client.HTTPConnection(self.upstream, timeout=120)
-        kept = {k: v for k, v in self.headers.items() if k.lower() not in ("host", "connection", "origin")}
+        forwarded = {k: v for k, v in self.headers.items() if k.lower() not in ("host", "connection", "origin")}
         try:
-            connection.request(self.command, self.path, body or None, kept)
+            connection.request(self.command, self.path, body or None, forwarded)
             response = connection.getresponse()
         except OSError:
             self.close_connection = True
             return
         headers = [(k, v) for k, v in response.getheaders() if k.lower() not in ("transfer-encoding", "connection")]
         if response.getheader("Content-Type", "").startswith("text/event-stream"):
-            self.start(response.status, headers)
+            self.send_head(response.status, headers)
             self.close_connection = True
-            # Either side may be gone at any moment: the stream ends, as it would without us.
+            # Either side may disconnect at any time, which ends the stream.
             with contextlib.suppress(OSError, ValueError, http.client.HTTPException):
                 while piece := response.read1():
                     self.wfile.write(piece)
                     self.wfile.flush()
             return
         headers = [(k, v) for k, v in headers if k.lower() != "content-length"]
-        self.answer(response.status, headers, response.read())
+        self.send(response.status, headers, response.read())
 
-    def policy(self) -> list[tuple[str, str]]:
-        """What the server allows its page to do, if it can be asked: what breaks the policy must break here."""
+    def content_policy(self) -> list[tuple[str, str]]:
+        """The server's Content-Security-Policy, if reachable: the page must work under the same policy."""
         connection = http.client.HTTPConnection(self.upstream, timeout=120)
         try:
             connection.request("HEAD", "/")
-            said = connection.getresponse().getheader("Content-Security-Policy")
+            policy = connection.getresponse().getheader("Content-Security-Policy")
         except OSError:
             return []
-        return [("Content-Security-Policy", said)] if said else []
+        return [("Content-Security-Policy", policy)] if policy else []
 
-    def start(self, status: int, headers: list[tuple[str, str]]) -> None:
+    def send_head(self, status: int, headers: list[tuple[str, str]]) -> None:
         self.send_response(status)
         for name, value in headers:
             self.send_header(name, value)
         self.end_headers()
 
-    def answer(self, status: int, headers: list[tuple[str, str]], body: bytes) -> None:
-        self.start(status, [*headers, ("Content-Length", str(len(body)))])
+    def send(self, status: int, headers: list[tuple[str, str]], body: bytes) -> None:
+        self.send_head(status, [*headers, ("Content-Length", str(len(body)))])
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        """Says nothing: the browser's own list of requests is better."""
+        """Disabled: the browser lists requests."""
 
-    do_GET = do_POST = do_PUT = do_DELETE = any
+    do_GET = do_POST = do_PUT = do_DELETE = handle_request
 
 
-def front(upstream: str, port: int = 0) -> ThreadingHTTPServer:
-    """Serves the page at a port of loopback, a free one for 0, in front of the server at an address."""
-    before = type("Before", (Handler,), {"upstream": urlsplit(upstream).netloc})
-    return ThreadingHTTPServer(("127.0.0.1", port), before)
+def dist_proxy(upstream: str, port: int = 0) -> ThreadingHTTPServer:
+    """Serves the page on a loopback port (0: any free one) in front of the server at an address."""
+    handler = type("ProxyHandler", (Handler,), {"upstream": urlsplit(upstream).netloc})
+    return ThreadingHTTPServer(("127.0.0.1", port), handler)
 
 
 if __name__ == "__main__":
-    server = front(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 8090)
+    server = dist_proxy(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 8090)
     print(f"http://127.0.0.1:{server.server_port}")
     server.serve_forever()

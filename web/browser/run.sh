@@ -1,6 +1,6 @@
 #!/bin/sh
-# The page's own tests and its flows in Chromium. A machine without Node or Chromium skips them in a line, which fails where
-# CI=true.  sh web/browser/run.sh PYTHON
+# The page's unit tests, and its end-to-end tests in Chromium. Without Node or Chromium they are skipped with a message, or fail
+# if CI=true.  sh web/browser/run.sh PYTHON
 set -eu
 cd "$(dirname "$0")"
 

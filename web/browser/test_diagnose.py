@@ -1,4 +1,4 @@
-"""Diagnose: tracks dropped, how they are read set by looking, the name of what is missing read off."""
+"""Diagnose: tracks are dropped, read settings are adjusted, the missing effect is displayed."""
 
 import json
 import os
@@ -9,9 +9,9 @@ from typing import Any
 
 from playwright.sync_api import Page, expect
 from test_jobs import LONG
-from thrown import ALIKE, LOW, csv, launches
+from throws import SIMILAR, LOW, csv, launches
 
-#: Counts what a hand does.
+#: Counts clicks.
 CLICKS = "addEventListener('pointerdown', () => (window.clicks = (window.clicks ?? 0) + 1), true)"
 DROP = """async ([name, text]) => {
   const files = new DataTransfer();
@@ -21,9 +21,9 @@ DROP = """async ([name, text]) => {
     zone.dispatchEvent(new DragEvent(type, { dataTransfer: files, bubbles: true, cancelable: true }));
   }
 }"""
-#: As things fall that have drag.
+#: Status text for falling objects with drag.
 FALLS = re.compile(r"falling with (8|9|10|11)\.\d+ m/s²")
-#: Clicks and drops within which a name is read.
+#: Maximum number of clicks and drops until the effect is displayed.
 MOST = 6
 
 
@@ -40,8 +40,8 @@ def verdict(page: Page) -> Any:
     return page.locator(".verdict")
 
 
-def test_a_hidden_effect_is_named_in_six_clicks(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    page = see(serve()).open()
+def test_a_hidden_effect_is_named_in_six_clicks(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open()
     page.evaluate(CLICKS)
     page.get_by_role("link", name="Diagnose", exact=True).click()
     drop(page, "throws.csv", csv(launches(14, 70)))
@@ -54,11 +54,11 @@ def test_a_hidden_effect_is_named_in_six_clicks(serve: Callable[..., Any], see: 
     expect(verdict(page)).to_contain_text("k = 0.2")
 
 
-def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_result_is_downloaded_and_played(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
     body = {"ball": {"radius": 0.02}, "trials": csv(launches(14, 70))}
-    job = server.ended(server.ask("POST", "/v1/diagnoses", body)["id"])
-    page = see(server).open("#/jobs")
+    job = server.wait_for_job(server.request("POST", "/v1/diagnoses", body)["id"])
+    page = new_page(server).open("#/jobs")
     page.get_by_role("link", name="Result").click()
     expect(verdict(page).locator("h2")).to_have_text("The simulation lacks quadratic drag.")
     for part in ("Effects", "Trajectories before and after", "Estimates by trial", "Rivals", "Gain", "Predictive check", "Figures"):
@@ -75,9 +75,9 @@ def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: C
     assert scene == job["result"]["extended_scene"]
     page.get_by_role("button", name="Play in the extended world").click()
     expect(page.locator(".badge.sim")).to_have_text("Simulation: no goal")
-    # The film is of a launch as it was seen, with what was found: without it the ball comes further.
+    # The video shows a measured launch with the diagnosed effects: without them the ball flies further.
     played = json.loads(page.evaluate("sessionStorage.getItem('iplw-scene')"))
-    far = [server.ask("POST", "/v1/simulate", {"scene": s})["bodies"]["ball"]["x"][-1] for s in (played, played | {"effects": []})]
+    far = [server.request("POST", "/v1/simulate", {"scene": s})["bodies"]["ball"]["x"][-1] for s in (played, played | {"effects": []})]
     assert far[1] > far[0] + 0.1
     left, _, width, _ = map(float, (page.locator(".stage > svg.scene").get_attribute("viewBox") or "").split())
     assert left < 0 and left + width > 1
@@ -85,13 +85,13 @@ def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: C
     assert abs(float(trail.split()[-1].split(",")[0]) - far[0]) < 0.02
 
 
-def test_what_ties_has_a_next_experiment_drawn(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_an_ambiguous_result_displays_the_next_experiment(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    body = {"ball": {"radius": 0.02}, "trials": csv(launches(4, 22, k=0.05, speeds=ALIKE))}
-    job = server.ended(server.ask("POST", "/v1/diagnoses", body)["id"])
+    body = {"ball": {"radius": 0.02}, "trials": csv(launches(4, 22, k=0.05, speeds=SIMILAR))}
+    job = server.wait_for_job(server.request("POST", "/v1/diagnoses", body)["id"])
     rivals = job["result"]["rivals"]
     assert job["result"]["verdict"] == "ambiguous" and job["result"]["next_scene"], job["result"]["reason"]
-    page = see(server).open(f"#/diagnose/{job['id']}")
+    page = new_page(server).open(f"#/diagnose/{job['id']}")
     expect(verdict(page).locator("h2")).to_contain_text(f"One of {len(rivals)} is missing")
     expect(page.get_by_role("img", name="The next experiment: throw from")).to_be_visible()
     expect(page.locator("path.rival")).to_have_count(min(4, len(rivals)))
@@ -100,8 +100,8 @@ def test_what_ties_has_a_next_experiment_drawn(serve: Callable[..., Any], see: C
     expect(residuals.get_by_role("img", name="Residual in x over speed")).to_be_visible()
 
 
-def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    page = see(serve()).open("#/diagnose")
+def test_pixel_scale_and_direction_are_set_manually(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open("#/diagnose")
     drop(page, "film.csv", csv(launches(12, 40), "track_id,frame no,pos_x,pos_y", scale=0.002, down=True).replace("e-05", ""))
     run_button = page.get_by_role("button", name="Run the diagnosis")
     expect(run_button).to_be_disabled()
@@ -110,7 +110,7 @@ def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], 
     page.get_by_label("Frames per second").fill("1")
     page.get_by_label("Lengths in").select_option("px")
     expect(page.get_by_text("enter metres per pixel")).to_be_visible()
-    # A ruler along the grid: as far as one of its lines, drawn as metres as long as nobody said.
+    # A ruler of one grid spacing; until the scale is set, pixels are drawn as metres.
     apart = float(page.locator(".over figcaption").inner_text().split("Grid lines are ")[1].split(" m")[0])
     page.get_by_label("object of length").fill(str(round(0.002 * apart, 4)))
     scale = page.evaluate("document.querySelector('.over svg.scene > g').getScreenCTM().a")
@@ -132,15 +132,15 @@ def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], 
     expect(verdict(page).locator("h2")).to_contain_text("quadratic drag")
 
 
-def test_a_wrong_file_is_told_in_words(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    page = see(serve()).open("#/diagnose")
+def test_an_invalid_file_is_reported(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open("#/diagnose")
     error = page.locator(".error")
     page.locator(".drop input").set_input_files({"name": "film.mp4", "mimeType": "video/mp4", "buffer": b"\x00\xff\xfe\x80"})
     expect(error).to_contain_text("film.mp4: It is not a UTF-8 text file")
     drop(page, "words.csv", "name,size\nred,1\n")
     run(page)
     expect(error).to_contain_text("a line that names the columns")
-    # Lengths in mm that nobody said: what the server says of them leads to the field.
+    # Lengths in mm without a unit: the server's message refers to the field.
     drop(page, "mm.csv", csv(launches(4, 60), scale=0.001))
     run(page)
     expect(error).to_contain_text("length_unit")
@@ -155,28 +155,28 @@ def test_a_wrong_file_is_told_in_words(serve: Callable[..., Any], see: Callable[
     expect(page.get_by_text("heavy is no number")).to_be_visible()
 
 
-def test_an_estimation_s_trials_are_diagnosed(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_an_estimation_s_trials_are_diagnosed(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
     asked = {"task": "basketball", "rounds": 1, "actions": 4, "samples": 12, "seed": 1}
-    job = server.ask("POST", "/v1/iplw", asked)["id"]
-    server.ended(job)
-    page = see(server).open("#/diagnose")
+    job = server.request("POST", "/v1/iplw", asked)["id"]
+    server.wait_for_job(job)
+    page = new_page(server).open("#/diagnose")
     page.get_by_label("an estimation's trials").check()
     page.get_by_label("Estimation", exact=True).select_option(job)
     run(page)
     expect(page.locator("[data-job]")).to_be_visible()
     own = page.locator("[data-job]").get_attribute("data-job")
-    config = server.ask("GET", f"/v1/jobs/{own}")["config"]
+    config = server.request("GET", f"/v1/jobs/{own}")["config"]
     assert (config["job"], config["trials"]) == (job, 4)
 
 
-def test_tracks_of_a_diagnosis_are_seen_again_after_a_reload(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    """While it waits its turn, after a reload and from another tab; then the verdict comes."""
+def test_tracks_of_a_diagnosis_are_displayed_after_a_reload(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    """While it is queued, after a reload and in another tab; then the verdict is displayed."""
     limits = tmp_path / "limits.json"
     limits.write_text(json.dumps({"jobs_running": 1}))
     server = serve("--limits", str(limits))
-    before = server.ask("POST", "/v1/iplw", LONG)["id"]
-    page = see(server).open("#/diagnose")
+    before = server.request("POST", "/v1/iplw", LONG)["id"]
+    page = new_page(server).open("#/diagnose")
     drop(page, "film.csv", csv(launches(14, 70), scale=0.01))
     page.get_by_label("Lengths in").select_option("cm")
     expect(page.locator(".glance")).to_contain_text("3.81 m wide")
@@ -185,20 +185,20 @@ def test_tracks_of_a_diagnosis_are_seen_again_after_a_reload(serve: Callable[...
     title = page.locator("[data-job] h2")
     expect(title).to_have_text("The diagnosis is queued")
     job = page.locator("[data-job]").get_attribute("data-job")
-    other = see(server).open(f"#/diagnose/{job}")
+    other = new_page(server).open(f"#/diagnose/{job}")
     page.reload()
     for seen in (page, other):
         expect(seen.get_by_role("img", name="14 tracks over the scene")).to_be_visible()
-        # As they were read: in metres, though they came in centimetres.
+        # As parsed: in metres, though the file is in centimetres.
         expect(seen.locator(".glance")).to_have_text(told)
         expect(seen.locator("[data-job] h2")).to_have_text("The diagnosis is queued")
-    server.ask("DELETE", f"/v1/jobs/{before}")
+    server.request("DELETE", f"/v1/jobs/{before}")
     for seen in (page, other):
         expect(verdict(seen).locator("h2")).to_have_text("The simulation lacks quadratic drag.")
         expect(seen.locator(".given")).to_have_count(0)
 
 
-#: Notes pictures that come more than 100 ms after the one before, and scripts that take that long.
+#: Records animation frames more than 100 ms apart, and scripts of that duration.
 FRAMES = """() => {
   window.slow = { frames: [], scripts: [], all: 0 };
   let before = performance.now();
@@ -213,8 +213,8 @@ FRAMES = """() => {
 }"""
 
 
-#: How much slower the machine is than it can be, by who else works on it: 1 where nobody does.
-CROWD = """async () => {
+#: Slowdown of the machine by other processes: 1 if idle.
+SLOWDOWN = """async () => {
   const took = [];
   for (let i = 0; i < 60; i++) {
     const begun = performance.now();
@@ -226,11 +226,11 @@ CROWD = """async () => {
 }"""
 
 
-def test_134_launches_with_bounces_leave_the_page_usable(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    """With WHOLE=1 until the result was scrolled through, which takes a minute of a processor; else cancelled."""
-    page = see(serve()).open("#/diagnose")
+def test_the_page_is_responsive_with_134_bouncing_launches(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    """With WHOLE=1 until the result has been scrolled through, which takes a minute of CPU time; otherwise cancelled."""
+    page = new_page(serve()).open("#/diagnose")
     page.locator(".drop").wait_for()
-    crowd = page.evaluate(CROWD)
+    crowd = page.evaluate(SLOWDOWN)
     page.evaluate(FRAMES)
     drop(page, "bounces.csv", csv(launches(134, 80, bounce=0.85, speeds=LOW)))
     expect(page.locator(".glance")).to_contain_text("134 launches, 10720 samples")

@@ -1,4 +1,4 @@
-"""The frame: tokens, a server that is gone, one that has no more: told in words."""
+"""The frame: tokens, lost connections, and spent budgets."""
 
 import subprocess
 import urllib.request
@@ -10,12 +10,12 @@ from playwright.sync_api import expect
 from test_play import film
 
 
-def test_a_wrong_token_is_told_and_a_right_one_opens(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Any) -> None:
+def test_an_invalid_token_is_rejected_and_a_valid_one_accepted(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Any) -> None:
     tokens = tmp_path / "tokens"
     made = subprocess.run([BINARY, "token", "new", "ada", "--may", "act", "--token-file", tokens], capture_output=True, text=True, check=True)
     token = next(word for word in made.stdout.split() if word.startswith("iplw_"))
     server = serve("--token-file", str(tokens))
-    page = see(server).open()
+    page = new_page(server).open()
     dialog = page.get_by_role("dialog", name="Sign in")
     expect(dialog).to_be_visible()
     dialog.get_by_label("Token").fill("iplw_wrong")
@@ -33,9 +33,9 @@ def test_a_wrong_token_is_told_and_a_right_one_opens(serve: Callable[..., Any], 
     expect(page.get_by_role("dialog", name="Sign in")).to_be_visible()
 
 
-def test_a_server_gone_is_told_until_it_is_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_lost_connection_is_displayed_until_the_server_restarts(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    page = see(server).open()
+    page = new_page(server).open()
     film(page)
     banner = page.locator(".banner")
     expect(banner).to_be_hidden()
@@ -43,29 +43,29 @@ def test_a_server_gone_is_told_until_it_is_back(serve: Callable[..., Any], see: 
     page.get_by_label("friction").fill("0.3")
     expect(banner).to_be_visible()
     expect(banner).to_contain_text("Connection lost")
-    server.back()
+    server.restart()
     expect(banner).to_be_hidden()
     page.get_by_label("friction").fill("0.4")
     expect(page.locator(".errors")).to_be_empty()
 
 
-def test_a_spent_budget_is_told(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_spent_budget_is_reported(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    world = server.ask("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 1})["id"]
-    page = see(server).open()
+    world = server.request("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 1})["id"]
+    page = new_page(server).open()
     film(page)
     page.get_by_label("Real world").select_option(world)
     expect(page.locator(".tally")).to_contain_text("of 1.")
-    # Somebody else is quicker.
-    action = server.ask("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
-    server.ask("POST", f"/v1/worlds/{world}/rollout", {"actions": [action], "task": "bowling:000"})
+    # Another client spends the budget first.
+    action = server.request("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
+    server.request("POST", f"/v1/worlds/{world}/rollout", {"actions": [action], "task": "bowling:000"})
     page.get_by_role("button", name="Run in the real world").click()
     expect(page.locator(".error")).to_contain_text("Nothing left")
     expect(page.locator(".tally .count")).to_have_text("1")
     expect(page.get_by_role("button", name="Run in the real world")).to_be_disabled()
 
 
-def test_curl_is_told_where_things_are(serve: Callable[..., Any]) -> None:
+def test_a_text_client_gets_a_plain_index(serve: Callable[..., Any]) -> None:
     with urllib.request.urlopen(serve().url) as response:
         text = response.read().decode()
     assert response.headers["Content-Type"].startswith("text/plain") and "/docs/" in text

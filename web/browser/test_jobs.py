@@ -1,4 +1,4 @@
-"""Jobs: followed, cancelled, failed and why; they survive the server and the page says so; long lists come in pages."""
+"""Jobs: progress, cancellation, failures with their reason, restarts of the server, pagination."""
 
 import hashlib
 import re
@@ -13,22 +13,22 @@ LONG = {"task": "bowling", "rounds": 200, "actions": 50, "samples": 4000, "seed"
 SHORT = {"task": "bowling", "rounds": 1, "actions": 2, "samples": 20, "seed": 2}
 
 
-def test_jobs_go_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_jobs_continue_after_a_restart(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    job = server.ask("POST", "/v1/iplw", LONG)["id"]
-    page = see(server).open("#/jobs")
+    job = server.request("POST", "/v1/iplw", LONG)["id"]
+    page = new_page(server).open("#/jobs")
     row = page.locator(f"tr[data-job={job}]")
     expect(row).to_contain_text("Estimation")
     expect(row.locator(".state")).to_have_text("running")
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
-    server.back()
+    server.restart()
     expect(page.locator(".banner")).to_be_hidden()
     expect(row.locator(".state")).to_have_text("running")
     page.get_by_role("button", name=f"Cancel {job}").click()
     expect(row.locator(".state")).to_have_text("cancelled")
-    short = server.ask("POST", "/v1/iplw", SHORT)["id"]
-    server.ended(short)
+    short = server.request("POST", "/v1/iplw", SHORT)["id"]
+    server.wait_for_job(short)
     expect(page.locator(f"tr[data-job={short}] .state")).to_have_text("succeeded")
     page.locator(f"tr[data-job={short}]").get_by_role("link", name="Result").click()
     expect(page).to_have_url(re.compile(f"#/calibrate/{short}$"))
@@ -39,28 +39,28 @@ def test_jobs_go_on_when_the_server_comes_back(serve: Callable[..., Any], see: C
     expect(page.locator(f"tr[data-job={short}]")).to_have_count(0)
 
 
-def test_one_job_is_followed_across_a_restart(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_job_is_displayed_across_a_restart(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    job = server.ask("POST", "/v1/iplw", LONG)["id"]
-    page = see(server).open(f"#/jobs/{job}")
+    job = server.request("POST", "/v1/iplw", LONG)["id"]
+    page = new_page(server).open(f"#/jobs/{job}")
     expect(page.locator(".state")).to_have_text("running")
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
-    server.back()
+    server.restart()
     expect(page.locator(".banner")).to_be_hidden()
-    server.ask("DELETE", f"/v1/jobs/{job}")
+    server.request("DELETE", f"/v1/jobs/{job}")
     expect(page.locator(".state")).to_have_text("cancelled")
 
 
-def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_ten_thousand_jobs_are_paginated(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    job = server.ask("POST", "/v1/iplw", SHORT)["id"]
-    server.ended(job)
+    job = server.request("POST", "/v1/iplw", SHORT)["id"]
+    server.wait_for_job(job)
     server.kill()
-    copied(server.folder / "iplw.sqlite", 10_000)
-    server.back()
-    sight = see(server)
-    page = sight.open("#/play")
+    copy_job(server.folder / "iplw.sqlite", 10_000)
+    server.restart()
+    session = new_page(server)
+    page = session.open("#/play")
     answers: list[Any] = []
     page.on("response", lambda r: answers.append(r) if "/v1/jobs?" in r.url else None)
     page.locator(".badge.sim").wait_for()
@@ -81,8 +81,8 @@ def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callabl
     expect(page.get_by_text("No job is failed.")).to_be_visible()
 
 
-def copied(database: Any, times: int) -> None:
-    """Copies the one job of a store, each copy with its own seal (`src/store/seal.rs` says what one is)."""
+def copy_job(database: Any, times: int) -> None:
+    """Copies the only job of a store, each copy with its own seal (defined in `src/store/seal.rs`)."""
     with sqlite3.connect(database) as store:
         store.create_function("seal_of", -1, seal_of)
         names = [row[1] for row in store.execute("PRAGMA table_info(job)") if row[1] not in ("number", "seal")]
@@ -94,7 +94,7 @@ def copied(database: Any, times: int) -> None:
 
 
 def seal_of(*values: int | str | None) -> int:
-    """The first 8 bytes of a digest of values, each with its type and length."""
+    """The first 8 bytes of a digest of the values, each with its type and length."""
     digest = hashlib.sha256()
     for value in values:
         kind, data = 0, b""

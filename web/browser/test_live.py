@@ -1,5 +1,4 @@
-"""Live worlds: watched while a program acts, hidden where they hide something, listed by the thousand; logs of jobs; what the
-page weighs."""
+"""Live worlds: display while a program acts, hidden values, pagination; logs of jobs; memory of the page."""
 
 import re
 import subprocess
@@ -12,70 +11,70 @@ from conftest import BINARY
 from playwright.sync_api import Page, expect
 from test_jobs import SHORT, copied
 
-#: An estimation that is still at work when it is looked at.
+#: An estimation that is still running when displayed.
 LONG = {"task": "bowling", "rounds": 200, "actions": 50, "samples": 4000, "seed": 1}
 
 
 def act(server: Any, world: str, actions: list[Any], task: str | None = "bowling:000") -> list[Any]:
-    """What a program does: a reset and a step for each action."""
+    """A reset and a step for each action, as by a program."""
     done = []
     for action in actions:
-        server.ask("POST", f"/v1/worlds/{world}/reset", {"task": task} if task else {})
-        done.append(server.ask("POST", f"/v1/worlds/{world}/step", {"action": action}))
+        server.request("POST", f"/v1/worlds/{world}/reset", {"task": task} if task else {})
+        done.append(server.request("POST", f"/v1/worlds/{world}/step", {"action": action}))
     return done
 
 
-def watched(page: Page) -> None:
+def expect_connected(page: Page) -> None:
     expect(page.get_by_text("Watching.")).to_be_visible()
 
 
-def test_a_program_is_watched_step_by_step(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_program_is_displayed_step_by_step(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    solves = server.ask("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
-    world = server.ask("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 9})["id"]
-    page = see(server).open("#/live")
+    solves = server.request("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
+    world = server.request("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 9})["id"]
+    page = new_page(server).open("#/live")
     page.get_by_role("link", name=world).click()
-    watched(page)
+    expect_connected(page)
     happened = page.locator(".happened li")
     expect(happened).to_have_count(0)
-    server.ask("POST", f"/v1/worlds/{world}/reset", {"task": "bowling:000"})
+    server.request("POST", f"/v1/worlds/{world}/reset", {"task": "bowling:000"})
     expect(happened.first).to_have_text("Reset to bowling:000")
-    step = server.ask("POST", f"/v1/worlds/{world}/step", {"action": solves})
+    step = server.request("POST", f"/v1/worlds/{world}/step", {"action": solves})
     assert step["info"]["solved"]
     expect(happened.first).to_contain_text("solved, interactions 1")
     expect(page.locator(".stage .badge")).to_have_text("solved")
     expect(page.locator(".facts .count")).to_have_text("1 of 9")
     assert len(page.locator(".stage .trail").all()) == 3
-    # The latents of the world are hidden here as everywhere.
+    # The world's latents are hidden.
     expect(page.locator(".facts")).to_contain_text("Latentshidden")
-    # A program that goes on: another task is another scene, and older films can be seen again.
+    # The program continues with another task, and so another scene; earlier videos can be replayed.
     act(server, world, [[0.5, 0.9, 0.2]], "bowling:001")
     expect(happened.first).to_contain_text(re.compile(r"Step at 0\.500, 0\.900, 0\.200: "))
     expect(page.get_by_role("img", name=f"Scene of bowling:001 in {world}")).to_be_visible()
     happened.filter(has_text="solved, interactions 1").get_by_role("button").press("Enter")
     expect(page.get_by_role("img", name=f"Scene of bowling:000 in {world}")).to_be_visible()
     expect(page.get_by_label("Show the newest film automatically")).not_to_be_checked()
-    # A rollout and a picture beside the episode are attempts, too; looking on was none.
-    server.ask("POST", f"/v1/worlds/{world}/rollout", {"actions": [solves, solves], "task": "bowling:000", "trajectories": True})
+    # A rollout outside the episode counts as attempts; displaying it does not.
+    server.request("POST", f"/v1/worlds/{world}/rollout", {"actions": [solves, solves], "task": "bowling:000", "trajectories": True})
     expect(happened.first).to_contain_text("2 attempts on bowling:000: 2 placed, 2 solved")
-    assert server.ask("GET", f"/v1/worlds/{world}")["interactions"] == int(page.locator(".facts .count").inner_text().split()[0])
-    server.ask("DELETE", f"/v1/worlds/{world}")
+    assert server.request("GET", f"/v1/worlds/{world}")["interactions"] == int(page.locator(".facts .count").inner_text().split()[0])
+    server.request("DELETE", f"/v1/worlds/{world}")
     expect(page.get_by_text("The world was deleted")).to_be_visible()
 
 
-def test_a_watch_goes_on_after_the_server_was_gone(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_world_view_continues_after_a_restart(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    page = see(server).open("#/live/bowling-sim")
-    watched(page)
+    page = new_page(server).open("#/live/bowling-sim")
+    expect_connected(page)
     act(server, "bowling-sim", [0])
     expect(page.locator(".happened li")).to_have_count(2)
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
-    server.back()
+    server.restart()
     expect(page.locator(".banner")).to_be_hidden()
-    watched(page)
+    expect_connected(page)
     page.wait_for_function("() => !document.querySelector('.banner:not([hidden])')")
-    # Only once the watch is on again is there anybody to be told.
+    # Events are received only after reconnection.
     for _ in range(100):
         act(server, "bowling-sim", [1])
         if page.locator(".happened li").count() > 2:
@@ -83,7 +82,7 @@ def test_a_watch_goes_on_after_the_server_was_gone(serve: Callable[..., Any], se
     expect(page.locator(".happened li").first).to_contain_text("Step")
 
 
-def test_who_may_not_see_a_world_may_not_watch_it(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Any) -> None:
+def test_a_world_of_another_owner_is_not_displayed(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Any) -> None:
     tokens = tmp_path / "tokens"
     made = {}
     for name in ("ann", "bob"):
@@ -92,14 +91,14 @@ def test_who_may_not_see_a_world_may_not_watch_it(serve: Callable[..., Any], see
         made[name] = next(word for word in said.split() if word.startswith("iplw_"))
     server = serve("--token-file", str(tokens))
     server.token = made["ann"]
-    world = server.ask("POST", "/v1/worlds", {"task": "bowling"})["id"]
+    world = server.request("POST", "/v1/worlds", {"task": "bowling"})["id"]
     server.token = made["bob"]
     try:
-        server.ask("GET", f"/v1/worlds/{world}/events")
+        server.request("GET", f"/v1/worlds/{world}/events")
         raise AssertionError("bob sees what is ann's")
     except urllib.error.HTTPError as refused:
         assert refused.code == 404
-    page = see(server).open("#/live")
+    page = new_page(server).open("#/live")
     sign = page.get_by_role("dialog", name="Sign in")
     sign.get_by_label("Token").fill(made["bob"])
     sign.get_by_role("button", name="Sign in").click()
@@ -111,11 +110,11 @@ def test_who_may_not_see_a_world_may_not_watch_it(serve: Callable[..., Any], see
     page.get_by_role("button", name="Sign out").click()
     sign.get_by_label("Token").fill(made["ann"])
     sign.get_by_role("button", name="Sign in").click()
-    watched(page)
+    expect_connected(page)
     expect(page.locator(".facts")).to_contain_text("Ownerann")
 
 
-def test_a_world_of_a_scene_of_its_own_shows_no_material(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_real_world_of_a_custom_scene_hides_its_materials(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
     ball = {"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": None, "friction": 0.4375, "density": 3.625}
     scene = {
@@ -128,17 +127,17 @@ def test_a_world_of_a_scene_of_its_own_shows_no_material(serve: Callable[..., An
         "steps": 240,
     }
     scene["bodies"][0].pop("position")  # type: ignore[index]
-    world = server.ask("POST", "/v1/worlds", {"scene": scene, "kind": "real", "effects": [{"name": "wind", "parameters": {"ax": 1.5625, "ay": 0}}]})["id"]
-    sight = see(server)
+    world = server.request("POST", "/v1/worlds", {"scene": scene, "kind": "real", "effects": [{"name": "wind", "parameters": {"ax": 1.5625, "ay": 0}}]})["id"]
+    session = new_page(server)
     told = urllib.request.urlopen(f"{server.url}/v1/worlds/{world}/events", timeout=60)
-    page = sight.open(f"#/live/{world}")
-    watched(page)
-    server.ask("POST", f"/v1/worlds/{world}/reset", {})
-    server.ask("POST", f"/v1/worlds/{world}/step", {"action": [0.5, 0.5]})
+    page = session.open(f"#/live/{world}")
+    expect_connected(page)
+    server.request("POST", f"/v1/worlds/{world}/reset", {})
+    server.request("POST", f"/v1/worlds/{world}/step", {"action": [0.5, 0.5]})
     expect(page.locator(".happened li").first).to_contain_text("Step at")
     assert len(page.locator(".stage .trail").all()) == 1
-    # All that the server tells of it, up to where the world goes.
-    server.ask("DELETE", f"/v1/worlds/{world}")
+    # All events of the world until its deletion.
+    server.request("DELETE", f"/v1/worlds/{world}")
     expect(page.get_by_text("The world was deleted")).to_be_visible()
     stream = told.read().decode()
     assert "event: gone" in stream and '"floor"' in stream
@@ -146,10 +145,10 @@ def test_a_world_of_a_scene_of_its_own_shows_no_material(serve: Callable[..., An
         assert hidden not in stream and hidden not in page.content(), hidden
 
 
-def test_a_thousand_worlds_come_in_pages(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_thousand_worlds_are_paginated(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    made = server.ask("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})["worlds"]
-    page = see(server).open("#/play")
+    made = server.request("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})["worlds"]
+    page = new_page(server).open("#/play")
     page.locator(".badge.sim").wait_for()
     page.evaluate(FIRST_ROW)
     page.get_by_role("link", name="Live worlds").click()
@@ -157,7 +156,7 @@ def test_a_thousand_worlds_come_in_pages(serve: Callable[..., Any], see: Callabl
     print(f"1,000 worlds, click to first rows: {took:.0f} ms")
     rows = page.locator(".worlds tbody tr")
     expect(rows).to_have_count(25)
-    # What is used comes to the top by itself.
+    # Recently used worlds move to the top.
     used = made[500]
     act(server, used, [0])
     expect(rows.first).to_have_attribute("data-world", used)
@@ -170,7 +169,7 @@ def test_a_thousand_worlds_come_in_pages(serve: Callable[..., Any], see: Callabl
     expect(rows.first).to_have_attribute("data-world", "basketball-real")
 
 
-#: Resolves, once somebody clicks, with the time until rows stand there, ms.
+#: Resolves after a click with the time until rows are displayed, ms.
 FIRST_ROW = """() => {
   window.firstRow = new Promise((done) => addEventListener('click', () => {
     const begun = performance.now();
@@ -180,42 +179,42 @@ FIRST_ROW = """() => {
 }"""
 
 
-def test_what_happened_to_a_job_is_read_line_by_line(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_the_log_of_a_job_is_displayed_line_by_line(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    job = server.ask("POST", "/v1/iplw", LONG)["id"]
-    page = see(server).open(f"#/jobs/{job}")
+    job = server.request("POST", "/v1/iplw", LONG)["id"]
+    page = new_page(server).open(f"#/jobs/{job}")
     log = page.get_by_role("log", name=f"Log of {job}")
     expect(log).to_contain_text("queued")
     expect(log).to_contain_text("begun")
     expect(log).to_contain_text(re.compile(r"\d\d:\d\d:\d\d round 1 of 200: "))
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
-    server.back()
+    server.restart()
     expect(log).to_contain_text("the server was started: it is queued again")
-    server.ask("DELETE", f"/v1/jobs/{job}")
+    server.request("DELETE", f"/v1/jobs/{job}")
     expect(log.locator(".line").last).to_contain_text("cancelled")
-    # Its end is in sight by itself.
+    # The log is scrolled to its end.
     assert log.evaluate("e => e.scrollTop + e.clientHeight >= e.scrollHeight - 4")
     numbers = [int(line.get_attribute("data-line") or 0) for line in log.locator(".line").all()]
     assert numbers == list(range(1, len(numbers) + 1)), "each line once, in order"
-    # One that fails says why: nothing is left to measure.
-    world = server.ask("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 0})["id"]
-    spent = server.ask("POST", "/v1/iplw", {**SHORT, "world": world})["id"]
-    server.ended(spent)
+    # A failed job displays the reason: the budget is spent.
+    world = server.request("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 0})["id"]
+    spent = server.request("POST", "/v1/iplw", {**SHORT, "world": world})["id"]
+    server.wait_for_job(spent)
     page.goto(f"{server.page}/#/jobs/{spent}")
     log = page.get_by_role("log", name=f"Log of {spent}")
     expect(log.locator(".is-warning")).to_contain_text("the budget of real interactions is spent")
     expect(log.locator(".is-error")).to_contain_text("failed")
 
 
-def test_the_page_weighs_little_after_long_lists(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_memory_is_limited_after_long_lists(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    server.ended(server.ask("POST", "/v1/iplw", SHORT)["id"])
+    server.wait_for_job(server.request("POST", "/v1/iplw", SHORT)["id"])
     server.kill()
-    copied(server.folder / "iplw.sqlite", 10_000)
-    server.back()
-    server.ask("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})
-    page = see(server).open("#/live")
+    copy_job(server.folder / "iplw.sqlite", 10_000)
+    server.restart()
+    server.request("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})
+    page = new_page(server).open("#/live")
     page.wait_for_selector("tbody tr")
     paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
     print(f"first picture on loopback: {paint:.0f} ms after the address was opened")

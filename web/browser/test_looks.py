@@ -1,4 +1,4 @@
-"""Every view, in two widths and both themes: no serious finding of axe, and a picture (kept with PICTURES=1)."""
+"""Every view, at two widths and in both themes: no serious axe violations, and screenshots (stored with PICTURES=1)."""
 
 import io
 import os
@@ -11,47 +11,47 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 from test_diagnose import drop
 from test_jobs import SHORT
-from test_train import compared
-from thrown import LOW, csv, launches
+from test_train import prepare_comparison
+from throws import LOW, csv, launches
 from test_live import act
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
 WIDTHS = {"wide": (1280, 900), "phone": (390, 844)}
-#: Of a picture: colours, and height as far as which a view is kept, px.
+#: Number of colours of a screenshot, and its maximum height, px.
 COLOURS, TALLEST = 64, {"wide": 3000, "phone": 5500}
-#: Bytes of a picture, at most: who fetches the project fetches all of them.
+#: Maximum size of a screenshot, bytes; all are part of the repository.
 LARGEST = 150_000
 
 
-def played(page: Page, server: Any) -> None:
-    """A task placed, run and half way through its film."""
+def prepare_play(page: Page, server: Any) -> None:
+    """A task with an action, simulated, at half of its video."""
     page.locator(".badge.sim").wait_for()
     page.get_by_role("button", name="Run in the real world").click()
     page.locator(".badge.real").wait_for()
     page.get_by_label("Time").fill("1.6")
 
 
-def listed(page: Page, server: Any) -> None:
+def prepare_jobs(page: Page, server: Any) -> None:
     page.locator("tbody tr").first.wait_for()
 
 
-def shown(page: Page, server: Any) -> None:
+def prepare_job(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
 
 
-def tracked(page: Page, server: Any) -> None:
-    """Tracks over a floor, as they will be read."""
+def prepare_tracks(page: Page, server: Any) -> None:
+    """Tracks over a floor, as parsed."""
     drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
     page.locator(".told").wait_for()
 
 
-def diagnosed(page: Page, server: Any) -> None:
-    """A diagnosis that named an effect, with all of its plots drawn."""
-    done = [job["id"] for job in server.ask("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
+def prepare_diagnosis(page: Page, server: Any) -> None:
+    """A diagnosis with a named effect and all its plots."""
+    done = [job["id"] for job in server.request("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
     body = {"ball": {"radius": 0.02}, "trials": csv(launches(14, 70))}
-    job = done[0] if done else server.ask("POST", "/v1/diagnoses", body)["id"]
-    server.ended(job)
+    job = done[0] if done else server.request("POST", "/v1/diagnoses", body)["id"]
+    server.wait_for_job(job)
     page.goto(f"{server.page}/#/diagnose/{job}")
     page.locator("[data-whole]").wait_for()
     for canvas in page.locator("canvas").all():
@@ -60,27 +60,27 @@ def diagnosed(page: Page, server: Any) -> None:
     page.evaluate("scrollTo(0, 0)")
 
 
-def drafted(page: Page, server: Any) -> None:
-    """A task as a draft, with a body selected and the film half way."""
+def prepare_draft(page: Page, server: Any) -> None:
+    """A task in the editor, with a selected body, at half of its video."""
     page.locator(".stage .badge.sim").wait_for()
     page.get_by_role("button", name="green", exact=True).click()
     page.get_by_label("Time", exact=True).fill("1.6")
 
 
-def started(page: Page, server: Any) -> None:
+def prepare_form(page: Page, server: Any) -> None:
     page.locator("summary", has_text="More").click()
 
 
-def calibrated(page: Page, server: Any) -> None:
-    """A run laid over another one, and its worst trial half way through its film."""
-    jobs = server.ask("GET", "/v1/jobs")["jobs"]
-    # A picture is of an estimation that is worth looking at; accessibility does not take that long.
+def prepare_estimation(page: Page, server: Any) -> None:
+    """An estimation compared with another, with its worst trial at half of its video."""
+    jobs = server.request("GET", "/v1/jobs")["jobs"]
+    # Screenshots use a longer estimation than the accessibility checks.
     worth = {"rounds": 4, "actions": 3, "samples": 20, "residual": "shooting", "real": {"noise": 0.05}, "seed": 3}
     brief = {"rounds": 2, "actions": 2, "samples": 8, "seed": 1}
     fits: tuple[dict[str, Any], ...] = ({"strategy": "informative", "fit": ["linear_drag.c"]}, {"strategy": "mixed"})
     for fit in fits[len(jobs) - 1 :]:
         body = {"task": "bowling", **fit, **worth} if os.environ.get("PICTURES") else {"task": "basketball", **brief}
-        jobs.append(server.ended(server.ask("POST", "/v1/iplw", body)["id"]))
+        jobs.append(server.wait_for_job(server.request("POST", "/v1/iplw", body)["id"]))
     one, other = (job["id"] for job in jobs[1:3])
     page.evaluate(f"location.hash = '#/calibrate/{one}?with={other}'")
     page.locator("circle.second").first.wait_for()
@@ -88,68 +88,68 @@ def calibrated(page: Page, server: Any) -> None:
     page.get_by_label("Time").fill("1.6")
 
 
-def asked(page: Page, server: Any) -> None:
-    """A rig's proposals, one of them being filled in."""
-    job = server.ask("POST", "/v1/iplw", {**SHORT, "task": "basketball", "real": "ask_tell"})["id"]
+def prepare_proposals(page: Page, server: Any) -> None:
+    """Proposals of an ask/tell estimation, one of them with the entry form open."""
+    job = server.request("POST", "/v1/iplw", {**SHORT, "task": "basketball", "real": "ask_tell"})["id"]
     page.evaluate(f"location.hash = '#/calibrate/{job}'")
     page.locator("[data-proposal] summary").first.click()
 
 
-def peopled(page: Page, server: Any) -> None:
-    """Worlds that programs act in."""
+def prepare_worlds(page: Page, server: Any) -> None:
+    """Worlds used by programs."""
     for of in ({"task": "bowling"}, {"task": "basketball:004", "kind": "real", "budget": 20}, {"task": "bowling:017", "sealed": True}):
-        world = server.ask("POST", "/v1/worlds", of)["id"]
+        world = server.request("POST", "/v1/worlds", of)["id"]
         act(server, world, [5, 9], None)
     page.locator("tbody tr").nth(6).wait_for()
 
 
-def acted(page: Page, server: Any) -> None:
-    """A world that a program acts in, half way through a film."""
+def prepare_world(page: Page, server: Any) -> None:
+    """A world used by a program, at half of a video."""
     page.get_by_text("Watching.").wait_for()
     act(server, "bowling-real", [[0.5, 0.9, 0.2]], "bowling:001")
-    act(server, "bowling-real", [server.ask("GET", "/v1/tasks/bowling/0")["certificate"]["action"]])
+    act(server, "bowling-real", [server.request("GET", "/v1/tasks/bowling/0")["certificate"]["action"]])
     page.locator(".stage .badge[data-verdict=solved]").wait_for()
     page.get_by_label("Time").fill("1.6")
 
 
-#: A picture's name, the address, and what is done before it is taken.
+#: Name of the screenshot -> address, preparation.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
-    "play": ("#/play/bowling:002", played),
-    "play-basketball": ("#/play/basketball:003", played),
-    "make": ("#/make?task=bowling:002", drafted),
-    "diagnose": ("#/diagnose", tracked),
-    "diagnosis": ("#/diagnose", diagnosed),
-    "calibrate": ("#/calibrate", started),
-    "calibrate-run": ("#/calibrate", calibrated),
-    "calibrate-rig": ("#/calibrate", asked),
-    "train": ("#/train/job-2", compared),
-    "jobs": ("#/jobs", listed),
-    "job": ("#/jobs/job-1", shown),
-    "live": ("#/live", peopled),
-    "live-world": ("#/live/bowling-real", acted),
+    "play": ("#/play/bowling:002", prepare_play),
+    "play-basketball": ("#/play/basketball:003", prepare_play),
+    "make": ("#/make?task=bowling:002", prepare_draft),
+    "diagnose": ("#/diagnose", prepare_tracks),
+    "diagnosis": ("#/diagnose", prepare_diagnosis),
+    "calibrate": ("#/calibrate", prepare_form),
+    "calibrate-run": ("#/calibrate", prepare_estimation),
+    "calibrate-rig": ("#/calibrate", prepare_proposals),
+    "train": ("#/train/job-2", prepare_comparison),
+    "jobs": ("#/jobs", prepare_jobs),
+    "job": ("#/jobs/job-1", prepare_job),
+    "live": ("#/live", prepare_worlds),
+    "live-world": ("#/live/bowling-real", prepare_world),
 }
 
 
 @pytest.mark.parametrize("name", VIEWS)
-def test_view(name: str, serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_view(name: str, serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    server.ended(server.ask("POST", "/v1/iplw", SHORT)["id"])
+    server.wait_for_job(server.request("POST", "/v1/iplw", SHORT)["id"])
     address, prepare = VIEWS[name]
     for theme in ("light", "dark"):
         for width, size in WIDTHS.items():
             options = {"viewport": {"width": size[0], "height": size[1]}, "color_scheme": theme}
-            page = see(server, **options).open(address)
+            page = new_page(server, **options).open(address)
             prepare(page, server)
             expect(page.locator("h1")).to_be_visible()
             over = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             assert over <= 0, f"{name} is {over} px wider than a {width} screen"
-            assert findings(page) == [], f"{name}, {width}, {theme}"
+            assert violations(page) == [], f"{name}, {width}, {theme}"
             if os.environ.get("PICTURES"):
-                keep(page, f"{name}-{width}-{theme}.png", TALLEST[width])
+                save_screenshot(page, f"{name}-{width}-{theme}.png", TALLEST[width])
 
 
-def keep(page: Page, name: str, tallest: int) -> None:
-    """A picture of the page from its top, with few colours, for there are few on it."""
+def save_screenshot(page: Page, name: str, tallest: int) -> None:
+    """A screenshot of the page from its top, with a reduced palette."""
     page.evaluate("scrollTo(0, 0)")
     whole = Image.open(io.BytesIO(page.screenshot(full_page=True))).convert("RGB")
     part = whole.crop((0, 0, whole.width, min(whole.height, tallest)))
@@ -160,8 +160,8 @@ def keep(page: Page, name: str, tallest: int) -> None:
     assert size <= LARGEST, f"{name} takes {size} bytes"
 
 
-def findings(page: Page) -> list[str]:
-    """What axe finds serious or critical."""
+def violations(page: Page) -> list[str]:
+    """Serious and critical violations reported by axe."""
     page.evaluate(AXE.read_text())
     found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")["violations"]
     bad = [v for v in found if v["impact"] in ("serious", "critical")]

@@ -1,4 +1,4 @@
-"""Make: a scene is drawn by mouse and by keyboard, runs while one draws, is saved, and is a world for curl."""
+"""Make: a scene is drawn by mouse and keyboard, simulated while drawing, saved, and created as a world with curl."""
 
 import importlib.util
 import json
@@ -55,7 +55,7 @@ def verdict(page: Page) -> Locator:
 
 
 def point(page: Page, x: float, y: float) -> tuple[float, float]:
-    """Where a place of the world is on the screen."""
+    """Screen coordinates of a world position."""
     at = page.evaluate(
         """([x, y]) => {
           const p = new DOMPoint(x, y).matrixTransform(document.querySelector('.stage svg.scene > g').getScreenCTM());
@@ -67,7 +67,7 @@ def point(page: Page, x: float, y: float) -> tuple[float, float]:
 
 
 def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:
-    """With the mouse, from one place of the world to another."""
+    """Drags the mouse between two world positions."""
     a, b = point(page, *start), point(page, *end)
     page.mouse.move(*a)
     page.mouse.down()
@@ -76,8 +76,8 @@ def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> No
     page.mouse.up()
 
 
-def saved(page: Page, folder: Path) -> Any:
-    """What Save writes."""
+def save(page: Page, folder: Path) -> Any:
+    """The file written by Save."""
     with page.expect_download() as waiting:
         page.get_by_role("button", name="Save", exact=True).click()
     file = folder / waiting.value.suggested_filename
@@ -85,14 +85,14 @@ def saved(page: Page, folder: Path) -> Any:
     return json.loads(file.read_text())
 
 
-def opened(page: Page, folder: Path, scene: Any) -> None:
+def open_file(page: Page, folder: Path, scene: Any) -> None:
     file = folder / "given.json"
     file.write_text(json.dumps(scene))
     page.locator("input[type=file]").set_input_files(file)
 
 
-def dropped(page: Page, scene: Any) -> None:
-    """A file dropped onto the view."""
+def drop_file(page: Page, scene: Any) -> None:
+    """Drops a file onto the view."""
     page.evaluate(
         """(text) => {
           const dataTransfer = new DataTransfer();
@@ -103,9 +103,9 @@ def dropped(page: Page, scene: Any) -> None:
     )
 
 
-def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_scene_is_drawn_simulated_saved_and_created_as_a_world(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
     server = serve()
-    page = see(server, permissions=["clipboard-read", "clipboard-write"]).open("#/make")
+    page = new_page(server, permissions=["clipboard-read", "clipboard-write"]).open("#/make")
     stage(page).wait_for()
     page.get_by_label("Name").fill("roll")
     tool(page, "Segment")
@@ -125,14 +125,14 @@ def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], 
     drag(page, (-3.5, 2.5), (-1, 5))
     expect(page.locator(".scene .area")).to_have_count(1)
     expect(page.get_by_label("High of component 1")).to_have_value("-1")
-    scene = saved(page, tmp_path)
+    scene = save(page, tmp_path)
     assert (tmp_path / "roll.json").exists()
     assert [b["name"] for b in scene["bodies"] + scene["statics"]] == ["ball", "slope"]
-    world = server.ask("POST", "/v1/worlds", {"scene": scene})["id"]
-    server.ask("POST", f"/v1/worlds/{world}/reset", {})
-    step = server.ask("POST", f"/v1/worlds/{world}/step", {"action": [0.5, 0.5]})
+    world = server.request("POST", "/v1/worlds", {"scene": scene})["id"]
+    server.request("POST", f"/v1/worlds/{world}/reset", {})
+    step = server.request("POST", f"/v1/worlds/{world}/step", {"action": [0.5, 0.5]})
     assert step["info"]["valid"] and step["terminated"]
-    # What is copied does the same.
+    # The copied commands have the same effect.
     page.get_by_role("button", name="Copy as curl").click()
     expect(page.get_by_text("Copied: a world of this scene, as curl.")).to_be_visible()
     command = page.evaluate("navigator.clipboard.readText()")
@@ -155,11 +155,11 @@ def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], 
     expect(page.locator(".scene .area")).to_have_count(0)
 
 
-def test_a_server_gone_is_told_and_the_draft_runs_when_it_is_back(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_lost_connection_is_displayed_and_the_draft_is_simulated_after_a_restart(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
     server = serve()
-    page = see(server).open("#/make")
+    page = new_page(server).open("#/make")
     stage(page).wait_for()
-    opened(page, tmp_path, DROP)
+    open_file(page, tmp_path, DROP)
     expect(verdict(page)).to_contain_text("no goal")
     server.kill()
     stage(page).focus()
@@ -167,14 +167,14 @@ def test_a_server_gone_is_told_and_the_draft_runs_when_it_is_back(serve: Callabl
     page.keyboard.press("ArrowUp")
     expect(page.locator(".banner")).to_be_visible()
     expect(verdict(page)).to_be_hidden()
-    server.back()
+    server.restart()
     expect(page.locator(".banner")).to_be_hidden()
     expect(verdict(page)).to_contain_text("no goal")
-    assert saved(page, tmp_path)["bodies"][0]["position"][1] > 2
+    assert save(page, tmp_path)["bodies"][0]["position"][1] > 2
 
 
-def test_undo_redo_and_a_reload_keep_the_draft(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    page = see(serve()).open("#/make")
+def test_undo_redo_and_reload_preserve_the_draft(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    page = new_page(serve()).open("#/make")
     stage(page).wait_for()
     tool(page, "Box")
     drag(page, (0, 1), (1, 2))
@@ -182,7 +182,7 @@ def test_undo_redo_and_a_reload_keep_the_draft(serve: Callable[..., Any], see: C
     expect(x).to_have_value("0.5")
     drag(page, (0.5, 1.5), (2.5, 1.5))
     expect(x).to_have_value("2.5")
-    # A corner makes it larger, the handle above turns it.
+    # Corner handles scale, the upper handle rotates.
     drag(page, (3, 2), (4, 3))
     expect(page.get_by_label("Half width")).to_have_value("1")
     handle = page.locator(".handle.turn").bounding_box()
@@ -194,7 +194,7 @@ def test_undo_redo_and_a_reload_keep_the_draft(serve: Callable[..., Any], see: C
     page.mouse.up()
     expect(page.get_by_label("Angle")).to_have_value("-1.57")
     expect(x).to_have_value("3")
-    after = saved(page, tmp_path)
+    after = save(page, tmp_path)
     undo, redo = page.get_by_role("button", name="Undo"), page.get_by_role("button", name="Redo")
     for _ in range(3):
         undo.click()
@@ -202,30 +202,30 @@ def test_undo_redo_and_a_reload_keep_the_draft(serve: Callable[..., Any], see: C
     expect(page.get_by_label("Half width")).to_have_value("0.5")
     undo.click()
     expect(undo).to_be_disabled()
-    assert saved(page, tmp_path)["bodies"] == []
+    assert save(page, tmp_path)["bodies"] == []
     for _ in range(4):
         redo.click()
     expect(redo).to_be_disabled()
     page.reload()
     page.get_by_role("button", name="box", exact=True).click()
     expect(x).to_have_value("3")
-    assert saved(page, tmp_path) == after
+    assert save(page, tmp_path) == after
 
 
-def test_a_wrong_value_shows_the_servers_words_at_its_field(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    page = see(serve()).open("#/make")
+def test_an_invalid_value_displays_the_servers_message_at_its_field(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    page = new_page(serve()).open("#/make")
     stage(page).wait_for()
-    opened(page, tmp_path, DROP)
+    open_file(page, tmp_path, DROP)
     expect(verdict(page)).to_contain_text("no goal")
     page.get_by_role("button", name="ball", exact=True).click()
     friction = page.get_by_label("Friction")
     friction.fill("-1")
     expect(friction).to_have_attribute("aria-invalid", "true")
-    said = page.locator(f"#{friction.get_attribute('aria-describedby')}")
-    expect(said).to_contain_text("`scene.bodies[0].friction` is -1")
+    message = page.locator(f"#{friction.get_attribute('aria-describedby')}")
+    expect(message).to_contain_text("`scene.bodies[0].friction` is -1")
     friction.fill("0.5")
     expect(page.locator("[aria-invalid]")).to_have_count(0)
-    # Where another thing is selected, the way to the field is shown.
+    # If another object is selected, a button leads to the field.
     page.get_by_role("button", name="Goal", exact=True).click()
     page.get_by_label("Goal", exact=True).select_option("contact")
     page.get_by_label("Held for").fill("99")
@@ -243,48 +243,48 @@ def test_a_wrong_value_shows_the_servers_words_at_its_field(serve: Callable[...,
     expect(page.locator(".problem")).to_contain_text("effects[1].parameters.ax")
     page.get_by_label("ax of wind").fill("10")
     expect(page.locator(".problem")).to_be_hidden()
-    # Of a file that is opened, the first mistake is gone to.
-    opened(page, tmp_path, {**DROP, "bodies": [{**DROP["bodies"][0], "position": [0, 0.1]}]})
+    # After opening a file, the field of the first error is focused.
+    open_file(page, tmp_path, {**DROP, "bodies": [{**DROP["bodies"][0], "position": [0, 0.1]}]})
     expect(page.locator(".form h2")).to_have_text("ball")
     expect(page.get_by_label("y m", exact=True)).to_have_attribute("aria-invalid", "true")
 
 
-def test_a_wrong_file_is_told_and_a_right_one_kept_as_it_was(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    page = see(serve()).open("#/make")
+def test_an_invalid_file_is_reported_and_a_valid_one_preserved(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    page = new_page(serve()).open("#/make")
     stage(page).wait_for()
     notes = tmp_path / "notes.json"
     notes.write_text("x = 1")
     chooser = page.locator("input[type=file]")
     chooser.set_input_files(notes)
     expect(page.locator(".error")).to_contain_text("notes.json: It is not JSON")
-    opened(page, tmp_path, {**DROP, "bodies": [{"name": "ball", "shape": {"type": "ball"}}]})
+    open_file(page, tmp_path, {**DROP, "bodies": [{"name": "ball", "shape": {"type": "ball"}}]})
     expect(page.locator(".error")).to_contain_text("unknown variant `ball`")
-    dropped(page, DROP)
+    drop_file(page, DROP)
     expect(verdict(page)).to_contain_text("no goal")
     expect(page.locator(".error")).to_have_count(0)
-    assert saved(page, tmp_path) == DROP
-    # What the editor has no form for stays when something else is changed; names go along.
+    assert save(page, tmp_path) == DROP
+    # Fields without a form are preserved by edits; references follow renames.
     page.get_by_role("button", name="ball", exact=True).click()
     page.get_by_label("Name").fill("hammer")
     expect(page.get_by_text('Another object is named "hammer".')).to_be_visible()
     page.get_by_label("Name").fill("puck")
     page.get_by_label("Restitution").fill("0.25")
-    after = saved(page, tmp_path)
+    after = save(page, tmp_path)
     assert after["settings"] == {"slow": {"bodies": {"puck": {"mass": 0.0027}}}}
     assert after["bodies"][0] == {**DROP["bodies"][0], "name": "puck", "restitution": 0.25}
     assert {k: v for k, v in after.items() if k not in ("bodies", "settings")} == {k: v for k, v in DROP.items() if k not in ("bodies", "settings")}
 
 
-def test_what_is_off_is_not_run_and_a_task_is_drawn_on(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+def test_automatic_simulation_can_be_disabled_and_a_task_is_edited(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
     server = serve()
-    page = see(server).open("#/make")
+    page = new_page(server).open("#/make")
     stage(page).wait_for()
     page.get_by_role("button", name="Choose a task").click()
     page.get_by_role("button", name="basketball:003").click()
     expect(verdict(page)).to_contain_text("Goal")
-    task = server.ask("GET", "/v1/tasks/basketball/3")["scene"]
-    assert saved(page, tmp_path) == task
-    # Where the action puts things is found, another place on demand; a thing that is moved stands where it was put.
+    task = server.request("GET", "/v1/tasks/basketball/3")["scene"]
+    assert save(page, tmp_path) == task
+    # A valid action is searched for, another one on request; a moved object stays at its new position.
     before = page.locator(".acting").inner_text()
     page.get_by_role("button", name="Try another action").click()
     expect(page.locator(".acting")).not_to_have_text(before)
@@ -300,13 +300,13 @@ def test_what_is_off_is_not_run_and_a_task_is_drawn_on(serve: Callable[..., Any]
     expect(verdict(page)).to_be_hidden()
     page.get_by_role("button", name="Run", exact=True).click()
     expect(verdict(page)).to_contain_text("Goal")
-    after = saved(page, tmp_path)
+    after = save(page, tmp_path)
     assert {**after, "statics": after["statics"][:-1]} == task
     assert after["statics"][-1]["shape"]["type"] == "polygon"
 
 
-def test_the_keyboard_alone_adds_and_moves_a_body(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    page = see(serve()).open("#/make")
+def test_a_body_is_added_and_moved_by_keyboard(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    page = new_page(serve()).open("#/make")
     stage(page).focus()
     for key in ("s", "Enter", "d", "Enter"):
         page.keyboard.press(key)
@@ -328,4 +328,4 @@ def test_the_keyboard_alone_adds_and_moves_a_body(serve: Callable[..., Any], see
     page.keyboard.press("Delete")
     page.keyboard.press("n")
     expect(page.locator(".form h2")).to_have_text("segment")
-    assert saved(page, tmp_path)["bodies"] == []
+    assert save(page, tmp_path)["bodies"] == []

@@ -1,4 +1,4 @@
-"""Play: a task is solved by mouse; what only looks spends nothing."""
+"""Play: a task is solved by mouse; displaying it spends no interactions."""
 
 import json
 import statistics
@@ -16,13 +16,13 @@ def stage(page: Page) -> Locator:
 
 
 def film(page: Page) -> int:
-    """Waits for a film; its number."""
+    """Waits for a video and returns its number."""
     expect(page.locator(".badge.sim")).to_be_visible()
     return int(page.evaluate(FILMS))
 
 
 def point(page: Page, x: float, y: float) -> tuple[float, float]:
-    """Where a place of the world is on the screen."""
+    """Screen coordinates of a world position."""
     at = page.evaluate(
         """([x, y]) => {
           const p = new DOMPoint(x, y).matrixTransform(document.querySelector('.stage svg.scene > g').getScreenCTM());
@@ -42,12 +42,12 @@ def spent(page: Page) -> str:
     return page.locator(".tally .count").inner_text()
 
 
-def test_a_bowling_task_is_solved_by_mouse(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_bowling_task_is_solved_by_mouse(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    task = server.ask("GET", "/v1/tasks/bowling/0")
+    task = server.request("GET", "/v1/tasks/bowling/0")
     space = task["scene"]["action"]["components"]
     x, y, radius = (c["low"] + a * (c["high"] - c["low"]) for c, a in zip(space, task["certificate"]["action"], strict=True))
-    page = see(server).open("#/play/bowling:001")
+    page = new_page(server).open("#/play/bowling:001")
     film(page)
     page.get_by_role("button", name="Choose a task").click()
     page.get_by_role("button", name="bowling:000").click()
@@ -65,17 +65,17 @@ def test_a_bowling_task_is_solved_by_mouse(serve: Callable[..., Any], see: Calla
     expect(page.locator(".tally .count")).to_have_text("1")
     expect(page.locator(".gap")).to_be_visible()
     expect(page.locator(".tally")).to_contain_text("hidden")
-    # Looking spends nothing.
+    # Displaying spends no interactions.
     page.get_by_role("button", name="Pause").click()
     page.get_by_label("Time").fill("1.5")
     page.get_by_label("friction").fill("0.2")
     film(page)
     assert spent(page) == "1"
-    assert server.ask("GET", "/v1/worlds/bowling-real")["interactions"] == 1
+    assert server.request("GET", "/v1/worlds/bowling-real")["interactions"] == 1
 
 
-def test_a_latent_dragged_takes_the_film_along(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    page = see(serve()).open()
+def test_dragging_a_latent_updates_the_video(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open()
     film(page)
     page.wait_for_function("() => document.querySelector('.stage .shade').getAttribute('d')")
     before, seen = trails(page), film(page)
@@ -109,19 +109,19 @@ def test_a_latent_dragged_takes_the_film_along(serve: Callable[..., Any], see: C
     assert spent(page) == "0"
 
 
-def test_where_nothing_can_be_placed_is_shaded_and_said(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_invalid_placements_are_shaded_and_explained(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    page = see(server).open()
+    page = new_page(server).open()
     film(page)
-    scene = server.ask("GET", "/v1/tasks/bowling/0")["scene"]
+    scene = server.request("GET", "/v1/tasks/bowling/0")["scene"]
     page.mouse.click(*point(page, *scene["bodies"][0]["position"]))
     expect(page.locator(".refused-why")).to_contain_text("overlaps green")
     expect(page.get_by_role("button", name="Run in the real world")).to_be_disabled()
-    assert server.ask("GET", "/v1/worlds/bowling-real")["interactions"] == 0
+    assert server.request("GET", "/v1/worlds/bowling-real")["interactions"] == 0
 
 
-def test_everything_goes_by_keyboard(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
-    page = see(serve()).open()
+def test_play_is_operable_by_keyboard(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open()
     film(page)
     x = page.get_by_label("red x")
     before = float(x.input_value())
@@ -140,8 +140,8 @@ def test_everything_goes_by_keyboard(serve: Callable[..., Any], see: Callable[..
     expect(page.locator("fieldset.effect")).to_contain_text("a = (ax, ay)")
 
 
-def test_a_scene_file_is_played_and_a_wrong_one_is_told(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
-    page = see(serve()).open()
+def test_a_scene_file_is_played_and_an_invalid_one_reported(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Path) -> None:
+    page = new_page(serve()).open()
     film(page)
     wrong, bad, good = tmp_path / "notes.json", tmp_path / "bad.json", tmp_path / "drop.json"
     wrong.write_text("x = 1")

@@ -11,7 +11,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Whether the server lives. */
+        /** Liveness check. */
         get: operations["healthz"];
         put?: never;
         post?: never;
@@ -28,7 +28,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Counters for Prometheus. */
+        /** Metrics for Prometheus. */
         get: operations["metrics"];
         put?: never;
         post?: never;
@@ -45,7 +45,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** This document. */
+        /** Returns this OpenAPI document. */
         get: operations["openapi"];
         put?: never;
         post?: never;
@@ -62,7 +62,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Whether the server takes work. */
+        /** Readiness check. */
         get: operations["readyz"];
         put?: never;
         post?: never;
@@ -81,7 +81,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Starts an episode in each of many worlds (those of the mask); in all of them or none. */
+        /** Resets worlds, or those selected by the mask, all or none. */
         post: operations["reset_worlds"];
         delete?: never;
         options?: never;
@@ -98,10 +98,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /**
-         * Carries out one action in each of many worlds, simulated as one batch. An error in any entry names it, and then
-         *     nothing was done.
-         */
+        /** Steps worlds as one batch, one action each. An error names its entry, and then nothing has been done. */
         post: operations["step_worlds"];
         delete?: never;
         options?: never;
@@ -118,9 +115,9 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Makes many worlds that differ in their seeds; all of them or none. */
+        /** Creates worlds that differ only in their seeds, all or none. */
         post: operations["create_worlds"];
-        /** Forgets many worlds; all of them or none. */
+        /** Deletes worlds, all or none. */
         delete: operations["delete_worlds"];
         options?: never;
         head?: never;
@@ -137,8 +134,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Says which experiments would tell the most about a question under what is believed of the world, and why. A job; its
-         *     result is an `iplw.design/1` document: the batch in order, with expected information and its standard error.
+         * Selects the most informative experiments for a question under a distribution of worlds. A job; its result is an
+         *     `iplw.design/1` document: the batch in order, with expected information and its standard error.
          */
         post: operations["start_design"];
         delete?: never;
@@ -157,9 +154,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an `iplw.diagnosis/1`
-         *     document with the `extended_scene`, the `next_scene` (the next experiment as it would be simulated, or null)
-         *     and the `evidence`, tables to be drawn. Tracks of one ball need no scene: `ball` makes it.
+         * Finds the effects that a simulation lacks, from measured trials. A job; its result is an `iplw.diagnosis/1`
+         *     document with the `extended_scene`, the `next_scene` (the recommended experiment, or null)
+         *     and the `evidence`, tables for plots. For tracks of one ball give `ball` instead of a scene.
          */
         post: operations["start_diagnosis"];
         delete?: never;
@@ -176,10 +173,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * The trials that a diagnosis was given, as they were read (SI, y up), with the scene they are held against;
-         *     from the moment it is queued, whatever becomes of it.
+         * Lists the trials of a diagnosis as they were read (SI units, y up), with the scene they are compared with. Available
+         *     as soon as the job is queued.
          */
-        get: operations["list_given_trials"];
+        get: operations["list_diagnosis_trials"];
         put?: never;
         post?: never;
         delete?: never;
@@ -195,7 +192,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Effects that a world may have beyond gravity and contact, and that a diagnosis may find. */
+        /** Lists the effects beyond gravity and contact that worlds can have and diagnoses can find. */
         get: operations["list_effects"];
         put?: never;
         post?: never;
@@ -214,7 +211,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Estimates the latents of a real world: explore in simulation, measure, fit. A job. */
+        /** Estimates the latents of a real world in rounds of exploring in simulation, measuring and fitting. A job. */
         post: operations["start_iplw"];
         delete?: never;
         options?: never;
@@ -229,7 +226,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** What an estimation with `"real": "ask_tell"` wants carried out on the real world. */
+        /** Lists the open proposals of an estimation with `"real": "ask_tell"`. */
         get: operations["list_proposals"];
         put?: never;
         post?: never;
@@ -247,8 +244,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * The rounds of an estimation so far, the open one too: what was proposed and why, the residual, and what was known
-         *     of each latent after it, with intervals.
+         * Lists the rounds of an estimation, including the open one: proposals with reasons, the residual, and the estimate of
+         *     each latent with its interval.
          */
         get: operations["list_rounds"];
         put?: never;
@@ -269,11 +266,11 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Takes what was measured, as JSON or as a trials file (`text/csv`, whose `trial` is the proposal's number; the
-         *     other fields are then query parameters). Answers add up until every proposal of the round has one, has failed,
-         *     or the round is closed. The same answer again changes nothing.
+         * Submits measured trials, as JSON or as a trials file (`text/csv`, whose `trial` is the proposal's number; the
+         *     other fields are then query parameters). Submissions accumulate until every proposal of the round has a trial or has failed,
+         *     or the round is closed. Repeating a submission changes nothing.
          */
-        post: operations["tell_trials"];
+        post: operations["submit_trials"];
         delete?: never;
         options?: never;
         head?: never;
@@ -288,8 +285,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Jobs, oldest first unless asked otherwise.
-         * @description Results may be large, those of diagnoses above all: a list that is looked at often leaves them out by `results=false`.
+         * Lists jobs, by default oldest first.
+         * @description Results can be large, especially of diagnoses; omit them with `results=false` when polling.
          */
         get: operations["list_jobs"];
         put?: never;
@@ -307,11 +304,11 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One job. */
+        /** Returns a job. */
         get: operations["get_job"];
         put?: never;
         post?: never;
-        /** Cancels a job that has not ended (202); forgets one that has (204). */
+        /** Cancels a job that has not ended (202), or deletes one that has (204). */
         delete: operations["delete_job"];
         options?: never;
         head?: never;
@@ -326,8 +323,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. With
-         *     `Last-Event-ID`, only what came after; 204 if nothing ever will.
+         * Streams a job's progress as server-sent events: `progress`, and `done` at the end, each with the job as data. With
+         *     `Last-Event-ID`, only later events; 204 if there will be none.
          */
         get: operations["follow_job"];
         put?: never;
@@ -346,8 +343,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What happened to a job, line by line: stages, rounds, warnings, the server's restarts, its end.
-         * @description The latest 1000 lines are kept for as long as the job. To follow it, ask again with `after`.
+         * Returns a job's log: stages, rounds, warnings, server restarts and its end.
+         * @description The latest 1000 lines are kept as long as the job. To follow the log, repeat the request with `after`.
          */
         get: operations["get_job_log"];
         put?: never;
@@ -366,8 +363,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * The trials that an estimation measured, or was told. As JSON in pages with the scene they go with; as the files
-         *     of `iplw measure` with `format=csv` (trials.csv) and `format=scene` (scene.json), whole.
+         * Returns the trials of an estimation, measured or submitted: as JSON pages with their scene, or as the files of
+         *     `iplw measure`, `format=csv` (trials.csv) and `format=scene` (scene.json), unpaged.
          */
         get: operations["list_trials"];
         put?: never;
@@ -388,8 +385,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Prepares the likelihood that posteriors are drawn from, given measured trials, for a sampler of one's own. A job; its result
-         *     is an `iplw.likelihood/1` document that names the numbers of a point and what is believed of them.
+         * Prepares the likelihood of measured trials for an external sampler. A job; its result is an `iplw.likelihood/1` document
+         *     with the parameters of a point and their priors.
          */
         post: operations["start_likelihood"];
         delete?: never;
@@ -408,8 +405,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * How likely the trials are at each of many points, and what is believed of each: the sum of the two logarithms is the log
-         *     posterior density but for a constant. A point's numbers are the same bits in whatever company it is asked.
+         * Evaluates log likelihood and log prior at many points; their sum is the log posterior density up to a constant. Results
+         *     are bit-identical however points are batched.
          */
         post: operations["evaluate_likelihood"];
         delete?: never;
@@ -427,7 +424,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Points about the fit at which chains may begin: each is possible. */
+        /** Draws starting points of Markov chains around the fit, each with positive density. */
         post: operations["draw_starts"];
         delete?: never;
         options?: never;
@@ -442,7 +439,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** What the server takes, and for how long. */
+        /** Returns the server's limits. */
         get: operations["get_limits"];
         put?: never;
         post?: never;
@@ -461,7 +458,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Tells which actions have a place in a task or a scene, and why others have none; nothing is simulated. */
+        /** Checks which actions can be placed in a task or scene, with reasons if not. Nothing is simulated. */
         post: operations["place"];
         delete?: never;
         options?: never;
@@ -479,8 +476,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Ranks a task's actions by how likely they solve it under what is believed of the world. A job; its result is an
-         *     `iplw.plan/1` document: actions best first, those of trying everything, with probabilities from fresh draws.
+         * Ranks a task's actions by their probability of success under a distribution of worlds. A job; its result is an
+         *     `iplw.plan/1` document: actions best first, with probabilities estimated in new draws.
          */
         post: operations["start_plan"];
         delete?: never;
@@ -496,7 +493,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Policies, oldest first; replacing its weights makes a policy young again. */
+        /** Lists policies, oldest first; replacing the weights counts as a new policy. */
         get: operations["list_policies"];
         put?: never;
         /** Trains a policy in simulation. A job; its result names the policy. */
@@ -514,11 +511,11 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One policy. */
+        /** Returns a policy. */
         get: operations["get_policy"];
         put?: never;
         post?: never;
-        /** Forgets a policy and its weights. */
+        /** Deletes a policy and its weights. */
         delete: operations["delete_policy"];
         options?: never;
         head?: never;
@@ -535,8 +532,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * The actions a policy likes best on a task, of those that can be placed.
-         * @description The policy `random`, always there, likes them in an order drawn once.
+         * Returns the policy's highest-scoring actions on a task that can be placed.
+         * @description The built-in policy `random` has a fixed random order.
          */
         post: operations["act"];
         delete?: never;
@@ -555,8 +552,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world. The policy `random`
-         *     is always there, and so is `ranked`, for policies outside the server: their ranking comes with the request.
+         * Evaluates a policy in a world by AUCCESS. A job; its attempts are counted in the world. Built-in policies: `random`,
+         *     and `ranked` for policies outside the server, whose ranking is part of the request.
          */
         post: operations["evaluate_policy"];
         delete?: never;
@@ -575,8 +572,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Lets a policy learn on in a world, from random attempts on its training tasks. A job; its result names the new
-         *     policy. From the policy `untrained`, which is always there, this is direct learning: no simulation.
+         * Trains a policy further in a world, on random attempts on its training tasks. A job; its result names the new
+         *     policy. With the built-in policy `untrained` this is direct learning, without simulation.
          */
         post: operations["learn_policy"];
         delete?: never;
@@ -592,9 +589,9 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** A policy's weights, as safetensors. */
+        /** Returns a policy's weights as safetensors. */
         get: operations["download_weights"];
-        /** Stores weights: makes the policy, or replaces its weights. */
+        /** Uploads weights: creates the policy or replaces its weights. */
         put: operations["upload_weights"];
         post?: never;
         delete?: never;
@@ -613,8 +610,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Draws what is known of latents and of effects' parameters from the posterior given measured trials. A job; its result
-         *     is an `iplw.posterior/1` document, draws as `columns`, which a plan takes as its `belief`.
+         * Samples the posterior of latents and effect parameters given measured trials. A job; its result is an `iplw.posterior/2`
+         *     document with the draws as `columns`, which plans, designs and training take as `posterior`.
          */
         post: operations["start_posterior"];
         delete?: never;
@@ -633,8 +630,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Simulates one rollout of a task or a scene with the latents and effects given, and forgets it: no world is made,
-         *     nothing is counted. With the times of contacts, and as finely observed as asked.
+         * Simulates one rollout of a task or scene with given latents and effects. Creates no world and counts no interaction.
+         *     The result includes contacts; `observe_every` sets its sampling interval.
          */
         post: operations["simulate"];
         delete?: never;
@@ -650,12 +647,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Surfaces, oldest first. */
+        /** Lists surfaces, oldest first. */
         get: operations["list_surfaces"];
         put?: never;
         /**
-         * Finds out which latents a family's performance depends on. A job; its result names the surface. What was found in
-         *     the same way before is not found again.
+         * Computes how a family's performance depends on the latents. A job; its result names the surface. A stored surface with
+         *     the same configuration is reused.
          */
         post: operations["find_surface"];
         delete?: never;
@@ -671,11 +668,11 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One surface with its points. */
+        /** Returns a surface with its points. */
         get: operations["get_surface"];
         put?: never;
         post?: never;
-        /** Forgets a surface. */
+        /** Deletes a surface. */
         delete: operations["delete_surface"];
         options?: never;
         head?: never;
@@ -689,7 +686,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** A surface as a heat map. */
+        /** Draws a surface as a heat map. */
         get: operations["draw_surface"];
         put?: never;
         post?: never;
@@ -706,7 +703,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Families of tasks. */
+        /** Lists the families of tasks. */
         get: operations["list_families"];
         put?: never;
         post?: never;
@@ -723,7 +720,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Tasks of a family. */
+        /** Lists the tasks of a family. */
         get: operations["list_tasks"];
         put?: never;
         post?: never;
@@ -740,7 +737,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One task with its scene. */
+        /** Returns a task with its scene. */
         get: operations["get_task"];
         put?: never;
         post?: never;
@@ -757,12 +754,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Tokens by name: what they allow and until when, never what is presented. */
+        /** Lists tokens by name with scope and expiry, without their secrets. */
         get: operations["list_tokens"];
         put?: never;
         /**
-         * Makes a token, which is shown this once.
-         * @description It takes no `Idempotency-Key`: the answer would have to be kept. Who has lost it revokes the token and makes another.
+         * Creates a token. The secret is shown only once.
+         * @description Does not accept an `Idempotency-Key`, since the response would have to be stored. If it is lost, revoke the token and create another.
          */
         post: operations["make_token"];
         delete?: never;
@@ -781,7 +778,7 @@ export interface paths {
         get?: never;
         put?: never;
         post?: never;
-        /** Takes a token back, by its name: its bearer is refused from the next request on. */
+        /** Revokes a token by name, effective from the next request. */
         delete: operations["revoke_token"];
         options?: never;
         head?: never;
@@ -795,10 +792,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Worlds in order of id unless asked otherwise. */
+        /** Lists worlds, by default in order of id. */
         get: operations["list_worlds"];
         put?: never;
-        /** Makes a world; it outlives the server, and goes when nobody has used it for a while. */
+        /** Creates a world. It survives restarts and expires when idle. */
         post: operations["create_world"];
         delete?: never;
         options?: never;
@@ -813,11 +810,11 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One world. */
+        /** Returns a world. */
         get: operations["get_world"];
         put?: never;
         post?: never;
-        /** Forgets a world; the default ones come back when the server restarts. */
+        /** Deletes a world; default worlds are created again when the server restarts. */
         delete: operations["delete_world"];
         options?: never;
         head?: never;
@@ -834,8 +831,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Goes on from a snapshot with something else done: the counterfactual. Without a change it is the uninterrupted
-         *     rollout to the bit. An attempt like any other; many at once are `rollout` with `interventions`.
+         * Continues from a snapshot with interventions: a counterfactual rollout. Without interventions it is bit-identical to the
+         *     uninterrupted rollout. Counts as an attempt. For many branches at once use `rollout_world` with `interventions`.
          */
         post: operations["branch_world"];
         delete?: never;
@@ -852,9 +849,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Watches a world: server-sent events, first `world` with the world as it stands and its scene, then what happens in it,
-         *     `reset`, `step`, `attempts`, `latents` and at the end `gone`, with what was observed. With `Last-Event-ID`, what came after
-         *     and is still kept (`docs/reference/limits.md`); who reads too slowly misses the oldest. Nothing that the world hides is told.
+         * Streams a world's events as server-sent events: first `world` with the world and its scene, then `reset`, `step`,
+         *     `attempts` and `latents`, with observations, and finally `gone`. With `Last-Event-ID`, later events that are still buffered
+         *     (`docs/reference/limits.md`); slow clients miss the oldest. Hidden properties are not included.
          */
         get: operations["watch_world"];
         put?: never;
@@ -872,7 +869,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Draws the scene, or films the step that was made last (at no interaction) or an action that is attempted for it (which is one). */
+        /** Renders the scene, the last step (not counted), or an action that is attempted for it (counted as an interaction). */
         get: operations["render_world"];
         put?: never;
         post?: never;
@@ -891,7 +888,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Starts an episode. Without a seed, the world's own sequence of tasks goes on. */
+        /** Starts an episode. Without a seed, the world's task sequence continues. */
         post: operations["reset_world"];
         delete?: never;
         options?: never;
@@ -908,7 +905,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Attempts many actions at once, leaving the episode as it is. */
+        /** Attempts many actions at once, without changing the current episode. */
         post: operations["rollout_world"];
         delete?: never;
         options?: never;
@@ -925,7 +922,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Sets those latent factors that are given. */
+        /** Sets the given latent factors. */
         post: operations["set_latents"];
         delete?: never;
         options?: never;
@@ -943,8 +940,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * A moment in a rollout: where bodies are then, and a document from which to go on. It says how the moment is reached,
-         *     so it is exact and lasts as long as its world. It is no attempt.
+         * Takes a snapshot of a moment in a rollout: the states of the bodies, and a document to branch from. The document stores
+         *     how the moment is reached, so it is exact and valid as long as the world. Not counted as an attempt.
          */
         post: operations["snapshot_world"];
         delete?: never;
@@ -962,7 +959,7 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Carries out an action. An action that cannot be placed is an outcome (`valid: false`), not an attempt. */
+        /** Attempts an action. An action that cannot be placed returns `valid: false` and is not counted. */
         post: operations["step_world"];
         delete?: never;
         options?: never;
@@ -974,19 +971,15 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
-        /** @description Which actions to propose. */
+        /** @description Request for actions. */
         ActIn: {
-            /** @description How many, up to 10,000; default 1. */
+            /** @description Number of actions, up to 10,000. Default: 1. */
             count?: number | null;
             /** @description Id of the task. */
             task: string;
         };
-        /** @description Proposed actions, best first; all of them can be placed. */
-        Acted: {
-            actions: components["schemas"]["Scored"][];
-        };
         /**
-         * @description An action vector (each number from 0 to 1), or the number of a discrete action.
+         * @description An action vector (each component from 0 to 1), or the index of a discrete action.
          * @example [
          *       0.5,
          *       0.5,
@@ -994,15 +987,15 @@ export interface components {
          *     ]
          */
         ActionIn: number[] | number;
-        /** @description Actions: vectors in the unit cube, or numbers of discrete actions. */
+        /** @description Actions: vectors in the unit cube, or indices of discrete actions. */
         ActionSpaceOut: {
             components: components["schemas"]["ComponentOut"][];
             /** @description Number of discrete actions. */
             count: number;
-            /** @description Numbers in an action vector, each from 0 to 1. */
+            /** @description Length of an action vector, whose components are from 0 to 1. */
             dimension: number;
         };
-        /** @description How attempts beside the episode went. */
+        /** @description Counts of attempts outside the episode. */
         AttemptsOut: {
             solved: number;
             tried: number;
@@ -1010,12 +1003,12 @@ export interface components {
             valid: number;
         };
         /**
-         * @description As Gymnasium's `AutoresetMode`: `disabled` (stepping it again is refused), `next_step` (the next step resets it and
-         *     ignores the action) or `same_step` (reset in the step that ended it).
+         * @description Gymnasium's `AutoresetMode`: `disabled` (stepping a finished episode is an error), `next_step` (the next step resets the
+         *     world and ignores the action) or `same_step` (reset in the step that ended the episode).
          * @enum {string}
          */
         AutoresetIn: "disabled" | "next_step" | "same_step";
-        /** @description A ball, and a floor if there is one. */
+        /** @description A ball and optionally a floor. */
         BallIn: {
             /**
              * Format: double
@@ -1024,7 +1017,7 @@ export interface components {
             floor?: number | null;
             /**
              * Format: double
-             * @description m/s^2, downwards; 9.81 if absent.
+             * @description m/s^2, downwards. Default: 9.81.
              */
             gravity?: number | null;
             /**
@@ -1038,17 +1031,31 @@ export interface components {
              */
             radius: number;
         };
-        /** @description What a batch brought. */
-        BatchOut: {
-            /** @description With raw arrays: names of the bodies, in their order. */
-            bodies?: string[] | null;
-            /** @description Engine that ran. */
-            engine: string;
-            /** @description Valid attempts in this world so far. */
-            interactions: number;
-            /** @description In the order of the actions. */
-            results: components["schemas"]["ResultOut"][];
-            task: string;
+        /** @description Poses of a body. */
+        BodyPathOut: {
+            /** @description rad, counter-clockwise */
+            angle: number[];
+            /** @description m */
+            x: number[];
+            /** @description m, up */
+            y: number[];
+        };
+        /** @description The state of a body. */
+        BodyStateOut: {
+            /**
+             * Format: double
+             * @description rad
+             */
+            angle: number;
+            /**
+             * Format: double
+             * @description rad/s
+             */
+            angular_velocity: number;
+            /** @description m */
+            position: number[];
+            /** @description m/s */
+            velocity: number[];
         };
         /** @description Observed states of a body. */
         BodyTrack: {
@@ -1059,21 +1066,21 @@ export interface components {
             /** @description m, up */
             y: number[];
         };
-        /** @description Another course from a snapshot on. */
+        /** @description A branch from a snapshot. */
         BranchIn: {
-            /** @description What is done from then on, in this order where moments are the same; nothing makes the uninterrupted rollout. */
+            /** @description Interventions at or after the snapshot; simultaneous ones apply in this order. None: the uninterrupted rollout. */
             interventions?: components["schemas"]["InterventionIn"][] | null;
-            /** @description As it was answered; of this world. */
+            /** @description A snapshot of this world, as returned by `snapshot_world`. */
             snapshot: Record<string, never>;
         };
-        /** @description A rollout with something else done in it, from its start. */
+        /** @description The branched rollout, from its start. */
         BranchOut: {
             /**
              * Format: double
-             * @description Moment of the snapshot, s since the start.
+             * @description Time of the snapshot, s since the start.
              */
             at: number;
-            /** @description By body name, a state for each time; `null` while the body is not in the scene. */
+            /** @description By body name, one state per time; `null` while the body is not in the scene. */
             bodies: {
                 [key: string]: components["schemas"]["TrackOut"];
             };
@@ -1094,14 +1101,14 @@ export interface components {
             t: number[];
         };
         /** @description Evidence that a task can be solved. */
-        Certificate: {
-            /** @description An action that solves the task and still does when perturbed. */
+        CertificateOut: {
+            /** @description An action that solves the task, also when perturbed. */
             action: number[];
             /** @description Seed of the search. */
             seed: number;
             /**
              * Format: double
-             * @description Share of valid actions that solve it in the family's real world.
+             * @description Fraction of valid actions that solve it in the family's real world.
              */
             solving_share: number;
             /**
@@ -1110,36 +1117,49 @@ export interface components {
              */
             solving_share_undamped: number;
         };
-        /** @description Why these actions: how they differ, as simulated, from all candidates they were chosen from. */
+        /** @description Starting points of Markov chains. */
+        ChainStarts: {
+            /** @description Values of each parameter by name. */
+            columns: {
+                [key: string]: number[];
+            };
+        };
+        /** @description Request for starting points of Markov chains. */
+        ChainStartsIn: {
+            /** Format: int64 */
+            count: number;
+            seed?: number | null;
+        };
+        /** @description Statistics of the selected actions, as simulated, compared with all candidates. */
         ChoiceOut: {
-            /** @description Actions chosen. */
+            /** @description Number of selected actions. */
             actions: number;
             /**
              * Format: double
-             * @description The same over all candidates; of strategies that ask a question, over those looked at closely.
+             * @description Mean over all candidates; for strategies with a question, over the shortlist.
              */
             candidate_collisions: number;
             /** Format: double */
             candidate_rolling_steps: number;
             /**
              * Format: double
-             * @description Mean begun contacts between movable bodies of a chosen action.
+             * @description Mean number of contacts between movable bodies per selected action.
              */
             collisions: number;
-            /** @description What they were chosen to tell, where the strategy reckons with it; else empty. */
-            expected: components["schemas"]["ExpectedOut"][];
+            /** @description Expected reduction of uncertainty, if the strategy predicts it; otherwise empty. */
+            expected: components["schemas"]["ExpectedSdOut"][];
             groups?: components["schemas"]["GroupsOut"] | null;
-            /** @description Why each was chosen, in words, in the order of the proposals, where the strategy says so; else empty. */
+            /** @description Why each action was chosen, in the order of the proposals; empty if the strategy gives no reasons. */
             reasons: string[];
             /**
              * Format: double
-             * @description Mean time steps that bodies of a chosen action spend on a surface, summed over bodies.
+             * @description Mean time steps that bodies spend on a surface per selected action, summed over bodies.
              */
             rolling_steps: number;
-            /** @description Different tasks among them. */
+            /** @description Number of distinct tasks among them. */
             tasks: number;
         };
-        /** @description What one number of an action sets: `low` at 0, `high` at 1, SI. */
+        /** @description The quantity that an action component sets: `low` at 0, `high` at 1, SI units. */
         ComponentOut: {
             /** Format: double */
             high: number;
@@ -1149,13 +1169,13 @@ export interface components {
             set: string;
             target: string;
         };
-        /** @description Two things began to touch. */
+        /** @description Start of a contact between two objects. */
         ContactOut: {
             /** @description Names of two bodies, or of a body and a static. */
             between: string[];
             /**
              * Format: double
-             * @description How fast they approached along the contact's normal, m/s.
+             * @description Approach speed along the contact normal, m/s.
              */
             speed: number;
             /**
@@ -1164,65 +1184,51 @@ export interface components {
              */
             t: number;
         };
-        /** @description Counts that the paper's action groups are made from. */
+        /** @description Contact counts, which define the paper's action groups. */
         ContactsOut: {
             /**
              * Format: int32
-             * @description Begun contacts between movable bodies.
+             * @description Number of contacts between movable bodies.
              */
             collisions: number;
             /**
              * Format: int32
-             * @description Time steps that bodies spent on a surface, summed.
+             * @description Time steps that bodies spent on a surface, summed over bodies.
              */
             rolling_steps: number;
         };
-        /** @description What experiments cost, in the unit of the budget: minutes, say. */
+        /** @description Costs of experiments, in any unit, such as minutes. */
         CostsIn: {
             /**
              * Format: double
-             * @description Most that the batch may cost; default: as much as its size asks for.
+             * @description Maximum cost of the batch. Default: unlimited.
              */
             budget?: number | null;
             /**
              * Format: double
-             * @description What it costs more to set a task up, once for every task of the batch; default 0.
+             * @description Additional cost of setting up a task, once per task of the batch. Default: 0.
              */
             setup?: number | null;
             /**
              * Format: double
-             * @description Every experiment; default 1.
+             * @description Cost of an experiment. Default: 1.
              */
             trial?: number | null;
         };
-        /** @description The rounds of an estimation. */
-        Course: {
-            /** @description Real interactions so far, those of the open round too. */
-            interactions: number;
-            /** @description Cursor of the next page, if there is one. */
-            next?: string | null;
-            /** @description In order; the last one may be open. */
-            rounds: components["schemas"]["RoundOut"][];
-            /** @description The job's. */
-            state: string;
-        };
-        /** @description A world to make; one of `task` and `scene` is needed. */
+        /** @description A world to create. Requires either `task` or `scene`. */
         CreateWorld: {
-            /** @description Most valid attempts; real worlds only. */
+            /** @description Maximum number of valid attempts; real worlds only. */
             budget?: number | null;
             /**
              * Format: double
-             * @description Kept share of velocity per second, in (0, 1]; short for the effect `linear_drag`.
+             * @description Fraction of velocity kept per second, in (0, 1]; shorthand for the effect `linear_drag`.
              */
             damping?: number | null;
-            /**
-             * @description Effects beyond gravity and contact; a real world of a family has that family's if neither this nor
-             *     `damping` is given.
-             */
+            /** @description Effects beyond gravity and contact. Default without `damping`: none (sim) or the family's standard effects (real). */
             effects?: components["schemas"]["EffectIn"][] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
-            kind?: components["schemas"]["WorldKind"] | null;
+            kind?: components["schemas"]["WorldKindIn"] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
             /**
              * Format: double
@@ -1231,29 +1237,29 @@ export interface components {
             noise?: number | null;
             /** @description An `iplw.scene/1` document with `action` and `goal`. */
             scene?: Record<string, never> | null;
-            /** @description Whether latents and effects are kept secret; default true for real, false for sim. */
+            /** @description Whether latents and effects are hidden. Default: true for real, false for sim. */
             sealed?: boolean | null;
-            /** @description Seed of unseeded resets and of noise. */
+            /** @description Seed of the task sequence and of noise. */
             seed?: number | null;
             /** @description A family (`bowling`) or one task (`bowling:017`). */
             task?: string | null;
         };
-        /** @description Worlds to make, alike but for their seeds; otherwise as one world. */
+        /** @description Worlds to create, identical except for their seeds. */
         CreateWorlds: {
-            /** @description Most valid attempts in each world; real worlds only. */
+            /** @description Maximum number of valid attempts per world; real worlds only. */
             budget?: number | null;
-            /** @description How many, 1 to 4096. */
+            /** @description Number of worlds, 1 to 4096. */
             count: number;
             /**
              * Format: double
-             * @description Kept share of velocity per second, in (0, 1].
+             * @description Fraction of velocity kept per second, in (0, 1].
              */
             damping?: number | null;
             /** @description Effects beyond gravity and contact. */
             effects?: components["schemas"]["EffectIn"][] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
-            kind?: components["schemas"]["WorldKind"] | null;
+            kind?: components["schemas"]["WorldKindIn"] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
             /**
              * Format: double
@@ -1262,174 +1268,209 @@ export interface components {
             noise?: number | null;
             /** @description An `iplw.scene/1` document with `action` and `goal`. */
             scene?: Record<string, never> | null;
-            /** @description Whether latents and effects are kept secret; default true for real, false for sim. */
+            /** @description Whether latents and effects are hidden. Default: true for real, false for sim. */
             sealed?: boolean | null;
             /** @description Seed of the first world. */
             seed?: number | null;
-            /** @description One for each world; `seed`, `seed` + 1, ... if absent. */
+            /** @description One per world. Default: `seed`, `seed` + 1, ... */
             seeds?: number[] | null;
             /** @description A family (`bowling`) or one task (`bowling:017`). */
             task?: string | null;
         };
-        /** @description How likely trials are at each point. */
-        Densities: {
-            /**
-             * @description Natural logarithm of the likelihood; `null` (as an array: minus infinity) where it is zero or the prior does not allow the point.
-             *     Absent where the prior alone was asked for.
-             */
-            log_likelihood?: (number | null)[] | null;
-            /** @description Natural logarithm of the prior's density; `null` (as an array: minus infinity) where it does not allow the point. */
-            log_prior: (number | null)[];
+        /** @description A new token with its secret, which is shown only once. */
+        CreatedToken: components["schemas"]["TokenOut"] & {
+            /** @description The bearer token. The server stores only its hash. */
+            token: string;
+        };
+        /** @description The created worlds. */
+        CreatedWorlds: {
+            /** @description The first world. */
+            world: components["schemas"]["WorldOut"];
+            /** @description Ids in the order of the seeds. */
+            worlds: string[];
         };
         /**
-         * @description Tasks on which experiments are looked for, what is asked, and what is believed of the world: the `belief` of a posterior or, if it is
-         *     not given, the family's prior with one of the `sets` of effects each.
+         * @description An experimental design to compute: the tasks, the question, and the distribution of worlds, either a posterior (`posterior`) or
+         *     the family's prior with `sets` of effects.
          */
         DesignIn: {
-            /** @description Experiments to choose, together, up to 20; default 1. */
+            /** @description Number of experiments to choose jointly, up to 20. Default: 1. */
             batch?: number | null;
-            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read. */
-            belief?: Record<string, never> | null;
-            /** @description Random actions that are looked at, up to 2000; default 400. */
+            /** @description Number of random candidate actions, up to 2000. Default: 400. */
             candidates?: number | null;
-            /** @description Copies of an action whose spread counts as noise, 2 to 8; default 4. */
+            /** @description Number of perturbed copies per action, whose spread counts as noise, 2 to 8. Default: 4. */
             copies?: number | null;
             costs?: components["schemas"]["CostsIn"] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
             /**
              * Format: double
-             * @description Standard deviation with which a position is seen, m; default 0.005.
+             * @description Standard deviation of observed positions, m. Default: 0.005.
              */
             noise?: number | null;
             /**
              * Format: double
-             * @description Most that a component of an action is moved in a copy, up to 1; default 0.002.
+             * @description Maximum perturbation of an action component, up to 1. Default: 0.002.
              */
             perturb?: number | null;
+            /** @description An `iplw.posterior/2` document of equally weighted draws; only `columns`, `effects` and `discrepancy` are read. */
+            posterior?: Record<string, never> | null;
             /**
-             * @description `latents` (how large they are, and effects' parameters; the default), `effects` (which of the belief's sets the world has) or
-             *     `success` (whether what is planned for the test tasks solves them).
+             * @description `latents` (default: values of latents and effect parameters), `effects` (which set of effects the world has) or `success`
+             *     (whether plans solve the test tasks).
              */
             question?: string | null;
             seed?: number | null;
-            /**
-             * @description Of the prior: sets of effects that the world may have, as large as they usually are; equally likely, up to 20. Default: one
-             *     that is empty.
-             */
+            /** @description With the prior: up to 20 equally likely sets of effects of typical size. Default: one empty set. */
             sets?: string[][] | null;
-            /** @description So many of the best are looked at closely, up to 100; default 24. */
+            /** @description Number of best candidates to evaluate precisely, up to 100. Default: 24. */
             shortlist?: number | null;
-            /** @description A family, of which the training tasks are meant, or one task, `bowling:017`. */
+            /** @description A family (its training tasks are used) or one task, `bowling:017`. */
             task: string;
-            /** @description Worlds in which the best are looked at, 8 to 256; default 128. */
+            /** @description Number of sampled worlds for the precise evaluation, 8 to 256. Default: 128. */
             worlds?: number | null;
         };
         /**
-         * @description Measured trials, and the simulation they are held against: `scene` (or `ball`) and `trials`, or the `job` that
-         *     measured them.
+         * @description Measured trials and the simulation to compare them with: `scene` (or `ball`) and `trials`, or the `job` that measured
+         *     them.
          */
         DiagnosisIn: {
             ball?: components["schemas"]["BallIn"] | null;
-            /** @description Id of an estimation: its trials so far are diagnosed. */
+            /** @description Id of an estimation, to use its trials so far. */
             job?: string | null;
             reading?: components["schemas"]["ReadingIn"] | null;
-            /** @description An `iplw.scene/1` document: the base model; `calibrate` names the latents to estimate along. */
+            /** @description An `iplw.scene/1` document: the base model; its `calibrate` lists the latents to estimate, too. */
             scene?: Record<string, never> | null;
             seed?: number | null;
             trials?: components["schemas"]["TrialsIn"] | null;
         };
-        /** @description An effect by name. */
+        /** @description A trial of a diagnosis. */
+        DiagnosisTrialOut: {
+            /** @description By body name, one state per time. */
+            bodies: {
+                [key: string]: components["schemas"]["TrackOut"];
+            };
+            /** @description Setting of the scene, if it has settings. */
+            setting?: string | null;
+            /** @description Times, s. */
+            t: number[];
+            /** @description Name of the trial. */
+            trial: string;
+        };
+        /** @description The trials of a diagnosis. */
+        DiagnosisTrials: {
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+            /** @description An `iplw.scene/1` document: the base model. */
+            scene: Record<string, never>;
+            /** @description In the order of the request. */
+            trials: components["schemas"]["DiagnosisTrialOut"][];
+        };
+        /** @description An effect with its parameters. */
         EffectIn: {
-            /** @description `linear_drag`, ...: `iplw effects` lists them. */
+            /** @description `linear_drag`, ...; `iplw effects` lists all. */
             name: string;
-            /** @description Values in the effect's units; those absent leave the effect neutral. */
+            /** @description Values in the effect's units; absent ones have their neutral value. */
             parameters?: {
                 [key: string]: number;
             };
         };
-        /** @description An effect and what it takes. */
+        /** @description An effect with its parameters. */
         EffectOut: {
-            /** @description What it changes: `motion`, `contact`, `region`, `sensor` or `action`. */
+            /** @description Where it acts: `motion`, `contact`, `region`, `sensor` or `action`. */
             acts_on: string;
-            /** @description In words and symbols, SI. */
+            /** @description Equation in SI units. */
             equation: string;
             name: string;
             parameters: components["schemas"]["EffectParameterOut"][];
         };
         /** @description A parameter of an effect. */
         EffectParameterOut: {
-            /** @description Least and largest value. */
+            /** @description Minimum and maximum. */
             bounds: number[];
             name: string;
             /**
              * Format: double
-             * @description The value at which the effect vanishes.
+             * @description Value at which the effect vanishes.
              */
             neutral: number;
             unit: string;
         };
         /** @description All effects. */
-        Effects: {
+        EffectsPage: {
             effects: components["schemas"]["EffectOut"][];
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
         };
+        /** @description State of the current episode. */
+        EpisodeStateOut: {
+            /** @description Resets so far. */
+            episodes: number;
+            /** @description `new`, `ready` or `done`. */
+            phase: string;
+            /** @description Id of the current task. */
+            task?: string | null;
+        };
+        /** @description The rounds of an estimation. */
+        EstimationHistory: {
+            /** @description Real interactions so far, including the open round. */
+            interactions: number;
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+            /** @description In order; the last round may be open. */
+            rounds: components["schemas"]["RoundOut"][];
+            /** @description State of the job. */
+            state: string;
+        };
         /**
-         * @description An estimation to run. The real world is `world` (its interactions are counted there), one made for this job from
-         *     `real`, or, with `"real": "ask_tell"`, whoever carries out `/v1/iplw/{id}/proposals` and sends what was measured
-         *     to `/v1/iplw/{id}/trials`; without either, the family's standard one.
+         * @description An estimation to run. The real world is `world` (interactions are counted there), one created for this job from `real`, or,
+         *     with `"real": "ask_tell"`, the client's own: it carries out `/v1/iplw/{id}/proposals` and submits measurements to
+         *     `/v1/iplw/{id}/trials`. Default: the family's standard real world.
          */
-        Estimation: {
-            /** @description Real interactions a round; default 10. */
+        EstimationIn: {
+            /** @description Real interactions per round. Default: 10. */
             actions?: number | null;
-            /** @description Most real interactions in all. */
+            /** @description Maximum number of real interactions. */
             budget?: number | null;
-            /**
-             * @description Parameters of effects that the simulation is given and that are fitted along with the latents:
-             *     `linear_drag.c`, `wind.ax`.
-             */
+            /** @description Effect parameters to estimate together with the latents: `linear_drag.c`, `wind.ax`. */
             fit?: string[] | null;
             real?: components["schemas"]["RealChoice"] | null;
             /**
-             * @description `trajectory` (the default): simulated from the start to the end; `shooting`: anew from where things were seen,
-             *     a stretch at a time, which bears noise, chance in collisions and a simulation that is not quite the world.
+             * @description `trajectory` (default): simulate from start to end; `shooting` (multiple shooting): simulate segments from observed
+             *     states, which is robust to noise, chaotic collisions and small model errors.
              */
             residual?: string | null;
-            /** @description Most rounds of exploring, measuring and fitting; default 5. */
+            /** @description Maximum number of rounds of exploring, measuring and fitting. Default: 5. */
             rounds?: number | null;
             /** @description Latent samples per iteration of the search. */
             samples?: number | null;
             seed?: number | null;
             /**
-             * @description `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default); or, of what is drawn as known, `probing` (what
-             *     tells most of latents and parameters) or `success` (what tells most of whether plans work), a minute a round.
+             * @description `mixed` (default), `collisions`, `rolling`, `random`, `gradient`, `informative`; or, based on posterior draws and taking
+             *     about a minute per round, `probing` (most information on parameters) or `success` (on whether plans work).
              */
             strategy?: string | null;
-            /**
-             * @description Id of the family's performance surface, for `gradient` and `informative`; `gradient` finds a small one itself
-             *     if none is named.
-             */
+            /** @description Id of the family's performance surface, for `gradient` and `informative`; `gradient` computes a small one by default. */
             surface?: string | null;
-            /** @description A family (`bowling`: its training tasks are explored) or one task. */
+            /** @description A family (its training tasks are explored) or one task. */
             task: string;
             /** @description Id of a real world of that family. */
             world?: string | null;
         };
         /** @description An evaluation to run. */
         EvaluateIn: {
-            /** @description Most valid attempts a task, 1 to 100 (the default). */
+            /** @description Maximum number of valid attempts per task, 1 to 100. Default: 100. */
             attempts?: number | null;
-            /** @description For the policy `ranked`, which lives with the client: its order of actions, instead of a split. */
+            /** @description For the policy `ranked`: the client's ranking of actions, instead of a split. */
             ranking?: components["schemas"]["RankingIn"][] | null;
-            /** @description Decides which 10,000 discrete actions are ranked. */
+            /** @description Seed that selects the 10,000 discrete actions to rank. */
             seed?: number | null;
             split?: components["schemas"]["SplitIn"] | null;
             /** @description Id of a world of the policy's family; attempts are counted there. */
             world: string;
         };
-        /** @description How far something is known before a round and, if the simulation is right, after it. */
-        ExpectedOut: {
+        /** @description Posterior standard deviation before a round, and expected after it if the simulation is correct. */
+        ExpectedSdOut: {
             /**
              * Format: double
              * @description Standard deviation, in its unit.
@@ -1444,7 +1485,7 @@ export interface components {
             name: string;
         };
         /** @description All families. */
-        Families: {
+        FamiliesPage: {
             families: components["schemas"]["FamilyOut"][];
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
@@ -1454,7 +1495,7 @@ export interface components {
             /** @description One sentence. */
             about: string;
             action_space?: components["schemas"]["ActionSpaceOut"] | null;
-            /** @description Id under which Gymnasium makes the environment. */
+            /** @description Id of the Gymnasium environment. */
             gymnasium: string;
             name: string;
             split: components["schemas"]["SplitCounts"];
@@ -1462,89 +1503,28 @@ export interface components {
             tasks: number;
         };
         /** @description The tasks of a family. */
-        FamilyTasks: {
+        FamilyTasksPage: {
             action_space: components["schemas"]["ActionSpaceOut"];
             name: string;
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             observation_space: components["schemas"]["ObservationSpaceOut"];
-            tasks: components["schemas"]["TaskRow"][];
+            tasks: components["schemas"]["TaskSummary"][];
         };
-        /** @description A figure on the way. */
+        /** @description A metric reported during a job. */
         FigureOut: {
-            /** @description Units of the stage that were done. */
+            /** @description Completed units of the stage. */
             at: number;
             name: string;
             /** Format: double */
             value: number;
         };
-        /** @description A trajectory as far as it is drawn: in single precision, a long one with fewer samples. */
-        FilmOut: {
-            /** @description By body name, a state for each time. */
-            bodies: {
-                [key: string]: components["schemas"]["WayOut"];
-            };
-            /** @description s */
-            t: number[];
-        };
-        /** @description One of them. */
-        GivenOut: {
-            /** @description By name of the body, a state for each time. */
-            bodies: {
-                [key: string]: components["schemas"]["TrackOut"];
-            };
-            /** @description The setting of the scene that it was measured in, if there are any. */
-            setting?: string | null;
-            /** @description Times, s. */
-            t: number[];
-            /** @description Its name. */
-            trial: string;
-        };
-        /** @description The trials that a diagnosis was given. */
-        GivenTrials: {
-            /** @description Cursor of the next page, if there is one. */
-            next?: string | null;
-            /** @description An `iplw.scene/1` document: the base model. */
-            scene: Record<string, never>;
-            /** @description In the order in which they were given. */
-            trials: components["schemas"]["GivenOut"][];
-        };
-        /** @description How many actions were chosen for what. */
+        /** @description Number of actions chosen per purpose. */
         GroupsOut: {
-            /** @description For their collisions, which tell restitution. */
+            /** @description Chosen for collisions, which inform restitution. */
             collisions: number;
-            /** @description For their rolling, which tells friction. */
+            /** @description Chosen for rolling, which informs friction. */
             rolling: number;
-        };
-        /** @description Something that happened in a world: an event named as `what` says. */
-        HappenedOut: {
-            /** @description Of a step, or of the attempt that `film` shows: a number from 0 to 1 for each component. */
-            action?: number[] | null;
-            attempts?: components["schemas"]["AttemptsOut"] | null;
-            /** @description Of a step: `horizon`, `goal` or `diverged`. */
-            end?: string | null;
-            film?: components["schemas"]["FilmOut"] | null;
-            /** @description Valid attempts in the world after it. */
-            interactions: number;
-            latents?: components["schemas"]["LatentsOut"] | null;
-            /** @description The event's number, from 1. */
-            number: number;
-            /** @description Why it could not. */
-            reason?: string | null;
-            /** @description Of a step. */
-            solved?: boolean | null;
-            split?: components["schemas"]["SplitIn"] | null;
-            /**
-             * Format: int32
-             * @description Time steps of a step.
-             */
-            steps?: number | null;
-            /** @description Of a reset, a step or attempts. */
-            task?: string | null;
-            /** @description Of a step: whether the action could be placed. */
-            valid?: boolean | null;
-            /** @description `reset`, `step` (an action of an episode), `attempts` (actions beside it: a rollout, a film, a job), `latents` or `gone`. */
-            what: string;
         };
         /** @description Whether the server answers. */
         Health: {
@@ -1554,20 +1534,20 @@ export interface components {
             version: string;
         };
         /**
-         * @description Something done in the middle of a rollout: at a moment `at`, s since the start (the nearest time step), of which the
-         *     observation still shows the state before.
+         * @description A change during a rollout at time `at`, s since the start, rounded to the nearest time step. The observation at that time
+         *     shows the state before the change.
          */
         InterventionIn: {
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
             /** @description Name of a body. */
             body: string;
             /** @description N s; at most 400 m/s times the body's mass. */
             impulse: number[];
-            /** @description Where it acts, m, which also turns the body; at the centre of mass if absent. */
+            /** @description Point of application, m, which also changes the angular velocity. Default: the centre of mass. */
             point?: number[] | null;
             /** @enum {string} */
             type: "impulse";
@@ -1584,7 +1564,7 @@ export interface components {
             angular_velocity?: number | null;
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
             /** @description Name of a body. */
@@ -1598,27 +1578,27 @@ export interface components {
         } | {
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
-            /** @description As `bodies` of an `iplw.scene/1` document has them. */
+            /** @description A body as in `bodies` of an `iplw.scene/1` document. */
             body: unknown;
             /** @enum {string} */
             type: "add";
         } | {
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
-            /** @description As `statics` of an `iplw.scene/1` document has them. */
+            /** @description A static as in `statics` of an `iplw.scene/1` document. */
             static: unknown;
             /** @enum {string} */
             type: "add_static";
         } | {
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
             /** @description Name of a body or a static. */
@@ -1628,7 +1608,7 @@ export interface components {
         } | {
             /**
              * Format: double
-             * @description s; a branch's own moment if absent.
+             * @description s. Default: the time of the branch.
              */
             at?: number | null;
             /**
@@ -1643,44 +1623,51 @@ export interface components {
             /** @enum {string} */
             type: "latents";
         };
-        /** @description Long work. */
+        /** @description Lines of a job's log. */
+        JobLogPage: {
+            /** @description In chronological order. */
+            lines: components["schemas"]["LogLineOut"][];
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+        };
+        /** @description An asynchronous job. */
         JobOut: {
-            /** @description What was asked for. */
+            /** @description The request, without large data. */
             config: Record<string, never>;
             error?: components["schemas"]["Problem"] | null;
             id: string;
             /** @description `iplw`, `diagnose`, `surface`, `train`, `learn` or `evaluate`. */
             kind: string;
             progress: components["schemas"]["ProgressOut"];
-            /** @description When succeeded. */
+            /** @description Result, if succeeded. */
             result?: Record<string, never> | null;
             seed: number;
-            /** @description `queued`, `running`, `waiting` (for answers to its proposals), `succeeded`, `failed` or `cancelled`. */
+            /** @description `queued`, `running`, `waiting` (for submitted trials), `succeeded`, `failed` or `cancelled`. */
             state: string;
             /** @description Version of the program that ran it. */
             version: string;
         };
         /** @description All jobs. */
-        Jobs: {
+        JobsPage: {
             jobs: components["schemas"]["JobOut"][];
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
         };
-        /** @description What is known of a latent, or of an effect's parameter fitted along. */
-        KnownOut: {
-            /** @description 95 % interval; `[null, null]` stands for an infinite one. */
+        /** @description Estimate of a latent or of a free effect parameter. */
+        LatentEstimateOut: {
+            /** @description 95 % interval; `[null, null]` if infinite. */
             ci95: (number | null)[];
-            /** @description Whether the trials tell it. */
+            /** @description Whether the trials determine it. */
             identifiable: boolean;
             /** @description Name of the latent, or `effect.parameter`. */
             name: string;
             /**
              * Format: double
-             * @description The estimate; of one that cannot be identified, merely where the search stands.
+             * @description The estimate; if not identifiable, the search's current value.
              */
             value: number;
         };
-        /** @description Latent factors; any of them. */
+        /** @description Latent factors; all are optional. */
         LatentsIn: {
             /**
              * Format: double
@@ -1694,7 +1681,7 @@ export interface components {
             friction?: number | null;
             /**
              * Format: double
-             * @description Another name for `density`.
+             * @description Alias of `density`.
              */
             mass?: number | null;
             /**
@@ -1703,7 +1690,7 @@ export interface components {
              */
             restitution?: number | null;
         };
-        /** @description Latent factors in force; absent where bodies keep the scene's own. */
+        /** @description Active latent factors; absent where bodies have the scene's own values. */
         LatentsOut: {
             /**
              * Format: double
@@ -1715,157 +1702,159 @@ export interface components {
             /** Format: double */
             restitution?: number | null;
         };
-        /** @description Learning on in a world. */
+        /** @description Fine-tuning of a policy in a world. */
         LearnIn: {
-            /** @description Random valid attempts to learn from; default: as many as the batches hold. */
+            /** @description Number of random valid attempts to learn from. Default: batches times batch size. */
             attempts?: number | null;
-            /** @description Examples per update, half of them solving; default 32. */
+            /** @description Examples per update, half of them solving. Default: 32. */
             batch_size?: number | null;
-            /** @description Updates; default 125. */
+            /** @description Number of updates. Default: 125. */
             batches?: number | null;
             /**
              * Format: double
-             * @description Adam's step size at the start; default 0.0005.
+             * @description Adam's initial learning rate. Default: 0.0005.
              */
             learning_rate?: number | null;
             seed?: number | null;
             /** @description Id of a world of the policy's family; attempts are counted there. */
             world: string;
         };
-        /** @description Measured trials, the simulation they are of, and what a point is to be of: latents and parameters of effects. */
+        /** @description Measured trials, their simulation, and the parameters of a point: latents and effect parameters. */
         LikelihoodIn: {
             ball?: components["schemas"]["BallIn"] | null;
-            /** @description Latents, in place of the scene's `calibrate`. */
+            /** @description Latents to include, instead of the scene's `calibrate`. */
             calibrate?: string[] | null;
-            /** @description Whether what trials share and the model lacks is allowed for; true if absent. */
+            /** @description Whether to account for model discrepancy shared by the trials. Default: true. */
             discrepancy?: boolean | null;
-            /** @description Effects by name, whose parameters are numbers of a point; without any the scene as it is. */
+            /** @description Effects whose parameters are part of a point. Default: none. */
             effects?: string[] | null;
-            /** @description Id of an estimation: its trials so far are asked. */
+            /** @description Id of an estimation, to use its trials so far. */
             job?: string | null;
-            /** @description Mean and standard deviation by latent; else 1 and 0.5, for restitution 0.5 and 0.25. */
+            /** @description Mean and standard deviation by latent. Default: 1 and 0.5; restitution 0.5 and 0.25. */
             prior?: {
                 [key: string]: number[];
             } | null;
             reading?: components["schemas"]["ReadingIn"] | null;
-            /** @description An `iplw.scene/1` document; `calibrate` names the latents that are numbers of a point. */
+            /** @description An `iplw.scene/1` document; its `calibrate` lists the latents to include in a point. */
             scene?: Record<string, never> | null;
-            /** @description Of the fit. */
+            /** @description Seed of the fit. */
             seed?: number | null;
             trials?: components["schemas"]["TrialsIn"] | null;
         };
-        /** @description What a server takes, and for how long. */
+        /** @description Limits of a server: sizes, counts and timeouts. */
         Limits: {
             /**
-             * @description Most actions, or worlds, in a request. Beyond: 413 `too-large`.
+             * @description Maximum number of actions or worlds in a request. Beyond: 413 `too-large`.
              * @default 4096
              */
             actions: number;
             /**
              * Format: double
-             * @description Longest a body may take to come, s. Beyond: 408 `slow`.
+             * @description Maximum time to receive a body, s. Beyond: 408 `slow`.
              * @default 60
              */
             body_seconds: number;
             /**
-             * @description Most bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
+             * @description Maximum number of bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
              * @default 100000000
              */
             body_steps: number;
             /**
-             * @description Most connections of one client, its token or else its address, over HTTP and as many over ZeroMQ. Beyond: the one of
-             *     them that has waited longest for a request is hung up on; where all are busy, or over ZeroMQ, the new one.
+             * @description Maximum connections of one client (its token, or its address without a token) over HTTP, and as many over ZeroMQ. Beyond:
+             *     its connection that has been idle longest is closed; if all are busy, or over ZeroMQ, the new one.
              * @default 1024
              */
             client_connections: number;
             /**
-             * @description Most connections over HTTP. Beyond: the one that has waited longest for a request is hung up on; where all are busy,
-             *     the new one.
+             * @description Maximum HTTP connections. Beyond: the connection that has been idle longest is closed; if all are busy, the new one.
              * @default 4096
              */
             connections: number;
             /**
              * Format: double
-             * @description Longest the head of a request may take to come, s. Beyond: hung up on.
+             * @description Maximum time to receive the head of a request, s. Beyond: the connection is closed.
              * @default 10
              */
             header_seconds: number;
             /**
              * Format: double
-             * @description Longest a connection may be silent between requests, s. Beyond: hung up on.
+             * @description Maximum idle time of a connection between requests, s. Beyond: the connection is closed.
              * @default 120
              */
             idle_seconds: number;
             /**
              * Format: double
-             * @description How long a job that has ended is kept with all that belongs to it, s; for ever, if absent.
+             * @description Time after which an ended job and its data are removed, s; never if absent.
              * @default null
              */
             job_kept_seconds: number | null;
             /**
              * Format: double
-             * @description Longest a job may compute, s, waiting for answers not counted; without end, if absent. Beyond: it fails with `deadline`.
+             * @description Maximum computing time of a job, s, without the time it waits for results; unlimited if absent. Beyond: it fails with `deadline`.
              * @default null
              */
             job_seconds: number | null;
             /**
-             * @description Jobs that run at a time; the others wait.
+             * @description Number of jobs that run at a time; the others wait.
              * @default 2
              */
             jobs_running: number;
             /**
-             * @description Most jobs that wait. Beyond: 429 `capacity`.
+             * @description Maximum number of waiting jobs. Beyond: 429 `capacity`.
              * @default 64
              */
             jobs_waiting: number;
             /**
              * Format: double
-             * @description Longest a request may take, s; a client may ask for less (`X-Deadline`, over ZeroMQ `deadline`). Beyond: 503 `deadline`.
+             * @description Maximum duration of a request, s; a client may choose less (`X-Deadline`, over ZeroMQ `deadline`). Beyond: 503 `deadline`.
              * @default 30
              */
             request_seconds: number;
             /**
-             * @description Most sampled body states in an answer. Beyond: 413 `too-large`.
+             * @description Maximum number of sampled body states in a response. Beyond: 413 `too-large`.
              * @default 4000000
              */
             samples: number;
             /**
              * Format: double
-             * @description How long a world that a client made may go unused, s. Then it goes.
+             * @description Time after which an unused world of a client is removed, s.
              * @default 1800
              */
             world_idle_seconds: number;
             /**
-             * @description Most worlds. Beyond: 429 `capacity`.
+             * @description Maximum number of worlds. Beyond: 429 `capacity`.
              * @default 4096
              */
             worlds: number;
             /**
              * Format: double
-             * @description Longest a client may take nothing of its answer, s. Beyond: hung up on.
+             * @description Maximum time in which a client reads nothing of its response, s. Beyond: the connection is closed.
              * @default 60
              */
             write_seconds: number;
         };
+        /** @description Log densities at each point. */
+        LogDensities: {
+            /**
+             * @description Natural logarithm of the likelihood; `null` (minus infinity in a binary array) where it or the prior is zero. Absent
+             *     with `prior_only`.
+             */
+            log_likelihood?: (number | null)[] | null;
+            /** @description Natural logarithm of the prior density; `null` (minus infinity in a binary array) where it is zero. */
+            log_prior: (number | null)[];
+        };
         /** @description One line of a job's log. */
-        LineOut: {
+        LogLineOut: {
             /**
              * Format: double
-             * @description s since 1970, to the ms.
+             * @description Unix time, s, with ms precision.
              */
             at: number;
             /** @description `info`, `warning` or `error`. */
             level: string;
-            /** @description From 1; gaps are lines that are no longer kept. */
+            /** @description From 1; missing numbers are lines that were dropped. */
             number: number;
             text: string;
-        };
-        /** @description Lines of a job's log. */
-        Log: {
-            /** @description In the order of happening. */
-            lines: components["schemas"]["LineOut"][];
-            /** @description Cursor of the next page, if there is one. */
-            next?: string | null;
         };
         /** @description Features of an observation and their bounds. */
         ObservationSpaceOut: {
@@ -1873,7 +1862,7 @@ export interface components {
             low: number[];
             names: string[];
         };
-        /** @description Actions that may have a place; one of `task` and `scene` is needed. */
+        /** @description Actions to check for placement. Requires either `task` or `scene`. */
         PlaceIn: {
             /** @description At most 4096. */
             actions: components["schemas"]["ActionIn"][];
@@ -1882,211 +1871,207 @@ export interface components {
             /** @description Id of a task (`bowling:017`). */
             task?: string | null;
         };
-        /** @description Which actions have a place. */
-        Places: {
-            /** @description One for each action: why it cannot be placed, `null` where it can. */
+        /** @description Result of the placement checks. */
+        PlacementsOut: {
+            /** @description One per action: why it cannot be placed, `null` if it can. */
             reasons: (string | null)[];
         };
         /**
-         * @description A task to plan, and what is believed of the world: the `belief` of a posterior, one world (`latents`, and `effects`), or, if
-         *     neither is given, the family's prior (and `effects`).
+         * @description A task to plan, and the distribution of worlds: a posterior (`posterior`), a single world (`latents` and `effects`), or by
+         *     default the family's prior (with `effects`).
          */
         PlanIn: {
-            /** @description Actions looked at, up to 100,000; default 10,000. */
+            /** @description Number of candidate actions, up to 100,000. Default: 10,000. */
             actions?: number | null;
-            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read. */
-            belief?: Record<string, never> | null;
-            /** @description Worlds in which an action is tried, at most, up to 1000; and as many fresh ones for the best. Default 64. */
+            /** @description Maximum number of sampled worlds per action, up to 1000, and as many new ones for the best actions. Default: 64. */
             draws?: number | null;
-            /** @description Effects of the believed world. */
+            /** @description Effects of the world. */
             effects?: components["schemas"]["EffectIn"][] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
-            /** @description So many of the best are exact, and tried again under fresh draws: up to 100, default 10. */
+            /** @description Number of best actions to identify exactly and re-evaluate in new worlds, up to 100. Default: 10. */
             exact?: number | null;
             latents?: components["schemas"]["LatentsIn"] | null;
             /**
              * Format: double
-             * @description Most that a component of an action is moved in a copy, up to 1; default 0.002, and 0 tries actions as they are.
+             * @description Maximum perturbation of an action component, up to 1; 0 for none. Default: 0.002.
              */
             perturb?: number | null;
-            /** @description Most rollouts of the race; what is known by then is the answer. */
+            /** @description An `iplw.posterior/2` document of equally weighted draws; only `columns`, `effects` and `discrepancy` are read. */
+            posterior?: Record<string, never> | null;
+            /** @description Maximum number of rollouts; the result is the best known by then. */
             rollouts?: number | null;
             /**
              * Format: double
-             * @description Most seconds of the race, up to 3600; likewise, and the same request may then be answered differently.
+             * @description Maximum seconds, up to 3600; with it, results may differ between runs.
              */
             seconds?: number | null;
             seed?: number | null;
             /** @description One task, `bowling:017`. */
             task: string;
         };
-        /** @description Points to be asked. */
+        /** @description Points to evaluate. */
         PointsIn: {
-            /** @description Values of each of the numbers, by name; as many of each as there are points, 4096 at most. */
+            /** @description Values of each parameter by name, one per point; at most 4096 points. */
             columns: {
                 [key: string]: number[];
             };
-            /** @description Whether the prior alone is wanted, for which nothing is simulated. */
+            /** @description Evaluates only the prior, without simulation. */
             prior_only?: boolean;
         };
         /** @description All policies. */
-        Policies: {
+        PoliciesPage: {
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             policies: components["schemas"]["PolicyOut"][];
         };
         /** @description A policy. */
         PolicyOut: {
-            /** @description What it is and how it came about. */
+            /** @description Description. */
             about: string;
-            /** @description Size of its weights. */
+            /** @description Size of its weights, bytes. */
             bytes: number;
-            /** @description What it was trained with. */
+            /** @description Configuration of its training. */
             config: Record<string, never>;
             id: string;
             /** @description Id of the job that trained it. */
             job?: string | null;
-            /** @description Family it scores actions of; `any` for those that are always there. */
+            /** @description Family whose actions it scores; `any` for built-in policies. */
             task: string;
             /** @description `fixed`, `randomised`, `believed`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`. */
             training: string;
             /** @description Version of the program that stored it. */
             version: string;
         };
-        /** @description Measured trials, the simulation they are of, and what is to be known: latents and parameters of effects. */
+        /** @description Measured trials, their simulation, and the parameters to infer: latents and effect parameters. */
         PosteriorIn: {
             ball?: components["schemas"]["BallIn"] | null;
-            /** @description Latents to be known, in place of the scene's `calibrate`. */
+            /** @description Latents to infer, instead of the scene's `calibrate`. */
             calibrate?: string[] | null;
-            /** @description Whether what trials share and the model lacks is allowed for; true if absent. */
+            /** @description Whether to account for model discrepancy shared by the trials. Default: true. */
             discrepancy?: boolean | null;
-            /** @description Draws in all; 1024 if absent. */
+            /** @description Total number of draws. Default: 1024. */
             draws?: number | null;
-            /** @description Id of an estimation: its trials so far are asked. */
+            /** @description Id of an estimation, to use its trials so far. */
             job?: string | null;
             /** @description `smc` (sequential Monte Carlo) or `mcmc` (Markov chains). */
             method?: string | null;
-            /** @description Mean and standard deviation by latent; else 1 and 0.5, for restitution 0.5 and 0.25. */
+            /** @description Mean and standard deviation by latent. Default: 1 and 0.5; restitution 0.5 and 0.25. */
             prior?: {
                 [key: string]: number[];
             } | null;
             reading?: components["schemas"]["ReadingIn"] | null;
-            /** @description An `iplw.scene/1` document; `calibrate` names the latents to be known. */
+            /**
+             * @description Whether a likely discrepancy field is simulated and sampled with the parameters: wider, more honest intervals, for minutes of
+             *     CPU time instead of seconds. Requires `discrepancy`. Default: false.
+             */
+            sample_discrepancy?: boolean | null;
+            /** @description An `iplw.scene/1` document; its `calibrate` lists the latents to infer. */
             scene?: Record<string, never> | null;
             seed?: number | null;
-            /**
-             * @description Sets of effects by name, each a model of its own, weighed by how it predicts trials from the others; `[]` is the scene as it
-             *     is, which is the default.
-             */
+            /** @description Sets of effects, one model each, weighted by cross-validated predictive density. Default: one empty set. */
             sets?: string[][] | null;
             trials?: components["schemas"]["TrialsIn"] | null;
         };
-        /** @description What went wrong (`application/problem+json`, RFC 9457). */
+        /** @description An error response (`application/problem+json`, RFC 9457). */
         Problem: {
-            /** @description What it may be. */
+            /** @description Allowed values. */
             allowed?: string | null;
-            /** @description What went wrong this time, and what to do. */
+            /** @description Description of the error in this request, and what to do. */
             detail: string;
-            /** @description The field concerned. */
+            /** @description The invalid field. */
             field?: string | null;
             /** Format: int32 */
             status: number;
             title: string;
             /**
-             * @description Names the kind of problem; the last part is fixed, the text elsewhere may change.
+             * @description URI of the problem type; its last part is stable.
              * @example https://iplw.dev/problems/invalid-value
              */
             type: string;
-            /** @description The value it had. */
+            /** @description The field's value. */
             value?: string | null;
         };
-        /** @description How far a job is. */
+        /** @description Progress of a job. */
         ProgressOut: {
             done: number;
             /**
              * Format: double
-             * @description Seconds left at the rate so far: of all rounds for an estimation (once one is finished), else of the stage;
-             *     `null` while not known.
+             * @description Estimated remaining seconds: of all rounds for an estimation (after the first), otherwise of the stage; `null` while
+             *     unknown.
              */
             eta_s?: number | null;
             /**
-             * @description In events: what the work told since the event before. `loss`: binary cross-entropy, nats, the mean of the batches
-             *     since the last one told; `validation`: AUCCESS on tasks not learned from.
+             * @description In events: metrics since the previous event. `loss`: mean binary cross-entropy of the batches since then, nats;
+             *     `validation`: AUCCESS on validation tasks.
              */
             figures?: components["schemas"]["FigureOut"][];
             stage: string;
             total: number;
         };
-        /** @description An action to be carried out. */
+        /** @description An action to carry out on the real world. */
         ProposalOut: {
-            /** @description Each number from 0 to 1. */
+            /** @description Components from 0 to 1. */
             action: number[];
-            /** @description Whether it was answered, or reported as failed. */
+            /** @description Whether a trial was submitted or the proposal was reported as failed. */
             answered: boolean;
-            /** @description Counts from 0 over the whole job. */
+            /** @description From 0, counted over the whole job. */
             number: number;
-            /** @description Times that a simulation is observed at, s; a measurement may take others. */
+            /** @description Observation times of the simulation, s; a measurement may use others. */
             observe_at: number[];
-            /** @description Why it was chosen, in words; null where the strategy gives no reasons. */
+            /** @description Why it was chosen; null if the strategy gives no reasons. */
             reason?: string | null;
-            /** @description An `iplw.scene/1` document with everything placed as it is to be let go. */
+            /** @description An `iplw.scene/1` document with the action placed: the initial state to measure from. */
             scene: Record<string, never>;
             task: string;
         };
-        /** @description What is to be carried out on the real world. */
+        /** @description The open proposals of an estimation. */
         Proposals: {
-            /** @description Empty unless the job waits. */
+            /** @description Empty unless the job is `waiting`. */
             proposals: components["schemas"]["ProposalOut"][];
             /** @description Number of the round, from 0. */
             round: number;
-            /** @description The job's: with `waiting`, proposals stand; with `queued` and `running`, ask again; else nothing more comes. */
+            /** @description State of the job: `waiting` if there are proposals, `queued` or `running` if they will come, otherwise final. */
             state: string;
         };
-        /** @description An action that was proposed. */
-        ProposedOut: {
-            /** @description Each number from 0 to 1. */
-            action: number[];
-            /** @description Whether it was measured; `false` for one that could not be carried out, `null` while nothing is known. */
-            measured?: boolean | null;
-            /** @description Counts from 0 over the whole job. */
-            number: number;
-            task: string;
+        /** @description The highest-ranked actions that can be placed, best first. */
+        ProposedActions: {
+            actions: components["schemas"]["ScoredAction"][];
         };
-        /** @description A task's actions in the order in which they are to be tried. */
+        /** @description A ranking of a task's actions. */
         RankingIn: {
-            /** @description Action vectors, best first; more than 100 are of use where some cannot be placed. */
+            /** @description Action vectors, best first; give more than 100 if some cannot be placed. */
             actions: number[][];
             /** @description Id of a task of the world. */
             task: string;
         };
-        /** @description Units, and the track to read, where the files do not say. */
+        /** @description Units, and the track to read, if the files do not state them. */
         ReadingIn: {
             /**
              * Format: double
-             * @description Pictures a second: times are numbers of pictures.
+             * @description Frames per second; times are then frame numbers.
              */
             fps?: number | null;
             /** @description m, cm, mm, um, km, in, ft. */
             length_unit?: string | null;
             /**
              * Format: double
-             * @description m: coordinates are in pixels.
+             * @description m per pixel; coordinates are then in pixels.
              */
             metres_per_pixel?: number | null;
             /** @description s, ms, us, min. */
             time_unit?: string | null;
-            /** @description Which track, or body, of files that hold several. */
+            /** @description The track or body to read from files with several. */
             track?: string | null;
-            /** @description Whether y is counted downwards, as in pictures. */
+            /** @description Whether y points down, as in images. */
             y_down?: boolean | null;
         };
         RealChoice: "ask_tell" | components["schemas"]["RealIn"];
-        /** @description A real world, where it differs from the family's standard one. */
+        /** @description A real world; absent fields are those of the family's standard real world. */
         RealIn: {
             /**
              * Format: double
-             * @description Kept share of velocity per second, in (0, 1].
+             * @description Fraction of velocity kept per second, in (0, 1].
              */
             damping?: number | null;
             effects?: components["schemas"]["EffectIn"][] | null;
@@ -2097,15 +2082,24 @@ export interface components {
              */
             noise?: number | null;
         };
-        /** @description What to reset to; everything may be absent. */
+        /** @description A trajectory for drawing: single precision, and fewer samples if it is long. */
+        RecordingOut: {
+            /** @description By body name, one pose per time. */
+            bodies: {
+                [key: string]: components["schemas"]["BodyPathOut"];
+            };
+            /** @description s */
+            t: number[];
+        };
+        /** @description Options of a reset; all are optional. */
         ResetIn: {
-            /** @description Starts the world's sequence of tasks anew. */
+            /** @description Restarts the world's task sequence. */
             seed?: number | null;
             split?: components["schemas"]["SplitIn"] | null;
-            /** @description Id of the task; drawn from the sequence if absent. */
+            /** @description Id of the task. Default: the next of the task sequence. */
             task?: string | null;
         };
-        /** @description What else there is to know after a reset. */
+        /** @description Gymnasium's info of a reset. */
         ResetInfo: {
             split: components["schemas"]["SplitIn"];
             task: string;
@@ -2113,24 +2107,56 @@ export interface components {
         /** @description The start of an episode. */
         ResetOut: {
             info: components["schemas"]["ResetInfo"];
-            /** @description Each from 0 to 1, as the world's `observation_space` names them. */
+            /** @description Values from 0 to 1; the world's `observation_space` names them. */
             observation: number[];
         };
         /** @description Episodes to start. */
         ResetWorlds: {
-            /** @description One for each world: whether it is reset at all. */
+            /** @description One per world: whether to reset it. */
             mask?: boolean[] | null;
-            /** @description One for each world: starts its sequence of tasks anew. */
+            /** @description One per world: restarts its task sequence. */
             seeds?: (number | null)[] | null;
             split?: components["schemas"]["SplitIn"] | null;
-            /** @description One for each world: id of the task; drawn from the world's sequence where `null`. */
+            /** @description One per world: id of the task, or `null` for the next of its task sequence. */
             tasks?: (string | null)[] | null;
-            /** @description Ids, different ones. */
+            /** @description Distinct ids. */
             worlds: string[];
         };
-        /** @description What one action brought. */
-        ResultOut: {
-            /** @description By body name, a state for each time; `null` while an intervention has the body out of the scene. */
+        /** @description The new episodes, in the order of the worlds. Worlds that were not reset have zeros and `null`. */
+        ResetWorldsOut: {
+            /** @description One row per world. */
+            observation: number[][];
+            split: (components["schemas"]["SplitIn"] | null)[];
+            task: (string | null)[];
+        };
+        /** @description A batch of rollouts outside any episode. */
+        RolloutIn: {
+            /** @description At most 4096. */
+            actions: components["schemas"]["ActionIn"][];
+            /** @description Interventions during the rollouts: one list per action, or one for all. Not in real or sealed worlds. */
+            interventions?: components["schemas"]["InterventionIn"][][] | null;
+            /** @description Whether rollouts end when the goal is reached. Default: true; always true in a real world. */
+            stop?: boolean | null;
+            /** @description Id of the task. Default: the current task. */
+            task?: string | null;
+            /** @description Whether results contain trajectories. Default: false. */
+            trajectories?: boolean | null;
+        };
+        /** @description Results of a batch of rollouts. */
+        RolloutOut: {
+            /** @description With binary arrays: names of the bodies, in the order of `states`. */
+            bodies?: string[] | null;
+            /** @description Engine that ran. */
+            engine: string;
+            /** @description Valid attempts in this world so far. */
+            interactions: number;
+            /** @description In the order of the actions. */
+            results: components["schemas"]["RolloutResultOut"][];
+            task: string;
+        };
+        /** @description Result of one action. */
+        RolloutResultOut: {
+            /** @description By body name, one state per time; `null` while the body is not in the scene. */
             bodies?: {
                 [key: string]: components["schemas"]["BodyTrack"];
             } | null;
@@ -2148,48 +2174,45 @@ export interface components {
             t?: number[] | null;
             valid: boolean;
         };
-        /** @description A batch of attempts outside any episode. */
-        RolloutIn: {
-            /** @description At most 4096. */
-            actions: components["schemas"]["ActionIn"][];
-            /** @description What is done in the middle of rollouts: a list for each action, or one for all of them. Not in a real or sealed world. */
-            interventions?: components["schemas"]["InterventionIn"][][] | null;
-            /** @description Whether a rollout ends with the goal; default true, and always true in a real world. */
-            stop?: boolean | null;
-            /** @description Id of the task; the current one if absent. */
-            task?: string | null;
-            /** @description Whether results carry the observed trajectory; default false. */
-            trajectories?: boolean | null;
-        };
         /** @description One round. */
         RoundOut: {
             choice: components["schemas"]["ChoiceOut"];
-            /** @description Whether it is finished; else its residual and latents are not known yet. */
+            /** @description Whether the round is fitted; if not, residual and latents are not known yet. */
             fitted: boolean;
-            /** @description Real interactions up to here. */
+            /** @description Real interactions up to and including this round. */
             interactions: number;
-            /** @description What was known after it of latents, and of parameters fitted along. */
-            latents: components["schemas"]["KnownOut"][];
+            /** @description Estimates after this round of the latents and of free effect parameters. */
+            latents: components["schemas"]["LatentEstimateOut"][];
             /** @description From 0. */
             number: number;
-            proposals: components["schemas"]["ProposedOut"][];
+            proposals: components["schemas"]["RoundProposalOut"][];
             /**
              * Format: double
-             * @description Of the best sample, m^2 per trajectory; `null` if nothing was measured.
+             * @description Residual of the best sample, m^2 per trajectory; `null` if nothing was measured.
              */
             residual?: number | null;
         };
+        /** @description A proposed action. */
+        RoundProposalOut: {
+            /** @description Components from 0 to 1. */
+            action: number[];
+            /** @description Whether it was measured; `false` if it could not be carried out, `null` if still open. */
+            measured?: boolean | null;
+            /** @description From 0, counted over the whole job. */
+            number: number;
+            task: string;
+        };
         /** @description A discrete action and its score. */
-        Scored: {
+        ScoredAction: {
             action: number[];
             index: number;
             /**
              * Format: float
-             * @description The higher, the likelier to solve the task.
+             * @description Higher scores are more likely to solve the task.
              */
             score: number;
         };
-        /** @description How much performance depends on one latent. */
+        /** @description Sensitivity of performance to one latent. */
         SensitivityOut: {
             factor: string;
             /**
@@ -2203,33 +2226,33 @@ export interface components {
              */
             stake: number;
         };
-        /** @description A rollout to simulate; one of `task` and `scene` is needed. */
+        /** @description A rollout to simulate. Requires either `task` or `scene`. */
         SimulateIn: {
             action?: components["schemas"]["ActionIn"] | null;
-            /** @description Effects beyond gravity and contact, and beyond the scene's own. */
+            /** @description Effects in addition to the scene's own. */
             effects?: components["schemas"]["EffectIn"][] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
             latents?: components["schemas"]["LatentsIn"] | null;
             /**
              * Format: int32
-             * @description Time steps between two samples; the scene's own if absent.
+             * @description Time steps between two samples. Default: the scene's.
              */
             observe_every?: number | null;
-            /** @description An `iplw.scene/1` document; it needs neither `action` nor `goal`. */
+            /** @description An `iplw.scene/1` document; `action` and `goal` are optional. */
             scene?: Record<string, never> | null;
-            /** @description Whether it ends when the goal is reached; default true. */
+            /** @description Whether the rollout ends when the goal is reached. Default: true. */
             stop?: boolean | null;
             /** @description Id of a task (`bowling:017`). */
             task?: string | null;
         };
-        /** @description What became of it. */
-        Simulated: {
-            /** @description By body name, a state for each time. */
+        /** @description Result of an ad-hoc simulation. */
+        SimulationOut: {
+            /** @description By body name, one state per time. */
             bodies: {
                 [key: string]: components["schemas"]["BodyTrack"];
             };
-            /** @description Contacts that began, in order of time. */
+            /** @description Contacts, in order of time. */
             contacts: components["schemas"]["ContactOut"][];
             /** @description `horizon`, `goal` or `diverged`. */
             end?: string | null;
@@ -2237,7 +2260,7 @@ export interface components {
             engine: string;
             /** @description Why it could not be placed. */
             reason?: string | null;
-            /** @description Whether the goal was reached; `null` where the scene has none. */
+            /** @description Whether the goal was reached; `null` if the scene has none. */
             solved?: boolean | null;
             /**
              * Format: int32
@@ -2249,19 +2272,19 @@ export interface components {
             /** @description Whether the action could be placed; if not, nothing was simulated. */
             valid: boolean;
         };
-        /** @description The moment to make a snapshot of. */
+        /** @description The moment to take a snapshot of. */
         SnapshotIn: {
             action?: components["schemas"]["ActionIn"] | null;
             /**
              * Format: double
-             * @description s since the start; the nearest time step.
+             * @description s since the start, rounded to the nearest time step.
              */
             at: number;
-            /** @description What is done on the way, up to then. */
+            /** @description Interventions up to that moment. */
             interventions?: components["schemas"]["InterventionIn"][] | null;
-            /** @description Whether the rollout ends with the goal; default true. */
+            /** @description Whether the rollout ends when the goal is reached. Default: true. */
             stop?: boolean | null;
-            /** @description Id of the task; the current one if absent. */
+            /** @description Id of the task. Default: the current task. */
             task?: string | null;
         };
         /** @description A moment in a rollout. */
@@ -2271,60 +2294,38 @@ export interface components {
              * @description s since the start
              */
             at: number;
-            /** @description States then, by name of the body; of those that are in the scene. */
+            /** @description States of the bodies in the scene at that moment, by name. */
             bodies: {
-                [key: string]: components["schemas"]["StateOut"];
+                [key: string]: components["schemas"]["BodyStateOut"];
             };
-            /** @description An `iplw.snapshot/1` document: to be kept as long as one likes, and to be given to a branch. */
+            /** @description An `iplw.snapshot/1` document to pass to `branch_world`; valid as long as the world exists. */
             snapshot: Record<string, never>;
             /**
              * Format: int32
-             * @description The same in time steps.
+             * @description The same moment in time steps.
              */
             step: number;
         };
-        /** @description Numbers of tasks. */
+        /** @description Number of tasks per split. */
         SplitCounts: {
             test: number;
             train: number;
             validation: number;
         };
         /**
-         * @description Part of a family.
+         * @description Split of a family's tasks.
          * @enum {string}
          */
         SplitIn: "train" | "validation" | "test";
-        /** @description Points at which chains may begin. */
-        Starts: {
-            /** @description Values of each of the numbers, by name. */
-            columns: {
-                [key: string]: number[];
-            };
-        };
-        /** @description How many points are wanted to begin chains at. */
-        StartsIn: {
-            /** Format: int64 */
-            count: number;
-            seed?: number | null;
-        };
-        /** @description Where the current episode stands. */
-        StateOut: {
-            /** @description Resets so far. */
-            episodes: number;
-            /** @description `new`, `ready` or `done`. */
-            phase: string;
-            /** @description Id of the current task. */
-            task?: string | null;
-        };
         /** @description One action. */
         StepIn: {
             action: components["schemas"]["ActionIn"];
         };
-        /** @description What else there is to know after a step. */
+        /** @description Gymnasium's info of a step. */
         StepInfo: {
             /**
              * Format: int32
-             * @description Begun contacts between movable bodies.
+             * @description Number of contacts between movable bodies.
              */
             collisions: number;
             /** @description `horizon`, `goal` or `diverged`. */
@@ -2335,7 +2336,7 @@ export interface components {
             reason?: string | null;
             /**
              * Format: int32
-             * @description Time steps that bodies spent on a surface, summed.
+             * @description Time steps that bodies spent on a surface, summed over bodies.
              */
             rolling_steps: number;
             solved: boolean;
@@ -2345,10 +2346,10 @@ export interface components {
              */
             steps: number;
             task: string;
-            /** @description Whether the action could be placed; if not, it was no attempt and the episode goes on. */
+            /** @description Whether the action could be placed; if not, it is not counted and the episode continues. */
             valid: boolean;
         };
-        /** @description Gymnasium's tuple. */
+        /** @description Gymnasium's result of a step. */
         StepOut: {
             info: components["schemas"]["StepInfo"];
             observation: number[];
@@ -2361,27 +2362,71 @@ export interface components {
             /** @description Always false: a task takes one action. */
             truncated: boolean;
         };
-        /** @description One action in each of many worlds. If any of them is refused, nothing is done in any. */
+        /** @description One action per world. If any is rejected, nothing is done. */
         StepWorlds: {
-            /** @description One for each world: a vector, or the number of a discrete action. */
+            /** @description One per world: a vector, or the index of a discrete action. */
             actions: components["schemas"]["ActionIn"][];
             autoreset?: components["schemas"]["AutoresetIn"] | null;
             split?: components["schemas"]["SplitIn"] | null;
-            /** @description Ids, different ones. */
+            /** @description Distinct ids. */
             worlds: string[];
         };
-        /** @description A surface to find. */
+        /** @description Results of the steps, in the order of the worlds. */
+        StepWorldsOut: {
+            /** @description Number of contacts between movable bodies. */
+            collisions: number[];
+            /** @description `horizon`, `goal` or `diverged`; `null` where nothing was simulated. */
+            end: (string | null)[];
+            /** @description With `same_step`: one row per world, the final state where an episode ended, otherwise zeros. */
+            final_observation?: number[][] | null;
+            /** @description With `same_step`: id of the task whose episode ended, otherwise `null`. */
+            final_task?: (string | null)[] | null;
+            /** @description Valid attempts in the world so far. */
+            interactions: number[];
+            /** @description One row per world; with `same_step`, of the new episode where one started. */
+            observation: number[][];
+            /** @description Why the action could not be placed; `null` where it could. */
+            reason: (string | null)[];
+            /** @description Whether the world was reset and its action ignored (`next_step`). */
+            reset: boolean[];
+            /** @description 1 where the task was solved, else 0. */
+            reward: number[];
+            /** @description Time steps that bodies spent on a surface, summed over bodies. */
+            rolling_steps: number[];
+            solved: boolean[];
+            /** @description Split of the new episode; `null` where none started. */
+            split: (components["schemas"]["SplitIn"] | null)[];
+            /** @description Simulated time steps. */
+            steps: number[];
+            /** @description Id of the task of `observation`. */
+            task: string[];
+            terminated: boolean[];
+            /** @description Always false: a task takes one action. */
+            truncated: boolean[];
+            /** @description Whether the action could be placed. */
+            valid: boolean[];
+        };
+        /** @description Status of the round after a submission. */
+        SubmissionStatus: {
+            /** @description Proposals with a trial. */
+            answered: number;
+            /** @description Proposals that could not be carried out. */
+            failed: number;
+            /** @description Proposals without a submission. */
+            open: number;
+            round: number;
+            /** @description State of the job: `queued` once the round is complete. */
+            state: string;
+        };
+        /** @description A performance surface to compute. */
         SurfaceIn: {
-            /** @description Actions sampled per task (ideal) or labelled per training task (dqn); default: the family's own. */
+            /** @description Actions sampled per task (`ideal`) or labelled per training task (`dqn`). Default: the family's. */
             actions?: number | null;
-            /** @description What is varied: two or three of `density`, `friction`, `restitution`; default friction and restitution. */
+            /** @description Factors to vary: two or three of `density`, `friction`, `restitution`. Default: friction and restitution. */
             factors?: string[] | null;
-            /** @description Design points, 3 to 5000; default 40. */
+            /** @description Number of design points, 3 to 5000. Default: 40. */
             points?: number | null;
-            /**
-             * @description `ideal` (the default): actions that solve in the simulation are tried first, no learning; `dqn`: a policy is
-             *     trained at every point.
-             */
+            /** @description `ideal` (default): tries actions that solve the simulation, without learning; `dqn`: trains a policy at every point. */
             route?: string | null;
             seed?: number | null;
             /** @description A family. */
@@ -2389,105 +2434,76 @@ export interface components {
         };
         /** @description A surface, without its points. */
         SurfaceOut: {
-            /** @description How it was found. */
+            /** @description Configuration of its computation. */
             config: Record<string, never>;
             id: string;
-            /** @description Id of the job that found it. */
+            /** @description Id of the job that computed it. */
             job?: string | null;
-            /** @description Number of points it rests on. */
+            /** @description Number of points. */
             points: number;
             /** @description `ideal` or `dqn`. */
             route: string;
-            /** @description Slopes over what the prior holds likely. */
+            /** @description Mean slopes under the prior. */
             sensitivities: components["schemas"]["SensitivityOut"][];
-            /** @description Family it is about. */
+            /** @description Family. */
             task: string;
-            /** @description Version of the program that found it. */
+            /** @description Version of the program that computed it. */
             version: string;
         };
         /** @description A surface with its points: `iplw.surface/1`, as `iplw surface` writes it. */
-        SurfaceWhole: components["schemas"]["SurfaceOut"] & {
+        SurfaceWithPoints: components["schemas"]["SurfaceOut"] & {
             surface: Record<string, never>;
         };
         /** @description All surfaces. */
-        Surfaces: {
+        SurfacesPage: {
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             surfaces: components["schemas"]["SurfaceOut"][];
         };
         /** @description A task with its scene. */
         TaskOut: {
-            certificate?: components["schemas"]["Certificate"] | null;
+            certificate?: components["schemas"]["CertificateOut"] | null;
             id: string;
             /** @description An `iplw.scene/1` document. */
             scene: Record<string, never>;
             split: components["schemas"]["SplitIn"];
         };
         /** @description A task without its scene. */
-        TaskRow: {
-            certificate?: components["schemas"]["Certificate"] | null;
+        TaskSummary: {
+            certificate?: components["schemas"]["CertificateOut"] | null;
             id: string;
             split: components["schemas"]["SplitIn"];
         };
-        /** @description What was measured. Nothing of a request is taken unless all of it is. */
-        TellIn: {
-            /** @description Ends the round: what is not answered then has failed. */
-            close?: boolean;
-            /** @description Numbers of proposals that could not be carried out. */
-            failed?: number[] | null;
-            /** @description Lets answers take the place of different ones given before, as long as the round is open. */
-            replace?: boolean;
-            /** @description Number of the round that is meant; guards a repeated `close` from closing the next round. */
-            round?: number | null;
-            trials?: components["schemas"]["TrialIn"][] | null;
-        };
-        /** @description A token to make. */
+        /** @description A token to create. */
         TokenIn: {
-            /** @description How long it is good: `30d`, `12h`, `15m`, `90s`, or `never`; 90 days if absent. */
+            /** @description Lifetime: `30d`, `12h`, `15m`, `90s` or `never`. Default: 90 days. */
             expires?: string | null;
-            /** @description `read`, `act` or `admin`. */
-            may: string;
-            /** @description Whose it is: worlds, jobs and policies made with it belong to this name. */
+            /** @description Owner: worlds, jobs and policies created with the token belong to this name. */
             name: string;
+            /** @description `read`, `act` or `admin`. */
+            scope: string;
         };
-        /** @description A token that was made, with what is shown this once. */
-        TokenMade: components["schemas"]["TokenOut"] & {
-            /** @description What its bearer presents. Nothing of it is kept but its hash. */
-            token: string;
-        };
-        /** @description A token as it is known. */
+        /** @description A token, without its secret. */
         TokenOut: {
-            /** @description Whether it has ended. */
+            /** @description Whether it has expired. */
             expired: boolean;
-            /** @description When it ends; never, if absent. */
+            /** @description Expiry time; absent if it never expires. */
             expires?: string | null;
-            /** @description Whether it was given to the server when it was started, and cannot be revoked while it runs. */
+            /** @description Whether it was passed to the server at start and cannot be revoked while it runs. */
             fixed: boolean;
-            /** @description When it was made; absent where that is not known. */
+            /** @description Creation time; absent if unknown. */
             made?: string | null;
-            /** @description `read`, `act` or `admin`. */
-            may: string;
             name: string;
+            /** @description `read`, `act` or `admin`. */
+            scope: string;
         };
         /** @description A page of tokens. */
-        Tokens: {
+        TokensPage: {
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             tokens: components["schemas"]["TokenOut"][];
         };
-        /** @description Where the round stands. */
-        Told: {
-            /** @description Proposals measured. */
-            answered: number;
-            /** @description Proposals that could not be carried out. */
-            failed: number;
-            /** @description Proposals of which nothing is known yet. */
-            open: number;
-            round: number;
-            /** @description The job's: `queued` once the round is complete. */
-            state: string;
-        };
-        /** @description A body's states, one for each time; `null` where it was not seen. Positions are needed, the rest is kept. */
+        /** @description A body's states, one per time; `null` where not observed. Positions are required, the rest is optional. */
         TrackIn: {
             /** @description rad, counter-clockwise */
             angle?: (number | null)[] | null;
@@ -2502,7 +2518,7 @@ export interface components {
             /** @description m, up */
             y?: (number | null)[] | null;
         };
-        /** @description A body's states; `null` where one was not seen. */
+        /** @description A body's states; `null` where not observed. */
         TrackOut: {
             /** @description rad, counter-clockwise */
             angle: (number | null)[];
@@ -2518,36 +2534,35 @@ export interface components {
             y: (number | null)[];
         };
         /**
-         * @description A policy to train in simulation: one (`latents`, and `effects`), one drawn for every rollout (`training`), or what is known
-         *     (`belief`).
+         * @description A policy to train in simulation: in a fixed one (`latents` and `effects`), with domain randomisation (`training`), or in draws
+         *     from a posterior (`posterior`).
          */
         TrainIn: {
-            /** @description Examples per update; the family's own number if absent. */
+            /** @description Examples per update. Default: the family's. */
             batch_size?: number | null;
-            /** @description Updates; the family's own number if absent. */
+            /** @description Number of updates. Default: the family's. */
             batches?: number | null;
-            /**
-             * @description An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws, what they
-             *     carry without a name included. Stands in the place of
-             *     `training`, `latents` and `effects`.
-             */
-            belief?: Record<string, never> | null;
             /** @description Effects of the simulation. */
             effects?: components["schemas"]["EffectIn"][] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
+            /**
+             * @description An `iplw.posterior/2` document: every action is labelled in one of its draws, including their discrepancy fields. Replaces
+             *     `training`, `latents` and `effects`.
+             */
+            posterior?: Record<string, never> | null;
             preset?: components["schemas"]["TrainPresetIn"] | null;
             seed?: number | null;
             /** @description A family (its training tasks are used) or one task. */
             task: string;
             training?: components["schemas"]["TrainingIn"] | null;
             /**
-             * @description How often AUCCESS on labelled actions of validation tasks is looked at along the way, in the same simulation, up to 100;
-             *     default 0. Told in the job's events (`validation`) and result.
+             * @description Number of evaluations of AUCCESS on validation tasks during training, up to 100; reported in events and result as
+             *     `validation`. Default: 0.
              */
             validations?: number | null;
         };
         /**
-         * @description How long a policy is trained.
+         * @description Training length of a policy.
          * @enum {string}
          */
         TrainPresetIn: "paper" | "saturating";
@@ -2556,22 +2571,22 @@ export interface components {
          * @enum {string}
          */
         TrainingIn: "fixed" | "randomised";
-        /** @description One carried-out proposal. */
+        /** @description The trial measured for a proposal. */
         TrialIn: {
-            /** @description By name of the body; those not observed may be left out. */
+            /** @description By body name; unobserved bodies may be omitted. */
             bodies: {
                 [key: string]: components["schemas"]["TrackIn"];
             };
             /** @description Number of the proposal. */
             proposal: number;
-            /** @description Rising times, s, from the moment the bodies were let go; the first from 0 to 0.1. */
+            /** @description Increasing times since the start, s; the first from 0 to 0.1. */
             t: number[];
         };
         /** @description One measured trial. */
         TrialOut: {
-            /** @description Each number from 0 to 1. */
+            /** @description Components from 0 to 1. */
             action: number[];
-            /** @description By name of the body, a state for each time. */
+            /** @description By body name, one state per time. */
             bodies: {
                 [key: string]: components["schemas"]["TrackOut"];
             };
@@ -2581,45 +2596,75 @@ export interface components {
             /** @description Times, s. */
             t: number[];
             task: string;
-            /** @description Its name, which is also that of its setting. */
+            /** @description Name of the trial and of its setting. */
             trial: string;
         };
+        /** @description The text of one file, or the texts of several by name; a file is one trial unless it has a `trial` column. */
+        TrialsIn: string | {
+            [key: string]: string;
+        };
         /** @description The trials of an estimation. */
-        Trials: {
+        TrialsPage: {
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             /**
-             * @description An `iplw.scene/1` document; its settings, one a trial, place what differs between these trials;
-             *     `null` without trials.
+             * @description An `iplw.scene/1` document with one setting per trial for the values that differ between trials; `null` without
+             *     trials.
              */
             scene?: Record<string, never> | null;
             trials: components["schemas"]["TrialOut"][];
         };
-        /** @description The text of a file, or the texts of several by name: each of one trial, unless a column says otherwise. */
-        TrialsIn: string | {
-            [key: string]: string;
+        /** @description Measured trials to submit. A request is accepted as a whole or not at all. */
+        TrialsSubmission: {
+            /** @description Ends the round: proposals without a trial are treated as failed. */
+            close?: boolean;
+            /** @description Numbers of proposals that could not be carried out. */
+            failed?: number[] | null;
+            /** @description Allows replacing earlier submissions while the round is open. */
+            replace?: boolean;
+            /** @description Number of the round; keeps a repeated `close` from closing the next round. */
+            round?: number | null;
+            trials?: components["schemas"]["TrialIn"][] | null;
         };
-        /** @description The first event of a watch, `world`: the world as it stands. */
-        WatchOut: {
-            /**
-             * @description The scene of that task, as far as it is drawn: names, shapes, places, the goal and what an
-             *     action sets.
-             */
+        /** @description The first event, `world`: the current state of the world. */
+        WatchStart: {
+            /** @description The scene of that task without hidden properties: names, shapes, poses, goal and action space. */
             scene: Record<string, never>;
-            /** @description Its current task, or else its first. */
+            /** @description The current task, or the first if there is none. */
             task: string;
             world: components["schemas"]["WorldOut"];
         };
-        /** @description Where a body was. */
-        WayOut: {
-            /** @description rad, counter-clockwise */
-            angle: number[];
-            /** @description m */
-            x: number[];
-            /** @description m, up */
-            y: number[];
+        /** @description An event in a world, of the type `what`. */
+        WorldEventOut: {
+            /** @description With `step`, or of the attempt in `film`: components from 0 to 1. */
+            action?: number[] | null;
+            attempts?: components["schemas"]["AttemptsOut"] | null;
+            /** @description With `step`: `horizon`, `goal` or `diverged`. */
+            end?: string | null;
+            film?: components["schemas"]["RecordingOut"] | null;
+            /** @description Valid attempts in the world after the event. */
+            interactions: number;
+            latents?: components["schemas"]["LatentsOut"] | null;
+            /** @description Number of the event, from 1. */
+            number: number;
+            /** @description Why it could not be placed. */
+            reason?: string | null;
+            /** @description With `step`. */
+            solved?: boolean | null;
+            split?: components["schemas"]["SplitIn"] | null;
+            /**
+             * Format: int32
+             * @description With `step`: simulated time steps.
+             */
+            steps?: number | null;
+            /** @description With `reset`, `step` and `attempts`. */
+            task?: string | null;
+            /** @description With `step`: whether the action could be placed. */
+            valid?: boolean | null;
+            /** @description `reset`, `step` (an action of an episode), `attempts` (outside it: rollouts, renders, jobs), `latents` or `gone` (deleted). */
+            what: string;
         };
-        /** @description Worlds by id, different ones. */
+        /** @description Distinct worlds by id. */
         WorldIds: {
             worlds: string[];
         };
@@ -2627,7 +2672,7 @@ export interface components {
          * @description Simulated or real.
          * @enum {string}
          */
-        WorldKind: "sim" | "real";
+        WorldKindIn: "sim" | "real";
         /** @description A world. */
         WorldOut: {
             action_space: components["schemas"]["ActionSpaceOut"];
@@ -2636,77 +2681,28 @@ export interface components {
             effects?: components["schemas"]["EffectIn"][] | null;
             engine: string;
             id: string;
-            /** @description For how long nobody has used it, whole s. To list worlds or to watch one is no use. */
+            /** @description Idle time, whole s. Listing and watching do not count as use. */
             idle_s: number;
-            /** @description Valid attempts so far: steps, rollouts, films and jobs. */
+            /** @description Valid attempts so far: steps, rollouts, renders and jobs. */
             interactions: number;
-            kind: components["schemas"]["WorldKind"];
+            kind: components["schemas"]["WorldKindIn"];
             latents?: components["schemas"]["LatentsOut"] | null;
             observation_space: components["schemas"]["ObservationSpaceOut"];
-            /** @description Name of the token it was made with; `null` for those that are always there, and where there are no tokens. */
+            /** @description Name of the token that created it; `null` for default worlds and without authentication. */
             owner?: string | null;
-            /** @description Budget not yet spent. */
+            /** @description Remaining budget. */
             remaining?: number | null;
             sealed: boolean;
             seed: number;
-            state: components["schemas"]["StateOut"];
+            state: components["schemas"]["EpisodeStateOut"];
             /** @description Family, task or custom scene. */
             task: string;
         };
         /** @description All worlds. */
-        Worlds: {
+        WorldsPage: {
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
             worlds: components["schemas"]["WorldOut"][];
-        };
-        /** @description The worlds made. */
-        WorldsMade: {
-            /** @description The first of them. */
-            world: components["schemas"]["WorldOut"];
-            /** @description Their ids, in the order of the seeds. */
-            worlds: string[];
-        };
-        /** @description The starts of episodes, in the order of the worlds. What was not reset has zeros and `null`. */
-        WorldsReset: {
-            /** @description A row for each world. */
-            observation: number[][];
-            split: (components["schemas"]["SplitIn"] | null)[];
-            task: (string | null)[];
-        };
-        /** @description What the actions brought, in the order of the worlds. */
-        WorldsStepped: {
-            /** @description Begun contacts between movable bodies. */
-            collisions: number[];
-            /** @description `horizon`, `goal` or `diverged`; `null` where nothing was simulated. */
-            end: (string | null)[];
-            /** @description With `same_step`: a row for each world, of the final state where an episode ended, else zeros. */
-            final_observation?: number[][] | null;
-            /** @description With `same_step`: id of the task whose episode ended, else `null`. */
-            final_task?: (string | null)[] | null;
-            /** @description Valid attempts in the world so far. */
-            interactions: number[];
-            /** @description A row for each world; with `same_step`, of the new episode where one began. */
-            observation: number[][];
-            /** @description Why the action could not be placed; `null` where it could. */
-            reason: (string | null)[];
-            /** @description Whether the world was reset instead, its action ignored (`next_step`). */
-            reset: boolean[];
-            /** @description 1 where the task was solved, else 0. */
-            reward: number[];
-            /** @description Time steps that bodies spent on a surface, summed. */
-            rolling_steps: number[];
-            solved: boolean[];
-            /** @description Part of the family of the episode that began; `null` where none did. */
-            split: (components["schemas"]["SplitIn"] | null)[];
-            /** @description Simulated time steps. */
-            steps: number[];
-            /** @description Id of the task that `observation` is of. */
-            task: string[];
-            terminated: boolean[];
-            /** @description Always false: a task takes one action. */
-            truncated: boolean[];
-            /** @description Whether the action could be placed. */
-            valid: boolean[];
         };
     };
     responses: never;
@@ -2735,7 +2731,7 @@ export interface operations {
                     "application/json": components["schemas"]["Health"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -2744,7 +2740,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -2753,7 +2749,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2782,7 +2778,7 @@ export interface operations {
                     "text/plain": string;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -2791,7 +2787,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -2800,7 +2796,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -2809,7 +2805,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2838,7 +2834,7 @@ export interface operations {
                     "application/json": Record<string, never>;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -2847,7 +2843,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -2856,7 +2852,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -2865,7 +2861,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2894,7 +2890,7 @@ export interface operations {
                     "application/json": components["schemas"]["Health"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -2903,7 +2899,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -2912,7 +2908,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description It is stopping */
+            /** @description The server is stopping */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2943,7 +2939,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["WorldsReset"];
+                    "application/json": components["schemas"]["ResetWorldsOut"];
                 };
             };
             /** @description Bad Request */
@@ -2955,7 +2951,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -2964,7 +2960,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -2982,7 +2978,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3000,7 +2996,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3009,7 +3005,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3027,7 +3023,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3057,7 +3053,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["WorldsStepped"];
+                    "application/json": components["schemas"]["StepWorldsOut"];
                 };
             };
             /** @description Bad Request */
@@ -3069,7 +3065,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3078,7 +3074,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3096,7 +3092,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3123,7 +3119,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3132,7 +3128,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3159,7 +3155,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3174,7 +3170,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -3192,7 +3188,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["WorldsMade"];
+                    "application/json": components["schemas"]["CreatedWorlds"];
                 };
             };
             /** @description Bad Request */
@@ -3204,7 +3200,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3213,7 +3209,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3231,7 +3227,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3249,7 +3245,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3258,7 +3254,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3276,7 +3272,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No room for more worlds */
+            /** @description Too many worlds */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3285,7 +3281,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3309,7 +3305,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Gone */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
@@ -3325,7 +3321,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3334,7 +3330,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3352,7 +3348,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3370,7 +3366,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3379,7 +3375,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3397,7 +3393,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3412,7 +3408,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -3427,7 +3423,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -3444,7 +3440,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3453,7 +3449,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3471,7 +3467,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3489,7 +3485,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3498,7 +3494,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3516,7 +3512,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3525,7 +3521,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3540,7 +3536,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -3555,7 +3551,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -3572,7 +3568,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3581,7 +3577,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3599,7 +3595,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3626,7 +3622,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3635,7 +3631,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3653,7 +3649,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3662,7 +3658,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3673,12 +3669,12 @@ export interface operations {
             };
         };
     };
-    list_given_trials: {
+    list_diagnosis_trials: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -3695,10 +3691,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["GivenTrials"];
+                    "application/json": components["schemas"]["DiagnosisTrials"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3707,7 +3703,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3725,7 +3721,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job is no diagnosis */
+            /** @description The job is not a diagnosis */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -3734,7 +3730,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3752,7 +3748,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3766,9 +3762,9 @@ export interface operations {
     list_effects: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -3783,10 +3779,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Effects"];
+                    "application/json": components["schemas"]["EffectsPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3795,7 +3791,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3804,7 +3800,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3822,7 +3818,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3837,7 +3833,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -3845,14 +3841,14 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["Estimation"];
+                "application/json": components["schemas"]["EstimationIn"];
             };
         };
         responses: {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -3869,7 +3865,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3878,7 +3874,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3896,7 +3892,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3914,7 +3910,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3923,7 +3919,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -3941,7 +3937,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3950,7 +3946,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3981,7 +3977,7 @@ export interface operations {
                     "application/json": components["schemas"]["Proposals"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3990,7 +3986,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4008,7 +4004,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description It does not ask */
+            /** @description Not an ask-tell estimation */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4017,7 +4013,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4026,7 +4022,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4040,9 +4036,9 @@ export interface operations {
     list_rounds: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -4059,10 +4055,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Course"];
+                    "application/json": components["schemas"]["EstimationHistory"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4071,7 +4067,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4089,7 +4085,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job is no estimation */
+            /** @description The job is not an estimation */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4098,7 +4094,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4116,7 +4112,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4127,20 +4123,20 @@ export interface operations {
             };
         };
     };
-    tell_trials: {
+    submit_trials: {
         parameters: {
             query?: {
                 /** @description With CSV: numbers of proposals that could not be carried out, `3,4` */
                 failed?: string;
-                /** @description With CSV: number of the round that is meant */
+                /** @description With CSV: number of the round */
                 round?: number;
                 /** @description With CSV: ends the round */
                 close?: boolean;
-                /** @description With CSV: answers take the place of different ones */
+                /** @description With CSV: replaces earlier submissions */
                 replace?: boolean;
             };
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path: {
@@ -4150,7 +4146,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["TellIn"];
+                "application/json": components["schemas"]["TrialsSubmission"];
                 "text/csv": string;
             };
         };
@@ -4161,7 +4157,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Told"];
+                    "application/json": components["schemas"]["SubmissionStatus"];
                 };
             };
             /** @description Bad Request */
@@ -4173,7 +4169,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4182,7 +4178,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4200,7 +4196,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -4209,7 +4205,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Answered differently before, or the round is over */
+            /** @description Submitted differently before, or the round is closed */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4227,7 +4223,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -4236,7 +4232,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4254,7 +4250,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4274,11 +4270,11 @@ export interface operations {
                 state?: string;
                 /** @description Only jobs of this kind: `train`, `evaluate`, ... */
                 kind?: string;
-                /** @description With their results, which may be large; `true` if absent */
+                /** @description Whether to include results, which can be large. Default: `true` */
                 results?: boolean;
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -4293,10 +4289,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Jobs"];
+                    "application/json": components["schemas"]["JobsPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4305,7 +4301,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4314,7 +4310,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4332,7 +4328,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4363,7 +4359,7 @@ export interface operations {
                     "application/json": components["schemas"]["JobOut"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4372,7 +4368,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4390,7 +4386,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4399,7 +4395,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4421,7 +4417,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It is told to stop */
+            /** @description Cancellation requested */
             202: {
                 headers: {
                     [name: string]: unknown;
@@ -4430,14 +4426,14 @@ export interface operations {
                     "application/json": components["schemas"]["JobOut"];
                 };
             };
-            /** @description Forgotten */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4446,7 +4442,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4464,7 +4460,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4473,7 +4469,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4488,7 +4484,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Number of the last event seen */
+                /** @description Number of the last event received */
                 "Last-Event-ID"?: number | null;
             };
             path: {
@@ -4507,14 +4503,14 @@ export interface operations {
                     "text/event-stream": string;
                 };
             };
-            /** @description The job has ended and its last event was seen */
+            /** @description The job has ended and its last event was received */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4523,7 +4519,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4541,7 +4537,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4559,7 +4555,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4575,9 +4571,9 @@ export interface operations {
             query?: {
                 /** @description Only lines after this number */
                 after?: number;
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -4594,10 +4590,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Log"];
+                    "application/json": components["schemas"]["JobLogPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4606,7 +4602,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4624,7 +4620,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4642,7 +4638,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4658,9 +4654,9 @@ export interface operations {
             query?: {
                 /** @description `json` (default), `csv` or `scene` */
                 format?: string;
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -4677,11 +4673,11 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Trials"];
+                    "application/json": components["schemas"]["TrialsPage"];
                     "text/csv": string;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4690,7 +4686,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4708,7 +4704,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job is no estimation */
+            /** @description The job is not an estimation */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4717,7 +4713,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4735,7 +4731,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4750,7 +4746,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -4765,7 +4761,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -4782,7 +4778,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4791,7 +4787,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4809,7 +4805,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -4836,7 +4832,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -4845,7 +4841,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4863,7 +4859,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4872,7 +4868,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4904,7 +4900,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Densities"];
+                    "application/json": components["schemas"]["LogDensities"];
                 };
             };
             /** @description Bad Request */
@@ -4916,7 +4912,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4925,7 +4921,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4943,7 +4939,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -4952,7 +4948,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job is no likelihood, or not ready */
+            /** @description The job is not a likelihood, or not ready */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4970,7 +4966,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -4979,7 +4975,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -4997,7 +4993,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5019,7 +5015,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["StartsIn"];
+                "application/json": components["schemas"]["ChainStartsIn"];
             };
         };
         responses: {
@@ -5029,7 +5025,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Starts"];
+                    "application/json": components["schemas"]["ChainStarts"];
                 };
             };
             /** @description Bad Request */
@@ -5041,7 +5037,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5050,7 +5046,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5068,7 +5064,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5077,7 +5073,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job is no likelihood, or not ready */
+            /** @description The job is not a likelihood, or not ready */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5095,7 +5091,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5104,7 +5100,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5122,7 +5118,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5151,7 +5147,7 @@ export interface operations {
                     "application/json": components["schemas"]["Limits"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5160,7 +5156,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5169,7 +5165,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5178,7 +5174,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5208,7 +5204,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Places"];
+                    "application/json": components["schemas"]["PlacementsOut"];
                 };
             };
             /** @description Bad Request */
@@ -5220,7 +5216,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5229,7 +5225,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5247,7 +5243,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5265,7 +5261,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5274,7 +5270,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5292,7 +5288,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5307,7 +5303,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -5322,7 +5318,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -5339,7 +5335,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5348,7 +5344,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5366,7 +5362,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5384,7 +5380,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5393,7 +5389,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5411,7 +5407,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5420,7 +5416,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5434,9 +5430,9 @@ export interface operations {
     list_policies: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -5451,10 +5447,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Policies"];
+                    "application/json": components["schemas"]["PoliciesPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5463,7 +5459,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5472,7 +5468,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5490,7 +5486,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5505,7 +5501,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -5520,7 +5516,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -5537,7 +5533,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5546,7 +5542,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5564,7 +5560,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5582,7 +5578,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5591,7 +5587,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5609,7 +5605,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5618,7 +5614,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5649,7 +5645,7 @@ export interface operations {
                     "application/json": components["schemas"]["PolicyOut"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5658,7 +5654,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5676,7 +5672,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5685,7 +5681,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5707,14 +5703,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Gone */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5723,7 +5719,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5741,7 +5737,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A policy that is always there */
+            /** @description A built-in policy */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5750,7 +5746,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5759,7 +5755,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5791,7 +5787,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Acted"];
+                    "application/json": components["schemas"]["ProposedActions"];
                 };
             };
             /** @description Bad Request */
@@ -5803,7 +5799,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5812,7 +5808,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5830,7 +5826,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5839,7 +5835,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description `untrained`, which knows nothing yet */
+            /** @description The policy `untrained` */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5857,7 +5853,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5866,7 +5862,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -5884,7 +5880,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5899,7 +5895,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path: {
@@ -5916,7 +5912,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -5933,7 +5929,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5942,7 +5938,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5960,7 +5956,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5969,7 +5965,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description `untrained`, which knows nothing yet */
+            /** @description The policy `untrained` */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5987,7 +5983,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5996,7 +5992,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6014,7 +6010,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6023,7 +6019,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6038,7 +6034,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path: {
@@ -6055,7 +6051,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -6072,7 +6068,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6081,7 +6077,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6099,7 +6095,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6108,7 +6104,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description `random`, which cannot learn */
+            /** @description The policy `random`, which cannot learn */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6126,7 +6122,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6135,7 +6131,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6153,7 +6149,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6162,7 +6158,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6193,7 +6189,7 @@ export interface operations {
                     "application/octet-stream": string;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6202,7 +6198,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6220,7 +6216,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A policy that has none: `random`, `untrained` */
+            /** @description A built-in policy, which has no weights */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6229,7 +6225,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6238,7 +6234,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6273,7 +6269,7 @@ export interface operations {
                     "application/json": components["schemas"]["PolicyOut"];
                 };
             };
-            /** @description Made */
+            /** @description Created */
             201: {
                 headers: {
                     [name: string]: unknown;
@@ -6282,7 +6278,7 @@ export interface operations {
                     "application/json": components["schemas"]["PolicyOut"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6291,7 +6287,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6300,7 +6296,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6309,7 +6305,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A name that is taken */
+            /** @description The name is taken */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6327,7 +6323,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6336,7 +6332,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6354,7 +6350,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6369,7 +6365,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -6384,7 +6380,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -6401,7 +6397,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6410,7 +6406,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6428,7 +6424,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6455,7 +6451,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6464,7 +6460,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6482,7 +6478,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6491,7 +6487,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6521,7 +6517,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Simulated"];
+                    "application/json": components["schemas"]["SimulationOut"];
                 };
             };
             /** @description Bad Request */
@@ -6533,7 +6529,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6542,7 +6538,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6560,7 +6556,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6578,7 +6574,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6587,7 +6583,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6605,7 +6601,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6619,9 +6615,9 @@ export interface operations {
     list_surfaces: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -6636,10 +6632,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Surfaces"];
+                    "application/json": components["schemas"]["SurfacesPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6648,7 +6644,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6657,7 +6653,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6675,7 +6671,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6690,7 +6686,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -6705,7 +6701,7 @@ export interface operations {
             /** @description Accepted */
             202: {
                 headers: {
-                    /** @description Where the job is */
+                    /** @description Path of the job */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -6722,7 +6718,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6731,7 +6727,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6749,7 +6745,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6767,7 +6763,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6776,7 +6772,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6794,7 +6790,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many waiting jobs */
+            /** @description Too many jobs are waiting */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6803,7 +6799,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6831,10 +6827,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["SurfaceWhole"];
+                    "application/json": components["schemas"]["SurfaceWithPoints"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6843,7 +6839,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6861,7 +6857,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6870,7 +6866,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6892,14 +6888,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Gone */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6908,7 +6904,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not admin, or not from this page */
+            /** @description The token lacks the scope admin, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6926,7 +6922,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -6935,7 +6931,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6966,7 +6962,7 @@ export interface operations {
                     "image/svg+xml": string;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6975,7 +6971,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6993,7 +6989,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7002,7 +6998,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7016,9 +7012,9 @@ export interface operations {
     list_families: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -7033,10 +7029,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Families"];
+                    "application/json": components["schemas"]["FamiliesPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7045,7 +7041,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7054,7 +7050,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7072,7 +7068,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7086,9 +7082,9 @@ export interface operations {
     list_tasks: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -7106,10 +7102,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["FamilyTasks"];
+                    "application/json": components["schemas"]["FamilyTasksPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7118,7 +7114,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7136,7 +7132,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7154,7 +7150,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7188,7 +7184,7 @@ export interface operations {
                     "application/json": components["schemas"]["TaskOut"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7197,7 +7193,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7215,7 +7211,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7224,7 +7220,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7238,9 +7234,9 @@ export interface operations {
     list_tokens: {
         parameters: {
             query?: {
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -7255,10 +7251,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Tokens"];
+                    "application/json": components["schemas"]["TokensPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7267,7 +7263,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not admin, or not from this page */
+            /** @description The token lacks the scope admin, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7276,7 +7272,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7294,7 +7290,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7324,7 +7320,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["TokenMade"];
+                    "application/json": components["schemas"]["CreatedToken"];
                 };
             };
             /** @description Bad Request */
@@ -7336,7 +7332,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7345,7 +7341,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not admin, or not from this page */
+            /** @description The token lacks the scope admin, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7354,7 +7350,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -7363,7 +7359,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server asks for no tokens, or has no file to keep one in */
+            /** @description The server has authentication disabled, or no file to store tokens in */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -7381,7 +7377,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -7390,7 +7386,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7408,7 +7404,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7430,14 +7426,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Gone */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7446,7 +7442,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not admin, or not from this page */
+            /** @description The token lacks the scope admin, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7464,7 +7460,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A token that was given to the server when it was started */
+            /** @description A token passed to the server at start */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -7473,7 +7469,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7482,7 +7478,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7496,11 +7492,11 @@ export interface operations {
     list_worlds: {
         parameters: {
             query?: {
-                /** @description `id` (default), or `used`: those used last first */
+                /** @description `id` (default), or `used`: most recently used first */
                 order?: string;
-                /** @description Most items, 1 to 1000; default 100 */
+                /** @description Maximum number of items, 1 to 1000; default 100 */
                 limit?: number;
-                /** @description `next` of the page before */
+                /** @description `next` of the previous page */
                 cursor?: string;
             };
             header?: never;
@@ -7515,10 +7511,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Worlds"];
+                    "application/json": components["schemas"]["WorldsPage"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7527,7 +7523,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7536,7 +7532,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7554,7 +7550,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7569,7 +7565,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                /** @description A repeated request with the same key has no further effect and gets the same response */
                 "Idempotency-Key"?: string | null;
             };
             path?: never;
@@ -7584,7 +7580,7 @@ export interface operations {
             /** @description Created */
             201: {
                 headers: {
-                    /** @description Where the world is */
+                    /** @description URL of the world */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -7601,7 +7597,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7610,7 +7606,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7628,7 +7624,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -7646,7 +7642,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -7655,7 +7651,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7673,7 +7669,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No room for more worlds */
+            /** @description Too many worlds */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -7682,7 +7678,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7713,7 +7709,7 @@ export interface operations {
                     "application/json": components["schemas"]["WorldOut"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7722,7 +7718,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7740,7 +7736,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7749,7 +7745,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7771,14 +7767,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Gone */
+            /** @description Deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7787,7 +7783,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7805,7 +7801,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7814,7 +7810,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7858,7 +7854,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7885,7 +7881,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -7903,7 +7899,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -7912,7 +7908,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -7930,7 +7926,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7945,7 +7941,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Number of the last event seen */
+                /** @description Number of the last event received */
                 "Last-Event-ID"?: number | null;
             };
             path: {
@@ -7964,7 +7960,7 @@ export interface operations {
                     "text/event-stream": string;
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -7973,7 +7969,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7991,7 +7987,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8009,7 +8005,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8027,13 +8023,13 @@ export interface operations {
                 format?: string;
                 /** @description `scene` (default), `end`, `filmstrip`, `animation` or `film` */
                 view?: string;
-                /** @description `0.5,0.5,0.2`, or the number of a discrete action: placed in the scene, attempted in any other view; without it they show the last step that could be placed */
+                /** @description `0.5,0.5,0.2`, or the index of a discrete action: placed in the scene, attempted in other views; without it they show the last valid step */
                 action?: string;
-                /** @description Id of the task; the current one if absent */
+                /** @description Id of the task. Default: the current task */
                 task?: string;
-                /** @description Pixels, 16 to 4096; default 512 */
+                /** @description Width in pixels, 16 to 4096. Default: 512 */
                 width?: number;
-                /** @description Frames a second of a film, 1 to 60; default 30 */
+                /** @description Frames per second of a film, 1 to 60. Default: 30 */
                 fps?: number;
             };
             header?: never;
@@ -8044,7 +8040,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The picture */
+            /** @description The image */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -8064,7 +8060,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8073,7 +8069,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not from this page */
+            /** @description The origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8091,7 +8087,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No current task, or no step to film */
+            /** @description No current task, or no step to render */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -8100,7 +8096,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A film too long or too large */
+            /** @description The film is too long or too large */
             413: {
                 headers: {
                     [name: string]: unknown;
@@ -8109,7 +8105,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8118,7 +8114,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Also an action that cannot be placed */
+            /** @description Invalid parameters, or an action that cannot be placed */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -8136,7 +8132,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8180,7 +8176,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8189,7 +8185,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8207,7 +8203,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -8225,7 +8221,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -8234,7 +8230,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8252,7 +8248,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8284,7 +8280,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["BatchOut"];
+                    "application/json": components["schemas"]["RolloutOut"];
                 };
             };
             /** @description Bad Request */
@@ -8296,7 +8292,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8323,7 +8319,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -8350,7 +8346,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -8359,7 +8355,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8386,7 +8382,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8430,7 +8426,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8457,7 +8453,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -8475,7 +8471,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -8484,7 +8480,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8502,7 +8498,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8546,7 +8542,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8573,7 +8569,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -8582,7 +8578,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No step was made, or no current task */
+            /** @description No step made, or no current task */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -8600,7 +8596,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -8609,7 +8605,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8627,7 +8623,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -8671,7 +8667,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No token, or none that is good */
+            /** @description The token is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -8680,7 +8676,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description The token lacks the scope act, or the origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -8698,7 +8694,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body takes too long */
+            /** @description The body arrived too slowly */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -8725,7 +8721,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A page sends a body of another type */
+            /** @description A browser sent a body of an undeclared media type */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -8734,7 +8730,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is not called so */
+            /** @description Wrong `Host`: the server does not have this name */
             421: {
                 headers: {
                     [name: string]: unknown;
@@ -8752,7 +8748,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The budget is spent */
+            /** @description The budget is exhausted */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -8761,7 +8757,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails or is damaged */
+            /** @description The request's deadline has passed, or storage failed or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -39,7 +39,7 @@ async function jobList(place: HTMLElement, context: Context): Promise<void> {
   // Cursors of the previous pages; the first page has none.
   const before: (string | undefined)[] = [];
   let [cursor, next, page]: [string | undefined, string | null, Job[]] = [undefined, null, []];
-  const ask = (of: { limit: number; cursor?: string }): Promise<Schema<"Jobs">> => {
+  const ask = (of: { limit: number; cursor?: string }): Promise<Schema<"JobsPage">> => {
     const query = { order: "newest", results: false, ...(state.value ? { state: state.value } : {}), ...of };
     return ok(api.GET("/v1/jobs", { params: { query }, signal }));
   };

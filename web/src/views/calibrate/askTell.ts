@@ -13,7 +13,7 @@ import { InvalidCellError, resultTable } from "./resultTable";
 
 type Proposals = Schema<"Proposals">;
 type Proposal = Schema<"ProposalOut">;
-type Tell = Schema<"TellIn">;
+type Tell = Schema<"TrialsSubmission">;
 
 const END_STATES = ["succeeded", "failed", "cancelled"];
 /** Maximum number of proposals displayed; for more, use the file. */
@@ -37,7 +37,7 @@ export function askTellView(id: string, context: Context): AskTellView {
   const tools = h("div", { class: "row" }, saveJson, saveCsv, close);
   const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "Proposed experiments"), words, tools, file.element, list, rest);
   let [proposals, shownKey]: [Proposals | null, string] = [null, ""];
-  const onSubmitted = (now: Schema<"Told">): void => {
+  const onSubmitted = (now: Schema<"SubmissionStatus">): void => {
     context.say(`Round ${now.round + 1}: ${now.answered} measured, ${now.failed} not possible, ${now.open} open.`);
     refresh(null);
   };

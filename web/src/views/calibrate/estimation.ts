@@ -7,9 +7,9 @@ import { latest } from "../../parts/latest";
 
 export type Job = Schema<"JobOut">;
 export type Round = Schema<"RoundOut">;
-export type LatentEstimate = Schema<"KnownOut">;
+export type LatentEstimate = Schema<"LatentEstimateOut">;
 /** Fields of the request that were given. */
-export type EstimationRequest = Partial<Schema<"Estimation">>;
+export type EstimationRequest = Partial<Schema<"EstimationIn">>;
 
 /** Rounds in one page. */
 const PAGE = 50;

@@ -144,7 +144,7 @@ function fillWorldsAndSurfaces(of: FormChoices, template: EstimationRequest, { t
 }
 
 /** The request. */
-function requestBody(controls: Inputs): Schema<"Estimation"> {
+function requestBody(controls: Inputs): Schema<"EstimationIn"> {
   const one = controls.number.value.trim();
   const latents = withoutUndefined({ density: numberValue(controls.density), friction: numberValue(controls.friction), restitution: numberValue(controls.restitution) });
   const world = withoutUndefined({ damping: numberValue(controls.damping), noise: numberValue(controls.noise), latents: Object.keys(latents).length ? latents : undefined });
@@ -159,7 +159,7 @@ function requestBody(controls: Inputs): Schema<"Estimation"> {
     ...(fit.length ? { fit } : {}),
     ...(surface ? { surface } : {}),
     ...real,
-  } as Schema<"Estimation">;
+  } as Schema<"EstimationIn">;
 }
 
 /** Whether an error concerns a field under "More". */

@@ -6,7 +6,7 @@ import { uniqueId, h, put, set } from "../../dom";
 import type { Context } from "../../view";
 
 /** The upload area; `onSubmitted` gets the status of the round. */
-export function trialsUpload(id: string, now: () => Schema<"Proposals"> | null, onSubmitted: (status: Schema<"Told">) => void, context: Context): { element: HTMLElement } {
+export function trialsUpload(id: string, now: () => Schema<"Proposals"> | null, onSubmitted: (status: Schema<"SubmissionStatus">) => void, context: Context): { element: HTMLElement } {
   const [input, hint, errorId] = [uniqueId("csv"), uniqueId("hint"), uniqueId("wrong")];
   const file = h("input", { id: input, type: "file", accept: ".csv,text/csv", class: "unseen", "aria-describedby": `${hint} ${errorId}` });
   const errorText = h("p", { id: errorId, class: "why", role: "alert", hidden: true });

@@ -104,7 +104,7 @@ async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<T
   for (let cursor: string | undefined; ; ) {
     const query = { limit: 100, ...(cursor ? { cursor } : {}) };
     // The default format is JSON.
-    const page = (await ok(api.GET("/v1/jobs/{id}/trials", { params: { path, query }, signal }))) as Schema<"Trials">;
+    const page = (await ok(api.GET("/v1/jobs/{id}/trials", { params: { path, query }, signal }))) as Schema<"TrialsPage">;
     compared.push(...page.trials);
     if (compared.length > MAX_TRIALS) compared.splice(0, compared.length - MAX_TRIALS);
     if (!page.next) return compared;

@@ -6,7 +6,7 @@ import { latest } from "../../parts/latest";
 import { clock, day } from "../../parts/time";
 import type { Context } from "../../view";
 
-type Line = Schema<"LineOut">;
+type Line = Schema<"LogLineOut">;
 
 /** Displayed lines; the server keeps as many. */
 const MAX_LINES = 1_000;

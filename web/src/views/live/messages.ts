@@ -4,7 +4,7 @@ import type { Schema } from "../../api/client";
 import { short } from "../../parts/slider";
 
 export type World = Schema<"WorldOut">;
-export type WorldEvent = Schema<"HappenedOut">;
+export type WorldEvent = Schema<"WorldEventOut">;
 
 /** The world after an event, as far as the event describes it. */
 export function applyEvent(world: World, event: WorldEvent): World {

@@ -66,7 +66,7 @@ export async function worldView(place: HTMLElement, id: string, context: Context
   }, signal);
   const onEvent = (data: string, name: string): void => {
     if (name === "world") {
-      const first = JSON.parse(data) as Schema<"WatchOut">;
+      const first = JSON.parse(data) as Schema<"WatchStart">;
       watch.world = first.world;
       watch.scenes.set(first.task, Promise.resolve(first.scene as unknown as Scene));
       if (!current) void playerFor(first.task).then((s) => s.empty(waitingFor(first.world))).catch(context.fail);

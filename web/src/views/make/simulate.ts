@@ -33,7 +33,7 @@ export async function findValidAction(scene: Scene, start: number, signal: Abort
   const dimension = scene.action?.components.length ?? 0;
   if (!dimension) return null;
   const actions = Array.from({ length: CANDIDATE_ACTIONS }, (_, i) => quasiRandomPoint(dimension, start + i));
-  const { reasons }: Schema<"Places"> = await ok(api.POST("/v1/place", { body: { scene: scene as unknown as Record<string, never>, actions }, signal }));
+  const { reasons }: Schema<"PlacementsOut"> = await ok(api.POST("/v1/place", { body: { scene: scene as unknown as Record<string, never>, actions }, signal }));
   return actions[reasons.findIndex((r) => r === null)] ?? null;
 }
 

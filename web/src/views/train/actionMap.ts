@@ -21,7 +21,7 @@ const NUMBERED_ACTIONS = 10;
 /** Maximum number of map cells in each direction. */
 const MAX_MAP_CELLS = 24;
 
-type Scored = Schema<"Scored">;
+type Scored = Schema<"ScoredAction">;
 
 /** Input of the maps. */
 export interface ActionMapsInput {
