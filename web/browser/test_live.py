@@ -9,7 +9,7 @@ from typing import Any
 
 from conftest import BINARY
 from playwright.sync_api import Page, expect
-from test_jobs import SHORT, copied
+from test_jobs import SHORT, copy_job
 
 #: An estimation that is still running when displayed.
 LONG = {"task": "bowling", "rounds": 200, "actions": 50, "samples": 4000, "seed": 1}
