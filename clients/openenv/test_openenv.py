@@ -336,8 +336,8 @@ def test_documentation_examples_run(client: iplw.Client, capsys: pytest.CaptureF
         exec(plain.replace("http://127.0.0.1:8000", url), {})
         body = "".join(f"    {line}\n" for line in typed.replace("http://127.0.0.1:8000", url).splitlines())
         names: dict[str, Any] = {}
-        exec(f"async def shown():\n{body}", names)
-        asyncio.run(names["shown"]())
+        exec(f"async def example():\n{body}", names)
+        asyncio.run(names["example"]())
     assert "bowling:" in capsys.readouterr().out
 
 

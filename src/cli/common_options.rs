@@ -4,10 +4,7 @@ use std::io::Read;
 
 use iplw::error::{Error, Result};
 
-use super::task_sources::TaskSources;
-
-/// Heading of the common options in the help of each command.
-pub const COMMON_OPTIONS: &str = "Common options (details: `iplw --help`)";
+use super::task_sources::{COMMON_OPTIONS, TaskSources};
 
 /// Description of the common options, shown once in the program's own help.
 pub const COMMON_OPTIONS_HELP: &str = "\

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap_complete::Shell;
 use iplw::error::{Error, Result};
 
-use super::{command, output};
+use super::output;
 
 /// Print a completion script for a shell.
 ///
@@ -30,20 +30,23 @@ pub struct ManArgs {
     out: PathBuf,
 }
 
-pub fn print_completions(args: &CompletionsArgs) -> Result<()> {
+/// Prints the completion script of `command`.
+pub fn print_completions(args: &CompletionsArgs, mut command: clap::Command) -> Result<()> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut command(), "iplw", &mut script);
+    clap_complete::generate(args.shell, &mut command, "iplw", &mut script);
     output::print(&String::from_utf8_lossy(&script))
 }
 
-pub fn write_man_pages(args: &ManArgs) -> Result<()> {
+/// Writes the manual pages of `command`.
+pub fn write_man_pages(args: &ManArgs, command: clap::Command) -> Result<()> {
     output::prepare_directory("--out", &args.out)?;
-    clap_mangen::generate_to(command(), &args.out).map_err(|e| Error::io(&args.out, e))
+    clap_mangen::generate_to(command, &args.out).map_err(|e| Error::io(&args.out, e))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::command;
 
     #[test]
     fn parser_is_consistent() {
@@ -96,7 +99,7 @@ mod tests {
     #[test]
     fn writes_a_manual_page_for_each_command() {
         let folder = tempfile::tempdir().unwrap();
-        write_man_pages(&ManArgs { out: folder.path().into() }).unwrap();
+        write_man_pages(&ManArgs { out: folder.path().into() }, command()).unwrap();
         for page in ["iplw.1", "iplw-run.1", "iplw-diagnose.1", "iplw-token-new.1"] {
             assert!(folder.path().join(page).is_file(), "{page}");
         }

@@ -11,9 +11,9 @@ use iplw::serve::{AccessLog, Limits, LogFormat, ServeConfig, openapi, serve_bloc
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
-use super::common_options::{COMMON_OPTIONS, ThreadOptions, exit_with_stdin};
+use super::common_options::{ThreadOptions, exit_with_stdin};
 use super::output;
-use super::task_sources::TaskSources;
+use super::task_sources::{COMMON_OPTIONS, TaskSources};
 
 /// Serve worlds over HTTP.
 ///

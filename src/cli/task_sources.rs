@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::common_options::COMMON_OPTIONS;
 use iplw::error::{Error, Result};
 use iplw::task::{COLLECTIONS, Family, collection, read_families, register_families};
+
+/// Heading of the options that all commands share, in the help of each command.
+pub const COMMON_OPTIONS: &str = "Common options (details: `iplw --help`)";
 
 // Sources of additional task families.
 #[derive(clap::Args)]

@@ -96,10 +96,8 @@ pub fn refine(
         let done = step == max_steps || delta.is_none();
         let (next, close) = match delta {
             Some((delta, error)) => {
-                let share = active
-                    .iter()
-                    .map(|j| 2.0 * fd_step[*j] / delta[*j].abs().max(1e-300))
-                    .fold(1.0f64, f64::min);
+                let largest_share = |j: &usize| 2.0 * fd_step[*j] / delta[*j].abs().max(1e-300);
+                let share = active.iter().map(largest_share).fold(1.0f64, f64::min);
                 let mut next = at.clone();
                 for j in &active {
                     let moved = delta[*j] * share;

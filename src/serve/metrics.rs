@@ -80,6 +80,33 @@ impl Metrics {
         self.rollouts.fetch_add(rollouts, Ordering::Relaxed);
     }
 
+    fn write_requests(&self, out: &mut String) {
+        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        write_header(out, "iplw_requests_total", "counter", "Requests answered.");
+        let requests: Vec<(&str, &str, u16, u64)> = requests
+            .iter()
+            .flat_map(|(method, routes)| {
+                routes.iter().map(move |(route, counts)| (*method, route.as_str(), counts))
+            })
+            .flat_map(|(method, route, counts)| {
+                counts.iter().map(move |(status, n)| (method, route, *status, *n))
+            })
+            .collect();
+        for (method, route, status, n) in &requests {
+            write_sample(
+                out,
+                "iplw_requests_total",
+                &[("method", method), ("route", route), ("status", &status.to_string())],
+                *n,
+            );
+        }
+        write_header(out, "iplw_errors_total", "counter", "Requests answered with a problem, by its class.");
+        for (class, range) in [("4xx", 400..500), ("5xx", 500..600)] {
+            let n = requests.iter().filter(|(_, _, status, _)| range.contains(status)).map(|(.., n)| n).sum();
+            write_sample(out, "iplw_errors_total", &[("class", class)], n);
+        }
+    }
+
     fn write_durations(&self, out: &mut String) {
         let name = "iplw_request_seconds";
         write_header(
@@ -107,35 +134,7 @@ impl Metrics {
     /// All metrics in Prometheus' text format.
     pub fn text(&self, gauges: &Gauges) -> String {
         let mut out = String::new();
-        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        write_header(&mut out, "iplw_requests_total", "counter", "Requests answered.");
-        let requests: Vec<(&str, &str, u16, u64)> = requests
-            .iter()
-            .flat_map(|(method, routes)| {
-                routes.iter().map(move |(route, counts)| (*method, route.as_str(), counts))
-            })
-            .flat_map(|(method, route, counts)| {
-                counts.iter().map(move |(status, n)| (method, route, *status, *n))
-            })
-            .collect();
-        for (method, route, status, n) in &requests {
-            write_sample(
-                &mut out,
-                "iplw_requests_total",
-                &[("method", method), ("route", route), ("status", &status.to_string())],
-                *n,
-            );
-        }
-        write_header(
-            &mut out,
-            "iplw_errors_total",
-            "counter",
-            "Requests answered with a problem, by its class.",
-        );
-        for (class, range) in [("4xx", 400..500), ("5xx", 500..600)] {
-            let n = requests.iter().filter(|(_, _, status, _)| range.contains(status)).map(|(.., n)| n).sum();
-            write_sample(&mut out, "iplw_errors_total", &[("class", class)], n);
-        }
+        self.write_requests(&mut out);
         self.write_durations(&mut out);
         write_header(&mut out, "iplw_requests_under_way", "gauge", "Requests in progress or waiting.");
         write_sample(&mut out, "iplw_requests_under_way", &[], gauges.in_progress);

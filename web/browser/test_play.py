@@ -95,11 +95,11 @@ def test_dragging_a_latent_updates_the_video(serve: Callable[..., Any], new_page
           const slider = [...document.querySelectorAll('.slider')].find((e) => e.textContent.startsWith('friction')).querySelector('input');
           const took = [];
           for (let i = 0; i < 40; i++) {
-            const drawn = new Promise((done) => new MutationObserver((_, o) => (o.disconnect(), done())).observe(svg, { attributes: true, attributeFilter: ['data-film'] }));
+            const redrawn = new Promise((done) => new MutationObserver((_, o) => (o.disconnect(), done())).observe(svg, { attributes: true, attributeFilter: ['data-film'] }));
             const begun = performance.now();
             slider.value = String(0.2 + i / 100);
             slider.dispatchEvent(new Event('input'));
-            await drawn;
+            await redrawn;
             took.push(performance.now() - begun);
           }
           return took;

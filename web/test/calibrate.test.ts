@@ -28,8 +28,8 @@ test("unobserved states are neither compared nor plotted", () => {
   assert.equal(observations(trial, "moon").length, 0);
   assert.equal(rmsDistance(simulated, trial), 3);
   assert.equal(rmsDistance({ ...simulated, bodies: {} }, trial), null);
-  const seen = filmOfTrial(trial)!;
-  assert.deepEqual([seen.t, Object.keys(seen.bodies), seen.bodies.ball!.x], [[0, 2], ["ball"], [0, 2]]);
+  const film = filmOfTrial(trial)!;
+  assert.deepEqual([film.t, Object.keys(film.bodies), film.bodies.ball!.x], [[0, 2], ["ball"], [0, 2]]);
   assert.equal(filmOfTrial({ ...trial, bodies: { cup: trial.bodies.cup } }), null);
 });
 
@@ -43,9 +43,9 @@ test("an estimate is simulated with the jointly fitted effects", () => {
 
 test("an axis covers all values and finite bounds, at round numbers", () => {
   for (const [low, high] of [[0.83, 0.8303], [0, 0], [-3, 12], [1e-5, 3e-5]] as const) {
-    const shown = span([{ x: 1, y: low, low: null, high: null }, { x: 2, y: high, low, high }], false);
-    assert.ok(shown.low <= low + 1e-12 && shown.high >= high - 1e-12 && shown.low < shown.high, JSON.stringify(shown));
-    assert.ok(shown.ticks.length <= 7, String(shown.ticks));
+    const axis = span([{ x: 1, y: low, low: null, high: null }, { x: 2, y: high, low, high }], false);
+    assert.ok(axis.low <= low + 1e-12 && axis.high >= high - 1e-12 && axis.low < axis.high, JSON.stringify(axis));
+    assert.ok(axis.ticks.length <= 7, String(axis.ticks));
   }
   assert.deepEqual(span([{ x: 1, y: 2166 }, { x: 2, y: 30 }, { x: 3, y: 0 }], true), { low: 10, high: 10_000, ticks: [10, 100, 1000, 10_000] });
   assert.deepEqual(span([], false).ticks, [0, 1]);
@@ -56,10 +56,10 @@ test("the bounds of an interval are formatted distinguishably", () => {
 });
 
 test("pasted spreadsheet ranges and files are parsed into cells", () => {
-  const wanted = [["0", "1.5", ""], ["0.1", "1.6", "2"]];
-  assert.deepEqual(parseBlock("0\t1.5\t\n0.1\t1.6\t2\n"), wanted);
-  assert.deepEqual(parseBlock("0;1.5;\r\n0.1;1.6;2"), wanted);
-  assert.deepEqual(parseBlock("0, 1.5,\n0.1 , 1.6,2"), wanted);
+  const expected = [["0", "1.5", ""], ["0.1", "1.6", "2"]];
+  assert.deepEqual(parseBlock("0\t1.5\t\n0.1\t1.6\t2\n"), expected);
+  assert.deepEqual(parseBlock("0;1.5;\r\n0.1;1.6;2"), expected);
+  assert.deepEqual(parseBlock("0, 1.5,\n0.1 , 1.6,2"), expected);
   assert.deepEqual(parseBlock("0,5\t1,5"), [["0,5", "1,5"]]);
 });
 

@@ -34,8 +34,8 @@ test("column names are recognised as by the server", () => {
     ["object", "body", null, null],
   ];
   for (const [name, quantity, unit, track] of cases) {
-    const found = column(name);
-    assert.deepEqual([found.quantity, found.unit?.name ?? null, found.track], [quantity, unit, track], name);
+    const parsed = column(name);
+    assert.deepEqual([parsed.quantity, parsed.unit?.name ?? null, parsed.track], [quantity, unit, track], name);
   }
   for (const name of ["", "Unnamed: 0", "step", "v_x", "v_{x}", "vx", "a.y", "r", "θr", "angle", "x (s)", "t [m]", "xy", "unused3"]) {
     assert.equal(column(name).quantity, null, name);
@@ -93,9 +93,9 @@ test("a setup requires what the file lacks, and guesses settings from the data",
   setup.reading.metresPerPixel = 0.002;
   assert.equal(missingInput(setup), null);
   assert.ok(Math.abs(summarise(tracksOf(setup)).upwardAcceleration! + 9.81) < 1e-6);
-  const asked = requestBody(setup);
-  assert.deepEqual(asked.reading, { fps: 50, metres_per_pixel: 0.002, y_down: true });
-  assert.deepEqual(asked.ball, { radius: 0.02, gravity: 9.81 });
+  const body = requestBody(setup);
+  assert.deepEqual(body.reading, { fps: 50, metres_per_pixel: 0.002, y_down: true });
+  assert.deepEqual(body.ball, { radius: 0.02, gravity: 9.81 });
   assert.equal(columnsOf(setup, setup.files[0]!).clock, 0);
   const silent = { ...emptySetup(), files: [parseFile("a.csv", fall("t,x,y", (t, y) => `${t},0,${y}`))] };
   assert.deepEqual(guessReading(silent), []);
@@ -118,32 +118,32 @@ const columns = ["t", "body", "stretch", "x", "y", "before_x", "before_y", "afte
 function report(): Report {
   const row = (t: number, stretch: number): (number | null)[] => [t, 0, stretch, 3 * t + 0.1, 1 + 2 * t - 5 * t * t, 0.5, 0, 0.1, 0, null, null, 0.01, 0.01];
   const scene = { format: "iplw.scene/1", name: "one ball", bodies: [{ name: "ball", shape: { type: "disc", radius: 0.02 } }] };
-  const found = { verdict: "named", effects: [{ name: "quadratic_drag", acts_on: "motion", p_value: 0, parameters: [] }], rivals: [["quadratic_drag"]], launches: [{ trial: 4, name: "a", setting: null, sizes: [] }], paths: { columns, launches: [{ trial: 4, rows: [row(0, 0), row(0.1, 0), row(0.3, 0), row(0.4, 1)] }] }, extended_scene: scene, next_scene: null, evidence: {} };
-  return found as unknown as Report;
+  const result = { verdict: "named", effects: [{ name: "quadratic_drag", acts_on: "motion", p_value: 0, parameters: [] }], rivals: [["quadratic_drag"]], launches: [{ trial: 4, name: "a", setting: null, sizes: [] }], paths: { columns, launches: [{ trial: 4, rows: [row(0, 0), row(0.1, 0), row(0.3, 0), row(0.4, 1)] }] }, extended_scene: scene, next_scene: null, evidence: {} };
+  return result as unknown as Report;
 }
 
 test("a trial's trajectory includes both models, and initialises the extended scene", () => {
-  const own = trajectoryOf(report().paths, 4)!;
-  assert.deepEqual(own.starts, [3]);
-  assert.ok(Math.abs(own.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(own.before.at[0]![0] + 0.4) < 1e-12);
-  assert.ok(Number.isNaN(own.before.sd[0]![0]));
-  assert.deepEqual(splitAt(own.t, own.starts), [[0, 0.1, 0.3], [0.4]]);
+  const trajectory = trajectoryOf(report().paths, 4)!;
+  assert.deepEqual(trajectory.starts, [3]);
+  assert.ok(Math.abs(trajectory.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(trajectory.before.at[0]![0] + 0.4) < 1e-12);
+  assert.ok(Number.isNaN(trajectory.before.sd[0]![0]));
+  assert.deepEqual(splitAt(trajectory.t, trajectory.starts), [[0, 0.1, 0.3], [0.4]]);
   assert.equal(trajectoryOf(report().paths, 9), null);
   const { position, velocity } = sceneOfTrial(report(), 4)!.bodies[0]!;
   assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);
   assert.deepEqual(velocity!.map((v) => Number(v.toFixed(9))), [3, 2]);
   assert.equal("evidence" in plainReport(report()), false);
   // Of another setting: its mass, and what the effect is there.
-  const found = report();
-  found.launches[0]!.setting = "light";
+  const modified = report();
+  modified.launches[0]!.setting = "light";
   const of = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
-  found.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
-  Object.assign(found.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
-  const scene = sceneOfTrial(found, 4)!;
+  modified.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
+  Object.assign(modified.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
+  const scene = sceneOfTrial(modified, 4)!;
   assert.equal(scene.bodies[0]!.mass, 0.01);
   assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
   assert.equal(scene.settings, undefined);
-  const [left, bottom, right, top] = extentOfTrials(found)!;
+  const [left, bottom, right, top] = extentOfTrials(modified)!;
   assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });
 

@@ -34,8 +34,8 @@ test("events split at any byte are reassembled", async () => {
         controller.close();
       },
     });
-    const found: string[] = [];
-    for await (const { data } of events(body)) found.push(data);
-    assert.deepEqual(found, ["ä", "b"], `pieces of ${size}`);
+    const received: string[] = [];
+    for await (const { data } of events(body)) received.push(data);
+    assert.deepEqual(received, ["ä", "b"], `chunks of ${size}`);
   }
 });

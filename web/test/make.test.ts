@@ -196,11 +196,11 @@ test("bodies placed by an action are displayed at their action positions, and mo
 });
 
 test("an incomplete pair is completed, and an empty field removes it", () => {
-  const asked = { label: "x", path: "bodies[0].velocity[0]", empty: "0", pair: [0, 0] as [number, number] };
-  const fast = withNumber(scene, asked, 3);
+  const option = { label: "x", path: "bodies[0].velocity[0]", empty: "0", pair: [0, 0] as [number, number] };
+  const fast = withNumber(scene, option, 3);
   assert.deepEqual(fast.bodies[0]!.velocity, [3, 0]);
-  assert.deepEqual(withNumber(fast, { ...asked, path: "bodies[0].velocity[1]" }, 4).bodies[0]!.velocity, [3, 4]);
-  assert.equal("velocity" in withNumber(fast, asked, undefined).bodies[0]!, false);
+  assert.deepEqual(withNumber(fast, { ...option, path: "bodies[0].velocity[1]" }, 4).bodies[0]!.velocity, [3, 4]);
+  assert.equal("velocity" in withNumber(fast, option, undefined).bodies[0]!, false);
 });
 
 test("a saved scene is unchanged; copied commands are quoted for the shell and Python", () => {

@@ -61,8 +61,8 @@ test("interpolation between coarse samples does not overshoot", () => {
 
 test("the distance is computed at measured times, over the common duration", () => {
   const fine = film(Array.from({ length: 61 }, (_, k) => k / 60), (t) => t);
-  const seen = film([0, 0.5, 1, 1.5], (t) => t + 0.3);
-  const { t, bodies } = distanceOverTime(fine, seen);
+  const measured = film([0, 0.5, 1, 1.5], (t) => t + 0.3);
+  const { t, bodies } = distanceOverTime(fine, measured);
   assert.deepEqual(t, [0, 0.5, 1]);
   for (const apart of bodies.get("red")!) assert.ok(Math.abs(apart - 0.3) < 1e-9);
 });

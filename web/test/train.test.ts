@@ -8,13 +8,13 @@ import { auccess, meanCurve, difference, learningChains, curve, evaluation, hasS
 
 type Job = Schema<"JobOut">;
 
-function near(found: number, wanted: number): void {
-  assert.ok(Math.abs(found - wanted) < 1e-9, `${found}, not ${wanted}`);
+function near(actual: number, expected: number): void {
+  assert.ok(Math.abs(actual - expected) < 1e-9, `${actual}, not ${expected}`);
 }
 
 test("AUCCESS equals the server's: its weights telescope", () => {
   const from = (k: number): number => Math.log(101 / k) / Math.log(101);
-  const check = (solvedAt: (number | null)[], wanted: number): void => near(auccess(solvedAt).value, wanted);
+  const check = (solvedAt: (number | null)[], expected: number): void => near(auccess(solvedAt).value, expected);
   check([null], 0);
   check([1], 1);
   check([100], from(100));
@@ -50,11 +50,11 @@ test("equal tasks are compared pairwise", () => {
 test("an evaluation has its settings, with the server's defaults", () => {
   const result = { auccess: 0.5, interactions: 12, tasks: [{ task: "a", solved_at: 3 }, { task: "b", solved_at: null }] };
   const job = { id: "job-1", kind: "evaluate", seed: 0, config: { policy: "random", world: "w" }, result } as unknown as Job;
-  const found = evaluation(job)!;
-  assert.ok(hasSetting(found, { world: "w", split: "test", attempts: 100, seed: 0 }));
-  assert.ok(!hasSetting(found, { world: "w", split: "test", attempts: 100, seed: 1 }));
-  assert.deepEqual(found.solvedAt, [3, null]);
-  assert.equal(evaluation({ ...job, result: null } as unknown as Job), null);
+  const evaluated = evaluation(job)!;
+  assert.ok(hasSetting(evaluated, { world: "w", split: "test", attempts: 100, seed: 0 }));
+  assert.ok(!hasSetting(evaluated, { world: "w", split: "test", attempts: 100, seed: 1 }));
+  assert.deepEqual(evaluated.solvedAt, [3, null]);
+  assert.equal(evaluation({ ...job, evaluated: null } as unknown as Job), null);
 });
 
 test("policies trained from one another form one chain", () => {

@@ -23,12 +23,12 @@ pub enum ImportSource {
     /// action; tasks without either are left out. The number of working solutions is reported for each template.
     ///
     /// An interrupted import resumes.
-    PhyreArgs(PhyreArgs),
+    Phyre(PhyreArgs),
     /// Import scenes with goals and action spaces as one family.
     ///
     /// Each line of FILE is an iplw.scene/1, or {"scene": .., "solutions": [[..], ..]} with actions that solve it. All scenes need the same
     /// action space. The family is named after the file.
-    ScenesArgs(ScenesArgs),
+    Scenes(ScenesArgs),
 }
 
 #[derive(clap::Args)]
@@ -64,8 +64,8 @@ const MAX_BYTES: u64 = 64 << 20;
 
 pub fn run(sub: &ImportSource) -> Result<()> {
     match sub {
-        ImportSource::PhyreArgs(args) => import_phyre(args),
-        ImportSource::ScenesArgs(args) => import_scenes(args),
+        ImportSource::Phyre(args) => import_phyre(args),
+        ImportSource::Scenes(args) => import_scenes(args),
     }
 }
 

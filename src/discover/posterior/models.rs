@@ -62,9 +62,7 @@ pub fn fit_models<T>(
     let windows = begun.as_deref().unwrap_or(&ready.windows);
     let opened = open(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
     let fitter = Fitter::new(&opened.data, &ready.noise);
-    let base = fitter.refined(opened.layout, opened.state)?;
-    let base = base
-        .ok_or_else(|| Error::Failed("the log likelihood of the base model could not be evaluated".into()))?;
+    let base = fitter.refined(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
     let hunt = Hunt::new(scene, &fitter, &latents, config.seed);
     let grounds =
         FitData { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
@@ -99,14 +97,21 @@ pub fn fit_models<T>(
         scores.push(fit.score);
         models.push(model);
     }
-    // Sets are compared on the same segments, independent of their horizons.
-    let launches = scores.first().map_or(0, Vec::len);
-    let weights = Bootstrap::new(launches, rng::derive_seed(config.seed, "sets", 0)).weights(&scores);
-    let weighed = models.into_iter().zip(weights).zip(&scores);
-    let weighed: Vec<WeightedModel> = weighed
+    of(&weigh(models, &scores, config.seed), &ready)
+}
+
+/// Weighs models by their scores of each trial. Sets are compared on the same segments, independent of their horizons.
+fn weigh(models: Vec<PreparedModel>, scores: &[Vec<f64>], seed: u64) -> Vec<WeightedModel> {
+    let trials = scores.first().map_or(0, Vec::len);
+    let weights = Bootstrap::new(trials, rng::derive_seed(seed, "sets", 0)).weights(scores);
+    let weighted = models.into_iter().zip(weights).zip(scores);
+    weighted
         .map(|((model, weight), score)| WeightedModel { model, weight, elpd: score.iter().sum() })
-        .collect();
-    of(&weighed, &ready)
+        .collect()
+}
+
+fn base_model_failed() -> Error {
+    Error::Failed("the log likelihood of the base model could not be evaluated".into())
 }
 
 /// Builds the likelihood of a model.

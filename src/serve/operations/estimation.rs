@@ -191,13 +191,7 @@ fn run(
     let importance = importance(store, job, &named, plan, context)?;
     let mut workflow = resume_workflow(store, job, &tasks, &plan.setup, importance)?;
     let spent = || Ok(store.measured(job, 0)?.values().filter(|m| m.is_some()).count() as u64);
-    let dedicated_world = match &plan.real {
-        RealitySource::Dedicated(saved) => {
-            let world = World::new(SavedWorld::clone(saved).config(&base.catalogue)?)?;
-            Some(world.with_past(spent()?, None))
-        }
-        RealitySource::World(_) | RealitySource::AskTell => None,
-    };
+    let dedicated_world = open_dedicated_world(base, plan, spent)?;
     let world = shared.or(dedicated_world.as_ref());
     let id = match &plan.real {
         RealitySource::World(id) => Some(id.as_str()),
@@ -224,11 +218,8 @@ fn run(
         if let Some(world) = world {
             let keep = |rows: &MeasuredOutcomes, interactions: u64| {
                 store.put_measured(job, rows, id.map(|id| (id, interactions)), None)?;
-                base.metrics.count_attempts(
-                    WorldKind::Real,
-                    rows.values().filter(|m| m.is_some()).count() as u64,
-                    0,
-                );
+                let valid = rows.values().filter(|m| m.is_some()).count() as u64;
+                base.metrics.count_attempts(WorldKind::Real, valid, 0);
                 Ok(())
             };
             measure(&workflow, world, &asked.proposals, &store.measured(job, first)?, &keep, context)?;
@@ -254,6 +245,17 @@ fn run(
     report.seconds = Some(started.elapsed().as_secs_f64());
     base.metrics.count_rollouts(report.rollouts);
     Ok(WorkOutcome::Done(to_value(&report)?))
+}
+
+/// The real world of this estimation alone, with the interactions already spent; `None` if it has another source.
+fn open_dedicated_world(
+    base: &CoreState,
+    plan: &EstimationJob,
+    spent: impl Fn() -> Result<u64>,
+) -> Result<Option<World>> {
+    let RealitySource::Dedicated(saved) = &plan.real else { return Ok(None) };
+    let world = World::new(SavedWorld::clone(saved).config(&base.catalogue)?)?;
+    Ok(Some(world.with_past(spent()?, None)))
 }
 
 /// A round for storage, without its measurements, which have their own table.

@@ -196,12 +196,7 @@ impl Peer {
             twice
         };
         if twice {
-            let e = crate::error::Error::input(
-                "id",
-                "the id of a request in progress",
-                "an id that is not in use",
-            );
-            return self.answer(&to, operation.name, Err(Problem::malformed(e))).await;
+            return self.answer(&to, operation.name, Err(repeated_id())).await;
         }
         let (before, turn) = self.queue(names);
         let peer = self.clone();
@@ -346,4 +341,10 @@ impl ReplyAddress {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The problem of a request whose id is that of a request in progress.
+fn repeated_id() -> Problem {
+    let allowed = "an id that is not in use";
+    Problem::malformed(crate::error::Error::input("id", "the id of a request in progress", allowed))
 }

@@ -69,26 +69,26 @@ function taskSession(task: Task, library: Schema<"EffectOut">[], first: readonly
   const abort = new AbortController();
   const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, abort.signal]) };
   const subject: SimulationSubject = task.family ? { task: task.id } : { scene: task.scene as unknown as Record<string, never> };
-  const shownStage = filmStage(task.scene, `Scene ${task.id}. Arrow keys move the object, plus and minus change its size or angle, N selects the next object.`, context, task.box);
+  const visibleStage = filmStage(task.scene, `Scene ${task.id}. Arrow keys move the object, plus and minus change its size or angle, N selects the next object.`, context, task.box);
   const request: { action: number[] | null; latents: Latents; effects: EffectTerm[] } = { action: null, latents: {}, effects: [] };
   const simulate = latest<boolean>(async (fresh) => {
     if (request.action === null && task.scene.action) return;
     try {
       const answer = await ok(api.POST("/v1/simulate", { body: body(task.scene, subject, request), signal: context.signal }));
-      if (fresh) shownStage.place(request.action ?? [], answer.reason ?? null);
+      if (fresh) visibleStage.place(request.action ?? [], answer.reason ?? null);
       placement.showReason(answer.reason ?? null);
       ready(answer.valid);
-      shownStage.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
+      visibleStage.simulated(answer.valid ? { t: answer.t, bodies: answer.bodies, contacts: answer.contacts } : null, answer.solved ?? null);
       context.fail(null);
     } catch (e) {
       context.fail(e);
     }
   });
-  const placement = actionPlacement(task.scene, subject, shownStage.picture, (action) => {
+  const placement = actionPlacement(task.scene, subject, visibleStage.picture, (action) => {
     request.action = action;
     // The real film belongs to the previous action.
-    shownStage.real(null, null);
-    shownStage.place(action, null);
+    visibleStage.real(null, null);
+    visibleStage.place(action, null);
     simulate(true);
   }, context, first);
   const physics = h("div", {});
@@ -100,12 +100,12 @@ function taskSession(task: Task, library: Schema<"EffectOut">[], first: readonly
   const effectsForm = effects(library, (terms) => ((request.effects = terms), simulate(false)));
   const part = (title: string, content: HTMLElement): HTMLElement => h("section", { class: "card", "aria-label": title }, h("h2", {}, title), content);
   return {
-    stage: shownStage.element,
+    stage: visibleStage.element,
     controls: h("div", { class: "stack" }, part("Action", placement.element), part("Simulated latents", physics), part("Simulated effects", effectsForm)),
     action: placement.action,
     onRan: (film, solved) => {
-      shownStage.real(film, solved);
-      shownStage.restart();
+      visibleStage.real(film, solved);
+      visibleStage.restart();
     },
     start,
     close: () => abort.abort(),
