@@ -105,7 +105,7 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
         text += &format!("  {} = {:.4} ({range})\n", c.name, c.value);
     }
     text += &format!(
-        "error {:.5} m, noise floor {:.5} m; p-value of the hypothesis of no misfit {:.1e}\n",
+        "error {:.5} m, measurement noise {:.5} m; probability of this error if the model were right: {:.1e}\n",
         d.residual.base_rmse, d.residual.floor_rmse, d.residual.lack_of_fit_p
     );
     for (what, gain) in [("held-out trials", &d.gain.held_out), ("a held-out setting", &d.gain.extrapolation)]
@@ -214,7 +214,7 @@ fn finding_blocks(d: &Diagnosis) -> Vec<Block> {
         ("why".into(), d.reason.clone()),
         ("error of the base model, m".into(), number(d.residual.base_rmse)),
         ("noise floor, m".into(), number(d.residual.floor_rmse)),
-        ("p-value of the hypothesis of no misfit".into(), format!("{:.2e}", d.residual.lack_of_fit_p)),
+        ("probability of this error if the model were right".into(), format!("{:.2e}", d.residual.lack_of_fit_p)),
         ("p-value of the hypothesis of white residuals".into(), format!("{:.2e}", d.residual.whiteness_p)),
         ("correlation of the noise".into(), format!("{:.2}", d.residual.noise_correlation)),
         (

@@ -143,7 +143,7 @@ pub fn screening_worlds<'a>(
     let sample = |count| sample_worlds(belief, count, evenly.then_some(WORLDS_PER_SET), config.seed);
     let stages = [sample(config.worlds[0])?, sample(config.worlds[1])?];
     let sets = stages[0].sets.len();
-    let refused = |value: String, allowed: &str| Err(Error::input("belief", value, allowed));
+    let refused = |value: String, allowed: &str| Err(Error::input("posterior", value, allowed));
     if evenly && sets < 2 {
         let allowed = "draws of two sets of effects or more (repeat `--set` of iplw posterior)";
         return refused("one set of effects".into(), allowed);

@@ -40,7 +40,7 @@ pub fn sample_worlds(
         *sets.entry(own.clone()).or_insert(0) += 1;
         if sets.len() > MAX_SETS {
             let allowed = format!("draws of at most {MAX_SETS} sets of effects");
-            return Err(Error::input("belief", format!("{} sets or more", sets.len()), allowed));
+            return Err(Error::input("posterior", format!("{} sets or more", sets.len()), allowed));
         }
         owns.push(own);
     }
@@ -143,6 +143,6 @@ mod tests {
             names.iter().enumerate().map(|(k, n)| (*n, bit(k as u32))).collect();
         let many = read(serde_json::json!(columns));
         let error = sample_worlds(&many, 8, Some(1), 1).err().unwrap().to_string();
-        assert!(error.contains("belief") && error.contains("20 sets"), "{error}");
+        assert!(error.contains("posterior") && error.contains("20 sets"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! The verdict and what is left, in words.
+//! The verdict and the remaining error as sentences.
 
 use super::fit::{Fitted, held};
 use super::gain::Scale;
@@ -26,7 +26,7 @@ pub fn remainder(
     let mut text = left([before, after, noise.sd], error, floor);
     if let Some(s) = shared.filter(|s| s.is_left()) {
         text += &format!(
-            "; launches share something more, of whose predictable part {:.0} % is explained",
+            "; trials share a further error, of whose predictable part the model explains {:.0} %",
             100.0 * s.explained
         );
     }
@@ -44,15 +44,15 @@ pub fn remainder(
 /// floor; all m.
 fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
     let slow = format!(
-        "misfit that changes slowly along paths: {:.2} mm before, {:.2} mm after; noise {:.2} mm",
+        "systematic error per point {:.2} mm before, {:.2} mm after; measurement noise {:.2} mm",
         1e3 * before,
         1e3 * after,
         1e3 * noise
     );
     let held_out = match error <= FLOOR * floor {
-        true => "on held-out trials nothing is left above the noise".to_string(),
+        true => "on held-out trials the error is no larger than the noise".to_string(),
         false => {
-            format!("on held-out trials the error is {:.1} times what noise leaves", error / floor.max(1e-12))
+            format!("on held-out trials the error is {:.1} times the noise", error / floor.max(1e-12))
         }
     };
     format!("{slow}; {held_out}")
@@ -65,8 +65,8 @@ pub fn reason(found: &Found, judged: &Judged, remainder: &ResidualSummary, launc
     let nats = |i: usize| judged.base.worse - judged.compared[i].worse;
     match (judged.verdict, judged.champion) {
         (Verdict::Named, Some(c)) => format!(
-            "{} predicts launches that it was not fitted to better than the base model by {:.0} nats, and no other set ties \
-             with it; {left}",
+            "{} explains the data: it predicts trials left out of the fit better than the base model by {:.0} nats, and no \
+             other set ties with it; {left}",
             names(c),
             nats(c)
         ),
@@ -84,15 +84,15 @@ pub fn reason(found: &Found, judged: &Judged, remainder: &ResidualSummary, launc
         }
         (Verdict::Unknown, Some(c)) => {
             format!(
-                "no set in the library explains what launches share; the best, {}, leaves much of it; {left}",
+                "no set in the library explains the error that trials share; the best, {}, leaves much of it; {left}",
                 names(c)
             )
         }
         (Verdict::Unknown, None) => {
-            format!("launches share something that no set in the library explains; {left}")
+            format!("trials share an error that no set in the library explains; {left}")
         }
         _ => format!(
-            "no set of effects predicts launches better than the base model ({} trials, {} sets tried)",
+            "no set of effects predicts trials better than the base model ({} trials, {} sets tried)",
             launches,
             found.fits.len()
         ),
@@ -103,7 +103,7 @@ pub fn reason(found: &Found, judged: &Judged, remainder: &ResidualSummary, launc
 pub fn described(law: &ResidualLaw) -> String {
     match (law.offered, law.held_out.excess_removed) {
         (true, Some(share)) => format!(
-            "; described without a name ({}) and added to the scene it leaves {:.0} % of the excess error on held-out trials",
+            "; the empirical law {} in the extended scene leaves {:.0} % of the excess error on held-out trials",
             law.formula,
             100.0 * (1.0 - share).max(0.0)
         ),
@@ -120,9 +120,9 @@ mod tests {
     #[test]
     fn what_is_left_is_said_beside_the_noise() {
         let at = |error: f64| left([0.0089, 0.0032, 0.0016], error, 0.002);
-        let slow = "misfit that changes slowly along paths: 8.90 mm before, 3.20 mm after; noise 1.60 mm; ";
-        assert_eq!(at(0.0021), format!("{slow}on held-out trials nothing is left above the noise"));
-        assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times what noise leaves"));
+        let slow = "systematic error per point 8.90 mm before, 3.20 mm after; measurement noise 1.60 mm; ";
+        assert_eq!(at(0.0021), format!("{slow}on held-out trials the error is no larger than the noise"));
+        assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times the noise"));
     }
 
     /// Of a law that is offered it is said what it leaves; of one that is not, nothing.
@@ -136,7 +136,7 @@ mod tests {
             offered,
         };
         let said = described(&law(true));
-        assert!(said.contains("(ax = +1.0 y)") && said.contains("leaves 25 % of the excess"), "{said}");
+        assert!(said.contains("law ax = +1.0 y") && said.contains("leaves 25 % of the excess"), "{said}");
         assert_eq!(described(&law(false)), "");
     }
 

@@ -90,7 +90,7 @@ fn reports_and_withholds_records_damaged_at_runtime() {
     let (code, dropped, _) = run_cli(&["check", directory, "--drop"]);
     assert_eq!(code, Some(0));
     assert!(
-        dropped.contains("policy p") && dropped.contains("policy q") && dropped.contains("left out: 2"),
+        dropped.contains("policy p") && dropped.contains("policy q") && dropped.contains("records dropped: 2"),
         "{dropped}"
     );
     assert_eq!(run_cli(&["check", directory]).0, Some(0));
@@ -109,7 +109,7 @@ fn serves_a_backup_of_a_running_server() {
     let world = server.post("/v1/worlds", &json!({"task": "bowling", "kind": "real"}), 201);
     let (code, told, error) = run_cli(&["backup", &data, "--to", &kept]);
     assert_eq!(code, Some(0), "{error}");
-    assert!(told.contains("policy 3") && told.contains("kept in"), "{told}");
+    assert!(told.contains("policy 3") && told.contains("saved to"), "{told}");
     let after = server.post("/v1/worlds", &json!({"task": "bowling"}), 201);
     let (code, _, refused) = run_cli(&["restore", &kept, "--to", &data]);
     assert!(code == Some(2) && refused.contains("in use"), "{refused}");

@@ -185,7 +185,7 @@ def test_the_log_of_a_job_is_displayed_line_by_line(serve: Callable[..., Any], n
     page = new_page(server).open(f"#/jobs/{job}")
     log = page.get_by_role("log", name=f"Log of {job}")
     expect(log).to_contain_text("queued")
-    expect(log).to_contain_text("begun")
+    expect(log).to_contain_text("started")
     expect(log).to_contain_text(re.compile(r"\d\d:\d\d:\d\d round 1 of 200: "))
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
