@@ -214,7 +214,10 @@ fn finding_blocks(d: &Diagnosis) -> Vec<Block> {
         ("why".into(), d.reason.clone()),
         ("error of the base model, m".into(), number(d.residual.base_rmse)),
         ("noise floor, m".into(), number(d.residual.floor_rmse)),
-        ("probability of this error if the model were right".into(), format!("{:.2e}", d.residual.lack_of_fit_p)),
+        (
+            "probability of this error if the model were right".into(),
+            format!("{:.2e}", d.residual.lack_of_fit_p),
+        ),
         ("p-value of the hypothesis of white residuals".into(), format!("{:.2e}", d.residual.whiteness_p)),
         ("correlation of the noise".into(), format!("{:.2}", d.residual.noise_correlation)),
         (

@@ -90,7 +90,9 @@ fn reports_and_withholds_records_damaged_at_runtime() {
     let (code, dropped, _) = run_cli(&["check", directory, "--drop"]);
     assert_eq!(code, Some(0));
     assert!(
-        dropped.contains("policy p") && dropped.contains("policy q") && dropped.contains("records dropped: 2"),
+        dropped.contains("policy p")
+            && dropped.contains("policy q")
+            && dropped.contains("records dropped: 2"),
         "{dropped}"
     );
     assert_eq!(run_cli(&["check", directory]).0, Some(0));

@@ -54,7 +54,7 @@ test("an evaluation has its settings, with the server's defaults", () => {
   assert.ok(hasSetting(evaluated, { world: "w", split: "test", attempts: 100, seed: 0 }));
   assert.ok(!hasSetting(evaluated, { world: "w", split: "test", attempts: 100, seed: 1 }));
   assert.deepEqual(evaluated.solvedAt, [3, null]);
-  assert.equal(evaluation({ ...job, evaluated: null } as unknown as Job), null);
+  assert.equal(evaluation({ ...job, result: null } as unknown as Job), null);
 });
 
 test("policies trained from one another form one chain", () => {
