@@ -167,7 +167,7 @@ def test_budget_over_all_sessions(real: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("message", "says"),
+    ("message", "expected"),
     [
         ({"action": [0.5, 0.9]}, "`action` is 2 numbers; allowed: 3 numbers in [0, 1]"),
         ({"action": [0.5, 0.9, 2]}, "`action[2]` is 2; allowed: a number from 0 to 1"),
@@ -178,10 +178,10 @@ def test_budget_over_all_sessions(real: str) -> None:
         ({"vector": FINE}, "`vector`: Extra inputs are not permitted; allowed: action, metadata"),
     ],
 )
-def test_rejects_invalid_actions(sim: str, message: dict[str, Any], says: str) -> None:
+def test_rejects_invalid_actions(sim: str, message: dict[str, Any], expected: str) -> None:
     with GenericEnvClient(base_url=sim).sync() as env:
         env.reset(seed=1)
-        with pytest.raises(RuntimeError, match=re.escape(says)):
+        with pytest.raises(RuntimeError, match=re.escape(expected)):
             env.step(message)
         assert env.step({"action": FINE}).done, "the session continues"
 
@@ -190,14 +190,14 @@ def test_rejects_invalid_resets(sim: str) -> None:
     with GenericEnvClient(base_url=sim).sync() as env:
         with pytest.raises(RuntimeError, match="no episode has started; call reset first"):
             env.step({"action": FINE})
-        for values, says in (
-            ({"tsak": 1}, "reset has ['tsak']; allowed: seed, episode_id, task, split, latents"),
+        for values, expected in (
+            ({"tsak": 1}, "reset does not accept ['tsak']; allowed: seed, episode_id, task, split, latents"),
             ({"task": "bowling:999"}, "no task named `bowling:999`; there are: bowling:000 to bowling:099"),
             ({"split": "exam"}, "expected one of `train`, `validation`, `test`"),
             ({"seed": -1}, "`seed`; allowed"),
             ({"latents": {"friction": -1}}, "`friction` is -1; allowed"),
         ):
-            with pytest.raises(RuntimeError, match=re.escape(says)):
+            with pytest.raises(RuntimeError, match=re.escape(expected)):
                 env.reset(**values)
 
 
@@ -216,7 +216,7 @@ def test_sessions_create_and_delete_worlds(sim: str, client: iplw.Client) -> Non
             assert json.loads(ninth.recv(60))["data"]["code"] == "CAPACITY_REACHED"
         envs[0].reset(seed=1)
         assert envs[0].step({"action": FINE}).done and not envs[1].state()["done"]
-    assert eventually(lambda: worlds() <= before), "a session that ends deletes its world"
+    assert eventually(lambda: worlds() <= before), "a session deletes its world when it ends"
     # So does a session whose client dies.
     script = f"""
 from openenv.core.sync_client import SyncEnvClient
@@ -247,14 +247,14 @@ def test_http_requests_are_independent(sim: str, client: iplw.Client) -> None:
     before = len(client.worlds())
     created = requests.post(f"{sim}/reset", json={"seed": 1}, timeout=60).json()
     assert created["observation"]["task"].startswith("bowling:")
-    for path, body, status, says in (
-        ("reset", {"tsak": 1}, 422, "reset has ['tsak']"),
+    for path, body, status, expected in (
+        ("reset", {"tsak": 1}, 422, "reset does not accept ['tsak']"),
         ("reset", {"task": "bowling:999"}, 404, "no task named `bowling:999`"),
-        ("step", {"action": {"action": FINE}}, 409, "each request over HTTP is on its own"),
+        ("step", {"action": {"action": FINE}}, 409, "HTTP requests do not share a session"),
         ("step", {"action": {"acton": FINE}}, 422, "`acton`"),
     ):
         answer = requests.post(f"{sim}/{path}", json=body, timeout=60)
-        assert answer.status_code == status and says in answer.json()["detail"]
+        assert answer.status_code == status and expected in answer.json()["detail"]
     assert len(client.worlds()) == before
 
 
@@ -287,19 +287,19 @@ def test_rejects_other_origins(sim: str, headers: dict[str, str], status: int) -
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "expected"),
     [
         (["--task", "bwling"], "no task family named `bwling`"),
         (["--world", "rel"], "world is 'rel'; allowed: 'sim', 'real'"),
         (["--world", '{"kind": "real", "dampin": 1}'], "world has ['dampin']"),
-        (["--sessions", "0"], "sessions is 0; allowed: from 1"),
+        (["--sessions", "0"], "sessions is 0; allowed: 1 or more"),
         (["--budget", "-1"], "budget is -1"),
         (["--scene", "nowhere.json"], "nowhere.json"),
         (["--world", "{"], "--world"),
     ],
 )
 def test_command_rejects_invalid_settings(
-    arguments: list[str], says: str, client: iplw.Client, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], expected: str, client: iplw.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from iplw.openenv.__main__ import main
 
@@ -309,7 +309,7 @@ def test_command_rejects_invalid_settings(
     except SystemExit as ended:
         code = ended.code
     assert code == 2
-    assert says in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_command_serves_custom_scene(tmp_path: Path, client: iplw.Client) -> None:

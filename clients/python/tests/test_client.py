@@ -345,15 +345,15 @@ def test_calls_any_operation(client: iplw.Client) -> None:
     assert created[0] == created[1] and client.call("delete_world", id=created[0]) is None
     job = client.start("start_iplw", task="basketball", rounds=1, actions=2, samples=8)
     assert job.wait()["real_interactions"] > 0
-    for ask, words in [
+    for call, message in [
         (lambda: client.call("get_word"), "operation is 'get_word'; allowed: .*get_world"),
-        (lambda: client.call("get_world", id="w", limit=3), r"get_world was given \['limit'\]; allowed: id"),
+        (lambda: client.call("get_world", id="w", limit=3), r"get_world does not accept \['limit'\]; allowed: id"),
         (lambda: client.call("get_world"), "get_world needs id"),
-        (lambda: client.call("get_world", id="w", key="k"), "get_world was given a key"),
-        (lambda: client.start("get_world", id="w"), "get_world starts no job; allowed: .*start_iplw"),
+        (lambda: client.call("get_world", id="w", key="k"), "get_world does not accept a key"),
+        (lambda: client.start("get_world", id="w"), "get_world does not start a job; allowed: .*start_iplw"),
     ]:
-        with pytest.raises(ValueError, match=words):
-            ask()  # type: ignore[no-untyped-call]
+        with pytest.raises(ValueError, match=message):
+            call()  # type: ignore[no-untyped-call]
 
 
 def test_follows_job(client: iplw.Client) -> None:

@@ -265,8 +265,8 @@ def test_detects_different_machines() -> None:
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"num_cpus": 0.5}, "num_cpus is 0.5; allowed: a whole number from 1"),
-        ({"tries": 0}, "tries is 0; allowed: a whole number from 1"),
+        ({"num_cpus": 0.5}, "num_cpus is 0.5; allowed: an integer from 1"),
+        ({"tries": 0}, "tries is 0; allowed: an integer from 1"),
         ({"errors": "ignore"}, "errors is 'ignore'; allowed: 'raise' or 'return'"),
     ],
 )
@@ -283,4 +283,4 @@ def test_missing_ray_raises_only_on_use() -> None:
         "except Exception as e: print(type(e).__name__, e)\n"
     )
     run = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
-    assert run.stdout.startswith("IplwError iplw.cluster needs Ray, which is not here: pip install 'iplw[ray]'")
+    assert run.stdout.startswith("IplwError iplw.cluster requires Ray: pip install 'iplw[ray]'")

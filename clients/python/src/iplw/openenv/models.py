@@ -73,7 +73,7 @@ class IplwState(State):
 
 def _error_message(value: Any, error: ValidationError) -> str:
     """Pydantic's errors as one line."""
-    allowed = "allowed: an index, or a list of numbers from 0 to 1, one a component"
+    allowed = "allowed: an index, or a list of numbers from 0 to 1, one per component"
     if not isinstance(value, Mapping):
         return f"the action is {value!r}; allowed: an object with the field `action`"
     for issue in error.errors():
