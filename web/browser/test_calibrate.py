@@ -134,7 +134,7 @@ def test_an_ask_tell_estimation_is_answered(serve: Callable[..., Any], new_page:
     cell = hand.get_by_label("t, row 1")
     cell.fill("soon")
     hand.get_by_role("button", name="Submit").click()
-    expect(hand.get_by_role("alert")).to_contain_text("“soon” is no number")
+    expect(hand.get_by_role("alert")).to_contain_text("“soon” is not a number")
     cell.fill("3")
     hand.get_by_label("ball x, row 1").fill("1")
     hand.get_by_label("ball y, row 1").fill("1")

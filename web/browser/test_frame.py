@@ -60,7 +60,7 @@ def test_a_spent_budget_is_reported(serve: Callable[..., Any], new_page: Callabl
     action = server.request("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
     server.request("POST", f"/v1/worlds/{world}/rollout", {"actions": [action], "task": "bowling:000"})
     page.get_by_role("button", name="Run in the real world").click()
-    expect(page.locator(".error")).to_contain_text("Nothing left")
+    expect(page.locator(".error")).to_contain_text("Budget spent")
     expect(page.locator(".tally .count")).to_have_text("1")
     expect(page.get_by_role("button", name="Run in the real world")).to_be_disabled()
 

@@ -34,7 +34,7 @@ def test_jobs_continue_after_a_restart(serve: Callable[..., Any], new_page: Call
     expect(page).to_have_url(re.compile(f"#/calibrate/{short}$"))
     page.goto(f"{server.page}/#/jobs/{short}")
     expect(page.locator(".result")).to_contain_text("real interactions")
-    page.get_by_role("button", name=f"Forget {short}").click()
+    page.get_by_role("button", name=f"Delete {short}").click()
     expect(page.locator(f"tr[data-job={job}]")).to_be_visible()
     expect(page.locator(f"tr[data-job={short}]")).to_have_count(0)
 

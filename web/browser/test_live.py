@@ -203,7 +203,7 @@ def test_the_log_of_a_job_is_displayed_line_by_line(serve: Callable[..., Any], n
     server.wait_for_job(spent)
     page.goto(f"{server.page}/#/jobs/{spent}")
     log = page.get_by_role("log", name=f"Log of {spent}")
-    expect(log.locator(".is-warning")).to_contain_text("the budget of real interactions is spent")
+    expect(log.locator(".is-warning")).to_contain_text("the budget of real interactions is exhausted")
     expect(log.locator(".is-error")).to_contain_text("failed")
 
 

@@ -97,7 +97,7 @@ def test_a_policy_is_trained_compared_with_random_and_its_actions_are_displayed(
     compare.get_by_label("Show random").uncheck()
     expect(compare.locator("[data-curve=random]")).to_have_count(0)
     # The policy's first actions, their positions, and one of them played.
-    tries = section(page, "First tries")
+    tries = section(page, "First attempts")
     expect(tries.get_by_label("Policy", exact=True)).to_have_value("policy-1")
     tries.scroll_into_view_if_needed()
     expect(tries.locator(".tries li")).to_have_count(10)
