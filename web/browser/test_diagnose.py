@@ -152,7 +152,7 @@ def test_an_invalid_file_is_reported(serve: Callable[..., Any], new_page: Callab
     expect(page.locator(".field .refused-why:visible")).to_contain_text("radius")
     page.get_by_label("Radius").fill("0.02")
     page.get_by_label("Mass").fill("heavy")
-    expect(page.get_by_text("heavy is no number")).to_be_visible()
+    expect(page.get_by_text("heavy is not a number")).to_be_visible()
 
 
 def test_an_estimation_s_trials_are_diagnosed(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
