@@ -12,7 +12,7 @@ from test_play import film
 
 def test_an_invalid_token_is_rejected_and_a_valid_one_accepted(serve: Callable[..., Any], new_page: Callable[..., Any], tmp_path: Any) -> None:
     tokens = tmp_path / "tokens"
-    made = subprocess.run([BINARY, "token", "new", "ada", "--may", "act", "--token-file", tokens], capture_output=True, text=True, check=True)
+    made = subprocess.run([BINARY, "token", "new", "ada", "--scope", "act", "--token-file", tokens], capture_output=True, text=True, check=True)
     token = next(word for word in made.stdout.split() if word.startswith("iplw_"))
     server = serve("--token-file", str(tokens))
     page = new_page(server).open()

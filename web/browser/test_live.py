@@ -86,7 +86,7 @@ def test_a_world_of_another_owner_is_not_displayed(serve: Callable[..., Any], ne
     tokens = tmp_path / "tokens"
     made = {}
     for name in ("ann", "bob"):
-        command = [BINARY, "token", "new", name, "--may", "act", "--token-file", tokens]
+        command = [BINARY, "token", "new", name, "--scope", "act", "--token-file", tokens]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         made[name] = next(word for word in said.split() if word.startswith("iplw_"))
     server = serve("--token-file", str(tokens))
@@ -190,7 +190,7 @@ def test_the_log_of_a_job_is_displayed_line_by_line(serve: Callable[..., Any], n
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
     server.restart()
-    expect(log).to_contain_text("the server was started: it is queued again")
+    expect(log).to_contain_text("the server was started: the job is queued again")
     server.request("DELETE", f"/v1/jobs/{job}")
     expect(log.locator(".line").last).to_contain_text("cancelled")
     # The log is scrolled to its end.
