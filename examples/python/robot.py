@@ -124,7 +124,7 @@ def main() -> None:
             response: dict[str, Any] = {}
             for proposal in proposals:
                 response = job.tell(proposal, *execute(proposal, camera))
-            print(f"round {proposals[0].round + 1}: {response['fetch']} proposals executed")
+            print(f"round {proposals[0].round + 1}: {response['answered']} proposals executed")
         result = job.wait()
     print(f"\n{'latent':12} {'truth':>8} {'estimate':>9}  95 % interval")
     for row in result["latents"]:

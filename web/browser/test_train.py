@@ -76,7 +76,7 @@ def test_a_policy_is_trained_compared_with_random_and_its_actions_are_displayed(
     server.wait_for_job("job-1")
     expect(form.locator(".state")).to_have_text("succeeded")
     assert points(page, "loss") == 150 and points(page, "validation AUCCESS") == 3
-    expect(form.locator("[data-job]")).to_contain_text("policy-1: learned from")
+    expect(form.locator("[data-job]")).to_contain_text("policy-1: trained on")
     assert server.request("GET", "/v1/jobs/job-1")["config"]["latents"] == {"friction": 0.7}
     # Comparison with the random policy in the real world: both curves, their AUCCESS, and the jump start.
     compare = section(page, "Compare")
