@@ -151,7 +151,7 @@ impl LogLikelihood {
             segments: windows,
             conditionals: conditional,
             kinds: discrepancy_model.kinds(),
-            sampled_field: sampled_field,
+            sampled_field,
         }))
     }
 

@@ -76,7 +76,7 @@ impl SampledField {
             step = factor.solve(&score);
             covariance = factor.inverse();
         }
-        Some(SampledField { basis: basis.clone(), parameter_count: parameter_count, step, covariance })
+        Some(SampledField { basis: basis.clone(), parameter_count, step, covariance })
     }
 
     /// Coefficients at the fit.

@@ -210,7 +210,7 @@ impl<'a> SmcRun<'a> {
         let found = log_densities(self.target, &points, &mut self.evaluations)?;
         let particle = |(temperature, [log_target, likelihood]): (ParameterVector, [f64; 2])| Particle {
             log_reference: self.reference.log_density(&temperature),
-            log_target: log_target,
+            log_target,
             log_likelihood: likelihood,
             position: temperature,
         };
