@@ -20,7 +20,7 @@ fn results_are_independent_of_instruction_set_threads_and_batch() {
     ];
     for level in SimdLevel::ALL.iter().chain(counted).copied().filter(|l| l.available()) {
         let together = Simulator::new(Engine::Lanes)
-            .settings(BatchSettings { level: level, end_at_rest: true })
+            .settings(BatchSettings { level, end_at_rest: true })
             .map(&rollouts, |_, t| t)
             .unwrap();
         same(&together, &alone, &format!("{level:?}"));
