@@ -192,7 +192,7 @@ def test_rejects_invalid_resets(sim: str) -> None:
             env.step({"action": FINE})
         for values, expected in (
             ({"tsak": 1}, "reset does not accept ['tsak']; allowed: seed, episode_id, task, split, latents"),
-            ({"task": "bowling:999"}, "no task named `bowling:999`; there are: bowling:000 to bowling:099"),
+            ({"task": "bowling:999"}, "no task named `bowling:999`; known: bowling:000 to bowling:099"),
             ({"split": "exam"}, "expected one of `train`, `validation`, `test`"),
             ({"seed": -1}, "`seed`; allowed"),
             ({"latents": {"friction": -1}}, "`friction` is -1; allowed"),
