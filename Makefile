@@ -1,5 +1,6 @@
 # make run   builds the program and runs the whole workflow: hidden world, estimate, policy, transfer, report
 # make test  installs what is missing, then runs all checks and tests
+# make verify runs the statistical tests with all their cases, about an hour; `make test` runs a few of each
 # make docs  the documentation site, out/site
 # make figures renders docs/benchmarks from its stored results; RERUN=NAME measures one anew
 # make bench-wire measures steps per second over HTTP and ZeroMQ against bare requests, other servers and the library in process
@@ -20,7 +21,7 @@ endif
 # Tests run every instruction-set level of the batched kernel. All targets use one feature set, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
+.PHONY: run test verify test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
 	test-openenv test-docs docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
@@ -38,8 +39,15 @@ lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --locked $(LEVELS) --all-targets -- -D warnings
 
+# The library's own tests need no further instruction-set levels, the others compile the library with all of them.
 test-rust:
-	$(CARGO) test --locked $(LEVELS)
+	$(CARGO) test --locked --lib
+	$(CARGO) test --locked $(LEVELS) --bins --test '*'
+	$(CARGO) test --locked $(LEVELS) --doc
+
+# The statistical tests (coverage of intervals, matrices of hidden worlds) with all their cases.
+verify:
+	ALL_CASES=1 $(CARGO) test --locked $(LEVELS) --test learning
 
 # Examples print results for inspection; this target checks that they run.
 test-examples:
@@ -163,7 +171,9 @@ licences:
 	python3 release/licences.py
 
 # Builds and tests wheel, sources, bill of materials and container image: release/release.py (FINAL=1 for a publication).
+# A publication first runs the statistical tests in full.
 release: $(VENV)-release/.installed
+	$(if $(FINAL),$(MAKE) verify)
 	$(VENV)-release/bin/python release/release.py
 
 $(VENV)-release/.installed: release/requirements.txt

@@ -96,6 +96,25 @@ impl Error {
         Error::Input(InvalidInput { place: String::new(), field, value, allowed })
     }
 
+    /// A missing item, with the names of the existing ones.
+    pub fn not_found<K: fmt::Display>(
+        kind: &'static str,
+        id: impl Into<String>,
+        known: impl IntoIterator<Item = K>,
+    ) -> Self {
+        Error::NotFound { kind, id: id.into(), known: known.into_iter().map(|k| k.to_string()).collect() }
+    }
+
+    /// The same error; an unknown name is an invalid value of `field`.
+    pub fn unknown_in(self, field: &str) -> Self {
+        match self {
+            Error::NotFound { id, known, .. } => {
+                Error::input(field, format!("{id:?}"), format!("one of {}", known.join(", ")))
+            }
+            other => other,
+        }
+    }
+
     /// The same error without the prefix `parent` of its field.
     pub(crate) fn strip_field(self, parent: &str) -> Self {
         match self {
@@ -166,6 +185,16 @@ pub fn check_range(field: &str, value: f64, low: f64, high: f64) -> Result<f64> 
         Ok(value)
     } else {
         Err(Error::input(field, value, format!("a number from {low} to {high}")))
+    }
+}
+
+/// An error naming `field` unless the value, if any, is within `[low, high]`.
+pub fn check_count(field: &str, value: Option<u64>, low: u64, high: u64) -> Result<()> {
+    match value {
+        Some(v) if !(low..=high).contains(&v) => {
+            Err(Error::input(field, v, format!("a whole number from {low} to {high}")))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -48,9 +48,9 @@ use crate::explore::{self, Importance};
 use crate::progress::Progress;
 use crate::reality::{Reality, Trial};
 use crate::rng;
-use crate::task::{Task, ValidAction};
+use crate::task::Task;
 use fit::{FitHistory, fit_round, report_on};
-use progress_prefix::RoundProgress;
+use progress_prefix::PrefixedProgress;
 
 /// Estimates the latents of `reality` on `tasks`; returns the report and the trials that it uses.
 pub fn estimate(
@@ -107,7 +107,7 @@ pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress)
     let (mut residuals, mut estimates, mut rollouts) = (Vec::new(), Vec::new(), 0);
     let mut before = None;
     for round in 0..config.rounds {
-        let staged = RoundProgress { inner: progress, round, rounds: config.rounds };
+        let staged = PrefixedProgress::round(progress, round, config.rounds);
         let fitted = fit_round(&mut cem, before.as_ref(), trials, config, round, &staged)?;
         residuals.push(fitted.residual);
         rollouts += fitted.rollouts;
@@ -154,21 +154,11 @@ fn measure(
     progress: &dyn Progress,
 ) -> Result<Vec<ProposalResult>> {
     progress.report("measuring the real world", 0, proposals.len() as u64)?;
-    let mut by_task: Vec<(&str, Vec<&Proposal>)> = Vec::new();
-    for proposal in proposals {
-        match by_task.iter_mut().find(|(task, _)| *task == proposal.task) {
-            Some((_, of_it)) => of_it.push(proposal),
-            None => by_task.push((&proposal.task, vec![proposal])),
-        }
-    }
     let mut answers = Vec::with_capacity(proposals.len());
-    for (id, of_it) in by_task {
-        let task = workflow.task(id)?;
-        let actions: Vec<ValidAction> = of_it.iter().map(|p| p.action_on(task)).collect::<Result<_>>()?;
+    for (task, of_it, actions) in workflow.by_task(proposals)? {
         for (proposal, attempt) in of_it.iter().zip(reality.measure(task, &actions)?) {
-            answers.extend(
-                attempt.trajectory.map(|observed| ProposalResult { number: proposal.number, observed }),
-            );
+            let number = proposal.number;
+            answers.extend(attempt.trajectory.map(|observed| ProposalResult { number, observed }));
         }
     }
     Ok(answers)

@@ -4,7 +4,7 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | `error` `json` `rng` `progress` `budget` `trajectory` | types shared by all modules |
+//! | `error` `names` `json` `rng` `progress` `budget` `trajectory` | types shared by all modules |
 //! | `distribution` | Fisher's F and Student's t, for tests and intervals |
 //! | `neural/` | dense layers and their training; dfdx |
 //! | `task/` | scenes, actions, goals and families of tasks; plain data |
@@ -19,6 +19,7 @@
 //! | `design/` | optimal experimental design |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
+//! | `commands/` | requests shared by the command line, HTTP and MCP |
 //! | `store/` `access/` `job/` | storage, permissions, and long-running jobs |
 //! | `session/` | Gymnasium's reset and step for a task and a world |
 //! | `serve/` | HTTP, ZeroMQ and MCP adapters; the only module that uses axum and rmcp; contains no physics |
@@ -27,7 +28,7 @@
 //! a [`world::Simulator`] turns it into a [`trajectory::Trajectory`]; a reality measures the same; the residual between
 //! the two is the input of the estimator; the estimate grounds the simulation in which a policy is trained.
 //!
-//! The core (everything above `store/`) has no clocks and no logging, and two process-wide values: the registry of task
+//! The core (everything above `commands/`) has no clocks and no logging, and two process-wide values: the registry of task
 //! families (`task::families`, filled once by `register_families` or on first use) and the fonts of `picture`, loaded on
 //! first use. Its only I/O is reading the files and folders whose paths the caller passes: families of tasks, recordings
 //! and JSON documents. Estimators have no access to a hidden world's latents. The library starts no threads of its own
@@ -38,6 +39,7 @@
 
 pub mod access;
 pub mod budget;
+pub mod commands;
 pub mod design;
 pub mod discover;
 pub mod distribution;
@@ -47,6 +49,7 @@ pub mod experiment;
 pub mod explore;
 pub mod job;
 pub mod json;
+mod names;
 pub mod neural;
 pub mod picture;
 pub mod plan;

@@ -107,7 +107,7 @@ thread_local! {
     static SCENE: Scene = scene();
 }
 
-const BALL: BallScene = BallScene { radius: 0.02, mass: Some(0.0027), gravity: 9.81, floor: Some(0.0) };
+const BALL: BallScene = BallScene { radius: 0.02, mass: Some(0.0027), gravity: None, floor: Some(0.0) };
 
 /// Parsed values are finite or missing, and survive a round trip.
 fn own(text: &str) -> FuzzOutcome {

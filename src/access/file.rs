@@ -201,11 +201,7 @@ mod tests {
         let file = TokenFile::of_directory(&place.path().join("data"));
         assert!(file.read().unwrap().is_none());
         let (secret, token) = token("ann", Some(99));
-        file.change(|all| {
-            all.push(token.clone());
-            Ok(())
-        })
-        .unwrap();
+        file.add(&token).unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
         assert!(!text.contains(&secret) && text.contains(&token.digest.hex()), "{text}");
         let again = &file.read().unwrap().unwrap()[0];
@@ -238,11 +234,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let file = TokenFile::of_directory(place.path());
         for (name, expires) in [("ann", Some(1_900_000_000)), ("bob", None)] {
-            file.change(|all| {
-                all.push(token(name, expires).1);
-                Ok(())
-            })
-            .unwrap();
+            file.add(&token(name, expires).1).unwrap();
         }
         let whole = std::fs::read(file.path()).unwrap();
         let summary = |rows: Vec<HashedToken>| -> Vec<String> {
@@ -285,12 +277,7 @@ mod tests {
             for i in 0..8 {
                 let path = place.path();
                 scope.spawn(move || {
-                    let file = TokenFile::of_directory(path);
-                    file.change(|all| {
-                        all.push(token(&format!("n{i}"), None).1);
-                        Ok(())
-                    })
-                    .unwrap();
+                    TokenFile::of_directory(path).add(&token(&format!("n{i}"), None).1).unwrap();
                 });
             }
         });

@@ -197,21 +197,11 @@ mod tests {
         let file = || TokenFile::of_directory(place.path());
         let ring = Keyring::new(Some(file()), None).unwrap();
         assert!(!ring.requires_token() && ring.authenticate(None, 0).unwrap() == Principal::anonymous());
-        file()
-            .change(|all| {
-                all.push(token("ann", "one", Scope::Admin, None));
-                Ok(())
-            })
-            .unwrap();
+        file().add(&token("ann", "one", Scope::Admin, None)).unwrap();
         ring.refresh().unwrap();
         assert_eq!(ring.authenticate(None, 0), Err(AuthError::Missing));
         assert!(ring.authenticate(Some(&digest(b"one")), 0).is_ok());
-        file()
-            .change(|all| {
-                all.push(token("bob", "two", Scope::Read, None));
-                Ok(())
-            })
-            .unwrap();
+        file().add(&token("bob", "two", Scope::Read, None)).unwrap();
         ring.refresh().unwrap();
         assert!(ring.authenticate(Some(&digest(b"two")), 0).is_ok());
         std::fs::write(file().path(), "no JSON").unwrap();

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::names::names;
 
 /// Scope of a token; each includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -16,23 +17,13 @@ pub enum Scope {
     Admin,
 }
 
+// The weakest first.
+names!(Scope: Read = "read", Act = "act", Admin = "admin");
+
 impl Scope {
-    /// Every scope, the weakest first.
-    pub const ALL: [Scope; 3] = [Scope::Read, Scope::Act, Scope::Admin];
-
-    /// The name used in files, on the wire and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Scope::Read => "read",
-            Scope::Act => "act",
-            Scope::Admin => "admin",
-        }
-    }
-
     /// The scope called `name`.
     pub fn from_name(field: &str, name: &str) -> Result<Scope> {
-        let found = Scope::ALL.into_iter().find(|s| s.name() == name);
-        found.ok_or_else(|| Error::input(field, format!("{name:?}"), "read, act or admin"))
+        Scope::named(name).ok_or_else(|| Error::input(field, format!("{name:?}"), "read, act or admin"))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use iplw::commands::DiagnosisRequest;
 use iplw::discover::report::{
     CalibratedLatent, Diagnosis, EffectEstimate, HeldOutError, ModelScore, ParameterEstimate,
 };
@@ -28,11 +29,10 @@ pub struct Args {
     #[command(flatten)]
     tracks: track_options::TrackOptions,
     /// Output directory.
-    #[arg(long)]
+    #[arg(long, help_heading = None::<&str>)]
     out: PathBuf,
-    /// Seed of the bootstrap over trials.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    #[command(flatten, next_help_heading = None::<&'static str>)]
+    request: DiagnosisRequest,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -40,7 +40,7 @@ pub fn run(args: &Args) -> Result<()> {
     output::prepare_directory("--out", &args.out)?;
     let bar = output::TerminalProgress::new();
     bar.report("segmenting trials", 0, 1)?;
-    let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(args.seed), &bar)?;
+    let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(args.request.seed.unwrap_or(0)), &bar)?;
     bar.clear();
     write_report(&args.out, &scene, &found)?;
     output::print(&summary(&found.diagnosis, &args.out))

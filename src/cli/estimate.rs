@@ -4,18 +4,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use iplw::commands::EstimationRequest;
 use iplw::discover;
 use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument};
 use iplw::error::{Error, Result};
 use iplw::experiment::surface;
-use iplw::experiment::{
-    EstimateConfig, EstimateReport, Memory, OrderConstraint, ResidualKind, acquisition, estimate_with,
-};
+use iplw::experiment::{EstimateConfig, EstimateReport, Memory, OrderConstraint, acquisition, estimate_with};
 use iplw::explore::Importance;
 use iplw::reality::{HiddenWorld, Trial, standard, with_trial_settings};
-use iplw::task::{DEFAULT_FAMILY, Family, Scene, Split, split};
-use iplw::world::LINEAR_DRAG;
-use iplw::world::{EffectParameter, Engine};
+use iplw::task::{Family, Scene, Split, split};
+use iplw::world::{Engine, LINEAR_DRAG};
 
 use super::{output, parse, posterior};
 
@@ -25,48 +23,23 @@ use super::{output, parse, posterior};
 /// cross-entropy method.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Family, or a task such as bowling:017.
-    #[arg(long, default_value = DEFAULT_FAMILY)]
-    task: String,
+    #[command(flatten)]
+    request: EstimationRequest,
     /// Hidden world: damping=0.8,density=..,friction=..,restitution=..,noise=.. [default: the family's]
     #[arg(long, default_value = "")]
     real: String,
-    /// Strategy: collisions, rolling, random, mixed, gradient, informative, probing or success.
-    ///
-    /// The first six choose among candidates simulated at the current estimate. `probing` and `success` maximise the expected information
-    /// gain over posterior samples, about latents and parameters or about the success of plans; they take about a minute a round.
-    #[arg(long, default_value = "mixed")]
-    strategy: String,
     /// Performance surface of `iplw surface`, for gradient and informative [default: computed if needed]
     #[arg(long)]
     surface: Option<PathBuf>,
     /// Preset: fast (small smoothed iterations on all trials) or paper (1000 samples, 200 elites, once a round).
     #[arg(long, default_value = "fast")]
     preset: String,
-    /// Maximal number of rounds [default: the preset's]
-    #[arg(long)]
-    rounds: Option<usize>,
-    /// Real interactions per round [default: the preset's]
-    #[arg(long)]
-    actions: Option<usize>,
-    /// Maximal number of real interactions in total [default: unlimited]
-    #[arg(long)]
-    budget: Option<u64>,
-    /// Samples per iteration of the cross-entropy method [default: the preset's]
-    #[arg(long)]
-    samples: Option<usize>,
     /// Trials used for fitting: all or last_round [default: the preset's]
     #[arg(long)]
     memory: Option<String>,
-    /// Residual: trajectory (simulation from start to end) or shooting (restarted from observations).
-    #[arg(long, default_value = "trajectory")]
-    residual: String,
     /// Prior constraint on a latent, such as restitution>0.5 or friction<floor; may be repeated.
     #[arg(long)]
     sense: Vec<String>,
-    /// Effect parameter to fit as well, such as quadratic_drag.k (see `iplw effects`); may be repeated.
-    #[arg(long)]
-    fit: Vec<String>,
     /// Short for --fit linear_drag.c.
     #[arg(long)]
     fit_drag: bool,
@@ -79,55 +52,38 @@ pub struct Args {
     /// Also sample the posterior given the trials, and save it as `iplw posterior` does [default: no]
     #[arg(long, value_name = "DIR")]
     save_posterior: Option<PathBuf>,
-    /// Random seed.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (tasks, family) = parse::tasks(&args.task)?;
+    let (tasks, family) = parse::tasks(&args.request.task)?;
     let mut config = match args.preset.as_str() {
         "fast" => EstimateConfig::fast(family.prior),
         "paper" => EstimateConfig::paper(family.prior),
         other => return Err(Error::input("--preset", format!("{other:?}"), "fast or paper")),
     };
-    config.strategy = args.strategy.clone();
-    config.rounds = args.rounds.unwrap_or(config.rounds);
-    config.actions = args.actions.unwrap_or(config.actions);
-    config.candidates = config.candidates.max(config.actions * 10);
-    if let Some(samples) = args.samples {
-        config.cem.elites = (samples * config.cem.elites / config.cem.samples).max(2);
-        config.cem.samples = samples;
+    if let Some(name) = &args.memory {
+        let allowed = "all or last_round";
+        config.memory =
+            Memory::named(name).ok_or_else(|| Error::input("--memory", format!("{name:?}"), allowed))?;
     }
-    config.memory = match args.memory.as_deref() {
-        None => config.memory,
-        Some("all") => Memory::All,
-        Some("last_round") => Memory::LastRound,
-        Some(other) => return Err(Error::input("--memory", format!("{other:?}"), "all or last_round")),
-    };
     if args.fit_drag {
         config.cem.add_free_parameter(LINEAR_DRAG);
     }
-    for name in &args.fit {
-        config.cem.add_free_parameter(EffectParameter::parse(name)?);
-    }
-    config.residual = ResidualKind::from_name(&args.residual)?;
     config.senses = args.sense.iter().map(|s| OrderConstraint::parse(s)).collect::<Result<_>>()?;
     config.racing = !args.no_racing;
     config.engine = Engine::from_name(&args.engine)?;
-    config.seed = args.seed;
-    config.validate()?;
+    let config = args.request.config(config)?;
     args.save_posterior.as_ref().map_or(Ok(()), |out| output::prepare_directory("--save-posterior", out))?;
     let mut hidden = parse::real(&args.real, standard(family))?;
-    (hidden.budget, hidden.seed) = (args.budget, args.seed);
+    (hidden.budget, hidden.seed) = (args.request.budget, config.seed);
     let mut world = HiddenWorld::new(hidden)?;
     let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
     let bar = output::TerminalProgress::new();
     let started = Instant::now();
-    let importance = importance(args, family, &bar)?;
+    let importance = importance(args, &config, family, &bar)?;
     let (mut report, trials) = estimate_with(&training, &mut world, &config, importance, &bar)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
     let known = args
@@ -170,13 +126,14 @@ fn posterior_document(
 /// The performance surface: from the file, or a quick one if the strategy needs it.
 fn importance(
     args: &Args,
+    config: &EstimateConfig,
     family: &Family,
     bar: &output::TerminalProgress,
 ) -> Result<Option<Arc<dyn Importance>>> {
     if let Some(path) = &args.surface {
         return Ok(Some(Arc::new(super::surface::read(path, family)?)));
     }
-    if !acquisition::needs_importance(&args.strategy)? {
+    if !acquisition::needs_importance(&config.strategy)? {
         return Ok(None);
     }
     Ok(Some(Arc::new(surface::quick(family, bar)?)))

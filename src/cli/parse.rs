@@ -1,8 +1,8 @@
 //! Parsers of option values such as `linear_drag:c=0.223` and `damping=0.8,friction=0.5`.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
+use iplw::commands::{parse_effect, parse_latents, parse_number, parse_pairs};
 use iplw::error::{Error, Result};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::surface::RelatedEnvironment;
@@ -11,29 +11,14 @@ use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, Task, family};
 use iplw::world::{Engine, Latents, effect};
 
-/// `name:parameter=value,...` as an effect.
-pub fn effect(text: &str) -> Result<EffectTerm> {
-    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
-    let parameters = pairs("--effect", rest)?
-        .into_iter()
-        .map(|(k, v)| Ok((k.clone(), number(&format!("--effect {name}:{k}"), &v)?)))
-        .collect::<Result<BTreeMap<_, _>>>()?;
-    let term = EffectTerm { name: name.to_string(), parameters };
-    effect::resolve(&term, "--effect")?;
-    Ok(term)
-}
-
 /// Parses all `--effect` options.
 pub fn effects(texts: &[String]) -> Result<Vec<EffectTerm>> {
-    texts.iter().map(|text| effect(text)).collect()
+    texts.iter().map(|text| Ok(parse_effect(text)?.0)).collect()
 }
 
-/// A set of effects, their names joined by `+`; `none` is an empty one.
-pub fn set(text: &str) -> Vec<String> {
-    match text.trim() {
-        "none" => Vec::new(),
-        names => names.split('+').map(|n| n.trim().to_string()).collect(),
-    }
+/// `density=..,friction=..,restitution=..`; missing latents are left to the scene.
+pub fn latents(text: &str) -> Result<Latents> {
+    parse_latents(text)?.0.checked("latents.")
 }
 
 /// Tasks of a family, or the single task `family:number`.
@@ -72,9 +57,8 @@ pub fn fold(tasks: Vec<Task>, family: &Family, fold: Option<u64>) -> Result<Vec<
 
 /// The split named by `--split`.
 pub fn part(name: &str) -> Result<Split> {
-    let all = [Split::Train, Split::Validation, Split::Test];
-    let found = all.into_iter().find(|s| s.name() == name);
-    found.ok_or_else(|| Error::input("--split", format!("{name:?}"), "train, validation or test"))
+    let allowed = "train, validation or test";
+    Split::named(name).ok_or_else(|| Error::input("--split", format!("{name:?}"), allowed))
 }
 
 /// Applies `--real` to a hidden world.
@@ -111,11 +95,11 @@ pub fn related(text: &str, base: [f64; 3]) -> Result<RelatedEnvironment> {
 
 fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     let mut config = base;
-    for (key, value) in pairs(option, text)? {
+    for (key, value) in parse_pairs(option, text)? {
         let field = format!("{option} {key}");
         match key.as_str() {
             "damping" => {
-                let kept = number(&field, &value)?;
+                let kept = parse_number(&field, &value)?;
                 if !(kept > 0.0 && kept <= 1.0) {
                     return Err(Error::input(
                         field,
@@ -125,10 +109,10 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
                 }
                 config.effects = if kept < 1.0 { vec![effect::damping(kept)] } else { Vec::new() };
             }
-            "density" | "mass" => config.latents.density = Some(number(&field, &value)?),
-            "friction" => config.latents.friction = Some(number(&field, &value)?),
-            "restitution" => config.latents.restitution = Some(number(&field, &value)?),
-            "noise" => config.noise = number(&field, &value)?,
+            "density" | "mass" => config.latents.density = Some(parse_number(&field, &value)?),
+            "friction" => config.latents.friction = Some(parse_number(&field, &value)?),
+            "restitution" => config.latents.restitution = Some(parse_number(&field, &value)?),
+            "noise" => config.noise = parse_number(&field, &value)?,
             "engine" => config.engine = Engine::from_name(&value)?,
             _ => {
                 let allowed = "damping, density, friction, restitution, noise, engine";
@@ -140,40 +124,6 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     Ok(config)
 }
 
-/// `density=..,friction=..,restitution=..`; missing latents are left to the scene.
-pub fn latents(text: &str) -> Result<Latents> {
-    let mut latents = Latents::default();
-    for (key, value) in pairs("--latents", text)? {
-        let v = Some(number(&format!("--latents {key}"), &value)?);
-        match key.as_str() {
-            "density" | "mass" => latents.density = v,
-            "friction" => latents.friction = v,
-            "restitution" => latents.restitution = v,
-            _ => return Err(Error::input("--latents", format!("{key:?}"), "density, friction, restitution")),
-        }
-    }
-    latents.validate()?;
-    Ok(latents)
-}
-
-fn pairs(option: &str, text: &str) -> Result<Vec<(String, String)>> {
-    text.split(',')
-        .map(str::trim)
-        .filter(|part| !part.is_empty())
-        .map(|part| match part.split_once('=') {
-            Some((k, v)) => Ok((k.trim().to_string(), v.trim().to_string())),
-            None => Err(Error::input(option, format!("{part:?}"), "name=value, separated by commas")),
-        })
-        .collect()
-}
-
-fn number(field: &str, text: &str) -> Result<f64> {
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(Error::input(field, format!("{text:?}"), "a finite number")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,12 +131,12 @@ mod tests {
     #[test]
     fn parses_latents_and_effects_within_bounds() {
         assert_eq!(latents("friction=0.5").unwrap(), Latents { friction: Some(0.5), ..Latents::default() });
-        assert_eq!(effect("linear_drag:c=0.2").unwrap().parameters["c"], 0.2);
+        assert_eq!(parse_effect("linear_drag:c=0.2").unwrap().0.parameters["c"], 0.2);
         for bad in ["friction=-1", "grip=1", "friction", "friction=nan", "friction=1e999"] {
             assert!(latents(bad).is_err(), "{bad}");
         }
         for bad in ["drag", "linear_drag:k=1", "linear_drag:c=-1", "linear_drag:c"] {
-            assert!(effect(bad).is_err(), "{bad}");
+            assert!(parse_effect(bad).is_err(), "{bad}");
         }
     }
 

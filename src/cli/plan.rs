@@ -1,18 +1,17 @@
 //! `iplw plan`: ranks actions by simulated success over parameter samples, and evaluates plans in a hidden world.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use iplw::budget::{Budget, Unlimited};
+use iplw::budget::Unlimited;
+use iplw::commands::{PlanRequest, TimeLimit};
 use iplw::error::{Error, Result, check_range};
 use iplw::estimate::ParameterSamples;
-use iplw::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, PlanningScore, evaluate_plan, score};
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
 use iplw::reality::{HiddenWorld, standard};
-use iplw::task::{DEFAULT_FAMILY, Family, Split, Task, split};
-use iplw::world::Engine;
+use iplw::task::{Family, Split, Task, split};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -28,45 +27,14 @@ use super::{output, parse, plan_report};
 /// the calibration of predicted probabilities. An interrupted run resumes.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Task such as bowling:017, or a family.
-    #[arg(long, default_value = DEFAULT_FAMILY)]
-    task: String,
+    #[command(flatten)]
+    request: PlanRequest,
     /// Posterior samples (iplw.posterior/2) [default: the family's prior]
     #[arg(long, value_name = "FILE", conflicts_with_all = ["prior", "latents", "effects"])]
     posterior: Option<PathBuf>,
     /// Use the family's prior (the default).
     #[arg(long, conflicts_with = "latents")]
     prior: bool,
-    /// Use one world: density=..,friction=..,restitution=.. (missing ones: the scene's).
-    #[arg(long)]
-    latents: Option<String>,
-    /// Effect of the simulated world, name:parameter=value,..; may be repeated.
-    #[arg(long = "effect", value_name = "EFFECT")]
-    effects: Vec<String>,
-    /// Number of candidate actions.
-    #[arg(long, default_value_t = 10_000)]
-    actions: usize,
-    /// Maximal rollouts per action; the best get as many fresh ones.
-    #[arg(long, default_value_t = 64)]
-    draws: usize,
-    /// Maximal perturbation of an action component, in [0, 1].
-    #[arg(long, default_value_t = iplw::reality::certify::MAX_PERTURBATION)]
-    perturb: f64,
-    /// Number of best actions that are exact and evaluated again with fresh samples.
-    #[arg(long, default_value_t = 10)]
-    exact: usize,
-    /// Time limit of the ranking, s [default: none]
-    #[arg(long)]
-    seconds: Option<f64>,
-    /// Maximal rollouts of the ranking [default: unlimited]
-    #[arg(long)]
-    rollouts: Option<usize>,
-    /// Physics engine: auto, rapier or lanes.
-    #[arg(long, default_value = "auto")]
-    engine: String,
-    /// Random seed.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Hidden world, for a family: damping=0.8,density=..,friction=..,.. [default: the family's]
     #[arg(long)]
     real: Option<String>,
@@ -88,43 +56,27 @@ pub struct Args {
 const MAX_LISTED_ACTIONS: usize = 10;
 
 pub fn run(args: &Args) -> Result<()> {
-    let (tasks, family) = parse::tasks(&args.task)?;
-    let config = config(args)?;
+    let request = &args.request;
+    let (tasks, family) = parse::tasks(&request.task)?;
+    let config = request.config()?;
+    check_range("--predictions", args.predictions as f64, 0.0, 10_000.0)?;
+    request.seconds.map_or(Ok(0.0), |s| check_range("--seconds", s, 0.0, 1e6))?;
     match tasks.as_slice() {
-        [task] if args.task != family.name => plan_task(args, task, family, &config),
+        [task] if request.task != family.name => plan_task(args, task, &config),
         _ => plan_family(args, &tasks, family, config),
     }
 }
 
-fn config(args: &Args) -> Result<PlanConfig> {
-    let config = PlanConfig {
-        actions: args.actions,
-        draws: args.draws,
-        perturb: args.perturb,
-        exact: args.exact,
-        rollouts: args.rollouts,
-        engine: Engine::from_name(&args.engine)?,
-        ..PlanConfig::standard(args.seed)
-    };
-    config.validate()?;
-    check_range("--predictions", args.predictions as f64, 0.0, 10_000.0)?;
-    args.seconds.map_or(Ok(0.0), |s| check_range("--seconds", s, 0.0, 1e6))?;
-    Ok(config)
-}
-
 /// Plans one task.
-fn plan_task(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> Result<()> {
+fn plan_task(args: &Args, task: &Task, config: &PlanConfig) -> Result<()> {
     let given = [("--real", args.real.is_some()), ("--rows", !args.rows.is_empty())];
     if let Some((option, _)) = given.iter().find(|(_, given)| *given) {
         return Err(Error::input(*option, "given for a single task", "a family as --task"));
     }
-    let samples = match given_samples(args)? {
-        Some(samples) => samples,
-        None => prior(args, family)?,
-    };
+    let samples = samples(args, &args.request, config)?;
     args.out.as_deref().map_or(Ok(()), |out| output::prepare_directory("--out", out))?;
     let (bar, started) = (output::TerminalProgress::new(), Instant::now());
-    let found = plan(task, &samples, config, time_budget(args.seconds).as_ref(), &bar)?;
+    let found = plan(task, &samples, config, &TimeLimit::new(args.request.seconds, &Unlimited), &bar)?;
     bar.clear();
     let seconds = started.elapsed().as_secs_f64();
     let document = document(&found, config, &samples);
@@ -139,30 +91,24 @@ fn plan_task(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> 
     output::print(&if args.json { text } else { summary(task, &document, seconds, args.out.as_deref()) })
 }
 
-/// Parameter samples of --posterior or --latents, if given.
-fn given_samples(args: &Args) -> Result<Option<ParameterSamples>> {
-    if let Some(path) = &args.posterior {
-        return parse::parameter_samples(path).map(Some);
+/// Parameter samples of --posterior, or of the request.
+fn samples(args: &Args, request: &PlanRequest, config: &PlanConfig) -> Result<ParameterSamples> {
+    match &args.posterior {
+        Some(path) => parse::parameter_samples(path),
+        None => request.clone().parameter_source()?.samples(&request.task, config),
     }
-    let Some(latents) = &args.latents else { return Ok(None) };
-    ParameterSamples::point(parse::latents(latents)?, parse::effects(&args.effects)?).map(Some)
-}
-
-fn prior(args: &Args, family: &Family) -> Result<ParameterSamples> {
-    ParameterSamples::prior(
-        family.prior,
-        parse::effects(&args.effects)?,
-        PRIOR_SAMPLE_COUNT.max(2 * args.draws),
-        args.seed,
-    )
 }
 
 /// Plans every test task and evaluates the plans in the hidden world.
 fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
-    let mut samples_by_row = vec![("prior", prior(args, family)?)];
-    samples_by_row.extend(given_samples(args)?.map(|samples| ("posterior", samples)));
+    let prior = PlanRequest { latents: None, ..args.request.clone() };
+    let mut samples_by_row =
+        vec![("prior", prior.clone().parameter_source()?.samples(&prior.task, &config)?)];
+    if args.posterior.is_some() || args.request.latents.is_some() {
+        samples_by_row.push(("posterior", samples(args, &args.request, &config)?));
+    }
     samples_by_row.push(("truth", ParameterSamples::point(truth.latents, truth.effects)?));
     if !args.rows.is_empty() {
         let known: Vec<&str> = samples_by_row.iter().map(|(name, _)| *name).collect();
@@ -179,19 +125,19 @@ fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig)
         return Err(Error::input("--task", format!("{:?}", family.name), "a family with certified tasks"));
     }
     let out = args.out.clone().unwrap_or_else(|| "plans".into());
+    let seconds = args.request.seconds;
     let setup = PlanningConfig { plan: config, hidden, predictions: args.predictions };
     let cells = CellStore::new(&out, samples_by_row.len() * tasks.len())?;
     let mut rows = Vec::new();
     for (name, samples) in &samples_by_row {
         let mut found = Vec::new();
         for task in &tasks {
-            let of =
-                json!({"setup": setup, "belief": samples.draws(), "seconds": args.seconds, "task": task.id});
+            let of = json!({"setup": setup, "belief": samples.draws(), "seconds": seconds, "task": task.id});
             let make = |progress: &dyn iplw::progress::Progress| {
-                evaluate_plan(task, samples, &setup, time_budget(args.seconds).as_ref(), progress)
+                evaluate_plan(task, samples, &setup, &TimeLimit::new(seconds, &Unlimited), progress)
             };
-            let (planned, seconds) = cells.get_or_compute(&format!("{name}-{}", task.id), &of, make)?;
-            found.push((planned, seconds));
+            let planned = cells.get_or_compute(&format!("{name}-{}", task.id), &of, make)?;
+            found.push(planned);
         }
         rows.push(PlanningRow::of(name, &tasks, found));
     }
@@ -230,21 +176,6 @@ impl PlanningRow {
             seconds: seconds[seconds.len() / 2],
             tasks: tasks.iter().zip(&planned).map(one).collect(),
         }
-    }
-}
-
-/// A budget of wall-clock time; unlimited without a limit.
-fn time_budget(seconds: Option<f64>) -> Box<dyn Budget> {
-    struct WallClockBudget(Instant, f64);
-    impl Budget for WallClockBudget {
-        fn check(&self) -> Result<()> {
-            let over = Instant::now() >= self.0;
-            if over { Err(Error::Deadline { seconds: self.1 }) } else { Ok(()) }
-        }
-    }
-    match seconds {
-        Some(s) => Box::new(WallClockBudget(Instant::now() + Duration::from_secs_f64(s), s)),
-        None => Box::new(Unlimited),
     }
 }
 

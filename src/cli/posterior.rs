@@ -2,16 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument, PosteriorOptions, posterior};
-use iplw::error::{Error, Result};
+use iplw::commands::{PosteriorRequest, set_calibrate};
+use iplw::discover::posterior::{PosteriorDocument, posterior};
+use iplw::error::Result;
 use iplw::picture::plot::{Heatmap, heatmaps};
 use iplw::picture::report::{Block, HtmlReport, Section};
 use iplw::reality::LoadedTrials;
-use iplw::world::Engine;
-use iplw::world::latent::factor_index;
 
 use super::compact_json::compact_json;
-use super::{output, parse, track_options};
+use super::{output, track_options};
 
 /// Sample the posterior of latents and effect parameters, given measured trials.
 ///
@@ -22,53 +21,16 @@ use super::{output, parse, track_options};
 pub struct Args {
     #[command(flatten)]
     tracks: track_options::TrackOptions,
-    #[command(flatten)]
-    sampling: SamplingOptions,
+    #[command(flatten, next_help_heading = "Model and sampler")]
+    request: PosteriorRequest,
     /// Output directory.
-    #[arg(long)]
+    #[arg(long, help_heading = None::<&str>)]
     out: PathBuf,
     /// Print the document as JSON.
-    #[arg(long)]
+    #[arg(long, help_heading = None::<&str>)]
     json: bool,
 }
 
-// Model and sampler.
-#[derive(clap::Args)]
-pub struct SamplingOptions {
-    /// Effects to add to the scene, joined by +, with unknown parameters [default: none]
-    ///
-    /// May be repeated: sets are weighted by their cross-validated predictive density. See `iplw effects`.
-    #[arg(long = "set", value_name = "EFFECTS", help_heading = SAMPLING_HEADING)]
-    sets: Vec<String>,
-    /// Latents to estimate [default: the scene's "calibrate"]
-    #[arg(long, value_delimiter = ',', value_name = "LATENT,..", help_heading = SAMPLING_HEADING)]
-    calibrate: Vec<String>,
-    /// Prior of a latent; may be repeated [default: 1:0.5, restitution 0.5:0.25]
-    #[arg(long, value_name = "LATENT=MEAN:SD", help_heading = SAMPLING_HEADING)]
-    prior: Vec<String>,
-    /// Sampler: smc (sequential Monte Carlo) or mcmc (Markov chain Monte Carlo).
-    #[arg(long, default_value = "smc", help_heading = SAMPLING_HEADING)]
-    method: String,
-    /// Total number of samples.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u64).range(64..=100_000), help_heading = SAMPLING_HEADING)]
-    draws: u64,
-    /// Assume that the model is complete: no allowance for model discrepancy.
-    #[arg(long, help_heading = SAMPLING_HEADING)]
-    no_discrepancy: bool,
-    /// Also sample an unknown force field: wider, more honest intervals; takes a minute or more.
-    ///
-    /// If `iplw diagnose` names the missing effect, adding it with --set is better and faster.
-    #[arg(long, conflicts_with = "no_discrepancy", help_heading = SAMPLING_HEADING)]
-    sample_discrepancy: bool,
-    /// Physics engine: auto, rapier or lanes.
-    #[arg(long, default_value = "auto", help_heading = SAMPLING_HEADING)]
-    engine: String,
-    /// Random seed.
-    #[arg(long, default_value_t = 0, help_heading = SAMPLING_HEADING)]
-    seed: u64,
-}
-
-const SAMPLING_HEADING: &str = "Model and sampler";
 const EXAMPLES: &str = "\
 Examples:
   Friction and restitution of a hidden world, from 50 trials with 5 mm of noise:
@@ -81,12 +43,9 @@ Examples:
     iplw train --task bowling --posterior known/posterior.json --out policy.safetensors";
 
 pub fn run(args: &Args) -> Result<()> {
+    let config = args.request.config().map_err(track_options::as_options::<PosteriorRequest>)?;
     let LoadedTrials { mut scene, trials, .. } = track_options::read(&args.tracks)?;
-    if !args.sampling.calibrate.is_empty() {
-        args.sampling.calibrate.iter().try_for_each(|n| factor_index(n).map(drop))?;
-        scene.calibrate.clone_from(&args.sampling.calibrate);
-    }
-    let config = args.sampling.config()?;
+    set_calibrate(&mut scene, args.request.calibrate.clone())?;
     output::prepare_directory("--out", &args.out)?;
     let bar = output::TerminalProgress::new();
     let document = PosteriorDocument::new(&posterior(&scene, &trials, &config, &bar)?, &config);
@@ -108,31 +67,6 @@ pub fn write(out: &Path, document: &PosteriorDocument) -> Result<()> {
 /// Summary of a posterior, and its path.
 pub fn summary_with_path(out: &Path, document: &PosteriorDocument) -> String {
     format!("{}samples: {}\n", summary(document), out.join("posterior.json").display())
-}
-
-impl SamplingOptions {
-    /// The configuration given by the options.
-    fn config(&self) -> Result<PosteriorConfig> {
-        let parse_prior = |given: &String| {
-            let wrong =
-                || Error::input("--prior", format!("{given:?}"), "LATENT=MEAN:SD, such as friction=0.5:0.25");
-            let (name, rest) = given.split_once('=').ok_or_else(wrong)?;
-            let (mean, sd) = rest.split_once(':').ok_or_else(wrong)?;
-            let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
-            Ok((name.trim().to_string(), [number(mean)?, number(sd)?]))
-        };
-        let options = PosteriorOptions {
-            sets: self.sets.iter().map(|s| parse::set(s)).collect(),
-            prior: self.prior.iter().map(parse_prior).collect::<Result<_>>()?,
-            method: Some(self.method.clone()),
-            draws: Some(self.draws as usize),
-            discrepancy: Some(!self.no_discrepancy),
-            sample_discrepancy: self.sample_discrepancy,
-            engine: Engine::from_name(&self.engine)?,
-            seed: self.seed,
-        };
-        options.config()
-    }
 }
 
 /// Text for a terminal.

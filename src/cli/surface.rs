@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use iplw::commands::SurfaceRequest;
 use iplw::error::{Error, Result};
 use iplw::estimate::PerformanceSurface;
-use iplw::estimate::surface::{EvaluationMethod, SurfaceAxis};
 use iplw::experiment::surface::{SurfaceConfig, surface};
 use iplw::picture::surface::{Mark, surface_svg};
-use iplw::task::{DEFAULT_FAMILY, Family, family};
+use iplw::task::{Family, family};
 use iplw::world::latent::FACTORS;
 
 use super::{output, parse};
@@ -20,33 +20,17 @@ use super::{output, parse};
 /// accordingly.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Family (see `iplw tasks`).
-    #[arg(long, default_value = DEFAULT_FAMILY)]
-    task: String,
-    /// Route: ideal (simulated successes first, a minute) or dqn (trains a policy, 10 s per point).
-    #[arg(long, default_value = "ideal")]
-    route: String,
-    /// Number of design points.
-    #[arg(long, default_value_t = 40)]
-    points: usize,
+    #[command(flatten)]
+    request: SurfaceRequest,
     /// Values per factor of a grid that replaces the design points [default: no grid]
     #[arg(long)]
     grid: Option<usize>,
-    /// Latent factors to vary.
-    #[arg(long, default_value = "friction,restitution", value_delimiter = ',')]
-    factors: Vec<String>,
     /// Related environment: damping=..,friction=..,..; may be repeated [default: damping 0.7 and 0.6]
     #[arg(long = "related", value_name = "ENVIRONMENT")]
     related: Vec<String>,
-    /// Actions per task [default: the family's]
-    #[arg(long)]
-    actions: Option<usize>,
     /// Point to mark and report, name:friction=..,restitution=..; may be repeated.
     #[arg(long = "mark", value_name = "MARK")]
     marks: Vec<String>,
-    /// Random seed.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Output file.
     #[arg(long, default_value = "surface.json")]
     out: PathBuf,
@@ -66,7 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
             (found, family, None)
         }
         None => {
-            let family = family(&args.task)?;
+            let family = family(&args.request.task)?;
             let config = config(args, family)?;
             output::prepare_file("--out", &args.out)?;
             args.svg.as_deref().map_or(Ok(()), |svg| output::prepare_file("--svg", svg))?;
@@ -105,13 +89,8 @@ fn parse_surface(path: &Path) -> Result<PerformanceSurface> {
 }
 
 fn config(args: &Args, family: &Family) -> Result<SurfaceConfig> {
-    let mut config = SurfaceConfig::new(family, EvaluationMethod::from_name(&args.route)?)?;
-    let axis = |name: &String| SurfaceAxis::from_prior(name.trim(), family.prior);
-    config.axes = args.factors.iter().map(axis).collect::<Result<_>>()?;
-    (config.points, config.grid, config.seed) = (args.points, args.grid, args.seed);
-    if let Some(actions) = args.actions {
-        (config.actions, config.labels) = (actions, actions);
-    }
+    let mut config = args.request.config(family)?;
+    config.grid = args.grid;
     if !args.related.is_empty() {
         let related = args.related.iter().map(|r| parse::related(r, config.base));
         config.related = related.collect::<Result<_>>()?;

@@ -4,10 +4,12 @@ use std::io::{Error as IoError, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use iplw::budget::Unlimited;
+use iplw::commands::{DiagnosisRequest, TrialFiles};
 use iplw::error::{Error, InvalidInput, Result};
-use iplw::reality::{LoadedTrials, Subject, TrackFile, TrackParseOptions, decode, load_tracks};
+use iplw::json::JsonObject;
+use iplw::reality::{LoadedTrials, TrackFile, TrackParseOptions, decode};
 use iplw::task::Scene;
-use iplw::task::ball::{BallScene, STANDARD_GRAVITY_M_S2};
+use iplw::task::ball::BallScene;
 
 // Measured tracks and their scene.
 #[derive(clap::Args)]
@@ -19,41 +21,15 @@ pub struct TrackOptions {
     #[arg(long, required = true, value_name = "FILE", num_args = 1..)]
     trials: Vec<PathBuf>,
     /// Scene of the trials (iplw.scene/1); for a single ball, --radius replaces it.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["radius", "mass", "gravity", "floor"])]
+    #[arg(long, value_name = "FILE", conflicts_with = "BallScene")]
     scene: Option<PathBuf>,
-    /// Radius of the ball, m.
-    #[arg(long, value_name = "M", help_heading = ONE_BALL, allow_negative_numbers = true)]
-    radius: Option<f64>,
-    /// Ball mass, kg (optional; does not affect the diagnosis).
-    #[arg(long, value_name = "KG", help_heading = ONE_BALL, allow_negative_numbers = true)]
-    mass: Option<f64>,
-    /// Gravity, m/s^2, downwards.
-    #[arg(long, value_name = "G", help_heading = ONE_BALL, allow_negative_numbers = true, default_value_t = STANDARD_GRAVITY_M_S2)]
-    gravity: f64,
-    /// Height of the floor, m, if the ball bounces; restitution and friction are estimated, too [default: none]
-    #[arg(long, value_name = "M", help_heading = ONE_BALL, allow_negative_numbers = true)]
-    floor: Option<f64>,
-    /// Frame rate, 1/s, if times are frame numbers [default: times in seconds]
-    #[arg(long, value_name = "N", help_heading = UNITS, allow_negative_numbers = true)]
-    fps: Option<f64>,
-    /// Size of a pixel, m, if coordinates are in pixels [default: coordinates in metres]
-    #[arg(long, value_name = "M", help_heading = UNITS, allow_negative_numbers = true)]
-    metres_per_pixel: Option<f64>,
-    /// Unit of coordinates without a unit: m, cm, mm, um, km, in, ft [default: m]
-    #[arg(long, value_name = "UNIT", help_heading = UNITS)]
-    length_unit: Option<String>,
-    /// Unit of times without a unit: s, ms, us, min [default: s]
-    #[arg(long, value_name = "UNIT", help_heading = UNITS)]
-    time_unit: Option<String>,
-    /// The y axis points downwards, as in images: row 700 is at -700 pixels.
-    #[arg(long, help_heading = UNITS, conflicts_with = "y_up")]
-    y_down: bool,
+    #[command(flatten, next_help_heading = "A single ball, instead of --scene")]
+    ball: Option<BallScene>,
+    #[command(flatten, next_help_heading = "Units and tracks, if the files don't specify them")]
+    reading: TrackParseOptions,
     /// The y axis points upwards, even if bodies seem to fall upwards.
-    #[arg(long, help_heading = UNITS)]
+    #[arg(long, conflicts_with = "y_down")]
     y_up: bool,
-    /// Track or body to read from files with several.
-    #[arg(long, value_name = "NAME", help_heading = UNITS)]
-    track: Option<String>,
 }
 
 /// Examples for the help.
@@ -68,48 +44,30 @@ Examples:
 
 Implausible units (a ball that falls with a thousand times gravity) are rejected, with a suggestion.";
 
-const ONE_BALL: &str = "A single ball, instead of --scene";
-const UNITS: &str = "Units and tracks, if the files don't specify them";
-
 /// Reads the files; notes for the user go to standard error.
 pub fn read(args: &TrackOptions) -> Result<LoadedTrials> {
-    let gathered = load(args).map_err(|e| as_options(e, args.scene.is_none()))?;
-    for note in &gathered.notes {
-        eprintln!("note: {}", with_option_names(note));
+    let loaded = request(args)?.load(&Unlimited).map_err(as_options::<TrackOptions>)?;
+    for note in &loaded.notes {
+        eprintln!("note: {}", with_option_names::<TrackOptions>(note));
     }
-    Ok(gathered)
+    Ok(loaded)
 }
 
-fn load(args: &TrackOptions) -> Result<LoadedTrials> {
-    let files = || {
-        let read = |p: &PathBuf| Ok(TrackFile { name: p.display().to_string(), text: text(p)? });
-        args.trials.iter().map(read).collect::<Result<Vec<_>>>()
-    };
-    match (&args.scene, args.radius) {
-        (Some(path), _) => {
-            let scene = Scene::from_json(&text(path)?).map_err(|e| e.in_file(path.display()))?;
-            load_tracks(&files()?, Subject::Scene(&scene), &reading(args), &Unlimited)
-        }
-        (None, Some(radius)) => {
-            let ball = BallScene { radius, mass: args.mass, gravity: args.gravity, floor: args.floor };
-            load_tracks(&files()?, Subject::Ball(&ball), &reading(args), &Unlimited)
-        }
-        (None, None) => {
-            let allowed = "a scene file; or, for a single ball, --radius (and --mass, --gravity, --floor)";
-            Err(Error::input("--scene", "missing", allowed))
-        }
+fn request(args: &TrackOptions) -> Result<DiagnosisRequest> {
+    if args.scene.is_none() && args.ball.is_none() {
+        let allowed = "a scene file; or, for a single ball, --radius (and --mass, --gravity, --floor)";
+        return Err(Error::input("--scene", "missing", allowed));
     }
-}
-
-fn reading(args: &TrackOptions) -> TrackParseOptions {
-    TrackParseOptions {
-        fps: args.fps,
-        metres_per_pixel: args.metres_per_pixel,
-        length_unit: args.length_unit.clone(),
-        time_unit: args.time_unit.clone(),
-        y_down: (args.y_down || args.y_up).then_some(args.y_down),
-        track: args.track.clone(),
-    }
+    let scene = |path: &PathBuf| Scene::from_json(&text(path)?).map_err(|e| e.in_file(path.display()));
+    let file = |path: &PathBuf| Ok(TrackFile { name: path.display().to_string(), text: text(path)? });
+    let y_down = if args.y_up { Some(false) } else { args.reading.y_down };
+    Ok(DiagnosisRequest {
+        scene: args.scene.as_ref().map(scene).transpose()?.map(JsonObject),
+        ball: args.ball.clone().map(JsonObject),
+        trials: Some(TrialFiles(args.trials.iter().map(file).collect::<Result<_>>()?)),
+        reading: Some(JsonObject(TrackParseOptions { y_down, ..args.reading.clone() })),
+        ..DiagnosisRequest::default()
+    })
 }
 
 /// Reads a file given by the user; an unreadable one is an input error.
@@ -122,41 +80,27 @@ fn text(path: &Path) -> Result<String> {
     decode(bytes).map_err(|e| e.in_file(path.display()))
 }
 
-/// Fields that correspond to options.
-const OPTION_FIELDS: [&str; 10] = [
-    "fps",
-    "metres_per_pixel",
-    "length_unit",
-    "time_unit",
-    "y_down",
-    "track",
-    "radius",
-    "mass",
-    "gravity",
-    "floor",
-];
-
-/// Replaces field names in a text by option names.
-fn with_option_names(text: &str) -> String {
-    let option = |name: &str| format!("--{}", name.replace('_', "-"));
-    let text = text.replace("`y_down` false", "--y-up");
-    OPTION_FIELDS.iter().fold(text, |text, name| text.replace(&format!("`{name}`"), &option(name)))
+/// Replaces the request's field in an error by the option of `A` that sets it, unless the error refers to a file.
+pub fn as_options<A: clap::Args>(error: Error) -> Error {
+    let Error::Input(input) = error else { return error };
+    let parents = ["trials.", "ball.", "reading."];
+    let field = parents.into_iter().find_map(|parent| input.field.strip_prefix(parent));
+    let field = field.unwrap_or(&input.field);
+    let option = options::<A>().into_iter().find(|(id, _)| field.split('[').next() == Some(id));
+    let field = option.filter(|_| input.place.is_empty()).map_or(field.to_string(), |(_, option)| option);
+    let (value, allowed) = (with_option_names::<A>(&input.value), with_option_names::<A>(&input.allowed));
+    Error::Input(InvalidInput { field, value, allowed, ..input })
 }
 
-/// Replaces the field of an error by the option, unless the error refers to a file.
-fn as_options(error: Error, ball: bool) -> Error {
-    let Error::Input(input) = error else { return error };
-    let own = input.place.is_empty() && OPTION_FIELDS.contains(&input.field.as_str());
-    let of_ball = ["radius", "mass", "gravity", "floor"].contains(&input.field.as_str());
-    let field = if own && (ball || !of_ball) {
-        with_option_names(&format!("`{}`", input.field))
-    } else {
-        input.field
-    };
-    Error::Input(InvalidInput {
-        field,
-        value: with_option_names(&input.value),
-        allowed: with_option_names(&input.allowed),
-        ..input
-    })
+/// Replaces field names in a text by the options of `A` that set them.
+fn with_option_names<A: clap::Args>(text: &str) -> String {
+    let text = text.replace("`y_down` false", "--y-up");
+    options::<A>().iter().fold(text, |text, (id, option)| text.replace(&format!("`{id}`"), option))
+}
+
+/// Fields and the options of `A` that set them.
+fn options<A: clap::Args>() -> Vec<(String, String)> {
+    let command = A::augment_args(clap::Command::new("iplw"));
+    let option = |arg: &clap::Arg| Some((arg.get_id().to_string(), format!("--{}", arg.get_long()?)));
+    command.get_arguments().filter_map(option).collect()
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use iplw::commands::{TrainingPreset, TrainingRequest};
 use iplw::error::{Error, Result};
 use iplw::experiment::evaluate_in_hidden_world;
 use iplw::policy::{
@@ -13,7 +14,7 @@ use iplw::policy::{
 use iplw::progress::Progress;
 use iplw::reality::standard;
 use iplw::task::{DEFAULT_FAMILY, LabelCounts, Learning, Split, Task, split};
-use iplw::world::Engine;
+use iplw::world::{Engine, Latents};
 use serde_json::json;
 
 use super::outcomes::read_all;
@@ -24,48 +25,22 @@ use super::{output, parse};
 /// Labels random actions of the training tasks by simulation and trains a policy on them.
 #[derive(clap::Args)]
 pub struct TrainArgs {
-    /// Family, or one of its tasks.
-    #[arg(long, default_value = DEFAULT_FAMILY)]
-    task: String,
-    /// Latents of the simulation: density=..,friction=..,restitution=.. [default: the scene's]
-    #[arg(long, default_value = "")]
-    latents: String,
-    /// Domain randomisation over the paper's ranges instead of --latents.
-    #[arg(long, conflicts_with = "latents")]
-    randomised: bool,
+    #[command(flatten)]
+    request: TrainingRequest,
     /// Posterior samples (iplw.posterior/2): every action is labelled in a sampled world.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["latents", "randomised", "effects"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["latents", "training", "effects"])]
     posterior: Option<PathBuf>,
-    /// Effect of the simulation, name:parameter=value,..; may be repeated.
-    #[arg(long = "effect", value_name = "EFFECT")]
-    effects: Vec<String>,
     /// Learn from tables of `iplw outcomes`, one per family, without simulation.
     ///
     /// With several families, the policy applies to all families with the same kind of actions.
-    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "posterior", "effects", "preset", "fold"])]
+    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "training", "posterior", "effects", "preset", "fold"])]
     outcomes: Vec<PathBuf>,
     /// Labelled actions per training task, at least [default: the family's]
     #[arg(long)]
     per_task: Option<usize>,
-    /// Length of training: saturating or paper [default: saturating for a family, otherwise paper]
-    ///
-    /// `saturating` trains until AUCCESS on the simulated validation tasks stops improving, and keeps the best weights; by default it
-    /// labels at least 1000 actions per task and uses batches of at least 64. `paper` does the family's number of updates. With --batches,
-    /// with --outcomes and for a single task the default is `paper`.
-    #[arg(long)]
-    preset: Option<String>,
-    /// Number of updates, which implies --preset paper [default: the family's]
-    #[arg(long)]
-    batches: Option<usize>,
-    /// Examples per update, half of them successes [default: the family's]
-    #[arg(long)]
-    batch_size: Option<usize>,
     /// Fold: another random split of the family's tasks into train, validation and test [default: 0]
     #[arg(long)]
     fold: Option<u64>,
-    /// Random seed.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Output file of the weights (safetensors).
     #[arg(long, default_value = "policy.safetensors")]
     out: PathBuf,
@@ -106,7 +81,7 @@ pub struct EvaluateArgs {
 }
 
 pub fn train_policy(args: &TrainArgs) -> Result<()> {
-    let (tasks, family) = parse::tasks(&args.task)?;
+    let (tasks, family) = parse::tasks(&args.request.task)?;
     let tasks = parse::fold(tasks, family, args.fold)?;
     let saturating = saturating(args, &tasks)?;
     let usual = match args.outcomes.as_slice() {
@@ -117,25 +92,23 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
     let per_task = args.per_task.unwrap_or(usual.labels.per_task);
     iplw::error::check_range("--per-task", per_task as f64, 1.0, 50_000.0)?;
     let labels = LabelCounts { per_task, ..usual.labels };
-    let config = TrainConfig {
-        batches: args.batches.unwrap_or(usual.batches),
-        batch_size: args.batch_size.unwrap_or(usual.batch_size),
-        seed: args.seed,
-        ..TrainConfig::preset(&usual)
-    };
-    config.validate()?;
+    let config = args.request.config(&usual)?;
+    let seed = config.seed;
     output::prepare_file("--out", &args.out)?;
     if !args.outcomes.is_empty() {
         let tables: Vec<OutcomeTable> =
             read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
-        let lesson = OutcomeDataset::new(&tables, &task_indices(&tables, Split::Train)?, &labels, args.seed);
+        let lesson = OutcomeDataset::new(&tables, &task_indices(&tables, Split::Train)?, &labels, seed);
         let [solving, failing] = lesson.counts();
         return train_and_save(args, &lesson, [solving + failing, solving], &config, None);
     }
-    let training = training(args)?;
+    let training = match &args.posterior {
+        Some(path) => TrainingPhysics::from_posterior(&parse::parameter_samples(path)?),
+        None => args.request.clone().physics(Latents::default())?,
+    };
     let bar = output::TerminalProgress::new();
     let own = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks.clone() };
-    let data = label(&own, &training, &LabelConfig::preset(&labels, args.seed), &bar)?;
+    let data = label(&own, &training, &LabelConfig::preset(&labels, seed), &bar)?;
     bar.clear();
     let counts = [data.rows.len(), data.solving()];
     if !saturating {
@@ -144,8 +117,8 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
     let until = EarlyStopping::standard(&config);
     let judge = SimulatedValidator::new(
         &split(&tasks, Split::Validation),
-        training.worlds(until.worlds, args.seed),
-        &EvaluateConfig::phyre(args.seed),
+        training.worlds(until.worlds, seed),
+        &EvaluateConfig::phyre(seed),
         Engine::Auto,
     )?;
     train_and_save(args, &data, counts, &config, Some((&judge, &until)))
@@ -153,32 +126,20 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
 
 /// Whether to train until validation performance saturates.
 fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
+    let TrainingRequest { task, preset, batches, .. } = &args.request;
     let can = tasks.len() > 1 && tasks.iter().any(|t| t.split == Split::Validation);
-    match args.preset.as_deref() {
-        Some("paper") => Ok(false),
-        None => Ok(can && args.batches.is_none() && args.outcomes.is_empty()),
-        Some("saturating") if args.batches.is_some() => {
+    match preset {
+        Some(TrainingPreset::Paper) => Ok(false),
+        None => Ok(can && batches.is_none() && args.outcomes.is_empty()),
+        Some(TrainingPreset::Saturating) if batches.is_some() => {
             Err(Error::input("--batches", "given beside --preset saturating", "one or the other"))
         }
-        Some("saturating") if !can => {
+        Some(TrainingPreset::Saturating) if !can => {
             let allowed = "a family with validation tasks, which determine when to stop";
-            Err(Error::input("--task", format!("{:?} with --preset saturating", args.task), allowed))
+            Err(Error::input("--task", format!("{task:?} with --preset saturating"), allowed))
         }
-        Some("saturating") => Ok(true),
-        Some(other) => Err(Error::input("--preset", format!("{other:?}"), "paper or saturating")),
+        Some(TrainingPreset::Saturating) => Ok(true),
     }
-}
-
-/// The physics of the labels, given by the options.
-fn training(args: &TrainArgs) -> Result<TrainingPhysics> {
-    let effects = parse::effects(&args.effects)?;
-    if let Some(path) = &args.posterior {
-        return Ok(TrainingPhysics::from_posterior(&parse::parameter_samples(path)?));
-    }
-    if args.randomised {
-        return Ok(TrainingPhysics::paper_randomised(effects));
-    }
-    Ok(TrainingPhysics::Fixed { latents: parse::latents(&args.latents)?, effects })
 }
 
 /// Trains on labelled actions ([all, successful] of them) and writes the weights; with a validator, until saturation.

@@ -123,19 +123,30 @@ mod tests {
     fn straight(worlds: usize, slopes: &[f64], seed: u64) -> (PredictedObservations, Vec<f64>) {
         let mut stream = rng::stream(seed, "straight");
         let numbers: Vec<f64> = (0..worlds).map(|_| StandardNormal.sample(&mut stream)).collect();
-        let mean = DMatrix::from_fn(slopes.len(), worlds, |t, j| slopes[t] * numbers[j]);
-        let spread = vec![DMatrix::zeros(slopes.len(), 3); worlds];
-        (PredictedObservations { held: mean.clone(), mean, spread }, numbers)
+        (exact(DMatrix::from_fn(slopes.len(), worlds, |t, j| slopes[t] * numbers[j])), numbers)
+    }
+
+    /// Observations (coordinates, worlds) without actuation noise.
+    fn exact(mean: DMatrix<f64>) -> PredictedObservations {
+        let spread = vec![DMatrix::zeros(mean.nrows(), 3); mean.ncols()];
+        PredictedObservations { held: mean.clone(), mean, spread }
+    }
+
+    /// Likelihoods with noise of unit variance.
+    fn unit_noise_likelihoods(
+        predicted: &PredictedObservations,
+        grouping: Grouping,
+        seed: u64,
+    ) -> LikelihoodMatrix {
+        let mut stream = rng::stream(seed, "noise");
+        ComponentScores::new(predicted, grouping, 1.0, &mut stream).likelihoods(grouping).unwrap()
     }
 
     /// Likelihoods between the worlds of one group, with noise of unit variance.
     fn likelihoods_of(predicted: &PredictedObservations, numbers: &[f64], seed: u64) -> LikelihoodMatrix {
         let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
         let groups = vec![0; numbers.len()];
-        let grouping = Grouping { groups: &groups, numbers: &numbers };
-        ComponentScores::new(predicted, grouping, 1.0, &mut rng::stream(seed, "noise"))
-            .likelihoods(grouping)
-            .unwrap()
+        unit_noise_likelihoods(predicted, Grouping { groups: &groups, numbers: &numbers }, seed)
     }
 
     /// A parameter of unit variance observed with slopes b in noise of unit variance: I = log(1 + b.b) / 2.
@@ -171,13 +182,9 @@ mod tests {
                 .sum();
             let of: Vec<usize> = (0..400).map(|i| i % 2).collect();
             let sign = |j: usize| if of[j] == 0 { -d } else { d };
-            let mean = DMatrix::from_fn(1, 400, |_, j| sign(j));
-            let predicted =
-                PredictedObservations { held: mean.clone(), mean, spread: vec![DMatrix::zeros(1, 3); 400] };
+            let predicted = exact(DMatrix::from_fn(1, 400, |_, j| sign(j)));
             let grouping = Grouping { groups: &of, numbers: &vec![vec![]; 400] };
-            let likelihoods = ComponentScores::new(&predicted, grouping, 1.0, &mut rng::stream(3, "noise"))
-                .likelihoods(grouping)
-                .unwrap();
+            let likelihoods = unit_noise_likelihoods(&predicted, grouping, 3);
             let found =
                 information_gain(&likelihoods, &AnswerPartition::Shared { of, weights: vec![0.5, 0.5] });
             let error = (found.information - wanted).abs();
@@ -208,17 +215,10 @@ mod tests {
             let worlds = sets * each;
             let mut stream = rng::stream(worlds as u64, "alike");
             let mut wild = || 20.0 * Distribution::<f64>::sample(&StandardNormal, &mut stream);
-            let mean = DMatrix::from_fn(16, worlds, |_, _| wild());
-            let predicted = PredictedObservations {
-                held: mean.clone(),
-                mean,
-                spread: vec![DMatrix::zeros(16, 3); worlds],
-            };
+            let predicted = exact(DMatrix::from_fn(16, worlds, |_, _| wild()));
             let of: Vec<usize> = (0..worlds).map(|i| i % sets).collect();
             let grouping = Grouping { groups: &of, numbers: &vec![vec![]; worlds] };
-            let likelihoods = ComponentScores::new(&predicted, grouping, 1.0, &mut rng::stream(3, "noise"))
-                .likelihoods(grouping)
-                .unwrap();
+            let likelihoods = unit_noise_likelihoods(&predicted, grouping, 3);
             let found = information_gain(
                 &likelihoods,
                 &AnswerPartition::Shared { of, weights: vec![1.0 / sets as f64; sets] },
@@ -235,13 +235,8 @@ mod tests {
         for worlds in [32, 128] {
             let mut stream = rng::stream(worlds as u64, "loose");
             let mut wild = || 20.0 * Distribution::<f64>::sample(&StandardNormal, &mut stream);
-            let mean = DMatrix::from_fn(16, worlds, |_, _| wild());
+            let predicted = exact(DMatrix::from_fn(16, worlds, |_, _| wild()));
             let numbers: Vec<f64> = (0..worlds).map(|_| wild()).collect();
-            let predicted = PredictedObservations {
-                held: mean.clone(),
-                mean,
-                spread: vec![DMatrix::zeros(16, 3); worlds],
-            };
             let found =
                 information_gain(&likelihoods_of(&predicted, &numbers, 3), &AnswerPartition::Distinct);
             assert!(found.information < 3.0 * found.standard_error + 0.1, "{worlds}: {found:?}");

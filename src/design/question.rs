@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::names::names;
 
 /// A question about the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,21 +17,12 @@ pub enum Question {
     Success,
 }
 
+names!(Question: Latents = "latents", Effects = "effects", Success = "success");
+
 impl Question {
     /// The question called `name`.
     pub fn from_name(name: &str) -> Result<Question> {
-        let all = [Question::Latents, Question::Effects, Question::Success];
-        all.into_iter()
-            .find(|q| q.name() == name)
-            .ok_or_else(|| Error::input("question", format!("{name:?}"), "latents, effects or success"))
-    }
-
-    /// The question's name.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Question::Latents => "latents",
-            Question::Effects => "effects",
-            Question::Success => "success",
-        }
+        let allowed = "latents, effects or success";
+        Question::named(name).ok_or_else(|| Error::input("question", format!("{name:?}"), allowed))
     }
 }

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
+use crate::names::names;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 
@@ -11,7 +13,7 @@ use crate::task::scene::EffectTerm;
 pub const FORMAT: &str = "iplw.diagnosis/1";
 
 /// Verdict of a diagnosis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The base model explains the data down to the noise.
@@ -26,18 +28,8 @@ pub enum Verdict {
     InsufficientData,
 }
 
-impl Verdict {
-    /// The name used in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Verdict::None => "none",
-            Verdict::Named => "named",
-            Verdict::Ambiguous => "ambiguous",
-            Verdict::Unknown => "unknown",
-            Verdict::InsufficientData => "insufficient_data",
-        }
-    }
-}
+names!(Verdict: None = "none", Named = "named", Ambiguous = "ambiguous", Unknown = "unknown",
+    InsufficientData = "insufficient_data");
 
 /// A diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -78,7 +70,7 @@ pub struct Diagnosis {
 }
 
 /// An effect of the selected set.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EffectEstimate {
     pub name: String,
     pub acts_on: String,
@@ -88,7 +80,7 @@ pub struct EffectEstimate {
 }
 
 /// A parameter estimate with its 95 % confidence interval.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterEstimate {
     pub name: String,
     pub value: f64,
@@ -179,11 +171,13 @@ pub struct HeldOutError {
 }
 
 /// Recommended next experiment.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RecommendedExperiment {
     pub why: String,
+    /// The experiment.
     #[serde(rename = "do")]
     pub action: String,
+    /// The rivals that it would separate.
     pub separates: Vec<String>,
     /// The experiment as a scene: its first body's initial state is to be set. `None` if it is not of that
     /// kind.

@@ -21,8 +21,9 @@ pub const NOISE: f64 = 0.002;
 
 /// Windows of launches, one for each drag (1/s, not 0).
 pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
-    let scene =
-        BallScene { radius: 0.05, mass: None, gravity: GRAVITY, floor: None }.build("ball", 1.0).unwrap();
+    let scene = BallScene { radius: 0.05, mass: None, gravity: Some(GRAVITY), floor: None }
+        .build("ball", 1.0)
+        .unwrap();
     let mut stream = rng::stream(seed, "thrown");
     let mut noise =
         || -> f64 { NOISE * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut stream) };

@@ -103,11 +103,8 @@ impl CemConfig {
             elites: 24,
             iterations: 4,
             smoothing: 0.3,
-            prior,
-            drag: None,
-            fit: Vec::new(),
             floor: 0.02,
-            limits: None,
+            ..CemConfig::paper(prior)
         }
     }
 

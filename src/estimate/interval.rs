@@ -7,6 +7,7 @@
 //! the interval is [`RefinedEstimate::confidence_interval`], which documents its coverage.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::loss::{Simulation, segment_residuals};
 use super::refine::{RefinedEstimate, SearchBounds};
@@ -15,16 +16,17 @@ use crate::error::Result;
 use crate::progress::Progress;
 use crate::world::{ParameterSpace, ParameterVector};
 
-/// Estimate of one coordinate: a latent factor or an estimated effect parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Estimate of a latent or of a free effect parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LatentEstimateOut)]
 pub struct LatentEstimate {
-    /// Name of the factor, or `effect.parameter`.
+    /// Name of the latent, or `effect.parameter`.
     pub name: String,
-    /// The estimate. For an unidentifiable latent it is only where the search ended.
+    /// The estimate; if not identifiable, the search's current value.
     pub value: f64,
-    /// 95 % interval; `[null, null]` stands for an infinite one.
+    /// 95 % interval; `[null, null]` if infinite.
     pub ci95: [Option<f64>; 2],
-    /// Whether the trials identify it.
+    /// Whether the trials determine it.
     pub identifiable: bool,
 }
 

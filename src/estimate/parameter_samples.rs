@@ -151,6 +151,15 @@ impl ParameterSamples {
         Ok(ParameterSamples { source: SampleSource::Prior, draws: draws.collect() })
     }
 
+    /// [`PRIOR_SAMPLE_COUNT`] draws of [`ParameterSamples::prior_over_sets`].
+    pub fn standard_prior(
+        prior: [(f64, f64); 3],
+        sets: &[Vec<String>],
+        seed: u64,
+    ) -> Result<ParameterSamples> {
+        ParameterSamples::prior_over_sets(prior, sets, PRIOR_SAMPLE_COUNT, seed)
+    }
+
     /// `count` draws of the prior, each with one of several sets of effects in turn. Effect parameters are
     /// drawn from their own priors. Fails for an effect with parameters that have no prior because they depend
     /// on the scene.
@@ -326,12 +335,7 @@ impl ColumnTarget {
             (ColumnTarget::Parameter(own), Some(value)) => {
                 let [low, high] = own.parameter().bounds;
                 let value = check_range(field, value, low, high)?;
-                let name = own.effect.name;
-                let at = draw.effects.iter().position(|term| term.name == name).unwrap_or_else(|| {
-                    draw.effects.push(EffectTerm { name: name.into(), parameters: BTreeMap::new() });
-                    draw.effects.len() - 1
-                });
-                draw.effects[at].parameters.insert(own.parameter().name.into(), value);
+                EffectTerm::set_in(&mut draw.effects, own.effect.name, own.parameter().name, value);
             }
             (ColumnTarget::Parameter(_), None) => {}
         }

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::gp::{GaussianProcess, GpHyperparameters, GpPrediction};
 use crate::error::{Error, Result, check_range};
 use crate::explore::Importance;
+use crate::names::names;
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::world::latent::{FACTORS, factor_index};
@@ -318,23 +319,13 @@ impl Importance for PerformanceSurface {
     }
 }
 
-impl EvaluationMethod {
-    /// The name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            EvaluationMethod::Ideal => "ideal",
-            EvaluationMethod::Dqn => "dqn",
-        }
-    }
+names!(EvaluationMethod: Ideal = "ideal", Dqn = "dqn");
 
+impl EvaluationMethod {
     /// The route named `name`.
     pub fn from_name(name: &str) -> Result<EvaluationMethod> {
-        let all = [EvaluationMethod::Ideal, EvaluationMethod::Dqn];
-        all.into_iter().find(|r| r.name() == name).ok_or_else(|| Error::NotFound {
-            kind: "route",
-            id: name.to_string(),
-            known: all.map(|r| r.name().to_string()).to_vec(),
-        })
+        let known = EvaluationMethod::ALL.map(EvaluationMethod::name);
+        EvaluationMethod::named(name).ok_or_else(|| Error::not_found("route", name, known))
     }
 }
 

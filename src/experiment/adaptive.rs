@@ -12,7 +12,6 @@ use super::selection_summary::SelectionSummary;
 use crate::design::{DesignConfig, Experiment, Question, design, document};
 use crate::error::{Error, Result};
 use crate::estimate::ParameterSamples;
-use crate::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Task;
@@ -124,15 +123,8 @@ fn current_posterior(
 ) -> Result<(ParameterSamples, bool)> {
     let set = config.cem.free_effects();
     let prior = || {
-        Ok((
-            ParameterSamples::prior_over_sets(
-                config.cem.prior,
-                std::slice::from_ref(&set),
-                PRIOR_SAMPLE_COUNT,
-                seed,
-            )?,
-            false,
-        ))
+        let sets = std::slice::from_ref(&set);
+        Ok((ParameterSamples::standard_prior(config.cem.prior, sets, seed)?, false))
     };
     let Some(base) = tasks.first().filter(|_| trials.len() >= MIN_INTERACTIONS) else { return prior() };
     let asked = EstimatorInput {
@@ -194,10 +186,8 @@ mod tests {
         let again = Workflow::new(&tasks, &config, None).unwrap().resume(rounds[..1].to_vec()).unwrap();
         let mut again = again;
         assert_eq!(again.propose(None, &NoProgress).unwrap().unwrap(), rounds[1].proposals);
-        let beside = EstimateConfig {
-            effects: vec![EffectTerm { name: "linear_drag".into(), parameters: [("c".into(), 0.2)].into() }],
-            ..config
-        };
+        let beside =
+            EstimateConfig { effects: vec![EffectTerm::new("linear_drag", &[("c", 0.2)])], ..config };
         assert!(refused(&beside).contains("strategy"));
         let many = EstimateConfig { actions: 21, effects: Vec::new(), ..beside.clone() };
         assert!(refused(&many).contains("actions"));

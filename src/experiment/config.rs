@@ -6,6 +6,7 @@ use super::acquisition;
 use super::order_constraint::OrderConstraint;
 use crate::error::{Error, Result, check_range};
 use crate::estimate::CemConfig;
+use crate::names::names;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::{self, ParameterDeclaration};
 use crate::world::{EffectParameter, Engine};
@@ -73,23 +74,14 @@ pub enum ResidualKind {
     Shooting,
 }
 
-impl ResidualKind {
-    /// Name in the HTTP API and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            ResidualKind::Trajectory => "trajectory",
-            ResidualKind::Shooting => "shooting",
-        }
-    }
+names!(ResidualKind: Trajectory = "trajectory", Shooting = "shooting");
+names!(Memory: All = "all", LastRound = "last_round");
 
+impl ResidualKind {
     /// The kind named `name`.
     pub fn from_name(name: &str) -> Result<ResidualKind> {
-        let all = [ResidualKind::Trajectory, ResidualKind::Shooting];
-        all.into_iter().find(|k| k.name() == name).ok_or_else(|| Error::NotFound {
-            kind: "residual",
-            id: name.to_string(),
-            known: all.map(|k| k.name().to_string()).to_vec(),
-        })
+        let known = ResidualKind::ALL.map(ResidualKind::name);
+        ResidualKind::named(name).ok_or_else(|| Error::not_found("residual", name, known))
     }
 }
 

@@ -60,11 +60,11 @@ impl Estimator {
 
     /// The estimator called `name`.
     pub fn from_name(name: &str) -> Result<Estimator> {
-        ESTIMATORS.iter().find(|(own, _)| *own == name).map(|(_, e)| *e).ok_or_else(|| Error::NotFound {
-            kind: "estimator",
-            id: name.to_string(),
-            known: ESTIMATORS.iter().map(|(name, _)| name.to_string()).collect(),
-        })
+        ESTIMATORS
+            .iter()
+            .find(|(own, _)| *own == name)
+            .map(|(_, e)| *e)
+            .ok_or_else(|| Error::not_found("estimator", name, ESTIMATORS.map(|(name, _)| name)))
     }
 }
 

@@ -12,7 +12,6 @@ use super::acquisition::{DESIGN_METHODS, question};
 use super::estimators::{Estimator, EstimatorInput, EstimatorOutput, parameters};
 use crate::design::{DesignConfig, Question, design, training_and_test_tasks};
 use crate::error::{Error, Result, check_range};
-use crate::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use crate::estimate::{ParameterSample, ParameterSamples};
 use crate::explore::{self, AcquisitionContext};
 use crate::plan::{PlanConfig, plan};
@@ -125,12 +124,8 @@ pub fn ground(
     }
     let mut spent = GroundingRun { family, config, training, asked, trials: Vec::new(), solved: 0 };
     let mut world = HiddenWorld::new(config.hidden.clone())?;
-    let mut belief = ParameterSamples::prior_over_sets(
-        family.prior,
-        std::slice::from_ref(&config.set),
-        PRIOR_SAMPLE_COUNT,
-        config.seed,
-    )?;
+    let mut belief =
+        ParameterSamples::standard_prior(family.prior, std::slice::from_ref(&config.set), config.seed)?;
     let mut found = Vec::new();
     // Random selection does not use the posterior.
     let blind = config.way == "random";
@@ -250,10 +245,9 @@ impl GroundingRun<'_> {
                 .unzip()
         };
         let (estimate, deviations) = spread(belief.draws());
-        let prior = ParameterSamples::prior_over_sets(
+        let prior = ParameterSamples::standard_prior(
             self.family.prior,
             std::slice::from_ref(&self.config.set),
-            PRIOR_SAMPLE_COUNT,
             self.config.seed,
         )?;
         let (_, before) = spread(prior.draws());

@@ -51,46 +51,42 @@ pub(super) const WITHOUT_DRAG: &str = "drag left out";
 
 /// Claims that the study of policies checks. Row names are those of [`posterior_row_name`] and [`tuned_row_name`].
 pub(super) const POLICY_CLAIMS: &[JumpStartClaim] = &[
-    JumpStartClaim {
-        text: "drag fitted along: draws beat the point",
-        better: "over draws (drag fitted along)",
-        worse: WITH_DRAG,
-    },
-    JumpStartClaim {
-        text: "drag fitted along: tuned on what was measured beats the point",
-        better: "tuned (drag fitted along)",
-        worse: WITH_DRAG,
-    },
-    JumpStartClaim {
-        text: "drag fitted along: draws beat domain randomisation",
-        better: "over draws (drag fitted along)",
-        worse: "domain randomisation",
-    },
-    JumpStartClaim {
-        text: "drag fitted along: the point beats domain randomisation",
-        better: WITH_DRAG,
-        worse: "domain randomisation",
-    },
-    JumpStartClaim {
-        text: "drag left out: draws beat the point",
-        better: "over draws (drag left out)",
-        worse: WITHOUT_DRAG,
-    },
-    JumpStartClaim {
-        text: "drag left out: tuned on what was measured beats the point",
-        better: "tuned (drag left out)",
-        worse: WITHOUT_DRAG,
-    },
-    JumpStartClaim {
-        text: "drag left out: draws beat domain randomisation",
-        better: "over draws (drag left out)",
-        worse: "domain randomisation",
-    },
-    JumpStartClaim {
-        text: "drag left out: the point beats domain randomisation",
-        better: WITHOUT_DRAG,
-        worse: "domain randomisation",
-    },
+    JumpStartClaim::new(
+        "drag fitted along: draws beat the point",
+        "over draws (drag fitted along)",
+        WITH_DRAG,
+    ),
+    JumpStartClaim::new(
+        "drag fitted along: tuned on what was measured beats the point",
+        "tuned (drag fitted along)",
+        WITH_DRAG,
+    ),
+    JumpStartClaim::new(
+        "drag fitted along: draws beat domain randomisation",
+        "over draws (drag fitted along)",
+        "domain randomisation",
+    ),
+    JumpStartClaim::new(
+        "drag fitted along: the point beats domain randomisation",
+        WITH_DRAG,
+        "domain randomisation",
+    ),
+    JumpStartClaim::new("drag left out: draws beat the point", "over draws (drag left out)", WITHOUT_DRAG),
+    JumpStartClaim::new(
+        "drag left out: tuned on what was measured beats the point",
+        "tuned (drag left out)",
+        WITHOUT_DRAG,
+    ),
+    JumpStartClaim::new(
+        "drag left out: draws beat domain randomisation",
+        "over draws (drag left out)",
+        "domain randomisation",
+    ),
+    JumpStartClaim::new(
+        "drag left out: the point beats domain randomisation",
+        WITHOUT_DRAG,
+        "domain randomisation",
+    ),
 ];
 
 /// Row name of policies trained over an arm's posterior draws.

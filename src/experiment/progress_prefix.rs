@@ -1,4 +1,4 @@
-//! Progress reporters that prefix stage names.
+//! A progress reporter that prefixes stage names.
 
 use crate::error::Result;
 use crate::progress::Progress;
@@ -9,21 +9,15 @@ pub(super) struct PrefixedProgress<'a> {
     pub name: String,
 }
 
-impl Progress for PrefixedProgress<'_> {
-    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        self.inner.report(&format!("{}: {stage}", self.name), done, total)
+impl<'a> PrefixedProgress<'a> {
+    /// Prefixes every stage with the number of the round, counted from 0.
+    pub fn round(inner: &'a dyn Progress, round: usize, rounds: usize) -> PrefixedProgress<'a> {
+        PrefixedProgress { inner, name: format!("round {} of {rounds}", round + 1) }
     }
 }
 
-/// Prefixes every stage with the number of the round.
-pub(super) struct RoundProgress<'a> {
-    pub inner: &'a dyn Progress,
-    pub round: usize,
-    pub rounds: usize,
-}
-
-impl Progress for RoundProgress<'_> {
+impl Progress for PrefixedProgress<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        self.inner.report(&format!("round {} of {}: {stage}", self.round + 1, self.rounds), done, total)
+        self.inner.report(&format!("{}: {stage}", self.name), done, total)
     }
 }

@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::extension::{self, Extension, diagnose_trials};
 use super::hidden_evaluation::evaluate_in_hidden_world;
 use super::progress_prefix::PrefixedProgress;
+use super::statistics::Summary;
+use super::study::with_drag;
 use super::{EstimateConfig, EstimateReport, Round, Workflow, refit, run};
 use crate::discover::DiagnosisResult;
 use crate::error::{Result, check_range};
@@ -23,7 +25,6 @@ use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Split, Task, split};
-use crate::world::LINEAR_DRAG;
 use crate::world::Latents;
 
 /// Configuration of the experiment.
@@ -155,10 +156,8 @@ impl Method {
 impl QuickstartRow {
     /// Mean AUCCESS over seeds and its standard error (`None` for a single seed).
     pub fn mean(&self) -> (f64, Option<f64>) {
-        let n = self.auccess.len() as f64;
-        let mean = self.auccess.iter().sum::<f64>() / n;
-        let variance = self.auccess.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        (mean, (n > 1.0).then(|| (variance / n).sqrt()))
+        let summary = Summary::of(&self.auccess);
+        (summary.mean, summary.standard_error)
     }
 }
 
@@ -310,8 +309,7 @@ fn refit_with_drag(
     stopwatch: &mut Stopwatch,
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
-    let mut config = config.clone();
-    config.cem.add_free_parameter(LINEAR_DRAG);
+    let config = with_drag(config.clone());
     let stage_progress = PrefixedProgress { inner: progress, name: "with drag".into() };
     stopwatch.time("fit again with drag", || refit(trials, &config, &stage_progress))
 }

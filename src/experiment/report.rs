@@ -61,14 +61,11 @@ impl EstimateReport {
     pub fn extension(&self) -> Vec<EffectTerm> {
         let mut terms: Vec<EffectTerm> = Vec::new();
         for (own, found) in self.config.cem.free_parameters().iter().zip(&self.effects) {
-            let given = self.config.effects.iter().find(|term| term.name == own.effect.name);
-            let known = terms.iter().position(|term| term.name == own.effect.name);
-            let at = known.unwrap_or_else(|| {
-                let bare = || EffectTerm { name: own.effect.name.into(), parameters: Default::default() };
-                terms.push(given.cloned().unwrap_or_else(bare));
-                terms.len() - 1
-            });
-            terms[at].parameters.insert(own.parameter().name.into(), found.value);
+            let has_name = |term: &&EffectTerm| term.name == own.effect.name;
+            if !terms.iter().any(|term| has_name(&term)) {
+                terms.extend(self.config.effects.iter().find(has_name).cloned());
+            }
+            EffectTerm::set_in(&mut terms, own.effect.name, own.parameter().name, found.value);
         }
         terms
     }

@@ -144,10 +144,7 @@ impl Study {
     /// Studies beyond the paper: one for each real world with an effect other than linear drag. Since the fitted extension is linear drag,
     /// they show the performance of a misspecified extension.
     pub fn harder(family: &Family) -> Vec<Study> {
-        let term = |name: &str, parameters: &[(&str, f64)]| EffectTerm {
-            name: name.into(),
-            parameters: parameters.iter().map(|(k, v)| (k.to_string(), *v)).collect(),
-        };
+        let term = EffectTerm::new;
         // Strong breeze; drag that halves the speed in 25 m; carpet on the middle of the floor.
         let patch = [("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0), ("c", 2.0)];
         let natures = [
@@ -366,23 +363,12 @@ const CEM_ARM: &str = "CEM on random trajectories";
 const DIRECT: &str = "direct learning";
 
 /// Claims about the baselines, checked in every study.
-const COMMON_CLAIMS: &[JumpStartClaim] = &[JumpStartClaim {
-    text: "true latents beat domain randomisation",
-    better: TRUE_LATENTS,
-    worse: RANDOMISED,
-}];
+const COMMON_CLAIMS: &[JumpStartClaim] =
+    &[JumpStartClaim::new("true latents beat domain randomisation", TRUE_LATENTS, RANDOMISED)];
 /// Claims of the paper's first experiment.
 const LATENT_CLAIMS: &[JumpStartClaim] = &[
-    JumpStartClaim {
-        text: "estimated latents beat domain randomisation",
-        better: CEM_ARM,
-        worse: RANDOMISED,
-    },
-    JumpStartClaim {
-        text: "estimated latents beat direct learning at the start",
-        better: CEM_ARM,
-        worse: DIRECT,
-    },
+    JumpStartClaim::new("estimated latents beat domain randomisation", CEM_ARM, RANDOMISED),
+    JumpStartClaim::new("estimated latents beat direct learning at the start", CEM_ARM, DIRECT),
 ];
 
 /// Runs one arm's estimation on the training tasks and, if requested, the diagnosis of its trials.

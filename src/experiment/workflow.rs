@@ -15,7 +15,7 @@ use super::adaptive::{self, select_adaptively};
 use super::config::{EstimateConfig, Memory};
 use super::fit::{FitHistory, fit_round, report_on};
 use super::order_constraint;
-use super::progress_prefix::RoundProgress;
+use super::progress_prefix::PrefixedProgress;
 use super::report::{EstimateReport, StopReason};
 use super::selection_summary::SelectionSummary;
 use crate::error::{Error, Result};
@@ -219,7 +219,7 @@ impl Workflow {
         if self.trials.is_empty() {
             return Ok((Vec::new(), 0));
         }
-        let report = self.report(&RoundProgress { inner: progress, round, rounds: self.config.rounds })?;
+        let report = self.report(&PrefixedProgress::round(progress, round, self.config.rounds))?;
         let before: u64 = self.rounds.iter().map(|r| r.rollouts).sum();
         Ok((report.latents.into_iter().chain(report.effects).collect(), report.rollouts - before))
     }
@@ -278,11 +278,30 @@ impl Workflow {
 
     /// The task called `id`.
     pub fn task(&self, id: &str) -> Result<&Task> {
-        self.tasks.iter().find(|t| t.id == id).ok_or_else(|| Error::NotFound {
-            kind: "task",
-            id: id.to_string(),
-            known: self.tasks.iter().map(|t| t.id.clone()).collect(),
-        })
+        self.tasks
+            .iter()
+            .find(|t| t.id == id)
+            .ok_or_else(|| Error::not_found("task", id, self.tasks.iter().map(|t| &t.id)))
+    }
+
+    /// Proposals grouped by task, in order, with their actions.
+    pub fn by_task<'a>(
+        &self,
+        proposals: impl IntoIterator<Item = &'a Proposal>,
+    ) -> Result<Vec<TaskProposals<'a, '_>>> {
+        let mut groups: Vec<TaskProposals> = Vec::new();
+        for proposal in proposals {
+            let task = self.task(&proposal.task)?;
+            let action = proposal.action_on(task)?;
+            match groups.iter_mut().find(|(known, ..)| known.id == task.id) {
+                Some((_, proposals, actions)) => {
+                    proposals.push(proposal);
+                    actions.push(action);
+                }
+                None => groups.push((task, vec![proposal], vec![action])),
+            }
+        }
+        Ok(groups)
     }
 
     fn finish(&mut self, round: Round, fresh: Vec<Trial>) {
@@ -402,10 +421,13 @@ impl Workflow {
         }
     }
 
-    fn round_progress<'a>(&self, inner: &'a dyn Progress) -> RoundProgress<'a> {
-        RoundProgress { inner, round: self.rounds.len(), rounds: self.config.rounds }
+    fn round_progress<'a>(&self, inner: &'a dyn Progress) -> PrefixedProgress<'a> {
+        PrefixedProgress::round(inner, self.rounds.len(), self.config.rounds)
     }
 }
+
+/// A task, the proposals for it, and their actions.
+type TaskProposals<'a, 'w> = (&'w Task, Vec<&'a Proposal>, Vec<ValidAction>);
 
 impl Proposal {
     /// The action, validated against its task.

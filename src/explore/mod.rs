@@ -32,11 +32,11 @@ pub static REGISTRY: &[&dyn Strategy] = &[
 
 /// The strategy named `name`.
 pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
-    REGISTRY.iter().copied().find(|s| s.name() == name).ok_or_else(|| Error::NotFound {
-        kind: "strategy",
-        id: name.to_string(),
-        known: REGISTRY.iter().map(|s| s.name().to_string()).collect(),
-    })
+    REGISTRY
+        .iter()
+        .copied()
+        .find(|s| s.name() == name)
+        .ok_or_else(|| Error::not_found("strategy", name, REGISTRY.iter().map(|s| s.name())))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The interface of a selection strategy.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::candidate::{ActionCandidate, CandidateSimulation};
 use crate::error::Result;
@@ -60,24 +61,27 @@ pub struct ActionSelection {
     pub expected: Vec<ExpectedPosteriorSd>,
 }
 
-/// Standard deviation of a coordinate before a batch of trials and its expectation after, by Fisher
-/// information.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Posterior standard deviation before a round, and expected after it if the simulation is correct.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ExpectedSdOut)]
 pub struct ExpectedPosteriorSd {
-    /// Name of the factor, or `effect.parameter`.
+    /// Name of the latent, or `effect.parameter`.
     pub name: String,
-    /// In the coordinate's unit.
+    /// Standard deviation, in its unit.
     pub before: f64,
-    /// In the coordinate's unit.
+    /// Standard deviation, in its unit.
     pub after: f64,
 }
 
-/// Number of actions selected from each group.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// Number of actions chosen per purpose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = GroupsOut)]
 pub struct GroupCounts {
-    /// Selected for collisions, which identify restitution.
+    /// Chosen for collisions, which inform restitution.
+    #[schema(value_type = u64)]
     pub collisions: usize,
-    /// Selected for rolling, which identifies friction.
+    /// Chosen for rolling, which informs friction.
+    #[schema(value_type = u64)]
     pub rolling: usize,
 }
 

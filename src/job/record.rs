@@ -1,5 +1,8 @@
 //! A job as its owner sees it.
 
+use serde::Serialize;
+use utoipa::ToSchema;
+
 use crate::error::{Error, Result};
 use crate::store::JobRow;
 
@@ -16,10 +19,12 @@ pub struct Job {
     pub figures: Vec<Figure>,
 }
 
-/// A figure reported by the work: `name` was `value` when `at` units of the stage were done.
-#[derive(Clone, Debug, PartialEq)]
+/// A metric reported during a job.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[schema(as = FigureOut)]
 pub struct Figure {
     pub name: &'static str,
+    /// Completed units of the stage.
     pub at: u64,
     pub value: f64,
 }

@@ -10,7 +10,8 @@ use super::scene::{
 };
 use super::svg::{decimals, px};
 use crate::task::Scene;
-use crate::trajectory::{Track, Trajectory};
+use crate::task::geometry::sub;
+use crate::trajectory::{Track, Trajectory, hermite};
 
 /// Up to `style.frames` moments in a grid, each with the trails that led to it. Moments are spread evenly
 /// over a mean of time and distance travelled, so that a long rest does not fill the strip.
@@ -19,7 +20,7 @@ pub fn filmstrip_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> S
         return scene_svg(scene, style);
     }
     let moments = frame_samples(trajectory, style.frames.clamp(1, 64));
-    let width = f64::from(style.width.clamp(16, 4096));
+    let width = style.width_px();
     let columns = moments.len().clamp(1, 4);
     let rows = moments.len().div_ceil(columns).max(1);
     let gap = (width * 0.008).max(1.0);
@@ -70,7 +71,7 @@ pub fn trails_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> Stri
     if trajectory.times.is_empty() {
         return scene_svg(scene, style);
     }
-    let view = Viewport::new(scene, Some(trajectory), f64::from(style.width.clamp(16, 4096)));
+    let view = Viewport::new(scene, Some(trajectory), style.width_px());
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
     let last = trajectory.times.len().saturating_sub(1);
@@ -97,7 +98,7 @@ pub(super) fn draw_trails(out: &mut String, scene: &Scene, trajectory: &Trajecto
 /// An animation in real time for any browser (SMIL) that pauses for a second at the end and repeats. Without SMIL support (PNG) it
 /// shows the start.
 pub fn animation_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> String {
-    let view = Viewport::new(scene, Some(trajectory), f64::from(style.width.clamp(16, 4096)));
+    let view = Viewport::new(scene, Some(trajectory), style.width_px());
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
     let start = trajectory.times.first().copied().unwrap_or(0.0);
@@ -269,7 +270,9 @@ fn interpolate(
                 [p[0] + miss[0] * share, p[1] + miss[1] * share]
             })
         }
-        _ if smooth => Box::new(move |t| hermite(a.at, va, b.at, vb, t / dt, dt)),
+        _ if smooth => {
+            Box::new(move |t| [0, 1].map(|d| hermite([a.at[d], b.at[d]], [va[d], vb[d]], dt, t / dt)))
+        }
         _ => return,
     };
     moments.sort_by(f64::total_cmp);
@@ -279,17 +282,6 @@ fn interpolate(
         let angle = a.angle + (b.angle - a.angle) * t / dt;
         PathPoint { t: a.t + t, at: place(t), angle, jump: false }
     }));
-}
-
-/// The cubic through two points with given velocities, at share `s` of the time `dt` between them.
-fn hermite(a: [f64; 2], va: [f64; 2], b: [f64; 2], vb: [f64; 2], s: f64, dt: f64) -> [f64; 2] {
-    let (s2, s3) = (s * s, s * s * s);
-    [0, 1].map(|d| {
-        (2.0 * s3 - 3.0 * s2 + 1.0) * a[d]
-            + (s3 - 2.0 * s2 + s) * dt * va[d]
-            + (3.0 * s2 - 2.0 * s3) * b[d]
-            + (s3 - s2) * dt * vb[d]
-    })
 }
 
 /// The path of body `index` up to time `until`, as a thin line of its colour.
@@ -372,9 +364,6 @@ fn frame_samples(trajectory: &Trajectory, n: usize) -> Vec<usize> {
     chosen
 }
 
-fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] - b[0], a[1] - b[1]]
-}
 fn length(v: [f64; 2]) -> f64 {
     (v[0] * v[0] + v[1] * v[1]).sqrt()
 }
@@ -382,6 +371,7 @@ fn length(v: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::picture::scene::draw_bodies;
     use crate::picture::scene::tests::{check_svg, hall};
     use resvg::usvg::roxmltree::Document;
 
@@ -522,9 +512,7 @@ mod tests {
             let view = Viewport::new(&scene, Some(&film), 300.0);
             let mut body = String::new();
             draw_statics(&mut body, &s, &view);
-            for (i, b) in s.bodies.iter().enumerate() {
-                draw_body(&mut body, &s, i, b.position.unwrap(), b.angle, &view, BodyStyle::Solid);
-            }
+            draw_bodies(&mut body, &s, &view);
             let svg = document(view.width, view.height, "", &body);
             crate::picture::svg_to_rgb(&svg, 300, view.height as u32).unwrap()
         };

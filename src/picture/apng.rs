@@ -52,10 +52,10 @@ pub fn animation_png(
 
 /// The last frame of a trajectory's animation.
 pub fn final_frame_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> String {
-    let view = Viewport::new(scene, Some(trajectory), f64::from(style.width.clamp(16, 4096)));
+    let view = Viewport::new(scene, Some(trajectory), style.width_px());
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
-    draw_bodies(&mut body, scene, &paths(scene, trajectory), &view, f64::INFINITY);
+    draw_bodies_at(&mut body, scene, &paths(scene, trajectory), &view, f64::INFINITY);
     document(view.width, view.height, &title(scene), &body)
 }
 
@@ -95,13 +95,13 @@ fn bodies_svg(scene: &Scene, paths: &[Vec<PathPoint>], view: &Viewport, t: f64) 
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\">"
     );
-    draw_bodies(&mut svg, scene, paths, view, t);
+    draw_bodies_at(&mut svg, scene, paths, view, t);
     svg.push_str("</svg>");
     svg
 }
 
 /// The bodies at time `t`; unobserved ones have the scene's pose.
-fn draw_bodies(out: &mut String, scene: &Scene, paths: &[Vec<PathPoint>], view: &Viewport, t: f64) {
+fn draw_bodies_at(out: &mut String, scene: &Scene, paths: &[Vec<PathPoint>], view: &Viewport, t: f64) {
     for (i, body) in scene.bodies.iter().enumerate() {
         let seen = paths.get(i).and_then(|path| pose_at(path, t));
         let still = || body.position.map(|position| (position, body.angle));

@@ -26,6 +26,12 @@ impl Default for Style {
     }
 }
 
+impl Style {
+    pub(super) fn width_px(&self) -> f64 {
+        f64::from(self.width.clamp(16, 4096))
+    }
+}
+
 /// Draws a scene; bodies without a position are left out.
 pub fn scene_svg(scene: &Scene, style: &Style) -> String {
     let (view, body) = scene_elements(scene, style);
@@ -34,14 +40,10 @@ pub fn scene_svg(scene: &Scene, style: &Style) -> String {
 
 /// The viewport of [`scene_svg`], and its SVG elements.
 pub(super) fn scene_elements(scene: &Scene, style: &Style) -> (Viewport, String) {
-    let view = Viewport::new(scene, None, f64::from(style.width.clamp(16, 4096)));
+    let view = Viewport::new(scene, None, style.width_px());
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
-    for (i, b) in scene.bodies.iter().enumerate() {
-        if let Some(position) = b.position {
-            draw_body(&mut body, scene, i, position, b.angle, &view, BodyStyle::Solid);
-        }
-    }
+    draw_bodies(&mut body, scene, &view);
     if style.names {
         draw_names(&mut body, scene, &view);
     }
@@ -81,34 +83,25 @@ impl Viewport {
     pub fn new(scene: &Scene, film: Option<&Trajectory>, width: f64) -> Viewport {
         let mut b = content_bounds(scene, film);
         let size = (b[2] - b[0]).max(b[3] - b[1]);
-        let reach = [
-            b[0] - MAX_STATIC_EXTENSION * size,
-            b[1] - MAX_STATIC_EXTENSION * size,
-            b[2] + MAX_STATIC_EXTENSION * size,
-            b[3] + MAX_STATIC_EXTENSION * size,
-        ];
+        let reach = MAX_STATIC_EXTENSION * size;
+        let (low, high) = ([b[0] - reach, b[1] - reach], [b[2] + reach, b[3] + reach]);
+        let within = |p: [f64; 2]| (0..2).all(|k| (low[k]..=high[k]).contains(&p[k]));
         let moving = b;
+        let centre = [(moving[0] + moving[2]) / 2.0, (moving[1] + moving[3]) / 2.0];
         for fixed in &scene.statics {
             match fixed.placed() {
                 Solid::Bounded(pieces) => {
                     let s = pieces.bounds();
-                    let fits = s[0] >= reach[0] && s[1] >= reach[1] && s[2] <= reach[2] && s[3] <= reach[3];
-                    if fits {
+                    let p = [centre[0].clamp(s[0], s[2]), centre[1].clamp(s[1], s[3])];
+                    if within([s[0], s[1]]) && within([s[2], s[3]]) {
                         b = union_box(b, s);
-                    } else {
-                        let near = |low: f64, high: f64, c: f64| c.clamp(low, high);
-                        let centre = [(moving[0] + moving[2]) / 2.0, (moving[1] + moving[3]) / 2.0];
-                        let p = [near(s[0], s[2], centre[0]), near(s[1], s[3], centre[1])];
-                        let seen =
-                            p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3];
-                        if seen {
-                            b = union_box(b, [p[0], p[1], p[0], p[1]]);
-                        }
+                    } else if within(p) {
+                        b = union_box(b, [p[0], p[1], p[0], p[1]]);
                     }
                 }
                 Solid::HalfPlane { normal, offset } => {
-                    let p = nearest_on_line(normal, offset, [(moving[0] + moving[2]) / 2.0, moving[1]]);
-                    if p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3] {
+                    let p = nearest_on_line(normal, offset, [centre[0], moving[1]]);
+                    if within(p) {
                         b = union_box(b, [p[0], p[1], p[0], p[1]]);
                     }
                 }
@@ -183,6 +176,15 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &Viewport) {
             points(&corners),
             px(view.pen(1.5))
         );
+    }
+}
+
+/// Draws the bodies with a position there.
+pub(super) fn draw_bodies(out: &mut String, scene: &Scene, view: &Viewport) {
+    for (i, b) in scene.bodies.iter().enumerate() {
+        if let Some(position) = b.position {
+            draw_body(out, scene, i, position, b.angle, view, BodyStyle::Solid);
+        }
     }
 }
 
@@ -530,20 +532,16 @@ pub(super) mod tests {
         let (one, other) = (draw(&scene), draw(&mirrored(&scene)));
         assert_eq!(one.len(), other.len());
         let w = width as usize;
-        let differing = (0..one.len() / 3)
-            .filter(|i| {
+        let differing_from_mirror_image = |other: &[u8]| {
+            let differs = |i: &usize| {
                 let j = i / w * w + (w - 1 - i % w);
                 (0..3).any(|c| one[i * 3 + c].abs_diff(other[j * 3 + c]) > 64)
-            })
-            .count();
+            };
+            (0..one.len() / 3).filter(differs).count()
+        };
         // Only antialiased edges may differ. The scene isn't symmetric: thousands of pixels differ from its own mirror image.
+        let (differing, own) = (differing_from_mirror_image(&other), differing_from_mirror_image(&one));
         assert!(differing < 40, "{differing} pixels differ");
-        let own = (0..one.len() / 3)
-            .filter(|i| {
-                let j = i / w * w + (w - 1 - i % w);
-                (0..3).any(|c| one[i * 3 + c].abs_diff(one[j * 3 + c]) > 64)
-            })
-            .count();
         assert!(own > 4000, "{own}");
     }
 

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::animation::draw_trails;
 use super::plot::heat_colour;
-use super::scene::{BodyStyle, Style, Viewport, document, draw_body, draw_statics, title};
+use super::scene::{Style, Viewport, document, draw_bodies, draw_statics, title};
 use super::svg::px;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
@@ -23,7 +23,7 @@ pub fn success_map_svg(
     film: Option<&Trajectory>,
     style: &Style,
 ) -> String {
-    let view = Viewport::new(placed, film, f64::from(style.width.clamp(16, 4096)));
+    let view = Viewport::new(placed, film, style.width_px());
     let places: Vec<[f64; 2]> = chances.iter().map(|(place, _)| view.at(*place)).collect();
     let size = [0, 1]
         .map(|k| median_gap(places.iter().map(|p| p[k])))
@@ -52,11 +52,7 @@ pub fn success_map_svg(
     if let Some(film) = film {
         draw_trails(&mut body, placed, film, &view);
     }
-    for (i, b) in placed.bodies.iter().enumerate() {
-        if let Some(position) = b.position {
-            draw_body(&mut body, placed, i, position, b.angle, &view, BodyStyle::Solid);
-        }
-    }
+    draw_bodies(&mut body, placed, &view);
     document(view.width, view.height, &title(placed), &body)
 }
 

@@ -28,11 +28,10 @@ impl PlanPolicy {
 
 impl Policy for PlanPolicy {
     fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
-        let places = self.places.get(&task.id).ok_or_else(|| Error::NotFound {
-            kind: "plan of a task",
-            id: task.id.clone(),
-            known: self.places.keys().cloned().collect(),
-        })?;
+        let places = self
+            .places
+            .get(&task.id)
+            .ok_or_else(|| Error::not_found("plan of a task", &task.id, self.places.keys()))?;
         // Ranks of up to a million actions are exact in 24 bits.
         let score =
             |a: &ValidAction| places.get(&bits(a)).map_or(f32::NEG_INFINITY, |place| -(*place as f32));

@@ -1,4 +1,4 @@
-//! Objects that an action places, with the action applied; used by both feature sets.
+//! Objects that an action places, with the action applied.
 
 use crate::task::ValidAction;
 use crate::task::action::ActionQuantity;

@@ -11,7 +11,7 @@
 //! Source: Semage et al. use PHYRE's DQN (Bakhtin et al. 2019). FiLM: Perez et al. 2018. Adam: Kingma and Ba 2015.
 //!
 //! Differences from the source: object and action-relative features instead of a convolutional net on images
-//! (see `family_features`); the FiLM scale is 1 + gamma, so that an untrained layer passes the scene through.
+//! (see `features`); the FiLM scale is 1 + gamma, so that an untrained layer passes the scene through.
 
 mod early_stopping;
 #[cfg(test)]
@@ -26,7 +26,7 @@ pub use early_stopping::{EarlyStopping, train_with_early_stopping};
 pub use fit::{TrainConfig, TrainLog};
 pub use model_card::{FORMAT, ModelCard};
 
-use super::feature_set::FeatureSet;
+use super::features::FeatureExtractor;
 use super::weights;
 use super::{CHUNK, LabelledData, Policy, Validation, ValidationPoint};
 use crate::error::{Error, Result};
@@ -59,20 +59,9 @@ pub fn train_validated(
     config: &TrainConfig,
     progress: &dyn Progress,
 ) -> Result<(Dqn, TrainLog)> {
-    train_with_features(FeatureSet::of(data.tasks()), data, validation, config, progress)
-}
-
-/// As [`train`], with a given feature set.
-pub(super) fn train_with_features(
-    view: FeatureSet,
-    data: &dyn LabelledData,
-    validation: Option<&Validation>,
-    config: &TrainConfig,
-    progress: &dyn Progress,
-) -> Result<(Dqn, TrainLog)> {
     config.validate()?;
     data.validate()?;
-    Dqn::untrained_on(view, data.tasks(), config)?.learn(data, validation, config, progress)
+    Dqn::untrained_on(data.tasks(), config)?.learn(data, validation, config, progress)
 }
 
 impl Dqn {
@@ -80,11 +69,11 @@ impl Dqn {
     pub fn untrained(task: &Task, hidden: usize, seed: u64) -> Result<Dqn> {
         let tasks = std::slice::from_ref(task);
         let config = TrainConfig { hidden, seed, ..TrainConfig::preset(&Learning::STANDARD) };
-        Dqn::untrained_on(FeatureSet::of(tasks), tasks, &config)
+        Dqn::untrained_on(tasks, &config)
     }
 
     /// An untrained policy for tasks of one or several families.
-    fn untrained_on(view: FeatureSet, tasks: &[Task], config: &TrainConfig) -> Result<Dqn> {
+    fn untrained_on(tasks: &[Task], config: &TrainConfig) -> Result<Dqn> {
         config.validate()?;
         let first = tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
         let mut families: Vec<&str> = tasks.iter().map(family_of).collect();
@@ -93,9 +82,8 @@ impl Dqn {
         let card = ModelCard {
             format: FORMAT.into(),
             program: env!("CARGO_PKG_VERSION").into(),
-            features: view.version().into(),
             family: families.join("+"),
-            dimensions: view.dimensions(first),
+            dimensions: FeatureExtractor::dimensions(first),
             trained: Vec::new(),
         };
         let layers = initial(card.dimensions, config.hidden, config.seed);
@@ -148,7 +136,7 @@ impl Dqn {
             checks.push(ValidationPoint { batches, auccess });
             Ok(())
         };
-        let loss = fit(&mut learned.layers, adam, (data, self.card.view()), config, &mut look, progress)?;
+        let loss = fit(&mut learned.layers, adam, data, config, &mut look, progress)?;
         let log = TrainLog { loss, validation: checks };
         learned.card.trained.push(TrainConfig { hidden: self.hidden(), ..config.clone() });
         Ok((learned, log))
@@ -156,9 +144,7 @@ impl Dqn {
 
     /// Loads weights written by [`Policy::to_safetensors`].
     pub fn from_safetensors(bytes: &[u8]) -> Result<Dqn> {
-        let card: ModelCard =
-            crate::json::parse(&weights::metadata(bytes)?).map_err(|e| e.in_field("metadata.iplw"))?;
-        card.validate().map_err(|e| e.in_field("metadata.iplw"))?;
+        let card = ModelCard::parse(&weights::metadata(bytes)?).map_err(|e| e.in_field("metadata.iplw"))?;
         let hidden = card.trained.first().map_or(0, |t| t.hidden);
         let layers = weights::from_bytes(bytes, &shapes(card.dimensions, hidden))?;
         Ok(Dqn { card, layers })
@@ -177,7 +163,7 @@ impl Dqn {
 
     /// Errors unless the feature dimensions of `task` match the network's.
     fn has_matching_features(&self, task: &Task) -> Result<()> {
-        let [scene, action] = self.card.view().dimensions(task);
+        let [scene, action] = FeatureExtractor::dimensions(task);
         if self.card.dimensions != [scene, action] {
             let [s, a] = self.card.dimensions;
             let value = format!("{:?} with {scene} scene and {action} action features", task.id);
@@ -203,7 +189,7 @@ impl Dqn {
         self.has_matching_features(task)?;
         let device = Cpu::default();
         let net = Net::new(&self.layers, &device);
-        let look = self.card.view().extractor(task);
+        let look = FeatureExtractor::new(task);
         let scene = look.scene();
         let chunk = |actions: &[ValidAction]| {
             let rows: Vec<Vec<f32>> = actions.iter().map(|a| look.action(a)).collect();

@@ -5,11 +5,9 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | `family_features` | features of a task and an action, specific to a family |
-//! | `generic_features` | features with the same meaning for tasks of all families |
-//! | `object_geometry` | position and shape of an object, for the generic features |
-//! | `action_target` | objects that an action places, for both feature sets |
-//! | `feature_set` | choice between the two feature sets |
+//! | `features` | features of a task and an action |
+//! | `object_geometry` | position and shape of an object, for the features |
+//! | `action_target` | objects that an action places |
 //! | `data` | labels actions by simulating them |
 //! | `outcomes` | cache of the outcomes of many actions in every task, for learning without a simulator |
 //! | `outcome_table` | cached outcomes as training data and for evaluation |
@@ -26,9 +24,7 @@ pub mod auccess;
 pub mod data;
 pub mod dqn;
 pub mod evaluate;
-pub mod family_features;
-pub mod feature_set;
-pub mod generic_features;
+pub mod features;
 mod object_geometry;
 pub mod outcome_table;
 pub mod outcomes;

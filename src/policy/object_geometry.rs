@@ -1,4 +1,4 @@
-//! Position and shape of an object, for the generic features.
+//! Position and shape of an object, for the features.
 
 use crate::task::geometry::Convex;
 use crate::task::solid::Solid;

@@ -136,9 +136,7 @@ impl HiddenWorld {
         if !(1..=self.interactions).contains(&interactions) {
             return Err(Error::Failed(format!("attempt {interactions} does not exist")));
         }
-        let done =
-            Simulator::new(self.config.engine).budget(budget).map(&[self.rollout(scene)], |_, t| t)?.pop();
-        let mut trajectory = done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
+        let mut trajectory = Simulator::new(self.config.engine).budget(budget).one(self.rollout(scene))?;
         self.observe(&mut trajectory, scene, interactions - 1);
         Ok(trajectory)
     }

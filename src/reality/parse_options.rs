@@ -1,23 +1,35 @@
 //! Options for parsing track files: units, frame rate, axis direction and track.
 
+use serde::Deserialize;
+use utoipa::ToSchema;
+
 use super::columns::{ColumnUnit, LENGTHS, TIMES, TrackColumn, unit_named};
 use super::track_rows::invalid_value;
 use crate::error::{Error, Result, check_range};
 
-/// Options for parsing a track file that lacks this information.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Units, and the track to read, if the files do not state them.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema, clap::Args)]
+#[serde(deny_unknown_fields)]
+#[schema(as = ReadingIn)]
 pub struct TrackParseOptions {
-    /// Frame rate, 1/s; the time column is then a frame number.
+    /// Frames per second; times are then frame numbers.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub fps: Option<f64>,
-    /// Size of a pixel, m; the coordinates are then in pixels.
+    /// m per pixel; coordinates are then in pixels.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub metres_per_pixel: Option<f64>,
-    /// Unit of coordinate columns without one: m, cm, mm, um, km, in, ft.
+    /// m, cm, mm, um, km, in, ft.
+    #[arg(long, value_name = "UNIT", help = "Unit of coordinates: m, cm, mm, um, km, in, ft [default: m]")]
     pub length_unit: Option<String>,
-    /// Unit of time columns without one: s, ms, us, min.
+    /// s, ms, us, min.
+    #[arg(long, value_name = "UNIT", help = "Unit of times: s, ms, us, min [default: s]")]
     pub time_unit: Option<String>,
-    /// Whether y points down; `None` if unspecified.
+    /// Whether y points down, as in images.
+    #[arg(long, num_args = 0, default_missing_value = "true")]
+    #[arg(help = "The y axis points downwards, as in images: row 700 is at -700 pixels")]
     pub y_down: Option<bool>,
-    /// Track to read from a file with several.
+    /// The track or body to read from files with several.
+    #[arg(long, value_name = "NAME")]
     pub track: Option<String>,
 }
 

@@ -202,7 +202,7 @@ impl WorldAccess<'_> {
     }
 
     /// See [`Registry::of`].
-    pub fn get(&self, id: &str) -> Result<Arc<World>> {
+    pub fn get(&self, id: &str) -> Result<ListedWorld> {
         self.all().of(id, self.0.principal.visible_owner(), self.0.now())
     }
 

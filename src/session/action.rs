@@ -1,14 +1,21 @@
 //! Unvalidated client actions.
 
+use std::fmt;
+
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use utoipa::ToSchema;
+
 use crate::error::{Error, Result};
 use crate::task::{ActionSpace, ValidAction};
 
-/// A client's action, not yet validated against an action space.
-#[derive(Clone, Debug, PartialEq)]
+/// An action vector (each component from 0 to 1), or the index of a discrete action.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[schema(example = json!([0.5, 0.5, 0.2]))]
+#[serde(untagged)]
+#[schema(as = ActionIn)]
 pub enum Action {
-    /// Components in [0, 1].
     Vector(Vec<f64>),
-    /// Index of a discrete action.
     Index(u64),
 }
 
@@ -36,4 +43,33 @@ pub(super) fn unplaceable(action: &Action, reason: &str) -> Error {
         Action::Index(index) => index.to_string(),
     };
     Error::input("action", value, format!("an action that can be placed ({reason})"))
+}
+
+impl<'de> Deserialize<'de> for Action {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        // Not derived: the errors of an untagged enum name neither the position nor the allowed values.
+        deserializer.deserialize_any(ActionVisitor)
+    }
+}
+
+struct ActionVisitor;
+
+impl<'de> Visitor<'de> for ActionVisitor {
+    type Value = Action;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("an array of numbers from 0 to 1, or the index of a discrete action")
+    }
+
+    fn visit_u64<E>(self, index: u64) -> std::result::Result<Action, E> {
+        Ok(Action::Index(index))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> std::result::Result<Action, A::Error> {
+        let mut values = Vec::with_capacity(seq.size_hint().unwrap_or(4).min(16));
+        while let Some(v) = seq.next_element()? {
+            values.push(v);
+        }
+        Ok(Action::Vector(values))
+    }
 }

@@ -57,9 +57,7 @@ impl AdhocSimulation {
             ..Rollout::of(&scene)
         };
         let engine = select_engine(self.engine, &rollout)?.name();
-        let done =
-            Simulator::new(self.engine).budget(budget).map(&[rollout], |_, trajectory| trajectory)?.pop();
-        let trajectory = done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
+        let trajectory = Simulator::new(self.engine).budget(budget).one(rollout)?;
         Ok(AdhocResult { engine, result: Ok(trajectory) })
     }
 

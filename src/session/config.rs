@@ -1,8 +1,10 @@
 //! Configuration of a world.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::catalogue::TaskSet;
+use crate::names::names;
 use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Latents};
 
@@ -30,20 +32,30 @@ pub struct WorldConfig {
     pub seed: u64,
 }
 
-/// Whether a world is a simulation or stands in for the real world.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+impl WorldConfig {
+    /// A world with the default latents and effects, without noise and budget, seed 0.
+    pub fn new(tasks: TaskSet, kind: WorldKind) -> WorldConfig {
+        WorldConfig {
+            tasks,
+            kind,
+            engine: Engine::Auto,
+            latents: Latents::default(),
+            effects: None,
+            noise: 0.0,
+            budget: None,
+            sealed: None,
+            seed: 0,
+        }
+    }
+}
+
+/// Simulated or real.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
+#[schema(as = WorldKindIn)]
 pub enum WorldKind {
     Sim,
     Real,
 }
 
-impl WorldKind {
-    /// The name used on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            WorldKind::Sim => "sim",
-            WorldKind::Real => "real",
-        }
-    }
-}
+names!(WorldKind: Sim = "sim", Real = "real");

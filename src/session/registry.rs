@@ -20,7 +20,6 @@ use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{Store, StoredResponse, WorldRow};
 use crate::task::families;
-use crate::world::{Engine, Latents};
 
 /// Limits of a registry.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,17 +90,7 @@ impl Registry {
                 if lock(&registry.worlds).contains_key(&id) {
                     continue;
                 }
-                let config = WorldConfig {
-                    tasks: catalogue.family(family.name)?,
-                    kind,
-                    engine: Engine::Auto,
-                    latents: Latents::default(),
-                    effects: None,
-                    noise: 0.0,
-                    budget: None,
-                    sealed: None,
-                    seed: 0,
-                };
+                let config = WorldConfig::new(catalogue.family(family.name)?, kind);
                 registry.store.remove_worlds(std::slice::from_ref(&id))?;
                 registry.store.add_world(&id, &to_json(&SavedWorld::of(&config))?, None, None)?;
                 registry.insert(&id, World::with_limits(limits, config)?, None, Duration::ZERO);
@@ -166,11 +155,11 @@ impl Registry {
 
     /// The world `id` of any owner; counts as use.
     pub fn get(&self, id: &str, now: Duration) -> Result<Arc<World>> {
-        self.of(id, None, now)
+        Ok(self.of(id, None, now)?.world)
     }
 
     /// The world `id` if it is visible to `owner`; counts as use.
-    pub fn of(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<Arc<World>> {
+    pub fn of(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<ListedWorld> {
         self.used(&mut lock(&self.worlds), id, owner, now)
     }
 
@@ -184,7 +173,8 @@ impl Registry {
         check_unique(ids)?;
         let mut worlds = lock(&self.worlds);
         let one = |(i, id): (usize, &String)| {
-            self.used(&mut worlds, id, owner, now).map_err(|e| e.for_entry(&format!("worlds[{i}]")))
+            let listed = self.used(&mut worlds, id, owner, now);
+            listed.map(|l| l.world).map_err(|e| e.for_entry(&format!("worlds[{i}]")))
         };
         ids.iter().enumerate().map(one).collect()
     }
@@ -195,14 +185,14 @@ impl Registry {
         id: &str,
         owner: Option<&str>,
         now: Duration,
-    ) -> Result<Arc<World>> {
+    ) -> Result<ListedWorld> {
         let entry = worlds.get_mut(id).filter(|e| e.is_visible_to(owner)).ok_or_else(|| not_found(id))?;
         if self.is_idle(entry, now) {
             // Expired; the next sweep removes it.
             return Err(not_found(id));
         }
         entry.used = now;
-        Ok(entry.world.clone())
+        Ok(entry.listed(id))
     }
 
     /// At most `limit` worlds visible to `owner`.

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::error::Error;
+use crate::names::names;
 use crate::rng::Stream;
 use crate::task::{Split, ValidAction};
 use crate::world::Latents;
@@ -45,16 +46,7 @@ pub(super) struct LastStep {
     pub(super) interactions: u64,
 }
 
-impl Phase {
-    /// The name used on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            Phase::New => "new",
-            Phase::Ready => "ready",
-            Phase::Done => "done",
-        }
-    }
-}
+names!(Phase: New = "new", Ready = "ready", Done = "done");
 
 /// Error for a call that the world's state does not allow.
 pub(super) fn conflict(reason: &str) -> Error {

@@ -277,22 +277,10 @@ mod tests {
     use super::*;
     use crate::budget::Unlimited;
     use crate::session::{Action, Catalogue, Reset, RolloutRequest, World, WorldConfig, WorldKind};
-    use crate::world::Latents;
 
     fn world(kind: WorldKind) -> World {
         let tasks = Catalogue::new().named("bowling:000").unwrap();
-        World::new(WorldConfig {
-            tasks,
-            kind,
-            engine: crate::world::Engine::Auto,
-            latents: Latents::default(),
-            effects: None,
-            noise: 0.0,
-            budget: None,
-            sealed: None,
-            seed: 0,
-        })
-        .unwrap()
+        World::new(WorldConfig::new(tasks, kind)).unwrap()
     }
 
     /// Events available now.

@@ -1,27 +1,21 @@
 //! Artifacts of jobs: named bytes besides the result.
 
-use rusqlite::{OptionalExtension, Row, params};
+use rusqlite::params;
 
-use super::{Store, checksum, sql};
+use super::Store;
 use crate::error::Result;
 
 impl Store {
     /// Stores `body` as the job's artifact `name`, replacing an existing one.
     pub fn put_artifact(&self, job: i64, name: &str, body: &[u8]) -> Result<()> {
-        self.connection()
-            .execute(
-                "INSERT OR REPLACE INTO artifact (job, name, body) VALUES (?1, ?2, ?3)",
-                params![job, name, body],
-            )
-            .map(drop)
-            .map_err(sql)
+        let insert = "INSERT OR REPLACE INTO artifact (job, name, body) VALUES (?1, ?2, ?3)";
+        self.execute(insert, params![job, name, body]).map(drop)
     }
 
     /// The job's artifact `name`.
     pub fn artifact(&self, job: i64, name: &str) -> Result<Option<Vec<u8>>> {
         let select = "SELECT body, whole, record FROM whole_artifact WHERE job = ?1 AND name = ?2";
-        let row = |r: &Row| checksum::verify(r).and_then(|()| r.get(0));
-        self.connection().query_row(select, params![job, name], row).optional().map_err(sql)
+        self.row(select, params![job, name], |r| r.get(0))
     }
 }
 

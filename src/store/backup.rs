@@ -6,13 +6,11 @@
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use rusqlite::Connection;
-
 use super::atomic_write::{sync_directory, write_private};
 use super::blobs::Blobs;
 use super::check::{CheckReport, check, refuse};
 use super::data_directory::{DataDirectory, lock_directory};
-use super::sqlite::failed;
+use super::sqlite::{failed, query};
 use super::{permissions, schema};
 use crate::error::{Error, Result};
 
@@ -136,12 +134,10 @@ fn snapshot(from: &DataDirectory, to: &DataDirectory) -> Result<()> {
 fn weights(from: &DataDirectory, to: &DataDirectory) -> Result<bool> {
     permissions::make_directory(&to.policies)?;
     let name = to.database.display().to_string();
-    let named = |c: Connection| -> rusqlite::Result<Vec<String>> {
-        let mut query = c.prepare("SELECT blob FROM policy")?;
-        query.query_map([], |r| r.get(0))?.collect()
-    };
+    let blobs: Vec<String> =
+        query(&to.connect()?, "SELECT blob FROM policy", [], |r| r.get(0)).map_err(|e| failed(&name, &e))?;
     let copies = Blobs::Directory(to.policies.clone());
-    for blob in named(to.connect()?).map_err(|e| failed(&name, &e))? {
+    for blob in blobs {
         let path = from.policies.join(&blob);
         match fs::read(&path) {
             Ok(bytes) => copies.write(&blob, &bytes)?,

@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rusqlite::Connection;
 use rusqlite::types::ValueRef;
+use rusqlite::{Connection, Row};
 
 use super::blobs::Blobs;
 use super::data_directory::DataDirectory;
-use super::sqlite::{failed, sql};
+use super::sqlite::{failed, query, sql};
 use super::{checksum, schema};
 use crate::error::{Error, Result};
 
@@ -97,17 +97,14 @@ fn look(directory: &Path) -> Result<CheckReport> {
 
 /// SQLite's own integrity check: pages, order, indexes, types.
 pub fn structure(c: &Connection, name: &str) -> Result<Vec<DamagedRecord>> {
-    let all = || -> rusqlite::Result<Vec<String>> {
-        let mut query = c.prepare(&format!("PRAGMA main.integrity_check({MAX_INTEGRITY_MESSAGES})"))?;
-        let lines = query.query_map([], |r| {
-            Ok(match r.get_ref(0)? {
-                ValueRef::Text(messages) => String::from_utf8_lossy(messages).into_owned(),
-                _ => "unreadable message".into(),
-            })
-        })?;
-        lines.collect()
-    };
-    match all() {
+    let pragma = format!("PRAGMA main.integrity_check({MAX_INTEGRITY_MESSAGES})");
+    let messages = query(c, &pragma, [], |r| {
+        Ok(match r.get_ref(0)? {
+            ValueRef::Text(messages) => String::from_utf8_lossy(messages).into_owned(),
+            _ => "unreadable message".into(),
+        })
+    });
+    match messages {
         Ok(messages) if messages == ["ok"] => Ok(Vec::new()),
         Ok(messages) => {
             Ok(messages.into_iter().map(|how| DamagedRecord { record: name.into(), how }).collect())
@@ -147,32 +144,21 @@ pub fn shape(c: &Connection, version: i64) -> Result<Vec<DamagedRecord>> {
 /// Rows whose checksum does not match.
 fn rows(c: &Connection, table: &checksum::ChecksummedTable) -> Result<Vec<DamagedRecord>> {
     let (name, record, seal) = (table.name, table.record(""), table.seal(""));
-    let all = || -> rusqlite::Result<Vec<DamagedRecord>> {
-        let mut query =
-            c.prepare(&format!("SELECT {record} AS record FROM main.{name} WHERE seal IS NOT {seal}"))?;
-        query
-            .query_map([], |r| {
-                Ok(DamagedRecord { record: checksum::record(r), how: checksum::CHECKSUM_MISMATCH.into() })
-            })?
-            .collect()
-    };
-    match all() {
-        Ok(found) => Ok(found),
-        Err(e) => Ok(vec![DamagedRecord::of(failed(&format!("table {name}"), &e))?]),
-    }
+    let select = format!("SELECT {record} AS record FROM main.{name} WHERE seal IS NOT {seal}");
+    let row =
+        |r: &Row| Ok(DamagedRecord { record: checksum::record(r), how: checksum::CHECKSUM_MISMATCH.into() });
+    query(c, &select, [], row).or_else(|e| Ok(vec![DamagedRecord::of(failed(&format!("table {name}"), &e))?]))
 }
 
 /// Missing or damaged weights of policies.
 fn references(c: &Connection, blobs: &Blobs, weights: WeightsCheck) -> Result<Vec<DamagedRecord>> {
-    type Named = (String, String, String, i64);
-    let named = || -> rusqlite::Result<Vec<Named>> {
-        let mut query = c.prepare("SELECT id, blob, digest, bytes FROM main.policy ORDER BY number")?;
-        query.query_map([], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?, r.get(3)?)))?.collect()
-    };
+    type Policy = (String, String, String, i64);
+    let select = "SELECT id, blob, digest, bytes FROM main.policy ORDER BY number";
+    let row = |r: &Row| -> rusqlite::Result<Policy> { Ok((r.get(0)?, r.get(1)?, r.get(2)?, r.get(3)?)) };
     // Unreadable rows were reported before.
-    let Ok(named) = named() else { return Ok(Vec::new()) };
+    let Ok(policies) = query(c, select, [], row) else { return Ok(Vec::new()) };
     let mut found = Vec::new();
-    for (id, blob, digest, bytes) in named {
+    for (id, blob, digest, bytes) in policies {
         let how = match blobs.length(&blob) {
             None => "the file is missing".to_string(),
             Some(length) if length != bytes as u64 => format!("{length} bytes of {bytes}"),

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 
 use rusqlite::types::ValueRef;
-use rusqlite::{OptionalExtension, Row, params};
+use rusqlite::{Row, params};
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::requests::{StoredResponse, keep};
-use super::{Store, checksum, json, sql};
+use super::{Store, checksum, json, query, sql};
 use crate::error::Result;
+use crate::names::names;
 
 /// A stored job.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +62,8 @@ impl JobRow {
 }
 
 /// State of a job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum JobState {
     Queued,
     Running,
@@ -113,24 +116,22 @@ impl Store {
 
     /// Stores a job's state, progress, result and error.
     pub fn update_job(&self, job: &JobRow) -> Result<()> {
-        self.connection()
-            .execute(
-                "UPDATE job SET state = ?2, result = ?3, error = ?4, stage = ?5, done = ?6, total = ?7, \
-                 events = ?8, ended = iif(?9, coalesce(ended, unixepoch()), NULL) WHERE number = ?1",
-                params![
-                    job.number,
-                    job.state.name(),
-                    job.result.as_ref().map(Value::to_string),
-                    job.error.as_ref().map(Value::to_string),
-                    job.stage,
-                    job.done as i64,
-                    job.total as i64,
-                    job.events as i64,
-                    job.state.ended(),
-                ],
-            )
-            .map(drop)
-            .map_err(sql)
+        self.execute(
+            "UPDATE job SET state = ?2, result = ?3, error = ?4, stage = ?5, done = ?6, total = ?7, \
+             events = ?8, ended = iif(?9, coalesce(ended, unixepoch()), NULL) WHERE number = ?1",
+            params![
+                job.number,
+                job.state.name(),
+                job.result.as_ref().map(Value::to_string),
+                job.error.as_ref().map(Value::to_string),
+                job.stage,
+                job.done as i64,
+                job.total as i64,
+                job.events as i64,
+                job.state.ended(),
+            ],
+        )
+        .map(drop)
     }
 
     /// Stores that a job runs, and counts the start.
@@ -151,18 +152,12 @@ impl Store {
     /// Updates a job that has not ended.
     fn move_job(&self, number: i64, set: &str) -> Result<()> {
         let open = "state IN ('queued', 'running', 'waiting')";
-        self.connection()
-            .execute(&format!("UPDATE job SET {set} WHERE number = ?1 AND {open}"), [number])
-            .map(drop)
-            .map_err(sql)
+        self.execute(&format!("UPDATE job SET {set} WHERE number = ?1 AND {open}"), [number]).map(drop)
     }
 
     /// The job with this number.
     pub fn job(&self, number: i64) -> Result<Option<JobRow>> {
-        self.connection()
-            .query_row(&format!("SELECT {COLUMNS} FROM whole_job WHERE number = ?1"), [number], row)
-            .optional()
-            .map_err(sql)
+        self.row(&format!("SELECT {COLUMNS} FROM whole_job WHERE number = ?1"), [number], row)
     }
 
     /// At most `limit` jobs after number `after` in the requested order, of one owner or of all.
@@ -173,19 +168,14 @@ impl Store {
         limit: usize,
         owner: Option<&str>,
     ) -> Result<Vec<JobRow>> {
-        let which = match list.newest {
-            false => {
-                "WHERE (?1 IS NULL OR number > ?1) AND (?3 IS NULL OR owner = ?3) \
-                      AND (?4 IS NULL OR state = ?4) AND (?5 IS NULL OR kind = ?5) ORDER BY number LIMIT ?2"
-            }
-            true => {
-                "WHERE (?1 IS NULL OR number < ?1) AND (?3 IS NULL OR owner = ?3) \
-                     AND (?4 IS NULL OR state = ?4) AND (?5 IS NULL OR kind = ?5) ORDER BY number DESC LIMIT ?2"
-            }
-        };
+        let (later, order) = if list.newest { ("<", "DESC") } else { (">", "ASC") };
+        let which = format!(
+            "WHERE (?1 IS NULL OR number {later} ?1) AND (?3 IS NULL OR owner = ?3) AND (?4 IS NULL OR state = ?4) \
+             AND (?5 IS NULL OR kind = ?5) ORDER BY number {order} LIMIT ?2"
+        );
         let with = params![after, limit as i64, owner, list.state.map(JobState::name), list.kind];
         let columns = if list.bare { COLUMNS.replace("result", "NULL") } else { COLUMNS.into() };
-        self.select(&columns, which, with)
+        self.select(&columns, &which, with)
     }
 
     /// All jobs that have not ended, by number.
@@ -195,10 +185,9 @@ impl Store {
 
     /// Number of jobs by state.
     pub fn jobs_by_state(&self) -> Result<BTreeMap<String, u64>> {
-        let c = self.connection();
-        let mut query = c.prepare("SELECT state, count(*) FROM job GROUP BY state").map_err(sql)?;
-        let rows = query.query_map([], |r| Ok((r.get(0)?, r.get::<_, i64>(1)? as u64))).map_err(sql)?;
-        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+        let select = "SELECT state, count(*) FROM job GROUP BY state";
+        let row = |r: &Row| Ok((r.get(0)?, r.get::<_, i64>(1)? as u64));
+        Ok(query(&self.connection(), select, [], row).map_err(sql)?.into_iter().collect())
     }
 
     /// Removes a job with its rounds, measurements, artifacts and log; whether it existed.
@@ -214,17 +203,12 @@ impl Store {
     /// Numbers of the jobs that ended before a moment, s since 1970. Jobs that ended before this column existed count from the
     /// migration.
     pub fn ended_before(&self, moment: u64) -> Result<Vec<i64>> {
-        let c = self.connection();
-        let mut query = c.prepare("SELECT number FROM job WHERE ended < ?1").map_err(sql)?;
-        let rows = query.query_map([moment as i64], |r| r.get(0)).map_err(sql)?;
-        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+        let select = "SELECT number FROM job WHERE ended < ?1";
+        query(&self.connection(), select, [moment as i64], |r| r.get(0)).map_err(sql)
     }
 
     fn select(&self, columns: &str, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
-        let c = self.connection();
-        let mut query = c.prepare(&format!("SELECT {columns} FROM whole_job {which}")).map_err(sql)?;
-        let rows = query.query_map(with, row).map_err(sql)?;
-        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+        self.rows(&format!("SELECT {columns} FROM whole_job {which}"), with, row)
     }
 }
 
@@ -232,7 +216,6 @@ const COLUMNS: &str = "number, kind, state, config, result, error, seed, version
      whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
-    checksum::verify(row)?;
     let text = |i: usize| row.get::<_, String>(i);
     let optional = |i: usize| match row.get_ref(i)? {
         ValueRef::Null => Ok::<_, rusqlite::Error>(None),
@@ -260,37 +243,13 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
     })
 }
 
+names!(JobState: Queued = "queued", Running = "running", Waiting = "waiting",
+    Succeeded = "succeeded", Failed = "failed", Cancelled = "cancelled");
+
 impl JobState {
-    /// Every state.
-    pub const ALL: [JobState; 6] = [
-        JobState::Queued,
-        JobState::Running,
-        JobState::Waiting,
-        JobState::Succeeded,
-        JobState::Failed,
-        JobState::Cancelled,
-    ];
-
-    /// Name of the state in files and on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            JobState::Queued => "queued",
-            JobState::Running => "running",
-            JobState::Waiting => "waiting",
-            JobState::Succeeded => "succeeded",
-            JobState::Failed => "failed",
-            JobState::Cancelled => "cancelled",
-        }
-    }
-
     /// Whether the state is final.
     pub fn ended(self) -> bool {
         matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
-    }
-
-    /// The state of this name.
-    pub fn named(name: &str) -> Option<JobState> {
-        JobState::ALL.into_iter().find(|s| s.name() == name)
     }
 }
 

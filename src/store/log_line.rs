@@ -1,5 +1,7 @@
 //! Buffered lines of job logs.
 
+use crate::names::names;
+
 /// A line that is not written yet.
 pub struct PendingLogLine {
     pub job: i64,
@@ -16,20 +18,4 @@ pub enum LogLevel {
     Error,
 }
 
-impl LogLevel {
-    const ALL: [LogLevel; 3] = [LogLevel::Info, LogLevel::Warning, LogLevel::Error];
-
-    /// Name of the level in the store and on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            LogLevel::Info => "info",
-            LogLevel::Warning => "warning",
-            LogLevel::Error => "error",
-        }
-    }
-
-    /// The level of this name.
-    pub fn named(name: &str) -> Option<LogLevel> {
-        LogLevel::ALL.into_iter().find(|l| l.name() == name)
-    }
-}
+names!(LogLevel: Info = "info", Warning = "warning", Error = "error");

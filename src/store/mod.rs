@@ -58,7 +58,7 @@ pub use policies::PolicyRow;
 pub use requests::StoredResponse;
 pub use rounds::{MeasuredOutcomes, RoundRow};
 pub use salvage::{SalvageReport, salvage};
-use sqlite::{failed, json, sql};
+use sqlite::{failed, json, query, sql};
 pub use surfaces::SurfaceRow;
 pub use worlds::WorldRow;
 use write_buffer::WorldWriteBuffer;

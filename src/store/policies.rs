@@ -1,23 +1,26 @@
 //! Policies as rows, with their weights as blobs.
 
 use rusqlite::{OptionalExtension, Row, params};
+use serde::Serialize;
 use serde_json::Value;
+use utoipa::ToSchema;
 
-use super::{Store, checksum, json, sql};
+use super::{Store, checksum, json, query, sql};
 use crate::error::{Error, Result};
 
-/// A stored policy.
-#[derive(Clone, Debug, PartialEq)]
+/// A policy.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[schema(as = PolicyOut)]
 pub struct PolicyRow {
-    /// Letters, digits, `.`, `_`, `-`.
     pub id: String,
-    /// Task family whose actions it scores.
+    /// Family whose actions it scores; `any` for built-in policies.
     pub task: String,
-    /// Origin: `fixed`, `randomised` or `uploaded`.
+    /// `fixed`, `randomised`, `believed`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`.
     pub training: String,
-    /// The policy's description.
+    /// Description.
     pub about: String,
-    /// Training configuration.
+    /// Configuration of its training.
+    #[schema(value_type = Object)]
     pub config: Value,
     /// Id of the job that trained it.
     pub job: Option<String>,
@@ -26,6 +29,7 @@ pub struct PolicyRow {
     /// Size of its weights, bytes.
     pub bytes: u64,
     /// Name of the token that stored it.
+    #[serde(skip)]
     pub owner: Option<String>,
 }
 
@@ -83,10 +87,7 @@ impl Store {
 
     /// The policy called `id`.
     pub fn policy(&self, id: &str) -> Result<Option<PolicyRow>> {
-        self.connection()
-            .query_row(&format!("SELECT {COLUMNS} FROM whole_policy WHERE id = ?1"), [id], row)
-            .optional()
-            .map_err(sql)
+        self.row(&format!("SELECT {COLUMNS} FROM whole_policy WHERE id = ?1"), [id], row)
     }
 
     /// Its weights.
@@ -106,15 +107,10 @@ impl Store {
     /// At most `limit` policies with their numbers, after number `after`, in order; of one owner or of all. Replacing the weights
     /// assigns a new number.
     pub fn policies(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<(i64, PolicyRow)>> {
-        let c = self.connection();
         let which = "number > ?1 AND (?3 IS NULL OR owner = ?3)";
         let select =
             format!("SELECT {COLUMNS}, number FROM whole_policy WHERE {which} ORDER BY number LIMIT ?2");
-        let mut query = c.prepare(&select).map_err(sql)?;
-        let rows = query
-            .query_map(params![after, limit as i64, owner], |r| Ok((r.get("number")?, row(r)?)))
-            .map_err(sql)?;
-        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+        self.rows(&select, params![after, limit as i64, owner], |r| Ok((r.get("number")?, row(r)?)))
     }
 
     /// Removes a policy and its weights; whether it existed.
@@ -133,10 +129,9 @@ impl Store {
     /// Removes weights without a row, which a crash may leave.
     pub fn sweep_blobs(&self) -> Result<()> {
         let c = self.connection();
-        let mut query = c.prepare("SELECT blob, whole, record FROM whole_policy").map_err(sql)?;
         let row = |r: &Row| checksum::verify(r).and_then(|()| r.get(0));
         let names: Vec<String> =
-            query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)?;
+            query(&c, "SELECT blob, whole, record FROM whole_policy", [], row).map_err(sql)?;
         self.blobs.retain(|name| names.iter().any(|n| n == name))
     }
 }
@@ -144,7 +139,6 @@ impl Store {
 const COLUMNS: &str = "id, task, training, about, config, job, version, bytes, owner, whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
-    checksum::verify(row)?;
     Ok(PolicyRow {
         id: row.get(0)?,
         task: row.get(1)?,

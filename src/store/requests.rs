@@ -1,8 +1,8 @@
 //! Stored responses of idempotent requests, by key.
 
-use rusqlite::{OptionalExtension, Transaction, params};
+use rusqlite::{Transaction, params};
 
-use super::{Store, checksum, sql};
+use super::Store;
 use crate::error::Result;
 
 /// A stored response.
@@ -24,8 +24,7 @@ impl Store {
     /// The stored response of a key.
     pub fn stored_response(&self, key: &str) -> Result<Option<StoredResponse>> {
         let select = "SELECT key, fingerprint, status, location, body, whole, record FROM whole_request WHERE key = ?1";
-        let row = |r: &rusqlite::Row| {
-            checksum::verify(r)?;
+        self.row(select, [key], |r| {
             Ok(StoredResponse {
                 key: r.get(0)?,
                 fingerprint: r.get(1)?,
@@ -33,8 +32,7 @@ impl Store {
                 location: r.get(3)?,
                 body: r.get(4)?,
             })
-        };
-        self.connection().query_row(select, [key], row).optional().map_err(sql)
+        })
     }
 }
 

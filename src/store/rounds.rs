@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use rusqlite::{OptionalExtension, Row, Transaction, params};
+use rusqlite::{Row, Transaction, params};
 
+use super::Store;
 use super::requests::{StoredResponse, keep};
 use super::worlds::raise;
-use super::{Store, checksum, sql};
 use crate::error::Result;
 
 /// A stored round; both texts are the caller's JSON.
@@ -25,16 +25,14 @@ pub type MeasuredOutcomes = BTreeMap<u64, Option<String>>;
 impl Store {
     /// A job's rounds in order.
     pub fn rounds(&self, job: i64) -> Result<Vec<RoundRow>> {
-        let c = self.connection();
         let select = format!("SELECT {COLUMNS} FROM whole_round WHERE job = ?1 ORDER BY number");
-        let mut query = c.prepare(&select).map_err(sql)?;
-        query.query_map([job], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
+        self.rows(&select, [job], row)
     }
 
     /// A job's last round.
     pub fn last_round(&self, job: i64) -> Result<Option<RoundRow>> {
         let select = format!("SELECT {COLUMNS} FROM whole_round WHERE job = ?1 ORDER BY number DESC LIMIT 1");
-        self.connection().query_row(&select, [job], row).optional().map_err(sql)
+        self.row(&select, [job], row)
     }
 
     /// Opens a round.
@@ -61,19 +59,10 @@ impl Store {
 
     /// Measured outcomes of a job, from number `first` on.
     pub fn measured(&self, job: i64, first: u64) -> Result<MeasuredOutcomes> {
-        let c = self.connection();
         let select =
             "SELECT number, outcome, whole, record FROM whole_measured WHERE job = ?1 AND number >= ?2";
-        let mut query = c.prepare(select).map_err(sql)?;
-        let row = |r: &Row| {
-            checksum::verify(r)?;
-            Ok((r.get::<_, i64>(0)? as u64, r.get(1)?))
-        };
-        query
-            .query_map(params![job, first as i64], row)
-            .map_err(sql)?
-            .collect::<rusqlite::Result<_>>()
-            .map_err(sql)
+        let row = |r: &Row| Ok((r.get::<_, i64>(0)? as u64, r.get(1)?));
+        Ok(self.rows(select, params![job, first as i64], row)?.into_iter().collect())
     }
 
     /// Stores outcomes, replacing existing ones; in the same transaction the interaction count of their world, and the response to
@@ -103,7 +92,6 @@ impl Store {
 const COLUMNS: &str = "number, asked, done, whole, record";
 
 fn row(r: &Row) -> rusqlite::Result<RoundRow> {
-    checksum::verify(r)?;
     Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
 }
 

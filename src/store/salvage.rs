@@ -10,7 +10,7 @@ use rusqlite::{Connection, Transaction, params_from_iter};
 use super::blobs::Blobs;
 use super::check::DamagedRecord;
 use super::data_directory::{DataDirectory, lock_directory};
-use super::sqlite::failed;
+use super::sqlite::{failed, query};
 use super::{atomic_write, checksum, permissions, schema};
 use crate::error::{Error, Result};
 
@@ -142,9 +142,9 @@ fn copy_rows(
 
 /// Drops policies whose weights are damaged.
 fn drop_policies_without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::Result<Vec<DamagedRecord>> {
-    let mut query = new.prepare("SELECT id, blob, digest FROM policy ORDER BY number")?;
+    let select = "SELECT id, blob, digest FROM policy ORDER BY number";
     let policies: Vec<(String, String, String)> =
-        query.query_map([], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?)))?.collect::<rusqlite::Result<_>>()?;
+        query(new, select, [], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?)))?;
     let mut dropped = Vec::new();
     for (id, blob, digest) in policies {
         if blobs.digest(&blob).as_deref() != Some(&digest) {
@@ -160,11 +160,9 @@ fn drop_policies_without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::
 
 /// Continues the number sequences, also after the last rows were dropped.
 fn continue_sequences(old: &Connection, new: &Transaction) -> rusqlite::Result<()> {
-    let last = || -> rusqlite::Result<Vec<(String, i64)>> {
-        let mut query = old.prepare("SELECT name, seq FROM main.sqlite_sequence")?;
-        query.query_map([], |r| Ok((r.get(0)?, r.get(1)?)))?.collect()
-    };
-    for (name, number) in last().unwrap_or_default() {
+    let select = "SELECT name, seq FROM main.sqlite_sequence";
+    let last = query(old, select, [], |r| Ok((r.get::<_, String>(0)?, r.get::<_, i64>(1)?)));
+    for (name, number) in last.unwrap_or_default() {
         let is_known = checksum::TABLES.iter().any(|t| t.name == name);
         if is_known && (0..MAX_SEQUENCE_NUMBER).contains(&number) {
             new.execute(

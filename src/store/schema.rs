@@ -4,7 +4,7 @@ use rusqlite::Connection;
 
 use super::blobs::Blobs;
 use super::checksum;
-use super::sqlite::failed;
+use super::sqlite::{failed, query};
 use crate::error::{Error, Result};
 
 /// Migrations; a file with the first n applied has version n.
@@ -146,15 +146,13 @@ pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result
     let t = c.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
     t.execute_batch(&MIGRATIONS[from as usize..].concat())?;
     if from < FIRST_CHECKSUM_VERSION {
-        let mut named = t.prepare("SELECT number, blob FROM policy")?;
         let policies: Vec<(i64, String)> =
-            named.query_map([], |r| Ok((r.get(0)?, r.get(1)?)))?.collect::<rusqlite::Result<_>>()?;
+            query(&t, "SELECT number, blob FROM policy", [], |r| Ok((r.get(0)?, r.get(1)?)))?;
         for (number, blob) in policies {
             // Missing weights have no digest; a check reports them.
             let digest = blobs.digest(&blob).unwrap_or_default();
             t.execute("UPDATE policy SET digest = ?2 WHERE number = ?1", rusqlite::params![number, digest])?;
         }
-        drop(named);
         for table in &checksum::TABLES {
             t.execute(&format!("UPDATE {} SET seal = {}", table.name, table.seal("")), [])?;
         }
@@ -177,8 +175,7 @@ pub fn shape(c: &Connection) -> rusqlite::Result<String> {
         UNION ALL
         SELECT type || ' ' || name FROM sqlite_schema WHERE type <> 'table'
         ORDER BY 1";
-    let mut query = c.prepare(select)?;
-    let lines: Vec<String> = query.query_map([], |r| r.get(0))?.collect::<rusqlite::Result<_>>()?;
+    let lines: Vec<String> = query(c, select, [], |r| r.get(0))?;
     Ok(lines.join("\n"))
 }
 

@@ -1,8 +1,8 @@
 //! Performance surfaces as rows, reused by requests with the same configuration.
 
-use rusqlite::{OptionalExtension, Row, params};
+use rusqlite::{Row, params};
 
-use super::{Store, checksum, sql};
+use super::{Store, sql};
 use crate::error::Result;
 
 /// A stored surface.
@@ -40,36 +40,30 @@ impl Store {
     /// The surface with this number.
     pub fn surface(&self, number: i64) -> Result<Option<SurfaceRow>> {
         let select = format!("SELECT {COLUMNS} FROM whole_surface WHERE number = ?1");
-        self.connection().query_row(&select, [number], row).optional().map_err(sql)
+        self.row(&select, [number], row)
     }
 
     /// The surface of a task and configuration computed by this version of the program.
     pub fn surface_like(&self, task: &str, config: &str) -> Result<Option<SurfaceRow>> {
         let select =
             format!("SELECT {COLUMNS} FROM whole_surface WHERE task = ?1 AND config = ?2 AND version = ?3");
-        let values = params![task, config, env!("CARGO_PKG_VERSION")];
-        self.connection().query_row(&select, values, row).optional().map_err(sql)
+        self.row(&select, params![task, config, env!("CARGO_PKG_VERSION")], row)
     }
 
     /// At most `limit` surfaces after number `after`, in order.
     pub fn surfaces(&self, after: i64, limit: usize) -> Result<Vec<SurfaceRow>> {
-        let c = self.connection();
         let select =
             format!("SELECT {COLUMNS} FROM whole_surface WHERE number > ?1 ORDER BY number LIMIT ?2");
-        let mut query = c.prepare(&select).map_err(sql)?;
-        let rows = query.query_map(params![after, limit as i64], row).map_err(sql)?;
-        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+        self.rows(&select, params![after, limit as i64], row)
     }
 
     /// Removes a surface; whether it existed.
     pub fn remove_surface(&self, number: i64) -> Result<bool> {
-        let gone = self.connection().execute("DELETE FROM surface WHERE number = ?1", [number]);
-        gone.map(|n| n > 0).map_err(sql)
+        self.execute("DELETE FROM surface WHERE number = ?1", [number]).map(|n| n > 0)
     }
 }
 
 fn row(row: &Row) -> rusqlite::Result<SurfaceRow> {
-    checksum::verify(row)?;
     Ok(SurfaceRow {
         number: row.get(0)?,
         task: row.get(1)?,

@@ -8,8 +8,8 @@ use std::sync::PoisonError;
 
 use rusqlite::{Transaction, params};
 
+use super::Store;
 use super::requests::{StoredResponse, keep};
-use super::{Store, checksum, sql};
 use crate::error::Result;
 
 /// A stored world; the texts are the caller's JSON.
@@ -54,12 +54,9 @@ impl Store {
 
     /// All worlds in order of creation.
     pub fn worlds(&self) -> Result<Vec<WorldRow>> {
-        let c = self.connection();
         let select =
             "SELECT id, config, latents, interactions, owner, whole, record FROM whole_world ORDER BY number";
-        let mut query = c.prepare(select).map_err(sql)?;
-        let row = |r: &rusqlite::Row| {
-            checksum::verify(r)?;
+        self.rows(select, [], |r| {
             Ok(WorldRow {
                 id: r.get(0)?,
                 config: r.get(1)?,
@@ -67,8 +64,7 @@ impl Store {
                 interactions: r.get::<_, i64>(3)? as u64,
                 owner: r.get(4)?,
             })
-        };
-        query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
+        })
     }
 
     /// Removes worlds.

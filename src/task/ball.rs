@@ -1,20 +1,34 @@
 //! The scene of one ball that flies and bounces off an optional floor: the simulation of a tracked ball.
 
+use serde::Deserialize;
+use utoipa::ToSchema;
+
 use super::limits::{MASS_RANGE_KG, MAX_LENGTH_M, MIN_LENGTH_M};
 use super::scene::{Body, Scene, Static};
 use super::shape::{Disc, Halfspace};
 use crate::error::{Error, Result, check_range};
 
-/// Parameters of the scene of one ball.
-#[derive(Clone, Debug, PartialEq)]
+/// A ball and optionally a floor.
+#[derive(Clone, Debug, PartialEq, Deserialize, ToSchema, clap::Args)]
+#[serde(deny_unknown_fields)]
+#[schema(as = BallIn)]
+#[group(requires = "radius")]
 pub struct BallScene {
     /// m
+    #[arg(long, value_name = "M", allow_negative_numbers = true, required = false)]
+    #[arg(help = "Radius of the ball, m")]
     pub radius: f64,
-    /// kg; has no influence on the ball's flight or its bounces.
+    /// kg
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    #[arg(help = "Mass of the ball, kg; has no influence on its flight or its bounces")]
     pub mass: Option<f64>,
-    /// m/s^2, downwards.
-    pub gravity: f64,
+    /// m/s^2, downwards. Default: 9.81.
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    #[arg(help = "Gravity, m/s^2, downwards [default: 9.81]")]
+    pub gravity: Option<f64>,
     /// Height of the floor's surface, m.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    #[arg(help = "Height of the floor, m, if the ball bounces; restitution and friction are estimated, too")]
     pub floor: Option<f64>,
 }
 
@@ -33,7 +47,8 @@ impl BallScene {
     /// the duration of a rollout.
     pub fn build(&self, name: &str, seconds: f64) -> Result<Scene> {
         check_range("radius", self.radius, MIN_LENGTH_M, MAX_LENGTH_M)?;
-        check_range("gravity", self.gravity, 0.0, 1e3)?;
+        let gravity = self.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
+        check_range("gravity", gravity, 0.0, 1e3)?;
         if let Some(mass) = self.mass {
             check_range("mass", mass, MASS_RANGE_KG[0], MASS_RANGE_KG[1])?;
             let most = MAX_DENSITY_KG_M3 * 4.0 / 3.0 * std::f64::consts::PI * self.radius.powi(3);
@@ -45,7 +60,7 @@ impl BallScene {
                 return Err(Error::input("mass", mass, allowed));
             }
         }
-        let mut scene = Scene { gravity: [0.0, -self.gravity], ..Scene::empty() };
+        let mut scene = Scene { gravity: [0.0, -gravity], ..Scene::empty() };
         scene.name = "one ball".into();
         scene.bodies.push(Body {
             name: name.into(),
@@ -83,8 +98,7 @@ impl BallScene {
 mod tests {
     use super::*;
 
-    const BALL: BallScene =
-        BallScene { radius: 0.02, mass: Some(0.0027), gravity: STANDARD_GRAVITY_M_S2, floor: None };
+    const BALL: BallScene = BallScene { radius: 0.02, mass: Some(0.0027), gravity: None, floor: None };
 
     #[test]
     fn floor_adds_friction_and_restitution_to_estimate() {
@@ -101,7 +115,7 @@ mod tests {
         for (ball, wanted) in [
             (BallScene { radius: 0.0, ..BALL }, "`radius` is 0"),
             (BallScene { mass: Some(2.7), ..BALL }, "`mass` is 2.7; allowed: kg, at most 7.71e-1"),
-            (BallScene { gravity: -9.81, ..BALL }, "`gravity` is -9.81"),
+            (BallScene { gravity: Some(-9.81), ..BALL }, "`gravity` is -9.81"),
             (BallScene { floor: Some(f64::NAN), ..BALL }, "`floor` is NaN"),
         ] {
             let error = ball.build("ball", 1.0).expect_err(wanted).to_string();

@@ -148,7 +148,8 @@ fn segments_cross(p: [f64; 2], q: [f64; 2], r: [f64; 2], s: [f64; 2]) -> bool {
     side(p, q, r) * side(p, q, s) < 0.0 && side(r, s, p) * side(r, s, q) < 0.0
 }
 
-fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+/// a - b
+pub fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] - b[0], a[1] - b[1]]
 }
 fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {

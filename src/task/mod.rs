@@ -23,7 +23,9 @@ pub mod timeline;
 mod validate;
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
+use crate::names::names;
 pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
 pub use families::{
@@ -51,9 +53,10 @@ pub struct Task {
     pub certificate: Option<Certificate>,
 }
 
-/// A split of a family's tasks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Split of a family's tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
+#[schema(as = SplitIn)]
 pub enum Split {
     Train,
     Validation,
@@ -72,16 +75,7 @@ impl Task {
     }
 }
 
-impl Split {
-    /// Name on the wire and in ids.
-    pub fn name(self) -> &'static str {
-        match self {
-            Split::Train => "train",
-            Split::Validation => "validation",
-            Split::Test => "test",
-        }
-    }
-}
+names!(Split: Train = "train", Validation = "validation", Test = "test");
 
 /// The tasks of one split.
 pub fn split(tasks: &[Task], split: Split) -> Vec<Task> {

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::action::ActionSpace;
 pub use super::body::{Body, Static};
@@ -81,15 +82,33 @@ pub struct Scene {
     pub interventions: Vec<Intervention>,
 }
 
-/// An effect by name, with its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// An effect with its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = EffectIn)]
 pub struct EffectTerm {
-    /// Name in the effect registry.
+    /// `linear_drag`, ...; `iplw effects` lists all.
     pub name: String,
-    /// Parameter values in the registry's units.
+    /// Values in the effect's units; absent ones have their neutral value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
+}
+
+impl EffectTerm {
+    /// An effect with some of its parameters.
+    pub fn new(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
+        let parameters = parameters.iter().map(|(key, value)| (key.to_string(), *value)).collect();
+        EffectTerm { name: name.into(), parameters }
+    }
+
+    /// Sets a parameter of the effect `name` in a list, which gets the effect if it lacks it.
+    pub fn set_in(terms: &mut Vec<EffectTerm>, name: &str, parameter: &str, value: f64) {
+        let at = terms.iter().position(|term| term.name == name).unwrap_or_else(|| {
+            terms.push(EffectTerm::new(name, &[]));
+            terms.len() - 1
+        });
+        terms[at].parameters.insert(parameter.into(), value);
+    }
 }
 
 impl Scene {

@@ -82,9 +82,8 @@ pub fn clamp(values: [f64; 3]) -> [f64; 3] {
 /// Index of the factor named `name` (`mass` is an alias of `density`).
 pub fn factor_index(name: &str) -> Result<usize> {
     let name = if name == "mass" { "density" } else { name };
-    FACTORS.iter().position(|f| f.name == name).ok_or_else(|| Error::NotFound {
-        kind: "latent factor",
-        id: name.to_string(),
-        known: FACTORS.iter().map(|f| f.name.to_string()).collect(),
-    })
+    FACTORS
+        .iter()
+        .position(|f| f.name == name)
+        .ok_or_else(|| Error::not_found("latent factor", name, FACTORS.iter().map(|f| f.name)))
 }

@@ -30,6 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result};
+use crate::names::names;
 use crate::trajectory::Trajectory;
 use compile::{RolloutModel, compile};
 use lanes::Topology;
@@ -102,6 +103,11 @@ impl<'a> Simulator<'a> {
     /// The trajectories of a batch.
     pub fn run(&self, rollouts: &[Rollout]) -> Result<Vec<Trajectory>> {
         self.map(rollouts, |_, trajectory| trajectory)
+    }
+
+    /// The trajectory of one rollout.
+    pub fn one(&self, rollout: Rollout) -> Result<Trajectory> {
+        self.run(&[rollout]).map(|mut trajectories| trajectories.swap_remove(0))
     }
 
     /// `keep(index, trajectory)` of each trajectory of a batch, so that memory does not grow with the length of
@@ -319,24 +325,12 @@ impl<T, K: Fn(usize, Trajectory) -> T> lanes::RolloutSource for UnitSource<'_, K
     }
 }
 
-impl Engine {
-    /// Name on the wire and the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Engine::Auto => "auto",
-            Engine::Rapier => "rapier",
-            Engine::Lanes => "lanes",
-        }
-    }
+names!(Engine: Auto = "auto", Rapier = "rapier", Lanes = "lanes");
 
+impl Engine {
     /// The engine named `name`.
     pub fn from_name(name: &str) -> Result<Engine> {
-        let all = [Engine::Auto, Engine::Rapier, Engine::Lanes];
-        all.into_iter().find(|e| e.name() == name).ok_or_else(|| Error::NotFound {
-            kind: "engine",
-            id: name.to_string(),
-            known: all.map(|e| e.name().to_string()).to_vec(),
-        })
+        Engine::named(name).ok_or_else(|| Error::not_found("engine", name, Engine::ALL.map(Engine::name)))
     }
 }
 

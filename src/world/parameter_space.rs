@@ -82,12 +82,7 @@ impl ParameterSpace {
         let mut all = given.to_vec();
         let fitted = self.parameters.iter().zip(&at[FACTORS.len()..]).filter(|((_, fitted), _)| *fitted);
         for ((own, _), value) in fitted {
-            let known = all.iter().position(|term| term.name == own.effect.name);
-            let term = known.unwrap_or_else(|| {
-                all.push(EffectTerm { name: own.effect.name.into(), parameters: Default::default() });
-                all.len() - 1
-            });
-            all[term].parameters.insert(own.parameter().name.into(), *value);
+            EffectTerm::set_in(&mut all, own.effect.name, own.parameter().name, *value);
         }
         let vanishes = |term: &EffectTerm| {
             let own = find(&term.name).map_or(&[][..], |e| e.parameters);
@@ -109,12 +104,10 @@ impl EffectParameter {
     pub fn parse(text: &str) -> Result<EffectParameter> {
         let (name, parameter) = text.split_once('.').unwrap_or((text, ""));
         let effect = find(name)?;
-        let index =
-            effect.parameters.iter().position(|p| p.name == parameter).ok_or_else(|| Error::NotFound {
-                kind: "effect parameter",
-                id: text.to_string(),
-                known: effect.parameters.iter().map(|p| format!("{name}.{}", p.name)).collect(),
-            })?;
+        let index = effect.parameters.iter().position(|p| p.name == parameter).ok_or_else(|| {
+            let known = effect.parameters.iter().map(|p| format!("{name}.{}", p.name));
+            Error::not_found("effect parameter", text, known)
+        })?;
         Ok(EffectParameter { effect, index })
     }
 }
@@ -127,7 +120,7 @@ impl std::fmt::Display for EffectParameter {
 
 impl std::fmt::Debug for EffectParameter {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(f, "{self}")
+        std::fmt::Display::fmt(self, f)
     }
 }
 
@@ -155,13 +148,6 @@ impl From<EffectParameter> for String {
 mod tests {
     use super::*;
     use crate::world::effect::REGISTRY;
-
-    fn term(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
-        EffectTerm {
-            name: name.into(),
-            parameters: parameters.iter().map(|(n, v)| (n.to_string(), *v)).collect(),
-        }
-    }
 
     /// Every parameter of every effect can be parsed and used as a coordinate.
     #[test]
@@ -192,11 +178,14 @@ mod tests {
         let names: Vec<String> = (0..all.len()).map(|i| all.name(i)).collect();
         let wanted = ["density", "friction", "restitution", "linear_drag.c", "gust.ax", "wind.ay", "wind.ax"];
         assert_eq!(names, wanted);
-        let given = [term("linear_drag", &[("c", 0.1)]), term("gust", &[("ax", 1.0), ("period", 2.0)])];
+        let given = [
+            EffectTerm::new("linear_drag", &[("c", 0.1)]),
+            EffectTerm::new("gust", &[("ax", 1.0), ("period", 2.0)]),
+        ];
         let found = all.effects(&[1.0, 0.5, 0.5, 0.0, 3.0, -1.0, 2.0], &given);
-        let gust = term("gust", &[("ax", 3.0), ("period", 2.0)]);
+        let gust = EffectTerm::new("gust", &[("ax", 3.0), ("period", 2.0)]);
         // Linear drag is not estimated here, so it keeps its given value.
-        assert_eq!(found, [given[0].clone(), gust, term("wind", &[("ax", 2.0), ("ay", -1.0)])]);
+        assert_eq!(found, [given[0].clone(), gust, EffectTerm::new("wind", &[("ax", 2.0), ("ay", -1.0)])]);
         assert_eq!(ParameterSpace::new(&[]).effects(&[1.0, 0.5, 0.5, 0.0], &given), given);
     }
 }

@@ -2,6 +2,7 @@
 //! otherwise correct simulation. `examples/coverage.rs` is the long version. Seeds are fixed, so the test is
 //! deterministic.
 
+use crate::cases;
 use iplw::experiment::{EstimateConfig, ResidualKind, estimate};
 use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
@@ -57,11 +58,11 @@ fn check(name: &str, residual: ResidualKind, count: u64) {
 
 #[test]
 fn intervals_cover_the_truth_in_basketball() {
-    check("basketball", ResidualKind::Trajectory, 60);
+    check("basketball", ResidualKind::Trajectory, cases(20, 60) as u64);
 }
 
 /// Positions from a camera without velocities: every segment's initial state is fitted.
 #[test]
 fn intervals_cover_the_truth_in_basketball_with_shooting() {
-    check("basketball", ResidualKind::Shooting, 30);
+    check("basketball", ResidualKind::Shooting, cases(8, 30) as u64);
 }

@@ -1,6 +1,7 @@
 //! Estimation: hidden latents are recovered, unidentifiable ones are reported, racing is exact, and results are
 //! deterministic across threads.
 
+use crate::cases;
 use iplw::error::{Error, Result};
 use iplw::estimate::loss::{Racing, Simulation, trial_losses};
 use iplw::experiment::{
@@ -35,7 +36,7 @@ fn fast(name: &str) -> EstimateConfig {
 /// Restitution hidden in basketball, with an otherwise correct model, is recovered to 2 % of its range.
 #[test]
 fn recovers_restitution_in_basketball() {
-    for (truth, seed) in [(0.45, 1), (0.85, 2)] {
+    for (truth, seed) in [(0.45, 1), (0.85, 2)].into_iter().take(cases(1, 2)) {
         let report = run(
             "basketball",
             hidden("basketball", [1.0, 0.2, truth], false),
@@ -307,7 +308,7 @@ fn estimates_effect_parameters_by_name() {
         &[("linear_drag.c", 0.223), ("rolling_resistance.crr", 0.05)],
     ];
     let truth = [0.25, 0.5, 0.6];
-    for (values, seed) in planted.into_iter().zip(21..) {
+    for (values, seed) in planted.into_iter().zip([21, 22, 23]).rev().take(cases(1, 3)) {
         let parse = |name: &str| EffectParameter::parse(name).unwrap();
         let fitted: Vec<EffectParameter> = values.iter().map(|(name, _)| parse(name)).collect();
         let mut config =
@@ -396,7 +397,7 @@ fn sensed_ranges_constrain_estimates() {
         run("basketball", hidden("basketball", truth, false), config)
     };
     let mut off = [0.0; 2];
-    for seed in 0..4 {
+    for seed in 0..cases(2, 4) as u64 {
         let (open, sensed) = (with(&[], seed), with(&["friction>0.8", "friction<1.0"], seed));
         for estimate in &sensed.estimates {
             assert!((0.8..=1.0).contains(&estimate[1]), "left the sensed range: {estimate:?}");

@@ -11,8 +11,7 @@ use iplw::task::ball::{BallScene, STANDARD_GRAVITY_M_S2};
 
 use crate::worlds;
 
-const BALL: BallScene =
-    BallScene { radius: 0.02, mass: Some(0.0027), gravity: STANDARD_GRAVITY_M_S2, floor: None };
+const BALL: BallScene = BallScene { radius: 0.02, mass: Some(0.0027), gravity: None, floor: None };
 
 /// Throws with drag, one file each; `cells` formats t (s), x, y (m) of frame k.
 fn throws(cells: impl Fn(usize, f64, f64, f64) -> String, header: &str) -> Vec<TrackFile> {
@@ -122,7 +121,7 @@ fn accepts_declared_odd_units_with_note() {
     let notes = gathered(&throws(|_, t, x, y| format!("{t},{x},{}", -y), "t,x,y"), &up).unwrap().notes;
     assert!(notes.iter().any(|n| n.contains("y is rising")), "{notes:?}");
     // Without gravity there is no check of units.
-    let ball = BallScene { gravity: 0.0, ..BALL };
+    let ball = BallScene { gravity: Some(0.0), ..BALL };
     load_tracks(
         &throws(|_, t, x, y| format!("{t},{x},{}", -y), "t,x,y"),
         Subject::Ball(&ball),

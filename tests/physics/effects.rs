@@ -44,7 +44,7 @@ fn spin_decay_changes_only_spin_in_flight() {
         let mut plain = free([2.0, 3.0], 2.0, &[], 1.0 / 240.0);
         plain.bodies[0].angular_velocity = 10.0;
         let decay = |scene: &Scene, c: f64| {
-            run(&Scene { effects: vec![term("spin_decay", &[("c", c)])], ..scene.clone() }, engine)
+            run(&Scene { effects: vec![EffectTerm::new("spin_decay", &[("c", c)])], ..scene.clone() }, engine)
         };
         let (with, without) = (decay(&plain, 0.7), run(&plain, engine));
         let path = |t: &Trajectory| [t.bodies[0].x.clone(), t.bodies[0].y.clone()];
@@ -66,7 +66,7 @@ fn wind_and_gravity_error_shift_the_parabola() {
     for engine in ENGINES {
         let base = free([2.0, 3.0], 2.0, &[], 1.0 / 240.0);
         let with = |name, parameters: &[(&str, f64)]| Scene {
-            effects: vec![term(name, parameters)],
+            effects: vec![EffectTerm::new(name, parameters)],
             ..base.clone()
         };
         let wind = run(&with("wind", &[("ax", 1.5), ("ay", -0.5)]), engine);
@@ -204,7 +204,7 @@ fn sticky_patch_slows_inside_only() {
                 "x_max" => ("x_min", v),
                 _ => (n, v),
             });
-            let turned = Scene { effects: vec![term("sticky_patch", &swapped)], ..scene.clone() };
+            let turned = Scene { effects: vec![EffectTerm::new("sticky_patch", &swapped)], ..scene.clone() };
             assert_eq!(run(&turned, engine), t, "corners in either order");
         }
     }
@@ -267,9 +267,9 @@ fn motion_agrees_with_an_independent_integrator() {
         ),
     ];
     let start = [0.0, 100.0, 4.0, 5.0];
-    let alone = cases.map(|(name, parameters, law)| (vec![term(name, parameters)], vec![law]));
+    let alone = cases.map(|(name, parameters, law)| (vec![EffectTerm::new(name, parameters)], vec![law]));
     let together = (
-        cases.iter().map(|c| term(c.0, c.1)).collect::<Vec<_>>(),
+        cases.iter().map(|c| EffectTerm::new(c.0, c.1)).collect::<Vec<_>>(),
         cases.iter().map(|c| c.2).collect::<Vec<_>>(),
     );
     for (effects, laws) in alone.into_iter().chain([together]) {
@@ -437,7 +437,7 @@ fn restitution_falls_with_impact_speed() {
             scene.bodies[0].restitution = e0;
             scene.statics = vec![floor()];
             scene.observe_every = 1;
-            scene.effects = vec![term("restitution_speed", &[("slope", slope)])];
+            scene.effects = vec![EffectTerm::new("restitution_speed", &[("slope", slope)])];
             let t = run(&scene, engine);
             let y = &t.bodies[0].y;
             let bottom = (1..y.len() - 1).find(|i| y[i + 1] > y[*i]).expect("it bounces");
@@ -448,7 +448,7 @@ fn restitution_falls_with_impact_speed() {
         // Within [0, 1].
         for (slope, wanted) in [(5.0, 0.0), (-5.0, 1.0)] {
             let mut scene = bouncing([0.0, -4.0], 0.0, 0.5);
-            scene.effects = vec![term("restitution_speed", &[("slope", slope)])];
+            scene.effects = vec![EffectTerm::new("restitution_speed", &[("slope", slope)])];
             near(last(&run(&scene, engine).bodies[0].vy), 4.0 * wanted, 0.05, "speed after", engine);
         }
     }
@@ -463,7 +463,7 @@ fn tangential_restitution_reverses_slip() {
     for engine in ENGINES {
         for et in [-1.0, -0.5, 0.0, 0.5, 1.0] {
             let mut scene = bouncing([vx, -6.0], omega, 0.8);
-            scene.effects = vec![term("tangential_restitution", &[("et", et)])];
+            scene.effects = vec![EffectTerm::new("tangential_restitution", &[("et", et)])];
             let t = run(&scene, engine);
             let b = &t.bodies[0];
             let what = format!("et {et}: ");
@@ -476,7 +476,7 @@ fn tangential_restitution_reverses_slip() {
         let mut scene = bouncing([vx, -6.0], 40.0, 0.8);
         scene.bodies[0].friction = 0.1;
         let sliding = last(&run(&scene, engine).bodies[0].vx);
-        scene.effects = vec![term("tangential_restitution", &[("et", 1.0)])];
+        scene.effects = vec![EffectTerm::new("tangential_restitution", &[("et", 1.0)])];
         near(last(&run(&scene, engine).bodies[0].vx), sliding, 0.01, "limit of friction", engine);
         if engine == Engine::Lanes {
             near(sliding, vx - 0.1 * 6.0 * 1.8, 1e-6, "friction times the normal impulse", engine);
@@ -495,8 +495,8 @@ fn contact_laws_apply_between_bodies() {
         (scene.bodies[0].friction, scene.bodies[1].friction) = (1.5, 1.5);
         (scene.bodies[0].restitution, scene.bodies[1].restitution) = (1.0, 0.9);
         scene.effects = vec![
-            term("restitution_speed", &[("slope", 0.1)]),
-            term("tangential_restitution", &[("et", 0.5)]),
+            EffectTerm::new("restitution_speed", &[("slope", 0.1)]),
+            EffectTerm::new("tangential_restitution", &[("et", 0.5)]),
         ];
         let t = run(&scene, engine);
         let (a, b) = (&t.bodies[0], &t.bodies[1]);
@@ -598,7 +598,8 @@ fn delayed_sensors_resolve_bounces() {
         scene.observe_every = 60;
         let every = Scene { observe_every: 1, ..scene.clone() };
         let truth = run(&every, engine);
-        let warped = [term("time_scale", &[("s", 1.1)]), term("lag", &[("dt", 0.0123)])];
+        let warped =
+            [EffectTerm::new("time_scale", &[("s", 1.1)]), EffectTerm::new("lag", &[("dt", 0.0123)])];
         let seen = run(&Scene { effects: warped.to_vec(), ..scene.clone() }, engine);
         assert!(seen.times.len() > 12);
         // The delay applies last: its state at t is that of the slow clock at t - dt.
@@ -651,7 +652,7 @@ fn sensors_keep_outcomes_and_contacts() {
 #[test]
 fn rejects_implausible_clocks() {
     let mut scene = lively();
-    scene.effects = vec![term("time_scale", &[("s", 10.0)]); 6];
+    scene.effects = vec![EffectTerm::new("time_scale", &[("s", 10.0)]); 6];
     let error = Simulator::new(Engine::Auto).run(&[rollout(&scene)]).unwrap_err().to_string();
     assert!(error.contains("effects") && error.contains("observations"), "{error}");
 }
@@ -661,7 +662,7 @@ fn placement_offset_shifts_placed_objects() {
     let task = &family("basketball").unwrap().tasks()[0];
     let action = task.actions().at(12_345).unwrap();
     let Placement::Valid(scene) = task.place(&action) else { panic!("pick another action") };
-    let off = [term("placement_offset", &[("dx", 0.3), ("dy", -0.2)])];
+    let off = [EffectTerm::new("placement_offset", &[("dx", 0.3), ("dy", -0.2)])];
     let components = &scene.action.as_ref().unwrap().components;
     for engine in ENGINES {
         let [asked, done] = [&[][..], &off[..]].map(|effects| {
@@ -698,7 +699,7 @@ fn placement_offset_shifts_placed_statics() {
     for engine in ENGINES {
         for dy in [0.0, -1.0] {
             let mut placed = scene.clone();
-            placed.effects = vec![term("placement_offset", &[("dy", dy)])];
+            placed.effects = vec![EffectTerm::new("placement_offset", &[("dy", dy)])];
             let t = run(&placed, engine);
             // The top of the plank is at its y; the ball, which is not placed, falls from 2.8
             // above 0.
@@ -725,7 +726,7 @@ fn hidden_worlds_support_every_effect() {
         };
         let plain = measure(Vec::new());
         for e in effect::REGISTRY {
-            let trials = measure(vec![term(e.name, &strong_parameters(e))]);
+            let trials = measure(vec![EffectTerm::new(e.name, &strong_parameters(e))]);
             assert_ne!(
                 trials.iter().map(|t| &t.observed).collect::<Vec<_>>(),
                 plain.iter().map(|t| &t.observed).collect::<Vec<_>>(),
@@ -747,7 +748,7 @@ fn neutral_values_change_no_bit() {
         let plain = run(&scene, engine);
         for e in effect::REGISTRY {
             let neutral: Vec<(&str, f64)> = e.parameters.iter().map(|p| (p.name, p.neutral)).collect();
-            let with = Scene { effects: vec![term(e.name, &neutral)], ..scene.clone() };
+            let with = Scene { effects: vec![EffectTerm::new(e.name, &neutral)], ..scene.clone() };
             assert_eq!(bits(&run(&with, engine)), bits(&plain), "{engine:?} {}", e.name);
             assert_eq!(run(&with, engine), plain, "{engine:?} {}", e.name);
         }
@@ -759,7 +760,8 @@ fn every_effect_acts_in_both_engines() {
     for e in effect::REGISTRY {
         for engine in ENGINES {
             let scene = lively();
-            let strong = Scene { effects: vec![term(e.name, &strong_parameters(e))], ..scene.clone() };
+            let strong =
+                Scene { effects: vec![EffectTerm::new(e.name, &strong_parameters(e))], ..scene.clone() };
             assert_ne!(bits(&run(&strong, engine)), bits(&run(&scene, engine)), "{engine:?} {}", e.name);
         }
     }
@@ -778,8 +780,10 @@ fn lanes_with_effects_are_independent() {
             let share = 0.2 * f64::from(k);
             let values = strong_parameters(e).into_iter().zip(e.parameters);
             let values = values.map(|((n, v), p)| (n, p.neutral + share * (v - p.neutral)));
-            scene.effects =
-                vec![term(e.name, &values.collect::<Vec<_>>()), term("linear_drag", &[("c", 2.0)])];
+            scene.effects = vec![
+                EffectTerm::new(e.name, &values.collect::<Vec<_>>()),
+                EffectTerm::new("linear_drag", &[("c", 2.0)]),
+            ];
             scenes.push(scene);
         }
     }
@@ -804,16 +808,16 @@ fn lanes_with_effects_are_independent() {
 #[test]
 fn errors_list_known_names() {
     let mut scene = lively();
-    scene.effects = vec![term("ether", &[])];
+    scene.effects = vec![EffectTerm::new("ether", &[])];
     let error = Simulator::new(Engine::Auto).run(&[rollout(&scene)]).unwrap_err().to_string();
     assert!(
         error.contains("effects[0].name") && error.contains("linear_drag") && error.contains("sticky_patch"),
         "{error}"
     );
-    scene.effects = vec![term("wind", &[("az", 1.0)])];
+    scene.effects = vec![EffectTerm::new("wind", &[("az", 1.0)])];
     let error = Simulator::new(Engine::Auto).run(&[rollout(&scene)]).unwrap_err().to_string();
     assert!(error.contains("effects[0].parameters.az") && error.contains("ax, ay"), "{error}");
-    scene.effects = vec![term("gust", &[("period", 0.0)])];
+    scene.effects = vec![EffectTerm::new("gust", &[("period", 0.0)])];
     let error = Simulator::new(Engine::Auto).run(&[rollout(&scene)]).unwrap_err().to_string();
     assert!(error.contains("effects[0].parameters.period") && error.contains("from 0.001 to"), "{error}");
 }
@@ -872,7 +876,7 @@ proptest! {
                 let [low, high] = p.bounds;
                 (p.name, (low + share * (high - low)).clamp(low, high))
             });
-            term(e.name, &values.collect::<Vec<_>>())
+            EffectTerm::new(e.name, &values.collect::<Vec<_>>())
         });
         let mut scene = Scene { effects: effects.collect(), ..lively() };
         scene.steps = 240;
@@ -927,7 +931,7 @@ fn lively() -> Scene {
 
 /// The scene with one effect instead of its own.
 fn with_effect(scene: &Scene, name: &str, parameters: &[(&str, f64)]) -> Scene {
-    Scene { effects: vec![term(name, parameters)], ..scene.clone() }
+    Scene { effects: vec![EffectTerm::new(name, parameters)], ..scene.clone() }
 }
 
 /// A ball on the floor that rolls at `v0` against `crr`.
@@ -936,7 +940,7 @@ fn rolling(v0: f64, radius: f64, crr: f64, dt: f64, seconds: f64) -> Scene {
     scene.bodies = vec![ball("a", radius, [0.0, radius], [v0, 0.0])];
     (scene.bodies[0].angular_velocity, scene.bodies[0].restitution) = (-v0 / radius, 0.0);
     scene.statics = vec![floor()];
-    scene.effects = vec![term("rolling_resistance", &[("crr", crr)])];
+    scene.effects = vec![EffectTerm::new("rolling_resistance", &[("crr", crr)])];
     scene
 }
 
@@ -955,7 +959,7 @@ fn bouncing(velocity: [f64; 2], omega: f64, e: f64) -> Scene {
 fn free(velocity: [f64; 2], seconds: f64, effects: &[(&str, &[(&str, f64)])], dt: f64) -> Scene {
     let mut scene = empty(dt, seconds);
     scene.bodies = vec![ball("a", 0.5, [0.0, 100.0], velocity)];
-    scene.effects = effects.iter().map(|(name, parameters)| term(name, parameters)).collect();
+    scene.effects = effects.iter().map(|(name, parameters)| EffectTerm::new(name, parameters)).collect();
     scene
 }
 
@@ -992,11 +996,6 @@ fn floor() -> Static {
         position: [0.0, 0.0],
         angle: 0.0,
     }
-}
-
-fn term(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
-    let parameters = parameters.iter().map(|(n, v)| (n.to_string(), *v)).collect();
-    EffectTerm { name: name.into(), parameters }
 }
 
 fn rollout(scene: &Scene) -> Rollout<'_> {

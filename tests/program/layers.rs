@@ -10,8 +10,9 @@ const MAX_FUNCTION_LINES: usize = 70;
 const EXEMPT: [&str; 1] = ["src/discover/launch.rs"];
 
 /// Layers, lowest first: each may use itself and those before it.
-const LAYERS: [&str; 24] = [
+const LAYERS: [&str; 26] = [
     "error",
+    "names",
     "json",
     "rng",
     "progress",
@@ -31,6 +32,7 @@ const LAYERS: [&str; 24] = [
     "design",
     "picture",
     "experiment",
+    "commands",
     "store",
     "access",
     "job",
@@ -40,12 +42,18 @@ const LAYERS: [&str; 24] = [
 const TOP: &str = "serve";
 
 /// A crate and the only layers that may name it.
-const CRATE_LAYERS: [(&str, &[&str]); 21] = [
+const CRATE_LAYERS: [(&str, &[&str]); 22] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["neural", "policy"]),
     ("safetensors", &["policy"]),
     ("axum", &["serve"]),
-    ("utoipa", &["serve"]),
+    (
+        "utoipa",
+        &[
+            "commands", "discover", "estimate", "explore", "job", "reality", "serve", "session", "store",
+            "task",
+        ],
+    ),
     ("tower_http", &["serve"]),
     ("rmp", &["serve"]),
     ("rmpv", &["serve"]),
@@ -58,6 +66,7 @@ const CRATE_LAYERS: [(&str, &[&str]); 21] = [
     ("libc", &["serve"]),
     ("hyper_util", &["serve"]),
     ("rmcp", &["serve"]),
+    ("prometheus_client", &["serve"]),
     ("plotters", &["picture"]),
     ("png", &["picture"]),
     ("resvg", &["picture"]),

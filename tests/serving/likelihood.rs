@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use iplw::discover::posterior::{PosteriorOptions, TrialLikelihood};
+use iplw::commands::PosteriorRequest;
+use iplw::discover::posterior::TrialLikelihood;
 use iplw::progress::NoProgress;
 use iplw::reality::{trials_from_csv, trials_to_csv};
 use iplw::serve::ServeConfig;
@@ -58,10 +59,10 @@ fn matches_the_in_process_likelihood() {
     let own = likelihood_request();
     let scene = worlds::scene();
     let trials = trials_from_csv(own["trials"].as_str().unwrap(), &scene).unwrap();
-    let wanted = PosteriorOptions {
-        sets: vec![vec!["quadratic_drag".into()]],
-        seed: 2,
-        ..PosteriorOptions::default()
+    let wanted = PosteriorRequest {
+        sets: Some(vec![vec!["quadratic_drag".into()]]),
+        seed: Some(2),
+        ..PosteriorRequest::default()
     };
     let likelihood = TrialLikelihood::new(&scene, &trials, &wanted.config().unwrap(), &NoProgress).unwrap();
     let points = likelihood.initial_points(5, 4).unwrap();

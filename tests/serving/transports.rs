@@ -14,7 +14,7 @@ use iplw::session::{
     Action, Autoreset, Catalogue, Reset, RolloutRequest, TaskSet, World, WorldConfig, WorldKind, reset_many,
     step_many,
 };
-use iplw::world::{Engine, Latents};
+use iplw::world::Latents;
 use rmpv::Value as Packed;
 use serde_json::{Value, json};
 use zeromq::{DealerSocket, Socket, SocketRecv, SocketSend, ZmqMessage};
@@ -142,17 +142,7 @@ mod batches {
 
 /// A world's configuration with the family's defaults.
 fn config(catalogue: &Catalogue, family: &str, kind: WorldKind) -> WorldConfig {
-    WorldConfig {
-        tasks: catalogue.family(family).unwrap(),
-        kind,
-        engine: Engine::Auto,
-        latents: Latents::default(),
-        effects: None,
-        noise: 0.0,
-        budget: None,
-        sealed: None,
-        seed: 0,
-    }
+    WorldConfig::new(catalogue.family(family).unwrap(), kind)
 }
 
 /// An in-process server, stopped on drop.

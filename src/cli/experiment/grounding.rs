@@ -1,9 +1,9 @@
 //! `iplw experiment grounding`: value of a few real interactions for plans, by acquisition method and estimator.
 
 use iplw::budget::Unlimited;
+use iplw::commands::effect_set;
 use iplw::error::{Error, Result};
 use iplw::estimate::ParameterSamples;
-use iplw::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
 use iplw::experiment::estimators::Estimator;
 use iplw::experiment::grounding::{GroundingCheckpoint, GroundingConfig, ground};
 use iplw::experiment::information_gain::information_gain;
@@ -28,7 +28,7 @@ const MAX_ROLLOUTS_PER_PLAN: usize = 40_000;
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let hidden = parse::hidden(&args.effects, args.real.as_deref().unwrap_or(""), standard(family))?;
-    let set = parse::set(args.set.as_deref().unwrap_or(LINEAR_DRAG.effect.name));
+    let set = effect_set(args.set.as_deref().unwrap_or(LINEAR_DRAG.effect.name));
     let named: Vec<&str> = args.acquisition.iter().flatten().map(String::as_str).collect();
     let ways = if named.is_empty() { ACQUISITION_METHODS.to_vec() } else { named };
     let estimators = match &args.estimators {
@@ -62,12 +62,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     for seed in &seeds {
         let truth = HiddenWorld::new(hidden.clone())?.reveal();
         let truth = ParameterSamples::point(truth.latents, truth.effects)?;
-        let prior = ParameterSamples::prior_over_sets(
-            family.prior,
-            std::slice::from_ref(&set),
-            PRIOR_SAMPLE_COUNT,
-            *seed,
-        )?;
+        let prior = ParameterSamples::standard_prior(family.prior, std::slice::from_ref(&set), *seed)?;
         let about = (family, &hidden, test.as_slice());
         let trial = SeedContext { cells: &cells, about, truth, prior: &prior, seed: *seed };
         rows.push(trial.row(("prior", None), &no_data(0), &prior, 0.0)?);

@@ -10,7 +10,7 @@
 //!    (`sampled_field`). `whitened`: whitened residuals; `prior`: priors of the parameters.
 //! 3. `estimate::sampler` samples, starting near the fit. `likelihood`: the same density for external samplers.
 //! 4. Sets are weighted by their predictive density of held-out trials (`decide`), with their evidence reported
-//!    in addition. `document`: the output format; `config`: the configuration; `options`: user-facing options.
+//!    in addition. `document`: the output format; `config`: the configuration.
 //!
 //! Sources: sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), model discrepancy (Kennedy and O'Hagan
 //! 2001), stacking by bootstrapped predictive densities (Yao et al. 2018).
@@ -28,7 +28,6 @@ mod horizon;
 mod likelihood;
 mod log_likelihood;
 mod models;
-mod options;
 mod prior;
 mod sampled_field;
 mod whitened;
@@ -49,7 +48,6 @@ pub use likelihood::{LIKELIHOOD_FORMAT, TrialLikelihood};
 use log_likelihood::DiscrepancySummary;
 pub use log_likelihood::{FieldDraws, LogLikelihood};
 use models::{LikelihoodBuilder, WeightedModel, fit_models};
-pub use options::PosteriorOptions;
 pub use prior::ParameterPrior;
 
 /// Factor on the number of moves where a field is sampled.

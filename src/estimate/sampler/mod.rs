@@ -144,6 +144,18 @@ pub(crate) mod tests {
         }
     }
 
+    /// Asserts that draws have [`MEAN`] and [`COVARIANCE`]; returns the moments of all three parameters.
+    pub fn assert_recovered(draws: &PosteriorDraws) -> (DVector<f64>, DMatrix<f64>) {
+        let weights = vec![1.0 / draws.points.len() as f64; draws.points.len()];
+        let (mean, covariance) = weighted_moments(&draws.points, &weights);
+        for i in 0..2 {
+            let sd = COVARIANCE[i][i].sqrt();
+            assert!((mean[i] - MEAN[i]).abs() < 0.1 * sd, "{mean}");
+            assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 0.1, "{covariance}");
+        }
+        (mean, covariance)
+    }
+
     impl Target for TiltedNormal {
         fn prior(&self) -> &JointPrior {
             &self.prior

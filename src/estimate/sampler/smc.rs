@@ -347,7 +347,7 @@ fn merge_runs(runs: Vec<SmcRunResult>) -> PosteriorDraws {
 mod tests {
     use super::*;
     use crate::estimate::sampler::log_sum_exp;
-    use crate::estimate::sampler::tests::{COVARIANCE, MEAN, TiltedNormal};
+    use crate::estimate::sampler::tests::{COVARIANCE, MEAN, TiltedNormal, assert_recovered};
     use crate::progress::NoProgress;
 
     fn reference(target: &TiltedNormal, fit: [f64; 3], wider: f64) -> ReferenceDensity {
@@ -371,13 +371,7 @@ mod tests {
             let reference = reference(&target, fit, 1.5);
             let config = SmcConfig { particles: 1000, ..SmcConfig::standard(3) };
             let draws = smc(&target, &reference, &config, &NoProgress).unwrap();
-            let weights = vec![1.0 / draws.points.len() as f64; draws.points.len()];
-            let (mean, covariance) = weighted_moments(&draws.points, &weights);
-            for i in 0..2 {
-                let sd = COVARIANCE[i][i].sqrt();
-                assert!((mean[i] - MEAN[i]).abs() < 0.1 * sd, "{fit:?} {mean}");
-                assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 0.1, "{fit:?} {covariance}");
-            }
+            let (mean, covariance) = assert_recovered(&draws);
             let tilt = covariance[(0, 1)] / (covariance[(0, 0)] * covariance[(1, 1)]).sqrt();
             assert!((tilt + 0.759).abs() < 0.05, "{tilt}");
             // The unidentified parameter keeps its prior.
@@ -410,13 +404,7 @@ mod tests {
         let reference = reference(&target.0, [1.3, 0.2, 3.0], 1.5);
         let config = SmcConfig { particles: 1000, moves: 3, last_moves: 12, ..SmcConfig::standard(5) };
         let draws = smc(&target, &reference, &config, &NoProgress).unwrap();
-        let (mean, covariance) =
-            weighted_moments(&draws.points, &vec![1.0 / draws.points.len() as f64; draws.points.len()]);
-        for i in 0..2 {
-            let sd = COVARIANCE[i][i].sqrt();
-            assert!((mean[i] - MEAN[i]).abs() < 0.1 * sd, "{mean}");
-            assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 0.1, "{covariance}");
-        }
+        let (mean, covariance) = assert_recovered(&draws);
         assert!((mean[2] - 1.0).abs() < 0.06 && (covariance[(2, 2)].sqrt() - 0.48).abs() < 0.06, "{mean}");
         let mut stream = rng::stream(2, "walk");
         let walked: Vec<ParameterVector> =

@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::frame::{Chart, DrawResult, chart_with_grid, empty, error_bar, plot_svg, subpixels};
-use super::scale::{extend, finite_pair, is_drawable, range, series_colour};
+use super::scale::{extend, finite_pair, is_drawable, legend, range, series_colour};
 
 /// One line or cloud of points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,9 +49,7 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves:
         return empty(title);
     };
     let (x, y) = (extend(x, if clouds.is_empty() { 0.0 } else { 0.04 }), extend(y, 0.05));
-    let legend: Vec<(String, RGBColor)> =
-        clean.iter().enumerate().map(|(i, s)| (s.name.clone(), series_colour(i))).collect();
-    let shown = if clean.len() > 1 { legend } else { Vec::new() };
+    let shown = if clean.len() > 1 { legend(clean.iter().map(|s| &s.name)) } else { Vec::new() };
     plot_svg(title, &shown, |area| {
         let mut chart = chart_with_grid(area, &x, &y, x_label, y_label)?;
         for (i, s) in clean.iter().enumerate() {

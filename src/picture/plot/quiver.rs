@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::frame::{Chart, DrawResult, INK, chart_with_grid, empty, plot_svg, subpixels};
-use super::scale::{extend, is_drawable, range, series_colour, tick};
+use super::scale::{extend, is_drawable, legend, range, series_colour, tick};
 
 /// Arrows of one colour.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,8 +30,7 @@ pub fn quiver(title: &str, x_label: &str, y_label: &str, unit: &str, series: &[A
     let (Some(x), Some(y)) = (span(0), span(1)) else { return empty(title) };
     // Room for the longest arrow on every side.
     let (x, y) = (extend(x, RANGE_PADDING[0]), extend(y, RANGE_PADDING[1]));
-    let legend: Vec<(String, RGBColor)> =
-        series.iter().enumerate().map(|(i, s)| (s.name.clone(), series_colour(i))).collect();
+    let legend = legend(series.iter().map(|s| &s.name));
     let title = format!("{title} (longest arrow {} {unit})", tick(longest));
     plot_svg(&title, &legend, |area| {
         let mut chart = chart_with_grid(area, &x, &y, x_label, y_label)?;

@@ -75,6 +75,11 @@ pub(super) fn series_colour(index: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
+/// Legend of series with these names, in the palette's colours.
+pub(super) fn legend<'a>(names: impl Iterator<Item = &'a String>) -> Vec<(String, RGBColor)> {
+    names.enumerate().map(|(i, name)| (name.clone(), series_colour(i))).collect()
+}
+
 /// The heat scale's colour for a share from 0 to 1, as `#RRGGBB`.
 pub(in crate::picture) fn heat_colour(share: f64) -> String {
     let RGBColor(r, g, b) = heat(share);

@@ -1,17 +1,15 @@
 //! The DQN agent, trained jointly on labelled actions of all training tasks from their outcome tables.
 //!
 //! Source: PHYRE's DQN (Bakhtin et al. 2019, section 5.1): balanced batches of actions of all training tasks, one network for
-//! all templates. See [`crate::policy::dqn`] for the network, [`crate::policy::generic_features`] for the inputs.
+//! all templates. See [`crate::policy::dqn`] for the network, [`crate::policy::features`] for the inputs.
 //!
 //! Differences from the source: object features instead of images; pairs of a solving and a failing action of the same task (PHYRE
 //! draws both from all tasks); far fewer updates.
 
 use super::agent::{Agent, Ranker, TrainingSet};
 use crate::error::Result;
-use crate::policy::TrainConfig;
-use crate::policy::dqn::{Dqn, train_with_features};
-use crate::policy::feature_set::FeatureSet;
 use crate::policy::outcome_table::{OutcomeDataset, OutcomeTable, TaskIndex};
+use crate::policy::{Dqn, TrainConfig, train};
 use crate::progress::Progress;
 
 pub(super) const AGENT: Agent = Agent {
@@ -29,9 +27,8 @@ struct DqnRanker<'a> {
 fn learn<'a>(lessons: &TrainingSet<'a>, progress: &dyn Progress) -> Result<DqnRanker<'a>> {
     let (fold, config) = (lessons.fold, lessons.config);
     let lesson = OutcomeDataset::new(lessons.tables, &fold.train, &config.labels(), fold.seed);
-    let train = TrainConfig { seed: fold.seed, ..config.train.clone() };
-    // The same feature set for tables of one or several families.
-    let (dqn, _) = train_with_features(FeatureSet::Generic, &lesson, None, &train, progress)?;
+    let config = TrainConfig { seed: fold.seed, ..config.train.clone() };
+    let (dqn, _) = train(&lesson, &config, progress)?;
     Ok(DqnRanker { tables: lessons.tables, dqn })
 }
 

@@ -8,6 +8,7 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::names::names;
 use crate::policy::outcome_table::{OutcomeTable, TaskIndex};
 use crate::rng;
 
@@ -36,23 +37,13 @@ pub struct Fold {
 /// Training share.
 const TRAINING_SHARE: f64 = 0.8;
 
+names!(GeneralizationSetting: Within = "within", Across = "across");
+
 impl GeneralizationSetting {
-    /// Both settings.
-    pub const ALL: [GeneralizationSetting; 2] =
-        [GeneralizationSetting::Within, GeneralizationSetting::Across];
-
-    /// Name on the command line and in results.
-    pub fn name(self) -> &'static str {
-        match self {
-            GeneralizationSetting::Within => "within",
-            GeneralizationSetting::Across => "across",
-        }
-    }
-
     /// The setting called `name`.
     pub fn from_name(name: &str) -> Result<GeneralizationSetting> {
-        let found = GeneralizationSetting::ALL.into_iter().find(|s| s.name() == name);
-        found.ok_or_else(|| Error::input("setting", format!("{name:?}"), "within, across"))
+        GeneralizationSetting::named(name)
+            .ok_or_else(|| Error::input("setting", format!("{name:?}"), "within, across"))
     }
 }
 

@@ -11,9 +11,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Dqn;
 use super::fit::{TrainConfig, TrainLog};
-use super::{Dqn, FeatureSet};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count, check_range};
 use crate::policy::{LabelledData, SimulatedValidator, ValidationPoint};
 use crate::progress::Progress;
 use crate::rng;
@@ -41,14 +41,10 @@ impl EarlyStopping {
 
     /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        let count = |field: &str, value: usize, high: usize| {
-            let allowed = format!("a whole number from 1 to {high}");
-            if (1..=high).contains(&value) { Ok(()) } else { Err(Error::input(field, value, allowed)) }
-        };
-        count("most_batches", self.max_batches, 1_000_000)?;
-        count("patience", self.patience, 1000)?;
-        count("worlds", self.worlds, 1000)?;
-        crate::error::check_range("margin", self.margin, 0.0, 1.0).map(drop)
+        check_count("most_batches", Some(self.max_batches as u64), 1, 1_000_000)?;
+        check_count("patience", Some(self.patience as u64), 1, 1000)?;
+        check_count("worlds", Some(self.worlds as u64), 1, 1000)?;
+        check_range("margin", self.margin, 0.0, 1.0).map(drop)
     }
 }
 
@@ -68,7 +64,7 @@ pub fn train_with_early_stopping(
         progress.metric("validation", batches as u64, auccess);
         Ok::<ValidationPoint, Error>(ValidationPoint { batches, auccess })
     };
-    let mut dqn = Dqn::untrained_on(FeatureSet::of(data.tasks()), data.tasks(), config)?;
+    let mut dqn = Dqn::untrained_on(data.tasks(), config)?;
     let (mut log, mut adam, mut done) = (TrainLog::default(), None, 0);
     let mut best: Option<(Dqn, f64)> = None;
     let (mut reached, mut waited) = (f64::NEG_INFINITY, 0);

@@ -1,6 +1,5 @@
 //! Tests of weights files: contents and rejected files.
 
-use crate::policy::family_features;
 use rand::RngExt;
 
 use super::tests::{actions, trained};
@@ -28,10 +27,10 @@ fn scores_follow_from_the_file_alone() {
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     let wide = |v: Vec<f32>| -> Vec<f64> { v.into_iter().map(f64::from).collect() };
     let relu = |v: Vec<f64>| -> Vec<f64> { v.into_iter().map(|x| x.max(0.0)).collect() };
-    let some = actions(&task, 20);
+    let (features, some) = (FeatureExtractor::new(&task), actions(&task, 20));
     for (action, score) in some.iter().zip(dqn.score(&task, &some).unwrap()) {
-        let seen = relu(linear(&file, "scene", &wide(family_features::scene_features(&task))));
-        let done = relu(linear(&file, "action", &wide(family_features::action_features(&task, action))));
+        let seen = relu(linear(&file, "scene", &wide(features.scene())));
+        let done = relu(linear(&file, "action", &wide(features.action(action))));
         let (gamma, beta) = (linear(&file, "film_gamma", &done), linear(&file, "film_beta", &done));
         let film = (0..seen.len()).map(|i| (1.0 + gamma[i]) * seen[i] + beta[i]).collect();
         let by_hand = linear(&file, "score", &relu(linear(&file, "hidden", &relu(film))))[0];
@@ -79,8 +78,8 @@ fn rejects_incompatible_weights() {
     check(&bytes[..100], "safetensors");
     check(&edited("\"iplw\":", "\"other\":"), "metadata.iplw");
     check(&edited("hidden.weight", "hodden.weight"), "hodden.weight");
-    check(&edited(r#"\"features\":\"1\""#, r#"\"features\":\"0\""#), "metadata.iplw.features");
-    check(&edited("iplw.policy/1", "iplw.policy/2"), "metadata.iplw.format");
+    check(&edited("iplw.policy/2", "iplw.policy/1"), "metadata.iplw.format");
+    check(&edited("iplw.policy/2", "iplw.policy/1"), "train it again");
     check(&edited(r#"\"hidden\":32"#, r#"\"hidden\":64"#), "scene.weight");
     check(&edited(r#"\"hidden\":32"#, r#"\"hidden\":99999999999"#), "hidden");
     check(&edited(r#"\"dimensions\":["#, r#"\"dimensions\":[1"#), "weight");

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::net::Net;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::neural::{Adam, DenseLayer, cosine_annealing, matrix, single_thread_pool};
-use crate::policy::feature_set::{FeatureExtractor, FeatureSet};
+use crate::policy::features::FeatureExtractor;
 use crate::policy::{LabelledData, ValidationPoint};
 use crate::progress::Progress;
 use crate::rng;
@@ -49,19 +49,12 @@ impl TrainConfig {
 
     /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        let count = |field: &str, value: usize, low: usize, high: usize| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
-            }
-        };
-        count("batches", self.batches, 1, 1_000_000)?;
-        count("batch_size", self.batch_size, 2, 4096)?;
+        check_count("batches", Some(self.batches as u64), 1, 1_000_000)?;
+        check_count("batch_size", Some(self.batch_size as u64), 2, 4096)?;
         if !self.batch_size.is_multiple_of(2) {
             return Err(Error::input("batch_size", self.batch_size, "an even number: half solve, half fail"));
         }
-        count("hidden", self.hidden, 1, MAX_UNITS)?;
+        check_count("hidden", Some(self.hidden as u64), 1, MAX_UNITS as u64)?;
         if !(self.learning_rate > 0.0 && self.learning_rate <= 1.0) {
             return Err(Error::input("learning_rate", self.learning_rate, "a number in (0, 1]"));
         }
@@ -83,13 +76,13 @@ const PREFETCH_BATCHES: usize = 64;
 pub(super) fn fit(
     layers: &mut [DenseLayer],
     adam: &mut Option<Adam>,
-    (data, view): (&dyn LabelledData, FeatureSet),
+    data: &dyn LabelledData,
     config: &TrainConfig,
     look: &mut (dyn FnMut(usize, &[DenseLayer]) -> Result<()> + Send),
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
     let pairs = BalancedPairs::new(data)?;
-    let looks: Vec<FeatureExtractor> = data.tasks().par_iter().map(|task| view.extractor(task)).collect();
+    let looks: Vec<FeatureExtractor> = data.tasks().par_iter().map(FeatureExtractor::new).collect();
     let scenes: Vec<Vec<f32>> = looks.iter().map(FeatureExtractor::scene).collect();
     let pool = single_thread_pool()?;
     let mut rng = rng::stream(config.seed, "dqn batches");

@@ -1,10 +1,11 @@
 //! Model card: metadata of a weights file.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::fit::{MAX_UNITS, TrainConfig};
 use crate::error::{Error, Result};
-use crate::policy::feature_set::FeatureSet;
+use crate::json;
 
 /// Metadata of the weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,8 +15,6 @@ pub struct ModelCard {
     pub format: String,
     /// Version of the program that trained the weights.
     pub program: String,
-    /// Version of the features.
-    pub features: String,
     /// Family of the tasks, or a custom task's id. Several families are joined by `+`.
     pub family: String,
     /// Dimensions of the scene and action features.
@@ -24,8 +23,8 @@ pub struct ModelCard {
     pub trained: Vec<TrainConfig>,
 }
 
-/// Value of [`Card::format`].
-pub const FORMAT: &str = "iplw.policy/1";
+/// Value of [`ModelCard::format`]; raised when the features change.
+pub const FORMAT: &str = "iplw.policy/2";
 
 impl ModelCard {
     /// Total number of updates.
@@ -33,25 +32,21 @@ impl ModelCard {
         self.trained.iter().map(|t| t.batches).sum()
     }
 
-    /// Feature set.
-    pub(super) fn view(&self) -> FeatureSet {
-        FeatureSet::from_version(&self.features).expect("a validated card has a known feature version")
+    /// Reads and checks a card.
+    pub(super) fn parse(text: &str) -> Result<ModelCard> {
+        let value: Value = json::parse(text)?;
+        let format = value.get("format").unwrap_or(&Value::Null);
+        if format != FORMAT {
+            let allowed =
+                format!("{FORMAT:?}: a policy of another version has other features; train it again");
+            return Err(Error::input("format", format, allowed));
+        }
+        let card: ModelCard = json::from_value(value)?;
+        card.validate()?;
+        Ok(card)
     }
 
-    pub(super) fn validate(&self) -> Result<()> {
-        let same = |field: &str, found: &str, wanted: &str| {
-            if found == wanted {
-                Ok(())
-            } else {
-                Err(Error::input(field, format!("{found:?}"), format!("{wanted:?}")))
-            }
-        };
-        same("format", &self.format, FORMAT)?;
-        if FeatureSet::from_version(&self.features).is_none() {
-            let known =
-                [FeatureSet::Family, FeatureSet::Generic].map(|v| format!("{:?}", v.version())).join(" or ");
-            return Err(Error::input("features", format!("{:?}", self.features), known));
-        }
+    fn validate(&self) -> Result<()> {
         if self.dimensions.iter().any(|d| !(1..=MAX_UNITS).contains(d)) {
             let allowed = format!("two whole numbers from 1 to {MAX_UNITS}");
             return Err(Error::input("dimensions", format!("{:?}", self.dimensions), allowed));

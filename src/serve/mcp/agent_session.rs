@@ -3,14 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use rmcp::schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use utoipa::ToSchema;
 
-use super::local_client::{LocalClient, LocalResponse};
+use super::local_client::LocalClient;
 use crate::access::Scope;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::serve::operations::operation;
 use crate::serve::problem::{HandlerResult, Problem};
 
@@ -69,8 +69,8 @@ impl AgentSession {
         }
     }
 
-    /// Calls an operation by name; null fields are omitted.
-    pub async fn ask(&self, name: &str, fields: Value) -> HandlerResult<LocalResponse> {
+    /// Calls an operation by name and returns the body of its response; null fields are omitted.
+    pub async fn ask(&self, name: &str, fields: Value) -> HandlerResult<Vec<u8>> {
         let operation = operation(name)?;
         let Value::Object(fields) = fields else { return Err(Problem::internal()) };
         let fields: Map<String, Value> = fields.into_iter().filter(|(_, v)| !v.is_null()).collect();
@@ -84,8 +84,7 @@ impl AgentSession {
 
     /// Calls an operation and parses its response.
     pub async fn read<T: DeserializeOwned>(&self, name: &str, fields: Value) -> HandlerResult<T> {
-        let value = self.ask(name, fields).await?.value()?;
-        serde_json::from_value(value).map_err(Problem::serialization)
+        serde_json::from_slice(&self.ask(name, fields).await?).map_err(Problem::serialization)
     }
 
     /// The id and budget of a family's real world, which is created on first use.
@@ -144,8 +143,7 @@ impl AgentSession {
         if let Some(known) = real.get(family) {
             return Ok(known.clone());
         }
-        let found =
-            if self.client.is_persistent() { self.find_world(family).await? } else { FamilyWorld::default() };
+        let found = self.find_world(family).await?;
         real.insert(family.into(), found.clone());
         Ok(found)
     }
@@ -175,6 +173,15 @@ impl AgentSession {
     /// The job that proposes actions for an exploration.
     pub fn exploration(&self, explored: &str) -> Option<String> {
         lock(&self.explored).get(explored).cloned()
+    }
+
+    /// The job that proposes actions for an exploration; if there is none, the error names `field`.
+    pub fn require_exploration(&self, field: &str, explored: &str) -> Result<String> {
+        self.exploration(explored).ok_or_else(|| {
+            let allowed =
+                "a task or family with an exploration, as returned by propose_actions in `explored`";
+            Error::input(field, format!("{explored:?}"), allowed)
+        })
     }
 
     /// Sets or removes the job of an exploration and returns the previous one.
@@ -214,8 +221,7 @@ impl AgentSession {
 }
 
 /// Budget of real interactions of a family.
-#[derive(Clone, Copy, Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Clone, Copy, Serialize, ToSchema)]
 pub struct InteractionBudget {
     /// Maximum number of real interactions.
     pub limit: u64,

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use rmcp::schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::error::Result;
 use crate::picture::{Style, filmstrip_svg, svg_to_png};
 use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::wire::BodyTrack;
 use crate::task::action::{ActionComponent, ActionQuantity};
 use crate::task::scene::{Goal, GoalPoint, Shape};
 use crate::task::{Placement, Scene};
@@ -22,25 +22,11 @@ pub struct RolloutTrajectory {
     #[serde(default)]
     pub t: Vec<f64>,
     #[serde(default)]
-    pub bodies: BTreeMap<String, BodyTrajectory>,
-}
-
-/// A body's poses, one per time.
-#[derive(Deserialize)]
-pub struct BodyTrajectory {
-    /// m
-    pub x: Vec<f64>,
-    /// m, up
-    pub y: Vec<f64>,
-    /// rad
-    pub angle: Vec<f64>,
+    pub bodies: BTreeMap<String, BodyTrack>,
 }
 
 /// The path of a body: rows `[t, x, y]` in s, m and m (y up), evenly over the rollout including both ends.
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-#[serde(transparent)]
-pub struct SampledPath(Vec<[f64; 3]>);
+pub type SampledPath = Vec<[f64; 3]>;
 
 /// Rows of a path: enough to show the motion, few enough to read.
 const PATH_ROWS: usize = 13;
@@ -53,9 +39,9 @@ impl RolloutTrajectory {
         let n = self.t.len();
         let rows = PATH_ROWS.min(n);
         let at = |k: usize| if rows < 2 { 0 } else { k * (n - 1) / (rows - 1) };
-        let path = |body: &BodyTrajectory| {
+        let path = |body: &BodyTrack| -> SampledPath {
             let row = |k: usize| [milli(self.t[at(k)]), milli(body.x[at(k)]), milli(body.y[at(k)])];
-            SampledPath((0..rows).map(row).collect())
+            (0..rows).map(row).collect()
         };
         self.bodies.iter().map(|(name, body)| (name.clone(), path(body))).collect()
     }
@@ -88,7 +74,7 @@ impl RolloutTrajectory {
     }
 
     fn trajectory(self) -> Trajectory {
-        let track = |(name, b): (String, BodyTrajectory)| Track {
+        let track = |(name, b): (String, BodyTrack)| Track {
             name,
             x: b.x,
             y: b.y,
@@ -192,10 +178,10 @@ mod tests {
     fn paths_have_few_rows_and_include_both_ends() {
         for n in [0, 1, 2, 12, 13, 14, 500] {
             let t: Vec<f64> = (0..n).map(|i| i as f64 * 0.01).collect();
-            let body = BodyTrajectory { x: t.clone(), y: t.clone(), angle: t.clone() };
+            let body = BodyTrack { x: t.clone(), y: t.clone(), angle: t.clone() };
             let bodies = BTreeMap::from([("red".to_string(), body)]);
             let rolled = RolloutTrajectory { reason: None, solved: None, t: t.clone(), bodies };
-            let SampledPath(rows) = &rolled.paths()["red"];
+            let rows = &rolled.paths()["red"];
             assert_eq!(rows.len(), n.min(PATH_ROWS));
             assert_eq!(rows.first().map(|r| r[0]), t.first().map(|t| milli(*t)));
             assert_eq!(rows.last().map(|r| r[1]), t.last().map(|t| milli(*t)));

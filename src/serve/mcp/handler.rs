@@ -12,12 +12,12 @@ use rmcp::model::{
     ServerConfig,
 };
 use rmcp::service::RequestContext;
-use rmcp::{ErrorData, RoleServer, model};
+use rmcp::{ErrorData, RoleServer};
 use serde_json::Value;
 
 use super::agent_session::AgentSession;
 use super::resources;
-use super::tool::{ToolCall, ToolContent};
+use super::tool::{ToolCall, ToolResult};
 use super::tools::TOOLS;
 use crate::serve::log::slug;
 use crate::serve::problem::Problem;
@@ -49,7 +49,7 @@ impl ServerHandler for McpHandler {
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
     ) -> McpResult<ListToolsResult> {
-        Ok(ListToolsResult::with_all_items(TOOLS.iter().map(model::Tool::from).collect()))
+        Ok(ListToolsResult::with_all_items(TOOLS.iter().map(|t| t.declaration.clone()).collect()))
     }
 
     async fn call_tool(
@@ -57,8 +57,8 @@ impl ServerHandler for McpHandler {
         request: CallToolRequestParams,
         context: RequestContext<RoleServer>,
     ) -> McpResult<CallToolResponse> {
-        let Some(tool) = TOOLS.iter().find(|t| t.name == request.name) else {
-            let names = TOOLS.iter().map(|t| t.name).collect::<Vec<_>>().join(", ");
+        let Some(tool) = TOOLS.iter().find(|t| t.declaration.name == request.name) else {
+            let names = TOOLS.iter().map(|t| &*t.declaration.name).collect::<Vec<_>>().join(", ");
             return Err(ErrorData::invalid_params(
                 format!("unknown tool {:?}; available: {names}", request.name),
                 None,
@@ -104,14 +104,11 @@ impl ServerHandler for McpHandler {
 }
 
 /// A summary, the output as JSON text for clients without structured content, and the picture.
-fn to_call_result(to_call_result: ToolContent) -> CallToolResult {
-    let mut content = vec![
-        ContentBlock::text(to_call_result.summary),
-        ContentBlock::text(to_call_result.value.to_string()),
-    ];
-    content.extend(to_call_result.picture.map(|png| ContentBlock::image(STANDARD.encode(png), "image/png")));
+fn to_call_result(ToolResult { summary, output, picture }: ToolResult<Value>) -> CallToolResult {
+    let mut content = vec![ContentBlock::text(summary), ContentBlock::text(output.to_string())];
+    content.extend(picture.map(|png| ContentBlock::image(STANDARD.encode(png), "image/png")));
     let mut result = CallToolResult::success(content);
-    result.structured_content = Some(to_call_result.value);
+    result.structured_content = Some(output);
     result
 }
 

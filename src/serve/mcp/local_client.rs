@@ -23,32 +23,6 @@ pub struct LocalClient {
     peer: Client,
 }
 
-/// Response of an operation.
-pub enum LocalResponse {
-    Nothing,
-    Value(Value),
-    MediaBody(Vec<u8>),
-}
-
-impl LocalResponse {
-    /// The JSON value; an error for media.
-    pub fn value(self) -> HandlerResult<Value> {
-        match self {
-            LocalResponse::Value(value) => Ok(value),
-            LocalResponse::Nothing => Ok(Value::Null),
-            LocalResponse::MediaBody(_) => Err(Problem::internal()),
-        }
-    }
-
-    /// The bytes of a media response; an error otherwise.
-    pub fn media(self) -> HandlerResult<Vec<u8>> {
-        match self {
-            LocalResponse::MediaBody(bytes) => Ok(bytes),
-            _ => Err(Problem::internal()),
-        }
-    }
-}
-
 /// Owner of an agent's resources without authentication.
 const AGENT: &str = "agent";
 
@@ -74,17 +48,12 @@ impl LocalClient {
         Ok(Principal { scope: principal.scope.min(self.scope), ..principal })
     }
 
-    /// Whether worlds persist in the data directory, so that earlier ones can be found.
-    pub fn is_persistent(&self) -> bool {
-        true
-    }
-
-    /// Calls an operation and logs the request.
+    /// Calls an operation, logs the request, and returns the body of the response: JSON or media.
     pub async fn ask(
         &self,
         operation: &'static Operation,
         fields: Map<String, Value>,
-    ) -> HandlerResult<LocalResponse> {
+    ) -> HandlerResult<Vec<u8>> {
         let since = Instant::now();
         let principal = self.principal()?;
         let owner = principal.owner().map(String::from);
@@ -109,24 +78,22 @@ impl LocalClient {
         operation: &'static Operation,
         fields: Map<String, Value>,
         principal: Principal,
-    ) -> HandlerResult<LocalResponse> {
+    ) -> HandlerResult<Vec<u8>> {
         let span = self.shared.request_timeout("deadline", None)?;
         let app = Arc::new(RequestContext::new(&self.shared, principal, &self.peer, span));
         let request = OperationRequest::from_fields(fields, None, None, false);
         let call = operation.authorize(&app)?.prepare(&app, request)?;
         let work = call.work;
-        app.run(call.class, move |app| work(app).and_then(to_response)).await
+        app.run(call.class, move |app| work(app).and_then(to_body)).await
     }
 }
 
-fn to_response(reply: OperationResponse) -> HandlerResult<LocalResponse> {
-    let value =
-        |json: &[u8]| serde_json::from_slice(json).map(LocalResponse::Value).map_err(Problem::serialization);
-    match reply.content {
-        Payload::Nothing => Ok(LocalResponse::Nothing),
-        Payload::Value(whole) => value(&whole.to_json().map_err(Problem::serialization)?),
-        Payload::Json(json) => value(&json),
-        Payload::MediaBody(media) => Ok(LocalResponse::MediaBody(media.bytes)),
+fn to_body(response: OperationResponse) -> HandlerResult<Vec<u8>> {
+    match response.content {
+        Payload::Nothing => Ok(Vec::new()),
+        Payload::Value(value) => value.to_json().map_err(Problem::serialization),
+        Payload::Json(json) => Ok(json),
+        Payload::MediaBody(media) => Ok(media.bytes),
         Payload::EventStream(_) => Err(Problem::internal()),
     }
 }

@@ -63,7 +63,7 @@ pub async fn resource(call: &ToolCall, uri: &str) -> Result<ReadResourceResult, 
     let (text, kind) = match PAGES.iter().find(|p| p.uri == uri) {
         Some(page) => (page.text.to_string(), "text/markdown"),
         None if uri == EFFECTS => {
-            let effects = call.ask("list_effects", json!({"limit": 1000})).await;
+            let effects = call.read::<Value>("list_effects", json!({"limit": 1000})).await;
             let effects = effects.map_err(|problem| ErrorData::internal_error(problem.detail, None))?;
             (effects["effects"].to_string(), "application/json")
         }

@@ -5,30 +5,26 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rmcp::handler::server::tool::{schema_for_input, schema_for_output};
-use rmcp::model::{JsonObject, ProgressNotificationParam};
-use rmcp::schemars::JsonSchema;
+use rmcp::RoleServer;
+use rmcp::model::{self, JsonObject, ProgressNotificationParam, ToolAnnotations};
 use rmcp::service::RequestContext;
-use rmcp::{RoleServer, model};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
 use super::agent_session::AgentSession;
 use crate::error::Error;
+use crate::estimate::LatentEstimate;
 use crate::json::from_value;
 use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::wire::TaskOut;
+use crate::store::JobState;
 
 /// A tool that an agent can call.
 pub struct Tool {
-    pub name: &'static str,
-    pub title: &'static str,
-    /// Description for the agent.
-    pub about: &'static str,
-    pub effect: SideEffect,
-    /// JSON Schema of its arguments.
-    pub input_schema: Arc<JsonObject>,
-    pub output_schema: Arc<JsonObject>,
+    /// As the protocol lists it.
+    pub declaration: model::Tool,
     pub run: ToolFn,
 }
 
@@ -44,20 +40,12 @@ pub enum SideEffect {
 }
 
 type ToolFn = Box<
-    dyn Fn(ToolCall, Value) -> Pin<Box<dyn Future<Output = HandlerResult<ToolContent>> + Send>> + Send + Sync,
+    dyn Fn(ToolCall, Value) -> Pin<Box<dyn Future<Output = HandlerResult<ToolResult<Value>>> + Send>>
+        + Send
+        + Sync,
 >;
 
-/// Serialised result of a tool.
-pub struct ToolContent {
-    /// Summary in a sentence or two.
-    pub summary: String,
-    /// The complete output.
-    pub value: Value,
-    /// PNG.
-    pub picture: Option<Vec<u8>>,
-}
-
-/// Declares a tool by its function; the types of its argument and output give the schemas.
+/// Declares a tool by its function; the types of its argument and output give the schemas. `about` describes it to the agent.
 pub fn tool<I, O, F>(
     name: &'static str,
     title: &'static str,
@@ -66,42 +54,45 @@ pub fn tool<I, O, F>(
     run: fn(ToolCall, I) -> F,
 ) -> Tool
 where
-    I: DeserializeOwned + JsonSchema + Send + 'static,
-    O: Serialize + JsonSchema + 'static,
+    I: DeserializeOwned + ToSchema + Send + 'static,
+    O: Serialize + ToSchema + 'static,
     F: Future<Output = HandlerResult<ToolResult<O>>> + Send + 'static,
 {
     let run: ToolFn = Box::new(move |call, arguments| {
         Box::pin(async move {
             let input: I = from_value(arguments).map_err(Problem::malformed)?;
             let ToolResult { summary, output, picture } = run(call, input).await?;
-            let value = serde_json::to_value(output).map_err(Problem::serialization)?;
-            Ok(ToolContent { summary, value, picture })
+            let output = serde_json::to_value(output).map_err(Problem::serialization)?;
+            Ok(ToolResult { summary, output, picture })
         })
     });
-    let input_schema = portable_schema(&schema_for_input::<I>().expect("arguments are an object"));
-    Tool {
-        name,
-        title,
-        about,
-        effect,
-        input_schema,
-        output_schema: portable_schema(&schema_for_output::<O>()),
-        run,
-    }
+    let hints = ToolAnnotations::with_title(title)
+        .read_only(effect == SideEffect::ReadOnly)
+        .destructive(false)
+        .idempotent(effect != SideEffect::SpendsInteractions)
+        .open_world(false);
+    let declaration = model::Tool::new(name, about, json_schema::<I>())
+        .with_title(title)
+        .with_raw_output_schema(json_schema::<O>())
+        .with_annotations(hints);
+    Tool { declaration, run }
 }
 
-/// Removes Rust-specific formats (`format: uint64`), which strict JSON Schema readers reject, and line breaks in
+/// Self-contained JSON Schema of a type: the components of the OpenAPI document that it refers to are in `$defs`.
+fn json_schema<T: ToSchema>() -> Arc<JsonObject> {
+    let mut components = Vec::new();
+    T::schemas(&mut components);
+    let mut schema = json!(T::schema());
+    if !components.is_empty() {
+        schema["$defs"] = json!(components.into_iter().collect::<BTreeMap<_, _>>());
+    }
+    to_portable(&mut schema);
+    Arc::new(schema.as_object().cloned().unwrap_or_default())
+}
+
+/// Refers to `$defs`; removes formats of numbers (`format: int64`), which strict JSON Schema readers reject, and line breaks in
 /// descriptions.
-fn portable_schema(schema: &JsonObject) -> Arc<JsonObject> {
-    let mut schema = Value::Object(schema.clone());
-    strip(&mut schema);
-    match schema {
-        Value::Object(schema) => Arc::new(schema),
-        _ => Arc::default(),
-    }
-}
-
-fn strip(schema: &mut Value) {
+fn to_portable(schema: &mut Value) {
     match schema {
         Value::Object(fields) => {
             // A property named `format` has a schema as its value, not a string.
@@ -109,9 +100,12 @@ fn strip(schema: &mut Value) {
             if let Some(Value::String(text)) = fields.get_mut("description") {
                 *text = text.replace('\n', " ");
             }
-            fields.values_mut().for_each(strip);
+            if let Some(Value::String(target)) = fields.get_mut("$ref") {
+                *target = target.replace("#/components/schemas/", "#/$defs/");
+            }
+            fields.values_mut().for_each(to_portable);
         }
-        Value::Array(items) => items.iter_mut().for_each(strip),
+        Value::Array(items) => items.iter_mut().for_each(to_portable),
         _ => {}
     }
 }
@@ -120,6 +114,7 @@ fn strip(schema: &mut Value) {
 pub struct ToolResult<O> {
     /// Summary in a sentence or two.
     pub summary: String,
+    /// The complete output.
     pub output: O,
     /// PNG.
     pub picture: Option<Vec<u8>>,
@@ -143,9 +138,9 @@ impl ToolCall {
         &self.session
     }
 
-    /// Calls an operation; cancelled when the agent cancels the call.
-    pub async fn ask(&self, operation: &str, fields: Value) -> HandlerResult<Value> {
-        self.unless_cancelled(self.session.ask(operation, fields)).await?.value()
+    /// Calls an operation and returns the body of its response; cancelled when the agent cancels the call.
+    pub async fn ask(&self, operation: &str, fields: Value) -> HandlerResult<Vec<u8>> {
+        self.unless_cancelled(self.session.ask(operation, fields)).await
     }
 
     /// Calls an operation and parses its response.
@@ -153,9 +148,10 @@ impl ToolCall {
         self.unless_cancelled(self.session.read(operation, fields)).await
     }
 
-    /// Calls an operation that returns a picture.
-    pub async fn picture(&self, operation: &str, fields: Value) -> HandlerResult<Vec<u8>> {
-        self.unless_cancelled(self.session.ask(operation, fields)).await?.media()
+    /// A task by id.
+    pub async fn task(&self, id: &str) -> HandlerResult<TaskOut> {
+        let (family, number) = id.split_once(':').unwrap_or((id, ""));
+        self.read("get_task", json!({"family": family, "number": number})).await
     }
 
     async fn unless_cancelled<T>(&self, work: impl Future<Output = HandlerResult<T>>) -> HandlerResult<T> {
@@ -166,23 +162,28 @@ impl ToolCall {
         }
     }
 
-    /// Queues a job and waits for its end, at most `seconds`; otherwise cancels it.
-    pub async fn job(&self, operation: &str, fields: Value, seconds: f64) -> HandlerResult<JobInfo> {
+    /// Queues a job, waits for its end, at most `seconds`, and parses its result; cancels it otherwise.
+    pub async fn job<T: DeserializeOwned>(
+        &self,
+        operation: &str,
+        fields: Value,
+        seconds: f64,
+    ) -> HandlerResult<T> {
         let job: JobInfo = self.read(operation, fields).await?;
         self.session.track_job(&job.id);
-        let ended = self.ended(&job.id, seconds).await;
-        if ended.is_err() {
+        let result = self.result(&job.id, seconds).await;
+        if result.is_err() {
             self.session.cancel_job(&job.id).await;
         }
         self.session.untrack_job(&job.id);
-        ended
+        Ok(from_value(result?)?)
     }
 
-    async fn ended(&self, id: &str, seconds: f64) -> HandlerResult<JobInfo> {
-        let job = self.until(id, seconds, |job| job.ended()).await?;
-        match job.state.as_str() {
-            "succeeded" => Ok(job),
-            "failed" => Err(job.error.unwrap_or_else(Problem::internal)),
+    async fn result(&self, id: &str, seconds: f64) -> HandlerResult<Value> {
+        let job = self.until(id, seconds, |job| job.state.ended()).await?;
+        match job.state {
+            JobState::Succeeded => job.result.ok_or_else(Problem::internal),
+            JobState::Failed => Err(job.error.unwrap_or_else(Problem::internal)),
             _ => Err(Problem::cancelled()),
         }
     }
@@ -226,7 +227,7 @@ impl ToolCall {
 #[derive(Deserialize)]
 pub struct JobInfo {
     pub id: String,
-    pub state: String,
+    pub state: JobState,
     pub progress: JobStage,
     pub result: Option<Value>,
     pub error: Option<Problem>,
@@ -240,13 +241,6 @@ pub struct JobStage {
     pub total: u64,
 }
 
-impl JobInfo {
-    /// Whether it has ended.
-    pub fn ended(&self) -> bool {
-        matches!(self.state.as_str(), "succeeded" | "failed" | "cancelled")
-    }
-}
-
 impl JobStage {
     fn summary(&self) -> String {
         match self.total {
@@ -256,23 +250,9 @@ impl JobStage {
     }
 }
 
-/// Estimate of a latent.
-#[derive(Clone, Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-pub struct LatentInfo {
-    /// `density`, `friction`, `restitution`, or a free effect parameter `effect.parameter`.
-    pub name: String,
-    /// The estimate; if not identifiable, the search's current value.
-    pub value: f64,
-    /// 95 % interval; `[null, null]` if there is none.
-    pub ci95: [Option<f64>; 2],
-    /// Whether the trials determine it.
-    pub identifiable: bool,
-}
-
 /// Estimates as text.
-pub fn describe_latents(known: &[LatentInfo]) -> String {
-    let word = |k: &LatentInfo| match (k.identifiable, k.ci95) {
+pub fn describe_latents(known: &[LatentEstimate]) -> String {
+    let word = |k: &LatentEstimate| match (k.identifiable, k.ci95) {
         (true, [Some(low), Some(high)]) => format!("{} {:.3} (95 % {low:.3} to {high:.3})", k.name, k.value),
         (true, _) => format!("{} {:.3}", k.name, k.value),
         (false, _) => {
@@ -280,47 +260,4 @@ pub fn describe_latents(known: &[LatentInfo]) -> String {
         }
     };
     known.iter().map(word).collect::<Vec<_>>().join("; ")
-}
-
-/// Latent factors to simulate with; absent ones are the scene's own.
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-#[serde(deny_unknown_fields)]
-pub struct LatentsArg {
-    /// kg/m^2
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub density: Option<f64>,
-    /// Surface coefficient.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub friction: Option<f64>,
-    /// Surface coefficient, 0 to 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub restitution: Option<f64>,
-}
-
-/// An effect beyond gravity and contact.
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-#[serde(deny_unknown_fields)]
-pub struct EffectArg {
-    /// `linear_drag`, ...; the resource `iplw://effects` lists all.
-    pub name: String,
-    /// Values in the effect's units; absent ones have their neutral value.
-    #[serde(default)]
-    pub parameters: BTreeMap<String, f64>,
-}
-
-/// A tool as the protocol lists it.
-impl From<&Tool> for model::Tool {
-    fn from(tool: &Tool) -> model::Tool {
-        let hints = model::ToolAnnotations::with_title(tool.title)
-            .read_only(tool.effect == SideEffect::ReadOnly)
-            .destructive(false)
-            .idempotent(tool.effect != SideEffect::SpendsInteractions)
-            .open_world(false);
-        model::Tool::new(tool.name, tool.about, tool.input_schema.clone())
-            .with_title(tool.title)
-            .with_raw_output_schema(tool.output_schema.clone())
-            .with_annotations(hints)
-    }
 }

@@ -5,9 +5,9 @@ use serde_json::{Map, Value};
 
 use super::idempotency::IdempotencyKey;
 use crate::error::Error;
-use crate::json;
+use crate::json::{self, JsonObject};
 use crate::serve::problem::{HandlerResult, Problem};
-use crate::serve::wire::{JsonObject, MSGPACK, bounds, msgpack};
+use crate::serve::wire::{MSGPACK, bounds, msgpack};
 
 /// A request to an operation.
 pub struct OperationRequest {

@@ -11,15 +11,14 @@ use super::rounds::{JobRounds, LastRound, ask_tell_job, conflict, placed_scene};
 use crate::error::{Error, Result};
 use crate::experiment::Proposal;
 use crate::job::{self, Job};
+use crate::json::JsonObject;
 use crate::reality::trials_from_csv;
 use crate::serve::operation::{
     ACT, Extractor, Operation, OperationDoc, OperationRequest, PathId, READ, RecordResponse, get, post,
 };
 use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
-use crate::serve::wire::{
-    JsonObject, ProposalOut, Proposals, SubmissionQuery, SubmissionStatus, TrialsSubmission,
-};
+use crate::serve::wire::{ProposalOut, Proposals, SubmissionQuery, SubmissionStatus, TrialsSubmission};
 use crate::store::{JobState, MeasuredOutcomes};
 
 /// Operations on ask-tell estimations.

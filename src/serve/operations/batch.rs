@@ -8,7 +8,7 @@ use crate::serve::request_context::RequestContext;
 use crate::serve::wire::{
     CreateWorlds, CreatedWorlds, ResetWorlds, ResetWorldsOut, StepWorlds, StepWorldsOut, WorldIds, WorldOut,
 };
-use crate::session::{Action, Autoreset, ListedWorld, WorldKind, reset_many, step_many};
+use crate::session::{ListedWorld, WorldKind, reset_many, step_many};
 
 /// Operations on many worlds at once.
 pub fn operations() -> Vec<Operation> {
@@ -65,10 +65,9 @@ fn reset(app: &RequestContext, JsonBody(body): JsonBody<ResetWorlds>) -> Result<
 fn step(app: &RequestContext, JsonBody(body): JsonBody<StepWorlds>) -> Result<StepWorldsOut> {
     body.checked()?;
     let worlds = app.worlds().get_many(&body.worlds)?;
-    let autoreset = body.autoreset.map_or(Autoreset::Disabled, Autoreset::from);
-    let actions: Vec<Action> = body.actions.into_iter().map(Action::from).collect();
-    let split = body.split.map(|s| s.into());
-    let turned = step_many(&worlds, &actions, autoreset, split, app.budget()).map_err(suggest_job)?;
+    let autoreset = body.autoreset.unwrap_or_default();
+    let turned =
+        step_many(&worlds, &body.actions, autoreset, body.split, app.budget()).map_err(suggest_job)?;
     let mut interactions = Vec::with_capacity(worlds.len());
     let mut attempted = [(0, 0); 2];
     for (world, one) in worlds.iter().zip(&turned) {
@@ -88,8 +87,9 @@ fn step(app: &RequestContext, JsonBody(body): JsonBody<StepWorlds>) -> Result<St
 /// Batches of up to this many worlds run inline if each world does.
 const MAX_INLINE_WORLDS: usize = 16;
 
-fn execution_class(app: &RequestContext, worlds: &[String]) -> ExecutionClass {
-    let light = |id: &String| app.worlds().get(id).is_ok_and(|w| w.runs_inline());
+/// Inline if each world runs inline. The handler looks the worlds up again: earlier requests to them may run in between.
+pub fn execution_class(app: &RequestContext, worlds: &[String]) -> ExecutionClass {
+    let light = |id: &String| app.worlds().get(id).is_ok_and(|l| l.world.runs_inline());
     if worlds.len() <= MAX_INLINE_WORLDS && worlds.iter().all(light) {
         ExecutionClass::Inline
     } else {

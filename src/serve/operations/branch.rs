@@ -37,7 +37,7 @@ fn snapshot(
     app: &RequestContext,
     (PathId(id), JsonBody(body)): (PathId, JsonBody<SnapshotIn>),
 ) -> Result<SnapshotOut> {
-    let world = app.worlds().get(&id)?;
+    let world = app.worlds().get(&id)?.world;
     let (snapshot, reached) = world.snapshot(&id, body.request()?, app.budget()).map_err(suggest_job)?;
     Ok(SnapshotOut::new(snapshot, &reached))
 }
@@ -46,7 +46,7 @@ fn branch(
     app: &RequestContext,
     (PathId(id), JsonBody(body)): (PathId, JsonBody<BranchIn>),
 ) -> Result<BranchOut> {
-    let world = app.worlds().get(&id)?;
+    let world = app.worlds().get(&id)?.world;
     let (snapshot, changes) = body.parts()?;
     let branched = world.branch(&id, &snapshot, changes, app.budget()).map_err(suggest_job)?;
     app.metrics.count_attempts(world.kind(), 1, u64::from(branched.trajectory.outcome.steps));

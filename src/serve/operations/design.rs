@@ -5,17 +5,18 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::job::submit;
 use super::json::to_value;
-use crate::design::{DesignConfig, design, document, screening_worlds, training_and_test_tasks};
+use crate::commands::{DesignRequest, design_experiments};
+use crate::design::{DesignConfig, screening_worlds};
 use crate::error::Result;
 use crate::estimate::ParameterSamples;
-use crate::estimate::parameter_samples::PRIOR_SAMPLE_COUNT;
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::job::{Work, WorkOutcome};
 use crate::json::from_value;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{DesignIn, JobOut};
+use crate::serve::wire::JobOut;
 use crate::task::family;
 
 /// Operations on experimental designs.
@@ -47,19 +48,18 @@ struct DesignJob {
 /// Queues a design.
 fn begin(
     app: &RequestContext,
-    JsonBody(body): JsonBody<DesignIn>,
+    JsonBody(body): JsonBody<DesignRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     app.catalogue.named(&body.task)?;
-    let (setup, sets) = (body.config()?, body.sets()?);
+    let (setup, sets) = (body.limited_config()?, body.sets()?);
     let job = DesignJob { task: body.task, posterior: body.posterior.map(Value::Object), sets, setup };
     let samples = parameter_samples(&job)?;
     screening_worlds(&samples, &job.setup)?;
     // The request without the draws, which are large.
     let about = json!({"source": samples.source(), "draws": samples.draws().len()});
     let config = json!({"task": job.task, "posterior": about, "sets": job.posterior.is_none().then_some(&job.sets), "config": to_value(&job.setup)?});
-    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&job)?, seed: job.setup.seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    submit(app, KIND, &config, &job, job.setup.seed, keep)
 }
 
 fn parameter_samples(job: &DesignJob) -> Result<ParameterSamples> {
@@ -67,7 +67,7 @@ fn parameter_samples(job: &DesignJob) -> Result<ParameterSamples> {
         Some(document) => ParameterSamples::from_value(document.clone()).map_err(|e| e.in_field("posterior")),
         None => {
             let prior = family(job.task.split(':').next().unwrap_or_default())?.prior;
-            ParameterSamples::prior_over_sets(prior, &job.sets, PRIOR_SAMPLE_COUNT, job.setup.seed)
+            ParameterSamples::standard_prior(prior, &job.sets, job.setup.seed)
         }
     }
 }
@@ -77,9 +77,9 @@ fn work(base: &Arc<CoreState>, job: &Value) -> Result<Work> {
     let job: DesignJob = from_value(job.clone())?;
     let base = base.clone();
     Ok(Box::new(move |context| {
-        let (training, asked) = training_and_test_tasks(&base.catalogue.named(&job.task)?.tasks);
-        let found = design(&training, &asked, &parameter_samples(&job)?, &job.setup, context)?;
+        let tasks = base.catalogue.named(&job.task)?.tasks;
+        let found = design_experiments(&tasks, &parameter_samples(&job)?, &job.setup, context)?;
         base.metrics.count_rollouts(found.rollouts as u64);
-        Ok(WorkOutcome::Done(to_value(&document(&found, &job.setup))?))
+        Ok(WorkOutcome::Done(to_value(&found)?))
     }))
 }

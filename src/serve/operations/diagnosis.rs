@@ -5,22 +5,22 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::diagnosis_input::{DiagnosisInput, KIND};
+use super::job::submit;
 use super::json::to_value;
 use super::trials;
 use crate::budget::Budget;
+use crate::commands::{DiagnosisRequest, TrialFiles};
 use crate::discover::plot_tables::plot_tables;
 use crate::discover::{DiagnosisConfig, diagnose};
 use crate::error::{Error, Result};
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::job::{Work, WorkOutcome};
 use crate::json::{from_value, parse};
-use crate::reality::{Subject, TrackParseOptions, load_tracks, trials_from_csv, write_trials_csv};
+use crate::reality::{LoadedTrials, trials_from_csv, write_trials_csv};
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{DiagnosisIn, JobOut};
+use crate::serve::wire::JobOut;
 use crate::task::Scene;
-use crate::task::ball::BallScene;
-use crate::world::effect;
 
 /// Operations on diagnoses.
 pub fn operations() -> Vec<Operation> {
@@ -40,22 +40,28 @@ pub fn operations() -> Vec<Operation> {
 /// Queues a diagnosis.
 fn begin(
     app: &RequestContext,
-    JsonBody(body): JsonBody<DiagnosisIn>,
+    JsonBody(request): JsonBody<DiagnosisRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let (job, seed) = (body.job.clone(), body.seed.unwrap_or(0));
-    let (scene, csv, count) = diagnosis_data(app, body)?;
+    let (job, seed) = (request.job.clone(), request.seed.unwrap_or(0));
+    let (scene, csv, count) = diagnosis_data(app, request)?;
     // The request without the data, which are large.
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
-    let plan = to_value(&DiagnosisInput { scene: scene.to_json(), trials: csv, seed })?;
-    let new = JobSpec { kind: KIND, config: &config, plan: &plan, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    let plan = DiagnosisInput { scene: scene.to_json(), trials: csv, seed };
+    submit(app, KIND, &config, &plan, seed, keep)
 }
 
 /// The scene, the trials as CSV and their number, from the upload or from the job that measured them.
-pub(super) fn diagnosis_data(app: &RequestContext, body: DiagnosisIn) -> Result<(Scene, String, usize)> {
-    let Some(id) = &body.job else { return uploaded_data(body, app.budget()) };
-    if body.scene.is_some() || body.ball.is_some() || body.trials.is_some() || body.reading.is_some() {
+pub(super) fn diagnosis_data(
+    app: &RequestContext,
+    request: DiagnosisRequest,
+) -> Result<(Scene, String, usize)> {
+    let Some(id) = &request.job else { return uploaded_data(request, app.budget()) };
+    if request.scene.is_some()
+        || request.ball.is_some()
+        || request.trials.is_some()
+        || request.reading.is_some()
+    {
         let allowed = "one or the other";
         return Err(Error::input("job", "given together with scene, ball, trials or reading", allowed));
     }
@@ -64,54 +70,14 @@ pub(super) fn diagnosis_data(app: &RequestContext, body: DiagnosisIn) -> Result<
     Ok((scene, csv, count))
 }
 
-/// The scene, the trials as CSV and their number, from the upload.
-fn uploaded_data(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
-    let scene = body.scene.map(|s| s.0);
-    let ball = body.ball.map(|b| BallScene::from(b.0));
-    let of = match (&scene, &ball) {
-        (Some(scene), None) => Subject::Scene(scene),
-        (None, Some(ball)) => Subject::Ball(ball),
-        (Some(_), Some(_)) => {
-            return Err(Error::input("ball", "given together with scene", "one or the other"));
-        }
-        (None, None) => {
-            let allowed = "a scene (or a ball) and its trials, or a job that has both";
-            return Err(Error::input("scene", "missing", allowed));
-        }
+fn uploaded_data(request: DiagnosisRequest, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
+    let LoadedTrials { scene, trials, own_format, .. } = request.load(budget)?;
+    let csv = match request.trials {
+        // A single file in our own format is stored unchanged.
+        Some(TrialFiles(mut files)) if own_format && files.len() == 1 => files.swap_remove(0).text,
+        _ => write_trials_csv(&trials, budget)?,
     };
-    let Some(trials) = body.trials else {
-        return Err(Error::input("trials", "missing", "a scene and its trials, or a job that has both"));
-    };
-    if let Some(scene) = &scene {
-        scene
-            .validate()
-            .and_then(|()| effect::validate_terms(&scene.effects))
-            .map_err(|e| e.in_field("scene"))?;
-    }
-    let reading = body.reading.map(|r| TrackParseOptions::from(r.0)).unwrap_or_default();
-    let mut files = trials.files("trials");
-    if files.is_empty() {
-        return Err(Error::input("trials", "empty", "at least one file"));
-    }
-    let found = load_tracks(&files, of, &reading, budget).map_err(with_request_field)?;
-    // A single file in our own format is stored unchanged.
-    let csv = match found.own_format && files.len() == 1 {
-        true => files.swap_remove(0).text,
-        false => write_trials_csv(&found.trials, budget)?,
-    };
-    Ok((found.scene, csv, found.trials.len()))
-}
-
-/// Prefixes an error's field with the field of the request it belongs to.
-fn with_request_field(error: Error) -> Error {
-    let Error::Input(input) = &error else { return error };
-    let within = match input.field.as_str() {
-        _ if !input.place.is_empty() => "trials",
-        "radius" | "mass" | "gravity" | "floor" => "ball",
-        "fps" | "metres_per_pixel" | "length_unit" | "time_unit" | "track" => "reading",
-        _ => "trials",
-    };
-    error.in_field(within)
+    Ok((scene, csv, trials.len()))
 }
 
 /// The work of a diagnosis. After a restart it starts over and gives the same result.

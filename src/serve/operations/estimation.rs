@@ -12,28 +12,29 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::finished_round::FinishedRound;
+use super::job::submit;
 use super::json::{to_json, to_value};
 use super::surface;
 use crate::budget::Unlimited;
+use crate::commands::{EstimationRequest, RealChoice, RealIn, effects};
 use crate::error::{Error, Result};
 use crate::estimate::{LatentEstimate, PerformanceSurface};
 use crate::experiment::{
-    EstimateConfig, PendingRound, Proposal, ProposalResult, ResidualKind, Round, StopReason, Workflow,
-    acquisition,
+    EstimateConfig, PendingRound, Proposal, ProposalResult, Round, StopReason, Workflow, acquisition,
 };
 use crate::explore::Importance;
-use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
-use crate::json::{from_value, parse};
+use crate::job::{JobContext, Work, WorkOutcome};
+use crate::json::{JsonObject, from_value, parse};
 use crate::progress::Progress;
 use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{EstimationIn, JobOut, JsonObject, RealChoice, RealIn, effects};
+use crate::serve::wire::JobOut;
 use crate::session::{AttemptResult, SavedWorld, TaskSet, World, WorldConfig, WorldKind};
 use crate::store::{MeasuredOutcomes, Store};
-use crate::task::{Split, Task, ValidAction, split};
+use crate::task::{Split, Task, split};
 use crate::trajectory::Trajectory;
-use crate::world::{EffectParameter, Engine};
+use crate::world::Engine;
 
 /// Operations on estimations.
 pub fn operations() -> Vec<Operation> {
@@ -80,49 +81,24 @@ pub enum RealitySource {
 /// Queues an estimation.
 fn begin(
     app: &RequestContext,
-    BodyWithJson(body, config): BodyWithJson<EstimationIn>,
+    BodyWithJson(body, config): BodyWithJson<EstimationRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
     let family = tasks.family.ok_or_else(|| Error::Failed("a built-in task without a family".into()))?;
-    let mut setup = EstimateConfig::fast(family.prior);
-    let whole = |field: &str, value: Option<u64>, default: usize| match value {
-        None => Ok(default),
-        Some(v) => usize::try_from(v).map_err(|_| Error::input(field, v, "a smaller whole number")),
-    };
-    setup.strategy = body.strategy.unwrap_or(setup.strategy);
-    if let Some(name) = &body.residual {
-        setup.residual = ResidualKind::from_name(name).map_err(with_request_field)?;
-    }
-    for name in body.fit.iter().flatten() {
-        setup.cem.add_free_parameter(EffectParameter::parse(name).map_err(with_request_field)?);
-    }
-    setup.rounds = whole("rounds", body.rounds, setup.rounds)?;
-    setup.actions = whole("actions", body.actions, setup.actions)?;
-    setup.candidates = setup.candidates.max(setup.actions.saturating_mul(10));
-    if let Some(samples) = body.samples {
-        if !(4..=100_000).contains(&samples) {
-            return Err(Error::input("samples", samples, "a whole number from 4 to 100000"));
-        }
-        let samples = samples as usize;
-        setup.cem.elites = (samples * setup.cem.elites / setup.cem.samples).max(2);
-        setup.cem.samples = samples;
-    }
-    setup.seed = body.seed.unwrap_or(0);
-    setup.validate().map_err(with_request_field)?;
+    let setup = body.config(EstimateConfig::fast(family.prior))?;
     // Validate everything now, rather than fail later in the job.
     if let Some(id) = &body.surface {
         surface::of_family(app.store(), family, id)?;
     }
-    Workflow::new(&exploration_tasks(&tasks), &setup, Some(Arc::new(PlaceholderImportance)))
-        .map_err(with_request_field)?;
+    Workflow::new(&exploration_tasks(&tasks), &setup, Some(Arc::new(PlaceholderImportance)))?;
     let seed = setup.seed;
     let real = match (body.world, body.real) {
         (Some(_), Some(_)) => {
             return Err(Error::input("real", "given together with `world`", "one of world and real"));
         }
         (Some(id), None) => {
-            let world = app.worlds().get(&id)?;
+            let world = app.worlds().get(&id)?.world;
             if world.kind() != WorldKind::Real {
                 return Err(Error::input("world", format!("{id:?}"), "a world of kind real"));
             }
@@ -135,15 +111,8 @@ fn begin(
         }
         (None, None) => RealitySource::Dedicated(Box::new(dedicated_world(tasks, RealIn::default(), seed)?)),
     };
-    let plan = to_value(&EstimationJob {
-        task: body.task,
-        setup,
-        real,
-        surface: body.surface,
-        budget: body.budget,
-    })?;
-    let new = JobSpec { kind: KIND, config: &config, plan: &plan, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    let plan = EstimationJob { task: body.task, setup, real, surface: body.surface, budget: body.budget };
+    submit(app, KIND, &config, &plan, seed, keep)
 }
 
 /// The work of an estimation.
@@ -354,18 +323,10 @@ fn measure(
     keep: &dyn Fn(&MeasuredOutcomes, u64) -> Result<()>,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let mut by_task: Vec<(&str, Vec<&Proposal>)> = Vec::new();
-    for proposal in proposals.iter().filter(|p| !done.contains_key(&p.number)) {
-        match by_task.iter_mut().find(|(task, _)| *task == proposal.task) {
-            Some((_, of_it)) => of_it.push(proposal),
-            None => by_task.push((&proposal.task, vec![proposal])),
-        }
-    }
     let (mut made, total) = (done.len() as u64, proposals.len() as u64);
-    for (id, of_it) in by_task {
+    let open = proposals.iter().filter(|p| !done.contains_key(&p.number));
+    for (task, of_it, actions) in workflow.by_task(open)? {
         progress.report("measuring the real world", made, total)?;
-        let task = workflow.task(id)?;
-        let actions: Vec<ValidAction> = of_it.iter().map(|p| p.action_on(task)).collect::<Result<_>>()?;
         let rows = |results: &[AttemptResult], interactions: u64| {
             let row = |(p, r): (&&Proposal, &AttemptResult)| {
                 Ok((p.number, r.as_ref().ok().map(to_json).transpose()?))
@@ -404,22 +365,4 @@ fn dedicated_world(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld
         seed,
     };
     Ok(SavedWorld::of(&config))
-}
-
-/// Renames the core's fields in errors to those of the request.
-fn with_request_field(error: Error) -> Error {
-    match error {
-        Error::NotFound { kind: kind @ ("strategy" | "residual"), id, known } => {
-            Error::input(kind, format!("{id:?}"), format!("one of {}", known.join(", ")))
-        }
-        Error::NotFound { kind: "effect" | "effect parameter", id, known } => {
-            Error::input("fit", format!("{id:?}"), format!("one of {}", known.join(", ")))
-        }
-        Error::Input(mut input) if input.field == "candidates" => {
-            input.field = "actions".into();
-            input.allowed = "a whole number from 1 to 10000".into();
-            Error::Input(input)
-        }
-        other => other,
-    }
 }

@@ -6,17 +6,18 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::job::submit;
 use super::json::to_value;
 use super::policy_store::{RANDOM, RANKED, load, load_for_job, with_policy_id};
 use super::rollouts::PersistedRollouts;
-use crate::error::{Error, Result};
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::error::{Error, Result, check_count};
+use crate::job::{Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{EvaluateConfig, Policy, RandomPolicy, evaluate, evaluate_orders};
 use crate::serve::operation::{ACT, BodyWithJson, Operation, PathId, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{EvaluateIn, JobOut, RankingIn, SplitIn};
+use crate::serve::wire::{EvaluateIn, JobOut, RankingIn};
 use crate::session::World;
 use crate::task::{Placement, Split, Task, ValidAction, split};
 
@@ -43,11 +44,11 @@ fn begin(
     (PathId(id), BodyWithJson(body, asked)): (PathId, BodyWithJson<EvaluateIn>),
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let world = app.worlds().get(&body.world)?;
-    let part = body.split.unwrap_or(SplitIn::Test);
+    let world = app.worlds().get(&body.world)?.world;
+    let part = body.split.unwrap_or(Split::Test);
     match (&body.ranking, id.as_str()) {
         (Some(_), RANKED) if body.split.is_some() => {
-            let name = Split::from(part).name();
+            let name = part.name();
             return Err(Error::input("split", format!("{name:?}"), "no split: the ranking names its tasks"));
         }
         (Some(ranking), RANKED) => drop(orders(&world, ranking)?),
@@ -62,9 +63,9 @@ fn begin(
             return Err(Error::input("ranking", "absent", "tasks with their actions, best first"));
         }
         (None, _) => {
-            let tasks = split(&world.tasks().tasks, part.into());
+            let tasks = split(&world.tasks().tasks, part);
             let Some(first) = tasks.first() else {
-                let name = Split::from(part).name();
+                let name = part.name();
                 let allowed = "a split with tasks in this world";
                 return Err(Error::input("split", format!("{name:?}"), allowed));
             };
@@ -76,22 +77,19 @@ fn begin(
             }
         }
     }
+    check_count("attempts", body.attempts, 1, 100)?;
     let attempts = body.attempts.unwrap_or(100);
-    if !(1..=100).contains(&attempts) {
-        return Err(Error::input("attempts", attempts, "a whole number from 1 to 100"));
-    }
     let seed = body.seed.unwrap_or(0);
     let config = with_policy_id(asked, &id);
     let plan = EvaluationJob {
         policy: id,
         world: body.world,
-        split: part.into(),
+        split: part,
         attempts,
         setup: EvaluateConfig::phyre(seed),
         ranking: body.ranking,
     };
-    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&plan)?, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    submit(app, KIND, &config, &plan, seed, keep)
 }
 
 /// A fully specified evaluation.

@@ -83,7 +83,7 @@ impl StoredRound {
             choice: self.asked.choice.into(),
             interactions: *interactions,
             residual,
-            latents: known.into_iter().map(Into::into).collect(),
+            latents: known,
         }
     }
 }

@@ -1,10 +1,15 @@
 //! Jobs of all kinds as resources.
 
+use serde::Serialize;
+use serde_json::Value;
+
+use super::json::to_value;
 use crate::error::{Error, Result};
-use crate::job::{DeleteOutcome, Watcher};
+use crate::job::{DeleteOutcome, JobSpec, Watcher};
 use crate::serve::operation::{
     ACT, EventStream, Extractor, HandlerOutput, LastEventId, NextEvent, Operation, OperationDoc,
-    OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, ServerEvent, delete, get,
+    OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, RecordResponse, ServerEvent,
+    delete, get,
 };
 use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
@@ -49,6 +54,19 @@ pub fn operations() -> Vec<Operation> {
             .http_only()
             .handler(events),
     ]
+}
+
+/// Queues a job with its fully specified `plan`; `config` is the request without large data.
+pub fn submit(
+    app: &RequestContext,
+    kind: &'static str,
+    config: &Value,
+    plan: &impl Serialize,
+    seed: u64,
+    keep: RecordResponse<JobOut>,
+) -> Result<JobOut> {
+    let new = JobSpec { kind, config, plan: &to_value(plan)?, seed };
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// Query parameters of a list of jobs.

@@ -7,13 +7,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::estimation::exploration_tasks;
+use super::job::submit;
 use super::json::to_value;
 use super::policy_store::{UNTRAINED, load, load_for_job, policy_id_for_job, row, with_policy_id};
 use super::rollouts::PersistedRollouts;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::experiment::transfer::LearnConfig;
 use crate::explore;
-use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
+use crate::job::{JobContext, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
 use crate::progress::Progress;
@@ -59,19 +60,21 @@ fn begin(
     (PathId(id), BodyWithJson(body, asked)): (PathId, BodyWithJson<LearnIn>),
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let world = app.worlds().get(&body.world)?;
+    let world = app.worlds().get(&body.world)?.world;
     let tasks = exploration_tasks(world.tasks());
     let seed = body.seed.unwrap_or(0);
     let usual = LearnConfig::paper();
     let paper = TrainConfig::preset(world.tasks().learning());
-    let whole = |field: &str, value: Option<u64>, default: usize, most: u64| match value {
-        None => Ok(default),
-        Some(v) if (1..=most).contains(&v) => Ok(v as usize),
-        Some(v) => Err(Error::input(field, v, format!("a whole number from 1 to {most}"))),
-    };
+    for (field, value, most) in [
+        ("batches", body.batches, 100_000),
+        ("batch_size", body.batch_size, 4096),
+        ("attempts", body.attempts, 100_000),
+    ] {
+        check_count(field, value, 1, most)?;
+    }
     let setup = TrainConfig {
-        batches: whole("batches", body.batches, usual.batches, 100_000)?,
-        batch_size: whole("batch_size", body.batch_size, usual.batch_size, 4096)?,
+        batches: body.batches.map_or(usual.batches, |n| n as usize),
+        batch_size: body.batch_size.map_or(usual.batch_size, |n| n as usize),
         learning_rate: body.learning_rate.unwrap_or(usual.learning_rate),
         seed,
         ..paper
@@ -82,16 +85,14 @@ fn begin(
         Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
         other => other,
     })?;
-    let attempts =
-        whole("attempts", body.attempts, (setup.batches * setup.batch_size).min(100_000), 100_000)?;
+    let attempts = body.attempts.map_or((setup.batches * setup.batch_size).min(100_000), |n| n as usize);
     if let Some(left) = world.remaining().filter(|left| *left < attempts as u64) {
         let allowed = format!("at most {left}, the world's remaining budget");
         return Err(Error::input("attempts", attempts, allowed));
     }
     let config = with_policy_id(asked, &id);
     let plan = LearningJob { policy: id, world: body.world, attempts, setup, config: config.clone() };
-    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&plan)?, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    submit(app, KIND, &config, &plan, seed, keep)
 }
 
 /// The work of a fine-tuning.

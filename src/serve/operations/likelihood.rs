@@ -10,11 +10,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::diagnosis_input::DiagnosisInput;
-use super::json::{to_json, to_value};
+use super::job::submit;
+use super::json::to_json;
 use super::posterior::posterior_data;
 use crate::discover::posterior::{PosteriorConfig, TrialLikelihood};
 use crate::error::{Error, Result};
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::job::{Work, WorkOutcome};
 use crate::json::from_value;
 use crate::progress::{NoProgress, Progress};
 use crate::serve::operation::{ACT, JsonBody, Operation, PathId, RecordResponse, post};
@@ -67,10 +68,10 @@ fn begin(
     JsonBody(body): JsonBody<LikelihoodIn>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let (given, wanted, calibrate) = body.parts();
-    let config = wanted.config().map_err(with_request_field)?;
-    let (job, seed) = (given.job.clone(), config.seed);
-    let (scene, trials, count) = posterior_data(app, given, calibrate)?;
+    let request = body.into_posterior();
+    let config = request.config().map_err(with_request_field)?;
+    let (job, seed) = (request.job.clone(), config.seed);
+    let (scene, trials, count) = posterior_data(app, request)?;
     let shown = json!({
         "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,
@@ -78,9 +79,8 @@ fn begin(
     let given = DiagnosisInput { scene: scene.to_json(), trials, seed };
     let key = digest(&SHA256, to_json(&(&given, &config))?.as_bytes());
     let key = key.as_ref().iter().map(|b| format!("{b:02x}")).collect();
-    let plan = to_value(&LikelihoodJob { given, config, key })?;
-    let new = JobSpec { kind: KIND, config: &shown, plan: &plan, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    let plan = LikelihoodJob { given, config, key };
+    submit(app, KIND, &shown, &plan, seed, keep)
 }
 
 /// Renames the field of an error about the only set to `effects`.

@@ -1,7 +1,8 @@
 //! Validation of a client's measurements.
 
 use crate::error::{Error, Result};
-use crate::serve::wire::{JsonObject, TrialIn};
+use crate::json::JsonObject;
+use crate::serve::wire::TrialIn;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 

@@ -4,13 +4,14 @@ use serde_json::json;
 
 use super::policy_store::{BUILT_IN_POLICIES, RANDOM, is_built_in, load, row, unknown, without_weights};
 use crate::budget::Budget;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::policy::{CHUNK, Dqn, Policy, RandomPolicy, rank};
 use crate::serve::operation::{
     ACT, JsonBody, MediaBody, Operation, Pagination, PathId, READ, RawBody, delete, get, post, put,
 };
 use crate::serve::request_context::RequestContext;
-use crate::serve::wire::{ActIn, PoliciesPage, PolicyOut, ProposedActions, ScoredAction};
+use crate::serve::wire::{ActIn, PoliciesPage, ProposedActions, ScoredAction};
+use crate::store::PolicyRow;
 use crate::task::{Placement, Task, ValidAction};
 
 /// Operations on policies that need no job.
@@ -32,8 +33,8 @@ pub fn operations() -> Vec<Operation> {
             .handler(weights),
         put("upload_weights", "/v1/policies/{id}/weights", "policies", ACT)
             .about("Uploads weights: creates the policy or replaces its weights.")
-            .response::<PolicyOut>(200, "Replaced")
-            .response::<PolicyOut>(201, "Created")
+            .response::<PolicyRow>(200, "Replaced")
+            .response::<PolicyRow>(201, "Created")
             .links(201, "/v1/policies/{id}", "/id")
             .errors(&[
                 (409, "The name is taken"),
@@ -55,12 +56,12 @@ fn list(app: &RequestContext, page: Pagination) -> Result<PoliciesPage> {
     let after: i64 = page.after("policies")?.unwrap_or(0);
     let mut all = app.policies().list(after, page.fetch_limit())?;
     let next = page.truncate("policies", &mut all, |p| p.0);
-    Ok(PoliciesPage { policies: all.into_iter().map(|p| PolicyOut::from(p.1)).collect(), next })
+    Ok(PoliciesPage { policies: all.into_iter().map(|p| p.1).collect(), next })
 }
 
-fn one(app: &RequestContext, PathId(id): PathId) -> Result<PolicyOut> {
+fn one(app: &RequestContext, PathId(id): PathId) -> Result<PolicyRow> {
     if let Some((id, about)) = BUILT_IN_POLICIES.iter().find(|p| p.0 == id) {
-        return Ok(PolicyOut {
+        return Ok(PolicyRow {
             id: id.to_string(),
             task: "any".into(),
             training: "none".into(),
@@ -69,9 +70,10 @@ fn one(app: &RequestContext, PathId(id): PathId) -> Result<PolicyOut> {
             job: None,
             version: env!("CARGO_PKG_VERSION").into(),
             bytes: 0,
+            owner: None,
         });
     }
-    app.policies().get(&id)?.map(PolicyOut::from).ok_or_else(|| unknown(&id))
+    app.policies().get(&id)?.ok_or_else(|| unknown(&id))
 }
 
 fn forget(app: &RequestContext, PathId(id): PathId) -> Result<()> {
@@ -89,7 +91,7 @@ fn weights(app: &RequestContext, PathId(id): PathId) -> Result<MediaBody> {
 fn put_weights(
     app: &RequestContext,
     (PathId(id), RawBody(bytes)): (PathId, RawBody),
-) -> Result<(u16, PolicyOut)> {
+) -> Result<(u16, PolicyRow)> {
     let first = id.chars().next().is_some_and(|c| c.is_ascii_alphanumeric());
     if !(first && id.len() <= 64 && id.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))) {
         let allowed = "1 to 64 letters, digits, `.`, `_` or `-`, the first a letter or digit";
@@ -107,7 +109,7 @@ fn put_weights(
         dqn.check_compatible(&tasks.tasks[0])?;
     }
     let (row, new) = app.policies().put(row(&id, &dqn, bytes.len()), &bytes)?;
-    Ok((if new { 201 } else { 200 }, row.into()))
+    Ok((if new { 201 } else { 200 }, row))
 }
 
 /// A policy that checks a deadline before each batch of scores.
@@ -132,10 +134,8 @@ fn act(
     app: &RequestContext,
     (PathId(id), JsonBody(body)): (PathId, JsonBody<ActIn>),
 ) -> Result<ProposedActions> {
+    check_count("count", body.count, 1, 10_000)?;
     let count = body.count.unwrap_or(1);
-    if !(1..=10_000).contains(&count) {
-        return Err(Error::input("count", count, "a whole number from 1 to 10000"));
-    }
     let task = app.catalogue.task(&body.task)?;
     let policy: Box<dyn Policy> = if id == RANDOM {
         Box::new(RandomPolicy { seed: 0 })

@@ -7,17 +7,18 @@ use serde_json::{Value, json};
 
 use super::diagnosis::diagnosis_data;
 use super::diagnosis_input::DiagnosisInput;
+use super::job::submit;
 use super::json::to_value;
+use crate::commands::{PosteriorRequest, set_calibrate};
 use crate::discover::posterior::{PosteriorConfig, PosteriorDocument, posterior};
 use crate::error::Result;
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::job::{Work, WorkOutcome};
 use crate::json::from_value;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{DiagnosisIn, JobOut, PosteriorIn};
+use crate::serve::wire::JobOut;
 use crate::task::Scene;
-use crate::world::latent::factor_index;
 
 /// Operations on posteriors.
 pub fn operations() -> Vec<Operation> {
@@ -45,32 +46,25 @@ struct PosteriorJob {
 
 fn begin(
     app: &RequestContext,
-    JsonBody(body): JsonBody<PosteriorIn>,
+    JsonBody(request): JsonBody<PosteriorRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let (given, wanted, calibrate) = body.parts();
-    let config = wanted.config()?;
-    let (job, seed) = (given.job.clone(), config.seed);
-    let (scene, trials, count) = posterior_data(app, given, calibrate)?;
+    let config = request.config()?;
+    let (job, seed) = (request.job.clone(), config.seed);
+    let (scene, trials, count) = posterior_data(app, request)?;
     let shown = json!({"job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "config": config, "seed": seed});
-    let plan =
-        to_value(&PosteriorJob { given: DiagnosisInput { scene: scene.to_json(), trials, seed }, config })?;
-    let new = JobSpec { kind: KIND, config: &shown, plan: &plan, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    let plan = PosteriorJob { given: DiagnosisInput { scene: scene.to_json(), trials, seed }, config };
+    submit(app, KIND, &shown, &plan, seed, keep)
 }
 
 /// The data of [`diagnosis_data`], with `calibrate` overriding the scene's latents to infer.
 pub(super) fn posterior_data(
     app: &RequestContext,
-    given: DiagnosisIn,
-    calibrate: Option<Vec<String>>,
+    mut request: PosteriorRequest,
 ) -> Result<(Scene, String, usize)> {
-    let (mut scene, trials, count) = diagnosis_data(app, given)?;
-    if let Some(latents) = calibrate {
-        latents.iter().try_for_each(|name| factor_index(name).map(drop))?;
-        scene.calibrate = latents;
-        scene.validate().map_err(|e| e.in_field("scene"))?;
-    }
+    let calibrate = request.calibrate.take();
+    let (mut scene, trials, count) = diagnosis_data(app, request.into_data())?;
+    set_calibrate(&mut scene, calibrate)?;
     Ok((scene, trials, count))
 }
 

@@ -173,7 +173,7 @@ impl RenderQuery {
 
 /// Renders a view; attempting an action for it counts.
 fn render(app: &RequestContext, (PathId(id), picture): (PathId, RenderQuery)) -> Result<MediaBody> {
-    let world = app.worlds().get(&id)?;
+    let world = app.worlds().get(&id)?.world;
     let style = Style { width: picture.width, ..Style::default() };
     let svg = if picture.view == RenderView::Scene {
         scene_svg(&world.scene(picture.task.as_deref(), picture.action.as_ref())?, &style)

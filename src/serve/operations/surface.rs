@@ -5,12 +5,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::job::submit;
 use super::json::{to_json, to_value};
+use crate::commands::SurfaceRequest;
 use crate::error::{Error, Result};
-use crate::estimate::surface::{EvaluationMethod, SurfaceAxis};
 use crate::estimate::{PerformanceSurface, surface::LatentSensitivity};
 use crate::experiment::surface::{SurfaceConfig, surface};
-use crate::job::{JobSpec, Work, WorkOutcome};
+use crate::job::{Work, WorkOutcome};
 use crate::json::{from_value, parse};
 use crate::picture::surface::surface_svg;
 use crate::progress::Progress;
@@ -20,7 +21,7 @@ use crate::serve::operation::{
 };
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{JobOut, SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWithPoints, SurfacesPage};
+use crate::serve::wire::{JobOut, SensitivityOut, SurfaceOut, SurfaceWithPoints, SurfacesPage};
 use crate::store::{Store, SurfaceRow};
 use crate::task::Family;
 
@@ -66,54 +67,13 @@ struct SurfaceJob {
 /// Queues the computation of a surface.
 fn begin(
     app: &RequestContext,
-    BodyWithJson(body, config): BodyWithJson<SurfaceIn>,
+    BodyWithJson(body, config): BodyWithJson<SurfaceRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     let family = crate::task::family(&body.task)?;
-    let route = match &body.route {
-        None => EvaluationMethod::Ideal,
-        Some(name) => EvaluationMethod::from_name(name)
-            .map_err(|_| Error::input("route", format!("{name:?}"), "\"ideal\" or \"dqn\""))?,
-    };
-    let mut setup = SurfaceConfig::new(family, route)?;
-    let whole = |field: &str, value: u64, low: u64, high: u64| {
-        let allowed = || format!("a whole number from {low} to {high}");
-        if (low..=high).contains(&value) {
-            Ok(value as usize)
-        } else {
-            Err(Error::input(field, value, allowed()))
-        }
-    };
-    if let Some(points) = body.points {
-        setup.points = whole("points", points, 3, 5000)?;
-    }
-    if let Some(actions) = body.actions {
-        let actions = whole("actions", actions, 1, 50_000)?;
-        (setup.actions, setup.labels) = (actions, actions);
-    }
-    if let Some(factors) = &body.factors {
-        let axes = factors.iter().map(|f| SurfaceAxis::from_prior(f, family.prior));
-        setup.axes = axes.collect::<Result<_>>().map_err(|e| match e {
-            Error::NotFound { id, known, .. } => {
-                Error::input("factors", format!("{id:?}"), format!("some of {}", known.join(", ")))
-            }
-            other => other,
-        })?;
-        if setup.axes.is_empty() || (1..setup.axes.len()).any(|i| factors[..i].contains(&factors[i])) {
-            let allowed = "some of density, friction, restitution, each once";
-            return Err(Error::input("factors", format!("{factors:?}"), allowed));
-        }
-    }
-    setup.seed = body.seed.unwrap_or(0);
-    setup.validate()?;
+    let setup = body.config(family)?;
     let seed = setup.seed;
-    let new = JobSpec {
-        kind: KIND,
-        config: &config,
-        plan: &to_value(&SurfaceJob { task: body.task, setup })?,
-        seed,
-    };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    submit(app, KIND, &config, &SurfaceJob { task: body.task, setup }, seed, keep)
 }
 
 /// The work of a surface; a stored one with the same configuration is reused.

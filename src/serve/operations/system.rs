@@ -1,14 +1,16 @@
 //! Health, metrics, limits and the OpenAPI document.
 
+use prometheus_client::encoding::prometheus_text;
+
 use crate::error::Result;
 use crate::serve::execution_class::ExecutionClass;
-use crate::serve::metrics::Gauges;
 use crate::serve::operation::{
     HandlerOutput, MediaBody, Operation, OperationDoc, OperationResponse, PUBLIC, Payload, READ, get,
 };
 use crate::serve::request_context::RequestContext;
 use crate::serve::wire::Health;
 use crate::session::WorldKind;
+use crate::store::JobState;
 
 /// Operations on the server itself.
 pub fn operations() -> Vec<Operation> {
@@ -57,16 +59,23 @@ fn ready(app: &RequestContext, (): ()) -> Result<(u16, Health)> {
 }
 
 fn metrics(app: &RequestContext, (): ()) -> Result<MediaBody> {
-    let worlds = app.worlds().list_all()?;
-    let of = |kind: WorldKind| worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
-    let shared = app.shared();
-    let gauges = Gauges {
-        in_progress: shared.scheduler.admitted.total() as u64,
-        waiting: shared.scheduler.waiting() as u64,
-        connections: [shared.http_connections.total() as u64, shared.zmq_connections.total() as u64],
-        worlds: [of(WorldKind::Sim), of(WorldKind::Real)],
-        jobs: app.store().jobs_by_state()?,
-    };
-    let text = app.metrics.text(&gauges);
-    Ok(MediaBody { kind: "text/plain; version=0.0.4; charset=utf-8", bytes: text.into_bytes() })
+    let (shared, worlds, jobs) = (app.shared(), app.worlds().list_all()?, app.store().jobs_by_state()?);
+    let of = |kind: WorldKind| worlds.iter().filter(|w| w.world.kind() == kind).count();
+    let kinds = [WorldKind::Sim, WorldKind::Real].map(|kind| (vec![("kind", kind.name())], of(kind)));
+    let connections = [("http", shared.http_connections.total()), ("zmq", shared.zmq_connections.total())];
+    let states =
+        JobState::ALL.map(|s| (vec![("state", s.name())], jobs.get(s.name()).copied().unwrap_or(0) as usize));
+    let (admitted, waiting) = (shared.scheduler.admitted.total(), shared.scheduler.waiting());
+    let text = app.metrics.text(vec![
+        ("iplw_requests_under_way", "Requests in progress or waiting", vec![(Vec::new(), admitted)]),
+        ("iplw_requests_waiting", "Requests that wait for a permit", vec![(Vec::new(), waiting)]),
+        (
+            "iplw_connections",
+            "Open connections",
+            connections.map(|(t, n)| (vec![("transport", t)], n)).into(),
+        ),
+        ("iplw_worlds", "Worlds by kind", kinds.into()),
+        ("iplw_jobs", "Jobs by state", states.into()),
+    ]);
+    Ok(MediaBody { kind: prometheus_text::CONTENT_TYPE, bytes: text.into_bytes() })
 }

@@ -6,11 +6,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::estimation::exploration_tasks;
+use super::job::submit;
 use super::json::to_value;
 use super::policy_store::{policy_id_for_job, row};
+use crate::commands::{TrainingPreset, TrainingRequest};
 use crate::error::{Error, Result};
-use crate::estimate::ParameterSamples;
-use crate::job::{JobContext, JobSpec, Work, WorkOutcome};
+use crate::job::{JobContext, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{
     Dataset, Dqn, EarlyStopping, EvaluateConfig, LabelConfig, Policy, SimulatedValidator, TrainConfig,
@@ -19,7 +20,7 @@ use crate::policy::{
 use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{JobOut, JsonObject, TrainIn, TrainPresetIn, TrainingIn, effects};
+use crate::serve::wire::JobOut;
 use crate::session::TaskSet;
 use crate::store::PolicyRow;
 use crate::task::{LabelCounts, Split, Task, split};
@@ -36,8 +37,6 @@ pub fn operations() -> Vec<Operation> {
 }
 
 const KIND: &str = "train";
-/// Maximum number of posterior draws to store with a training.
-const MAX_DRAWS: usize = 10_000;
 
 /// A fully specified training.
 #[derive(Serialize, Deserialize)]
@@ -62,28 +61,17 @@ struct TrainingJob {
 /// Queues a training.
 fn begin(
     app: &RequestContext,
-    BodyWithJson(mut body, sent): BodyWithJson<TrainIn>,
+    BodyWithJson(mut body, sent): BodyWithJson<TrainingRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
-    let physics = physics(&mut body, &tasks)?;
-    let seed = body.seed.unwrap_or(0);
-    let whole = |field: &str, value: Option<u64>, default: usize, most: u64| match value {
-        None => Ok(default),
-        Some(v) if v <= most => Ok(v as usize),
-        Some(v) => Err(Error::input(field, v, format!("a whole number up to {most}"))),
-    };
-    let saturating = body.preset == Some(TrainPresetIn::Saturating);
+    let prior = tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0))).unwrap_or_default();
+    let physics = body.physics(prior)?;
+    body.check_limits()?;
+    let saturating = body.preset == Some(TrainingPreset::Saturating);
     let usual = if saturating { tasks.learning().saturating() } else { *tasks.learning() };
-    let paper = TrainConfig::preset(&usual);
-    let setup = TrainConfig {
-        batches: whole("batches", body.batches, paper.batches, 100_000)?,
-        batch_size: whole("batch_size", body.batch_size, paper.batch_size, 4096)?,
-        seed,
-        ..paper
-    };
-    setup.validate()?;
-    let validations = whole("validations", body.validations, 0, 100)?;
+    let setup = body.config(&usual)?;
+    let (seed, validations) = (setup.seed, body.validations.unwrap_or(0) as usize);
     let early_stopping = if saturating { Some(early_stopping(&body, &tasks, &setup)?) } else { None };
     let labels = LabelConfig::preset(&usual.labels, seed);
     let training = physics.name().into();
@@ -99,46 +87,11 @@ fn begin(
         early_stopping,
         config: asked,
     };
-    let new = JobSpec { kind: KIND, config: &config, plan: &to_value(&plan)?, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
-}
-
-/// The requested physics for labelling.
-fn physics(body: &mut TrainIn, tasks: &TaskSet) -> Result<TrainingPhysics> {
-    if let Some(document) = body.posterior.take() {
-        let given = [
-            ("training", body.training.is_some()),
-            ("latents", body.latents.is_some()),
-            ("effects", body.effects.is_some()),
-        ];
-        if let Some((field, _)) = given.iter().find(|(_, given)| *given) {
-            return Err(Error::input(*field, "given together with posterior", "one or the other"));
-        }
-        let samples =
-            ParameterSamples::from_value(Value::Object(document)).map_err(|e| e.in_field("posterior"))?;
-        let draws = samples.draws().len();
-        if draws > MAX_DRAWS {
-            return Err(Error::input("posterior", format!("{draws} draws"), format!("at most {MAX_DRAWS}")));
-        }
-        return Ok(TrainingPhysics::from_posterior(&samples));
-    }
-    let given = body.latents.take().map(|JsonObject(l)| l.checked("latents.")).transpose()?;
-    let effects = effects(None, body.effects.take(), "")?.unwrap_or_default();
-    match body.training.unwrap_or(TrainingIn::Fixed) {
-        TrainingIn::Fixed => {
-            let prior = tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0))).unwrap_or_default();
-            Ok(TrainingPhysics::Fixed { latents: given.unwrap_or_default().or(prior), effects })
-        }
-        TrainingIn::Randomised if given.is_some() => {
-            let allowed = "no latents: randomised training draws them";
-            Err(Error::input("latents", "given together with `training`: \"randomised\"", allowed))
-        }
-        TrainingIn::Randomised => Ok(TrainingPhysics::paper_randomised(effects)),
-    }
+    submit(app, KIND, &config, &plan, seed, keep)
 }
 
 /// Early-stopping settings of the preset `saturating`.
-fn early_stopping(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<EarlyStopping> {
+fn early_stopping(body: &TrainingRequest, tasks: &TaskSet, setup: &TrainConfig) -> Result<EarlyStopping> {
     for (field, given) in [("batches", body.batches.is_some()), ("validations", body.validations.is_some())] {
         if given {
             return Err(Error::input(

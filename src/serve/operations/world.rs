@@ -1,10 +1,13 @@
 //! Worlds as resources.
 
 use std::fmt::{self, Display};
+use std::slice::from_ref;
 use std::str::FromStr;
 use std::time::Duration;
 
+use super::batch::execution_class;
 use super::rollouts::suggest_job;
+use crate::commands::LatentsIn;
 use crate::error::{Error, Result};
 use crate::serve::execution_class::ExecutionClass;
 use crate::serve::operation::{
@@ -15,10 +18,10 @@ use crate::serve::operation::{
 use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
 use crate::serve::wire::{
-    CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, RolloutOut, StepIn, StepOut, WatchStart,
-    WorldEventOut, WorldOut, WorldsPage, drawable_scene,
+    CreateWorld, ResetOut, RolloutIn, RolloutOut, StepIn, StepOut, WatchStart, WorldEventOut, WorldOut,
+    WorldsPage, drawable_scene,
 };
-use crate::session::{World, WorldList, WorldWatcher};
+use crate::session::{Reset, World, WorldList, WorldWatcher};
 
 /// Operations on one world.
 pub fn operations() -> Vec<Operation> {
@@ -56,13 +59,13 @@ pub fn operations() -> Vec<Operation> {
         post("reset_world", "/v1/worlds/{id}/reset", "worlds", ACT)
             .about("Starts an episode. Without a seed, the world's task sequence continues.")
             .errors(&[(404, "Unknown world or task")])
-            .classified_handler(|app, (PathId(id), _)| execution_class(app, id), reset),
+            .classified_handler(|app, (PathId(id), _)| execution_class(app, from_ref(id)), reset),
         post("step_world", "/v1/worlds/{id}/step", "worlds", ACT)
             .about(
                 "Attempts an action. An action that cannot be placed returns `valid: false` and is not counted.",
             )
             .errors(&[(404, ""), (409, "Reset the world first"), (429, "The budget is exhausted")])
-            .classified_handler(|app, (PathId(id), _)| execution_class(app, id), step),
+            .classified_handler(|app, (PathId(id), _)| execution_class(app, from_ref(id)), step),
         post("set_latents", "/v1/worlds/{id}/set_latents", "worlds", ACT)
             .about("Sets the given latent factors.")
             .errors(&[(403, "The world is real or sealed"), (404, "")])
@@ -148,8 +151,7 @@ fn create(
 }
 
 fn one(app: &RequestContext, PathId(id): PathId) -> Result<WorldOut> {
-    app.worlds().get(&id)?;
-    Ok(WorldOut::of(&app.worlds().look(&id)?, app.now()))
+    Ok(WorldOut::of(&app.worlds().get(&id)?, app.now()))
 }
 
 fn watch(
@@ -194,17 +196,14 @@ impl EventStream for WorldEventStream {
     }
 }
 
-fn reset(
-    app: &RequestContext,
-    (PathId(id), JsonBody(body)): (PathId, JsonBody<ResetIn>),
-) -> Result<ResetOut> {
-    let world = app.worlds().get(&id)?;
-    Ok(world.reset(&body.into())?.into())
+fn reset(app: &RequestContext, (PathId(id), JsonBody(body)): (PathId, JsonBody<Reset>)) -> Result<ResetOut> {
+    let world = app.worlds().get(&id)?.world;
+    Ok(world.reset(&body)?.into())
 }
 
 fn step(app: &RequestContext, (PathId(id), JsonBody(body)): (PathId, JsonBody<StepIn>)) -> Result<StepOut> {
-    let world = app.worlds().get(&id)?;
-    let step = world.step(&body.action.into(), app.budget()).map_err(suggest_job)?;
+    let world = app.worlds().get(&id)?.world;
+    let step = world.step(&body.action, app.budget()).map_err(suggest_job)?;
     app.metrics.count_attempts(world.kind(), u64::from(step.invalid.is_none()), u64::from(step.steps));
     Ok(step.into())
 }
@@ -213,9 +212,9 @@ fn set_latents(
     app: &RequestContext,
     (PathId(id), JsonBody(body)): (PathId, JsonBody<LatentsIn>),
 ) -> Result<WorldOut> {
-    let world = app.worlds().get(&id)?;
-    world.set_latents(body.checked("")?)?;
-    Ok(WorldOut::of(&app.worlds().look(&id)?, app.now()))
+    let listed = app.worlds().get(&id)?;
+    listed.world.set_latents(body.checked("")?)?;
+    Ok(WorldOut::of(&listed, app.now()))
 }
 
 /// Attempts many actions; trajectories are binary arrays if the client accepts them.
@@ -227,7 +226,7 @@ fn rollout(
         AcceptsBinaryArrays,
     ),
 ) -> Result<RolloutOut> {
-    let world = app.worlds().get(&id)?;
+    let world = app.worlds().get(&id)?.world;
     let batch = body.batch()?;
     let rolled = world.rollout(&batch, app.budget()).map_err(suggest_job)?;
     app.metrics.count_attempts(world.kind(), rolled.valid, rolled.steps());
@@ -239,12 +238,4 @@ fn rollout_class(
     (_, JsonBody(body), _): &(PathId, JsonBody<RolloutIn>, AcceptsBinaryArrays),
 ) -> ExecutionClass {
     if body.trajectories == Some(true) { ExecutionClass::Streaming } else { ExecutionClass::Compute }
-}
-
-fn execution_class(app: &RequestContext, id: &str) -> ExecutionClass {
-    if app.worlds().get(id).is_ok_and(|w| w.runs_inline()) {
-        ExecutionClass::Inline
-    } else {
-        ExecutionClass::Compute
-    }
 }

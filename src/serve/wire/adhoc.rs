@@ -5,16 +5,15 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::action::ActionIn;
 use super::binary_arrays::BinaryArrays;
 use super::episode::end_name;
-use super::json_object::JsonObject;
-use super::physics::{EffectIn, LatentsIn, effects};
 use super::rollout::BodyTrack;
-use super::world::engine;
+use crate::commands::{LatentsIn, effects, engine};
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
 use crate::session::{Action, AdhocResult, AdhocSimulation, Catalogue};
 use crate::task::Scene;
+use crate::task::scene::EffectTerm;
 use crate::trajectory::{Contact, Trajectory};
 use crate::world::effect;
 
@@ -28,13 +27,13 @@ pub struct SimulateIn {
     #[schema(value_type = Option<Object>)]
     pub scene: Option<JsonObject<Scene>>,
     /// Default: none; bodies start at their positions in the scene.
-    pub action: Option<ActionIn>,
+    pub action: Option<Action>,
     /// Latent factors; absent ones are the scene's own.
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects in addition to the scene's own.
-    #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    #[schema(value_type = Option<Vec<EffectTerm>>)]
+    pub effects: Option<Vec<JsonObject<EffectTerm>>>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
     /// Time steps between two samples. Default: the scene's.
@@ -67,7 +66,7 @@ pub struct SimulationOut {
 }
 
 /// Start of a contact between two objects.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct ContactOut {
     /// s
     pub t: f64,
@@ -87,7 +86,7 @@ pub struct PlaceIn {
     #[schema(value_type = Option<Object>)]
     pub scene: Option<JsonObject<Scene>>,
     /// At most 4096.
-    pub actions: Vec<ActionIn>,
+    pub actions: Vec<Action>,
 }
 
 /// Result of the placement checks.
@@ -108,7 +107,7 @@ impl SimulateIn {
         }
         Ok(AdhocSimulation {
             scene: scene(self.task, self.scene, catalogue)?,
-            action: self.action.map(Action::from),
+            action: self.action,
             latents: self.latents.map(|o| o.0).unwrap_or_default().checked("latents.")?,
             effects: effects(None, self.effects, "")?.unwrap_or_default(),
             engine: engine(self.engine.as_deref())?,
@@ -121,8 +120,7 @@ impl SimulateIn {
 impl PlaceIn {
     /// The scene and the actions to check.
     pub fn read(self, catalogue: &Catalogue) -> Result<(Scene, Vec<Action>)> {
-        let actions = self.actions.into_iter().map(Action::from).collect();
-        Ok((scene(self.task, self.scene, catalogue)?, actions))
+        Ok((scene(self.task, self.scene, catalogue)?, self.actions))
     }
 }
 

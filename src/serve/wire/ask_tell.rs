@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
-use super::json_object::JsonObject;
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
 use crate::task::Scene;
 use crate::trajectory::Track;
 

@@ -3,16 +3,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::action::ActionIn;
 use super::array::{Array, ArrayData};
 use super::binary_arrays::BinaryArrays;
-use super::episode::{SplitIn, end_name};
-use super::json_object::JsonObject;
-use super::physics::{EffectIn, LatentsIn};
-use super::world::{CreateWorld, WorldKindIn, WorldOut};
-use crate::error::{Error, Result};
-use crate::session::{Autoreset, BatchStepResult, EpisodeStart, Reset};
-use crate::task::Scene;
+use super::episode::end_name;
+use super::world::{CreateWorld, WorldOut};
+use crate::commands::LatentsIn;
+use crate::error::{Error, Result, check_count};
+use crate::json::JsonObject;
+use crate::session::{Action, Autoreset, BatchStepResult, EpisodeStart, Reset, WorldKind};
+use crate::task::scene::EffectTerm;
+use crate::task::{Scene, Split};
 
 /// Worlds to create, identical except for their seeds.
 #[derive(Deserialize, ToSchema)]
@@ -28,15 +28,15 @@ pub struct CreateWorlds {
     #[schema(value_type = Option<Object>)]
     pub scene: Option<JsonObject<Scene>>,
     /// Default: `sim`.
-    pub kind: Option<WorldKindIn>,
+    pub kind: Option<WorldKind>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
     /// Latent factors.
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects beyond gravity and contact.
-    #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    #[schema(value_type = Option<Vec<EffectTerm>>)]
+    pub effects: Option<Vec<JsonObject<EffectTerm>>>,
     /// Fraction of velocity kept per second, in (0, 1].
     pub damping: Option<f64>,
     /// Standard deviation of observation noise, m; real worlds only.
@@ -76,7 +76,7 @@ pub struct ResetWorlds {
     /// One per world: id of the task, or `null` for the next of its task sequence.
     pub tasks: Option<Vec<Option<String>>>,
     /// Split to draw from. Default: `train`.
-    pub split: Option<SplitIn>,
+    pub split: Option<Split>,
     /// One per world: whether to reset it.
     pub mask: Option<Vec<bool>>,
 }
@@ -89,7 +89,7 @@ pub struct ResetWorldsOut {
     #[schema(value_type = Vec<Vec<f64>>, required = true)]
     pub observation: Option<Array>,
     pub task: Vec<Option<String>>,
-    pub split: Vec<Option<SplitIn>>,
+    pub split: Vec<Option<Split>>,
 }
 
 /// One action per world. If any is rejected, nothing is done.
@@ -99,21 +99,11 @@ pub struct StepWorlds {
     /// Distinct ids.
     pub worlds: Vec<String>,
     /// One per world: a vector, or the index of a discrete action.
-    pub actions: Vec<ActionIn>,
+    pub actions: Vec<Action>,
     /// How to handle finished episodes. Default: `disabled`.
-    pub autoreset: Option<AutoresetIn>,
+    pub autoreset: Option<Autoreset>,
     /// Split that automatic resets draw from. Default: the split of the world's last reset.
-    pub split: Option<SplitIn>,
-}
-
-/// Gymnasium's `AutoresetMode`: `disabled` (stepping a finished episode is an error), `next_step` (the next step resets the
-/// world and ignores the action) or `same_step` (reset in the step that ended the episode).
-#[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum AutoresetIn {
-    Disabled,
-    NextStep,
-    SameStep,
+    pub split: Option<Split>,
 }
 
 /// Results of the steps, in the order of the worlds.
@@ -164,7 +154,7 @@ pub struct StepWorldsOut {
     /// Id of the task of `observation`.
     pub task: Vec<String>,
     /// Split of the new episode; `null` where none started.
-    pub split: Vec<Option<SplitIn>>,
+    pub split: Vec<Option<Split>>,
     /// Why the action could not be placed; `null` where it could.
     pub reason: Vec<Option<String>>,
     /// `horizon`, `goal` or `diverged`; `null` where nothing was simulated.
@@ -184,13 +174,7 @@ const MAX_WORLDS_PER_BATCH: u64 = 4096;
 impl CreateWorlds {
     /// The common configuration, and the seeds.
     pub fn parts(self) -> Result<(CreateWorld, Vec<u64>)> {
-        if !(1..=MAX_WORLDS_PER_BATCH).contains(&self.count) {
-            return Err(Error::input(
-                "count",
-                self.count,
-                format!("a whole number from 1 to {MAX_WORLDS_PER_BATCH}"),
-            ));
-        }
+        check_count("count", Some(self.count), 1, MAX_WORLDS_PER_BATCH)?;
         let first = self.seed.unwrap_or(0);
         let seeds = match self.seeds {
             None => (0..self.count).map(|i| first.wrapping_add(i)).collect(),
@@ -241,7 +225,7 @@ impl ResetWorlds {
             check_one_each("mask", mask, n)?;
         }
         let mut tasks = self.tasks.unwrap_or_default();
-        let split = self.split.map(|s| s.into());
+        let split = self.split;
         let one = |i: usize| {
             let meant = self.mask.as_ref().is_none_or(|m| m[i]);
             meant.then(|| Reset {
@@ -289,7 +273,7 @@ impl ResetWorldsOut {
         let (mut rows, mut task, mut split) = (Vec::new(), Vec::new(), Vec::new());
         for start in starts {
             task.push(start.as_ref().map(|s| s.task.clone()));
-            split.push(start.as_ref().map(|s| s.split.into()));
+            split.push(start.as_ref().map(|s| s.split));
             rows.push(start.map_or_else(|| vec![0.0; features], |s| s.observation));
         }
         ResetWorldsOut { observation: Some(Array::rows(rows)), task, split }
@@ -324,7 +308,7 @@ impl StepWorldsOut {
             interactions: Some(Array::line(ArrayData::U8(interactions))),
             reset: Some(Array::line(ArrayData::Bool(steps().map(|s| s.is_none()).collect()))),
             task: Vec::new(),
-            split: turned.iter().map(|t| t.start.as_ref().map(|s| s.split.into())).collect(),
+            split: turned.iter().map(|t| t.start.as_ref().map(|s| s.split)).collect(),
             reason,
             end,
             final_observation: None,
@@ -353,16 +337,6 @@ impl StepWorldsOut {
             final_observation: same_step.then(|| Array::rows(final_rows)),
             final_task: same_step.then_some(final_task),
             ..out
-        }
-    }
-}
-
-impl From<AutoresetIn> for Autoreset {
-    fn from(mode: AutoresetIn) -> Autoreset {
-        match mode {
-            AutoresetIn::Disabled => Autoreset::Disabled,
-            AutoresetIn::NextStep => Autoreset::NextStep,
-            AutoresetIn::SameStep => Autoreset::SameStep,
         }
     }
 }

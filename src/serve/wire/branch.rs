@@ -5,15 +5,14 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::action::ActionIn;
 use super::ask_tell::TrackOut;
 use super::binary_arrays::BinaryArrays;
 use super::episode::end_name;
 use super::intervention::{InterventionIn, interventions};
-use super::json_object::JsonObject;
 use super::rollout::ContactsOut;
 use crate::error::Result;
-use crate::session::{BranchResult, Snapshot, SnapshotRequest};
+use crate::json::JsonObject;
+use crate::session::{Action, BranchResult, Snapshot, SnapshotRequest};
 use crate::task::Intervention;
 use crate::trajectory::{Track, Trajectory};
 
@@ -22,7 +21,7 @@ use crate::trajectory::{Track, Trajectory};
 #[serde(deny_unknown_fields)]
 pub struct SnapshotIn {
     /// Default: the action of the last step, with its latents.
-    pub action: Option<ActionIn>,
+    pub action: Option<Action>,
     /// Id of the task. Default: the current task.
     pub task: Option<String>,
     /// s since the start, rounded to the nearest time step.
@@ -98,7 +97,7 @@ impl SnapshotIn {
     /// Converts the request.
     pub fn request(self) -> Result<SnapshotRequest> {
         Ok(SnapshotRequest {
-            action: self.action.map(Into::into),
+            action: self.action,
             task: self.task,
             stop: self.stop.unwrap_or(true),
             interventions: interventions(self.interventions.unwrap_or_default(), None, "interventions")?,

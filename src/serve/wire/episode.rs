@@ -3,33 +3,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::action::ActionIn;
 use super::array::{Array, ArrayData};
 use super::binary_arrays::BinaryArrays;
-use crate::session::{EpisodeStart, Reset, StepResult};
+use crate::session::{Action, EpisodeStart, StepResult};
 use crate::task::Split;
 use crate::trajectory::Termination;
-
-/// Options of a reset; all are optional.
-#[derive(Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ResetIn {
-    /// Restarts the world's task sequence.
-    pub seed: Option<u64>,
-    /// Id of the task. Default: the next of the task sequence.
-    pub task: Option<String>,
-    /// Split to draw from. Default: `train`.
-    pub split: Option<SplitIn>,
-}
-
-/// Split of a family's tasks.
-#[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SplitIn {
-    Train,
-    Validation,
-    Test,
-}
 
 /// The start of an episode.
 #[derive(Serialize, ToSchema)]
@@ -45,14 +23,14 @@ pub struct ResetOut {
 #[derive(Serialize, ToSchema)]
 pub struct ResetInfo {
     pub task: String,
-    pub split: SplitIn,
+    pub split: Split,
 }
 
 /// One action.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StepIn {
-    pub action: ActionIn,
+    pub action: Action,
 }
 
 /// Gymnasium's result of a step.
@@ -92,37 +70,11 @@ pub struct StepInfo {
     pub end: Option<&'static str>,
 }
 
-impl From<SplitIn> for Split {
-    fn from(split: SplitIn) -> Split {
-        match split {
-            SplitIn::Train => Split::Train,
-            SplitIn::Validation => Split::Validation,
-            SplitIn::Test => Split::Test,
-        }
-    }
-}
-
-impl From<Split> for SplitIn {
-    fn from(split: Split) -> SplitIn {
-        match split {
-            Split::Train => SplitIn::Train,
-            Split::Validation => SplitIn::Validation,
-            Split::Test => SplitIn::Test,
-        }
-    }
-}
-
-impl From<ResetIn> for Reset {
-    fn from(reset: ResetIn) -> Reset {
-        Reset { seed: reset.seed, task: reset.task, split: reset.split.map(Split::from) }
-    }
-}
-
 impl From<EpisodeStart> for ResetOut {
     fn from(start: EpisodeStart) -> ResetOut {
         ResetOut {
             observation: Some(Array::line(ArrayData::F8(start.observation))),
-            info: ResetInfo { task: start.task, split: start.split.into() },
+            info: ResetInfo { task: start.task, split: start.split },
         }
     }
 }

@@ -1,11 +1,12 @@
 //! History of an estimation, round by round.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
 use crate::estimate::LatentEstimate;
 use crate::experiment::{Proposal, SelectionSummary};
+use crate::explore::{ExpectedPosteriorSd, GroupCounts};
 
 /// The rounds of an estimation.
 #[derive(Serialize, ToSchema)]
@@ -21,7 +22,7 @@ pub struct EstimationHistory {
 }
 
 /// One round.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct RoundOut {
     /// From 0.
     pub number: u64,
@@ -34,11 +35,11 @@ pub struct RoundOut {
     /// Residual of the best sample, m^2 per trajectory; `null` if nothing was measured.
     pub residual: Option<f64>,
     /// Estimates after this round of the latents and of free effect parameters.
-    pub latents: Vec<LatentEstimateOut>,
+    pub latents: Vec<LatentEstimate>,
 }
 
 /// A proposed action.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct RoundProposalOut {
     /// From 0, counted over the whole job.
     pub number: u64,
@@ -50,7 +51,7 @@ pub struct RoundProposalOut {
 }
 
 /// Statistics of the selected actions, as simulated, compared with all candidates.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct ChoiceOut {
     /// Number of selected actions.
     pub actions: u64,
@@ -64,44 +65,11 @@ pub struct ChoiceOut {
     pub candidate_collisions: f64,
     pub candidate_rolling_steps: f64,
     /// Number of actions per purpose, if the strategy distributes them.
-    pub groups: Option<GroupsOut>,
+    pub groups: Option<GroupCounts>,
     /// Expected reduction of uncertainty, if the strategy predicts it; otherwise empty.
-    pub expected: Vec<ExpectedSdOut>,
+    pub expected: Vec<ExpectedPosteriorSd>,
     /// Why each action was chosen, in the order of the proposals; empty if the strategy gives no reasons.
     pub reasons: Vec<String>,
-}
-
-/// Posterior standard deviation before a round, and expected after it if the simulation is correct.
-#[derive(Serialize, ToSchema)]
-pub struct ExpectedSdOut {
-    /// Name of the latent, or `effect.parameter`.
-    pub name: String,
-    /// Standard deviation, in its unit.
-    pub before: f64,
-    /// Standard deviation, in its unit.
-    pub after: f64,
-}
-
-/// Number of actions chosen per purpose.
-#[derive(Serialize, ToSchema)]
-pub struct GroupsOut {
-    /// Chosen for collisions, which inform restitution.
-    pub collisions: u64,
-    /// Chosen for rolling, which informs friction.
-    pub rolling: u64,
-}
-
-/// Estimate of a latent or of a free effect parameter.
-#[derive(Serialize, ToSchema)]
-pub struct LatentEstimateOut {
-    /// Name of the latent, or `effect.parameter`.
-    pub name: String,
-    /// The estimate; if not identifiable, the search's current value.
-    pub value: f64,
-    /// 95 % interval; `[null, null]` if infinite.
-    pub ci95: [Option<f64>; 2],
-    /// Whether the trials determine it.
-    pub identifiable: bool,
 }
 
 impl From<(Option<bool>, Proposal)> for RoundProposalOut {
@@ -113,15 +81,6 @@ impl From<(Option<bool>, Proposal)> for RoundProposalOut {
 
 impl From<SelectionSummary> for ChoiceOut {
     fn from(choice: SelectionSummary) -> ChoiceOut {
-        let groups = |g: crate::explore::GroupCounts| GroupsOut {
-            collisions: g.collisions as u64,
-            rolling: g.rolling as u64,
-        };
-        let expected = |e: crate::explore::ExpectedPosteriorSd| ExpectedSdOut {
-            name: e.name,
-            before: e.before,
-            after: e.after,
-        };
         ChoiceOut {
             actions: choice.actions as u64,
             tasks: choice.tasks as u64,
@@ -129,17 +88,10 @@ impl From<SelectionSummary> for ChoiceOut {
             rolling_steps: choice.rolling_steps,
             candidate_collisions: choice.candidate_collisions,
             candidate_rolling_steps: choice.candidate_rolling_steps,
-            groups: choice.groups.map(groups),
-            expected: choice.expected.into_iter().map(expected).collect(),
+            groups: choice.groups,
+            expected: choice.expected,
             reasons: choice.reasons,
         }
-    }
-}
-
-impl From<LatentEstimate> for LatentEstimateOut {
-    fn from(known: LatentEstimate) -> LatentEstimateOut {
-        let LatentEstimate { name, value, ci95, identifiable } = known;
-        LatentEstimateOut { name, value, ci95, identifiable }
     }
 }
 

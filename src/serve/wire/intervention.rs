@@ -3,8 +3,8 @@
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::json_object::JsonObject;
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
 use crate::task::Intervention;
 use crate::task::scene::{Body, Static};
 

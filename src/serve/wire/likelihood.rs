@@ -7,12 +7,12 @@ use utoipa::ToSchema;
 
 use super::array::{Array, ArrayData};
 use super::binary_arrays::BinaryArrays;
-use super::diagnosis::{BallIn, DiagnosisIn, ReadingIn, TrialsIn};
-use super::json_object::JsonObject;
-use super::posterior::PosteriorIn;
-use crate::discover::posterior::PosteriorOptions;
+use crate::commands::{PosteriorRequest, TrialFiles};
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
+use crate::reality::TrackParseOptions;
 use crate::task::Scene;
+use crate::task::ball::BallScene;
 use crate::world::ParameterVector;
 
 /// Measured trials, their simulation, and the parameters of a point: latents and effect parameters.
@@ -23,14 +23,13 @@ pub struct LikelihoodIn {
     #[schema(value_type = Option<Object>)]
     pub scene: Option<JsonObject<Scene>>,
     /// A single ball, instead of a scene.
-    #[schema(value_type = Option<BallIn>)]
-    pub ball: Option<JsonObject<BallIn>>,
+    #[schema(value_type = Option<BallScene>)]
+    pub ball: Option<JsonObject<BallScene>>,
     /// Trials as CSV, as for a diagnosis.
-    #[schema(value_type = Option<TrialsIn>)]
-    pub trials: Option<TrialsIn>,
+    pub trials: Option<TrialFiles>,
     /// Units and options for reading the trials.
-    #[schema(value_type = Option<ReadingIn>)]
-    pub reading: Option<JsonObject<ReadingIn>>,
+    #[schema(value_type = Option<TrackParseOptions>)]
+    pub reading: Option<JsonObject<TrackParseOptions>>,
     /// Id of an estimation, to use its trials so far.
     pub job: Option<String>,
     /// Effects whose parameters are part of a point. Default: none.
@@ -46,28 +45,21 @@ pub struct LikelihoodIn {
 }
 
 impl LikelihoodIn {
-    /// The dataset, the posterior options, and the latents that override the scene's `calibrate`.
-    pub fn parts(self) -> (DiagnosisIn, PosteriorOptions, Option<Vec<String>>) {
-        let LikelihoodIn { scene, ball, trials, reading, job, effects, calibrate, prior, discrepancy, seed } =
-            self;
-        let sets = Some(vec![effects.unwrap_or_default()]);
-        let (method, draws) = (None, None);
-        PosteriorIn {
-            scene,
-            ball,
-            trials,
-            reading,
-            job,
-            sets,
-            calibrate,
-            prior,
-            method,
-            draws,
-            discrepancy,
-            sample_discrepancy: None,
-            seed,
+    /// The request for the posterior with this likelihood.
+    pub fn into_posterior(self) -> PosteriorRequest {
+        PosteriorRequest {
+            scene: self.scene,
+            ball: self.ball,
+            trials: self.trials,
+            reading: self.reading,
+            job: self.job,
+            sets: Some(vec![self.effects.unwrap_or_default()]),
+            calibrate: self.calibrate,
+            prior: self.prior.into_iter().flatten().collect(),
+            discrepancy: self.discrepancy,
+            seed: self.seed,
+            ..PosteriorRequest::default()
         }
-        .parts()
     }
 }
 

@@ -3,7 +3,6 @@
 //! Requests reject unknown fields and convert into core types with errors that name the field; responses convert from core
 //! types by `From`.
 
-mod action;
 mod adhoc;
 mod array;
 mod ask_tell;
@@ -11,7 +10,6 @@ mod batch;
 mod binary_arrays;
 pub mod bounds;
 mod branch;
-mod design;
 mod diagnosis;
 mod episode;
 mod format;
@@ -19,14 +17,11 @@ mod health;
 mod history;
 mod intervention;
 mod job;
-mod json_object;
 mod likelihood;
 mod log;
 pub mod msgpack;
 mod physics;
-mod plan;
 mod policy;
-mod posterior;
 mod rollout;
 mod space;
 mod surface;
@@ -35,7 +30,7 @@ mod token;
 mod watch;
 mod world;
 
-pub use adhoc::{PlaceIn, PlacementsOut, SimulateIn, SimulationOut};
+pub use adhoc::{ContactOut, PlaceIn, PlacementsOut, SimulateIn, SimulationOut};
 pub use array::{Array, ArrayData, to_nested_lists};
 pub use ask_tell::{
     ProposalOut, Proposals, SubmissionQuery, SubmissionStatus, TrialIn, TrialOut, TrialsPage,
@@ -46,26 +41,18 @@ pub use batch::{
 };
 pub use binary_arrays::BinaryArrays;
 pub use branch::{BranchIn, BranchOut, SnapshotIn, SnapshotOut};
-pub use design::DesignIn;
-pub use diagnosis::{DiagnosisIn, DiagnosisTrialOut, DiagnosisTrials};
-pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
+pub use diagnosis::{DiagnosisTrialOut, DiagnosisTrials};
+pub use episode::{ResetOut, StepIn, StepOut};
 pub use format::{MSGPACK, WireFormat};
 pub use health::Health;
 pub use history::{EstimationHistory, RoundOut};
-pub use job::{EstimationIn, JobOut, JobsPage, RealChoice, RealIn};
-pub use json_object::JsonObject;
+pub use job::{JobOut, JobsPage};
 pub use likelihood::{ChainStarts, ChainStartsIn, LikelihoodIn, LogDensities, PointsIn};
 pub use log::{JobLogPage, LogLineOut};
-pub use physics::{LatentsIn, effects};
-pub use plan::{ParameterSource, PlanIn};
-pub use policy::{
-    ActIn, EvaluateIn, LearnIn, PoliciesPage, PolicyOut, ProposedActions, RankingIn, ScoredAction, TrainIn,
-    TrainPresetIn, TrainingIn,
-};
-pub use posterior::PosteriorIn;
-pub use rollout::{RolloutIn, RolloutOut};
-pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWithPoints, SurfacesPage};
-pub use task::{FamiliesPage, FamilyOut, FamilyTasksPage, TaskOut};
+pub use policy::{ActIn, EvaluateIn, LearnIn, PoliciesPage, ProposedActions, RankingIn, ScoredAction};
+pub use rollout::{BodyTrack, RolloutIn, RolloutOut};
+pub use surface::{SensitivityOut, SurfaceOut, SurfaceWithPoints, SurfacesPage};
+pub use task::{FamiliesPage, FamilyOut, FamilyTasksPage, TaskOut, TaskSummary};
 pub use token::{CreatedToken, TokenIn, TokenOut, TokensPage};
 pub use watch::{WatchStart, WorldEventOut, drawable_scene};
 pub use world::{CreateWorld, WorldOut, WorldsPage};

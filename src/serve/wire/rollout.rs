@@ -5,12 +5,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::action::ActionIn;
 use super::array::{Array, ArrayData};
 use super::binary_arrays::BinaryArrays;
 use super::intervention::{InterventionIn, interventions};
-use super::json_object::JsonObject;
 use crate::error::Result;
+use crate::json::JsonObject;
 use crate::session::{Action, AttemptResult, RolloutRequest, RolloutResults};
 use crate::trajectory::Trajectory;
 
@@ -19,7 +18,7 @@ use crate::trajectory::Trajectory;
 #[serde(deny_unknown_fields)]
 pub struct RolloutIn {
     /// At most 4096.
-    pub actions: Vec<ActionIn>,
+    pub actions: Vec<Action>,
     /// Id of the task. Default: the current task.
     pub task: Option<String>,
     /// Whether results contain trajectories. Default: false.
@@ -79,7 +78,7 @@ pub struct ContactsOut {
 }
 
 /// Observed states of a body.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct BodyTrack {
     /// m
     pub x: Vec<f64>,
@@ -97,7 +96,7 @@ impl RolloutIn {
         let lists = lists.map(|(i, own)| interventions(own, None, &format!("interventions[{i}]")));
         Ok(RolloutRequest {
             interventions: lists.collect::<Result<_>>()?,
-            actions: batch.actions.into_iter().map(Action::from).collect(),
+            actions: batch.actions,
             task: batch.task,
             trajectories: batch.trajectories.unwrap_or(false),
             stop: batch.stop.unwrap_or(true),

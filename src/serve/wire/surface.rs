@@ -1,28 +1,11 @@
 //! Performance surfaces: how the success of policies depends on the latents assumed in training.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
 use crate::estimate::surface::PerformanceSurface;
-
-/// A performance surface to compute.
-#[derive(Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SurfaceIn {
-    /// A family.
-    pub task: String,
-    /// `ideal` (default): tries actions that solve the simulation, without learning; `dqn`: trains a policy at every point.
-    pub route: Option<String>,
-    /// Number of design points, 3 to 5000. Default: 40.
-    pub points: Option<u64>,
-    /// Actions sampled per task (`ideal`) or labelled per training task (`dqn`). Default: the family's.
-    pub actions: Option<u64>,
-    /// Factors to vary: two or three of `density`, `friction`, `restitution`. Default: friction and restitution.
-    pub factors: Option<Vec<String>>,
-    pub seed: Option<u64>,
-}
 
 /// A surface, without its points.
 #[derive(Serialize, ToSchema)]

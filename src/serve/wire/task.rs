@@ -1,10 +1,9 @@
 //! Families and tasks.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
-use super::episode::SplitIn;
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
 use crate::session::observation;
 use crate::task::{self, Family, Scene, Split, Task};
@@ -51,18 +50,18 @@ pub struct FamilyTasksPage {
 }
 
 /// A task without its scene.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct TaskSummary {
     pub id: String,
-    pub split: SplitIn,
+    pub split: Split,
     pub certificate: Option<CertificateOut>,
 }
 
 /// A task with its scene.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct TaskOut {
     pub id: String,
-    pub split: SplitIn,
+    pub split: Split,
     /// An `iplw.scene/1` document.
     #[schema(value_type = Object)]
     pub scene: Scene,
@@ -70,7 +69,7 @@ pub struct TaskOut {
 }
 
 /// Evidence that a task can be solved.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize, Deserialize, ToSchema)]
 pub struct CertificateOut {
     /// An action that solves the task, also when perturbed.
     pub action: Vec<f64>,
@@ -113,7 +112,7 @@ impl FamilyTasksPage {
         let names = observation::names(&first.scene);
         let row = |t: &Task| TaskSummary {
             id: t.id.clone(),
-            split: t.split.into(),
+            split: t.split,
             certificate: t.certificate.as_ref().map(CertificateOut::from),
         };
         FamilyTasksPage {
@@ -134,7 +133,7 @@ impl From<Task> for TaskOut {
     fn from(t: Task) -> TaskOut {
         TaskOut {
             id: t.id,
-            split: t.split.into(),
+            split: t.split,
             scene: t.scene,
             certificate: t.certificate.as_ref().map(CertificateOut::from),
         }

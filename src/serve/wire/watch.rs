@@ -7,11 +7,11 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
-use super::episode::{SplitIn, end_name};
+use super::episode::end_name;
 use super::physics::LatentsOut;
 use super::world::WorldOut;
 use crate::session::{BodyPath, Recording, StepOutcome, WorldEvent, WorldEventKind};
-use crate::task::Scene;
+use crate::task::{Scene, Split};
 
 /// The first event, `world`: the current state of the world.
 #[derive(Serialize, ToSchema)]
@@ -38,7 +38,7 @@ pub struct WorldEventOut {
     pub task: Option<String>,
     /// With `reset`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub split: Option<SplitIn>,
+    pub split: Option<Split>,
     /// With `step`, or of the attempt in `film`: components from 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub action: Option<Vec<f64>>,
@@ -128,12 +128,9 @@ impl From<Arc<WorldEvent>> for WorldEventOut {
         let WorldEvent { number, interactions, what } = &*event;
         let bare = WorldEventOut { number: *number, interactions: *interactions, ..WorldEventOut::default() };
         match what {
-            WorldEventKind::Reset { task, split } => WorldEventOut {
-                what: "reset",
-                task: Some(task.clone()),
-                split: Some((*split).into()),
-                ..bare
-            },
+            WorldEventKind::Reset { task, split } => {
+                WorldEventOut { what: "reset", task: Some(task.clone()), split: Some(*split), ..bare }
+            }
             WorldEventKind::Step { task, action, outcome } => {
                 let bare = WorldEventOut {
                     what: "step",

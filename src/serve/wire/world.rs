@@ -6,13 +6,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
-use super::json_object::JsonObject;
-use super::physics::{EffectIn, LatentsIn, LatentsOut, effects};
+use super::physics::LatentsOut;
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
+use crate::commands::{LatentsIn, effects, engine};
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
 use crate::session::{Catalogue, ListedWorld, TaskSet, WorldConfig, WorldDescription, WorldKind};
 use crate::task::Scene;
-use crate::world::Engine;
+use crate::task::scene::EffectTerm;
 
 /// A world to create. Requires either `task` or `scene`.
 #[derive(Deserialize, ToSchema)]
@@ -24,15 +25,15 @@ pub struct CreateWorld {
     #[schema(value_type = Option<Object>)]
     pub scene: Option<JsonObject<Scene>>,
     /// Default: `sim`.
-    pub kind: Option<WorldKindIn>,
+    pub kind: Option<WorldKind>,
     /// `auto`, or the name of an engine.
     pub engine: Option<String>,
     /// Latent factors. Default: the family's prior mean (sim) or standard true values (real).
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects beyond gravity and contact. Default without `damping`: none (sim) or the family's standard effects (real).
-    #[schema(value_type = Option<Vec<EffectIn>>)]
-    pub effects: Option<Vec<JsonObject<EffectIn>>>,
+    #[schema(value_type = Option<Vec<EffectTerm>>)]
+    pub effects: Option<Vec<JsonObject<EffectTerm>>>,
     /// Fraction of velocity kept per second, in (0, 1]; shorthand for the effect `linear_drag`.
     pub damping: Option<f64>,
     /// Standard deviation of observation noise, m; real worlds only.
@@ -45,14 +46,6 @@ pub struct CreateWorld {
     pub seed: Option<u64>,
 }
 
-/// Simulated or real.
-#[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum WorldKindIn {
-    Sim,
-    Real,
-}
-
 /// A world.
 #[derive(Serialize, ToSchema)]
 pub struct WorldOut {
@@ -63,13 +56,13 @@ pub struct WorldOut {
     pub idle_s: u64,
     /// Family, task or custom scene.
     pub task: String,
-    pub kind: WorldKindIn,
+    pub kind: WorldKind,
     pub engine: &'static str,
     pub sealed: bool,
     /// `null` if sealed.
     pub latents: Option<LatentsOut>,
     /// `null` if sealed.
-    pub effects: Option<Vec<EffectIn>>,
+    pub effects: Option<Vec<EffectTerm>>,
     /// Valid attempts so far: steps, rollouts, renders and jobs.
     pub interactions: u64,
     pub budget: Option<u64>,
@@ -113,7 +106,7 @@ impl CreateWorld {
         };
         Ok(WorldConfig {
             tasks,
-            kind: self.kind.map_or(WorldKind::Sim, WorldKind::from),
+            kind: self.kind.unwrap_or(WorldKind::Sim),
             engine: engine(self.engine.as_deref())?,
             latents: self.latents.map(|o| o.0).unwrap_or_default().checked("latents.")?,
             effects: effects(self.damping, self.effects, "")?,
@@ -122,35 +115,6 @@ impl CreateWorld {
             sealed: self.sealed,
             seed: self.seed.unwrap_or(0),
         })
-    }
-}
-
-/// The engine by name. Default: `auto`.
-pub fn engine(name: Option<&str>) -> Result<Engine> {
-    let Some(name) = name else { return Ok(Engine::Auto) };
-    Engine::from_name(name).map_err(|e| match e {
-        Error::NotFound { known, .. } => {
-            Error::input("engine", format!("{name:?}"), format!("one of {}", known.join(", ")))
-        }
-        other => other,
-    })
-}
-
-impl From<WorldKindIn> for WorldKind {
-    fn from(kind: WorldKindIn) -> WorldKind {
-        match kind {
-            WorldKindIn::Sim => WorldKind::Sim,
-            WorldKindIn::Real => WorldKind::Real,
-        }
-    }
-}
-
-impl From<WorldKind> for WorldKindIn {
-    fn from(kind: WorldKind) -> WorldKindIn {
-        match kind {
-            WorldKind::Sim => WorldKindIn::Sim,
-            WorldKind::Real => WorldKindIn::Real,
-        }
     }
 }
 
@@ -169,11 +133,11 @@ impl WorldOut {
             owner: owner.map(String::from),
             idle_s: 0,
             task: d.task,
-            kind: d.kind.into(),
+            kind: d.kind,
             engine: d.engine.name(),
             sealed: d.sealed,
             latents: d.latents.map(LatentsOut::from),
-            effects: d.effects.map(|terms| terms.into_iter().map(EffectIn::from).collect()),
+            effects: d.effects,
             interactions: d.interactions,
             budget: d.budget,
             remaining: d.budget.map(|b| b.saturating_sub(d.interactions)),

@@ -192,11 +192,7 @@ impl World {
         scene.steps = snapshot.step.max(1);
         let (latents, stop) = (snapshot.latents, snapshot.stop);
         let rollout = Rollout { latents, effects: &self.effects, stop_at_goal: stop, ..Rollout::of(&scene) };
-        let done = Simulator::new(self.engine)
-            .budget(budget)
-            .map(&[rollout], |_, t| t)?
-            .pop()
-            .ok_or_else(missing_rollout)?;
+        let done = Simulator::new(self.engine).budget(budget).one(rollout)?;
         let mut done = reject_blocked(&scene, done).map_err(|reason| overlap_error(&reason))?;
         if snapshot.step == 0 {
             // Engines need one step to produce the initial states.
@@ -231,8 +227,4 @@ fn with_branch_index(error: Error, before: usize) -> Error {
             None => Some(format!("snapshot.interventions[{number}]{rest}")),
         }
     })
-}
-
-fn missing_rollout() -> Error {
-    Error::Failed("a rollout was lost".into())
 }

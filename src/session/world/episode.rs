@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use rand::RngExt;
+use serde::Deserialize;
+use utoipa::ToSchema;
 
 use super::World;
 use super::attempt::AttemptSpec;
@@ -18,14 +20,16 @@ use crate::task::{Split, ValidAction};
 use crate::trajectory::{Termination, Trajectory};
 use crate::world::Latents;
 
-/// Options of a reset.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Options of a reset; all are optional.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = ResetIn)]
 pub struct Reset {
-    /// Restarts the world's task sequence with this seed.
+    /// Restarts the world's task sequence.
     pub seed: Option<u64>,
     /// Id of the task. Default: the next of the task sequence.
     pub task: Option<String>,
-    /// Split to draw from. Default: train, or all tasks if the world has no training tasks.
+    /// Split to draw from. Default: `train`.
     pub split: Option<Split>,
 }
 

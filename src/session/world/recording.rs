@@ -59,8 +59,7 @@ impl World {
             None => {
                 let rollout =
                     Rollout { latents: made.latents, effects: &self.effects, ..Rollout::of(&scene) };
-                let done = Simulator::new(self.engine).budget(budget).map(&[rollout], |_, t| t)?.pop();
-                done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?
+                Simulator::new(self.engine).budget(budget).one(rollout)?
             }
         };
         Ok((*scene, trajectory))
@@ -75,21 +74,11 @@ mod tests {
     use crate::budget::Unlimited;
     use crate::session::watch::Recording;
     use crate::session::{Autoreset, Catalogue, Reset, RolloutRequest, WorldConfig, WorldKind, step_many};
-    use crate::world::{Engine, Latents};
+    use crate::world::Latents;
 
     fn world(kind: WorldKind, noise: f64) -> Arc<World> {
-        let config = WorldConfig {
-            tasks: Catalogue::new().named("bowling:000").unwrap(),
-            kind,
-            engine: Engine::Auto,
-            latents: Latents::default(),
-            effects: None,
-            noise,
-            budget: None,
-            sealed: None,
-            seed: 3,
-        };
-        Arc::new(World::new(config).unwrap())
+        let tasks = Catalogue::new().named("bowling:000").unwrap();
+        Arc::new(World::new(WorldConfig { noise, seed: 3, ..WorldConfig::new(tasks, kind) }).unwrap())
     }
 
     /// Actions that can be placed.

@@ -6,6 +6,8 @@
 use std::sync::{Arc, MutexGuard};
 
 use rayon::prelude::*;
+use serde::Deserialize;
+use utoipa::ToSchema;
 
 use super::World;
 use super::episode::{EpisodeStart, Reset, StepResult, StepSummary, TaskSource};
@@ -21,15 +23,15 @@ use crate::task::{Placement, Scene, Split, ValidAction};
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, Latents, Rollout, Simulator};
 
-/// When a world starts its next episode automatically (Gymnasium's `AutoresetMode`).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Gymnasium's `AutoresetMode`: `disabled` (stepping a finished episode is an error), `next_step` (the next step resets the
+/// world and ignores the action) or `same_step` (reset in the step that ended the episode).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = AutoresetIn)]
 pub enum Autoreset {
-    /// Never; stepping a finished episode is an error.
     #[default]
     Disabled,
-    /// At the next step, whose action is ignored.
     NextStep,
-    /// In the step that ended it.
     SameStep,
 }
 

@@ -36,3 +36,10 @@ pub struct JumpStartClaim {
     /// Name of the other row.
     pub worse: &'static str,
 }
+
+impl JumpStartClaim {
+    /// The claim that `better` starts with a better score than `worse`.
+    pub const fn new(text: &'static str, better: &'static str, worse: &'static str) -> JumpStartClaim {
+        JumpStartClaim { text, better, worse }
+    }
+}

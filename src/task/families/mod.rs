@@ -80,11 +80,11 @@ pub fn register_families(own: Vec<Family>) -> Result<()> {
 
 /// The family named `name`.
 pub fn family(name: &str) -> Result<&'static Family> {
-    families().iter().copied().find(|f| f.name == name).ok_or_else(|| Error::NotFound {
-        kind: "task family",
-        id: name.to_string(),
-        known: families().iter().map(|f| f.name.to_string()).collect(),
-    })
+    families()
+        .iter()
+        .copied()
+        .find(|f| f.name == name)
+        .ok_or_else(|| Error::not_found("task family", name, families().iter().map(|f| f.name)))
 }
 
 fn built_in() -> Vec<&'static Family> {

@@ -8,8 +8,8 @@
 //! difference is a common shift.
 
 use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, SearchStrategy, Sensor,
-    SimulationContext, amplitude, constants,
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, SimulationContext, amplitude,
+    constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -23,16 +23,10 @@ pub static EFFECT: Effect = Effect {
         name: "angle",
         unit: "rad",
         bounds: [-3.2, 3.2],
-        neutral: 0.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    kind: EffectKind::Sensor(&CameraTilt),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
     instrument_check: Some("hang a plumb line in the picture"),
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Sensor(&CameraTilt))
 };
 
 struct CameraTilt;

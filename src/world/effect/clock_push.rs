@@ -11,8 +11,8 @@
 
 use super::rbf::{centre, gaussian, gaussian_lanes, height, width};
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    SearchStrategy, ShapeParameter, SimulationContext, constants,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    SearchStrategy, ShapeParameter, SimulationContext, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -23,13 +23,8 @@ pub static EFFECT: Effect = Effect {
         total they gain (ax, ay) w sqrt(2 pi).",
     equation: "a = (ax, ay) exp(-((t - t0) / w)^2 / 2), t from the start of the rollout",
     parameters: &[height("ax"), height("ay"), centre("t0", "s", ShapeParameter::Time), width("w", "s")],
-    kind: EffectKind::Motion(&ClockPush),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::Excluded,
+    ..effect(EffectKind::Motion(&ClockPush))
 };
 
 struct ClockPush;
@@ -46,12 +41,11 @@ impl MotionLaw for ClockPush {
         [body.vx + ax * near, body.vy + ay * near, body.omega]
     }
 
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn is_autonomous(&self) -> bool {
+        false
+    }
+
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [ax, ay, t0, per_w, ..] = constants;
         let at = std::array::from_fn(|l| (bodies.time[l] - t0[l]) * per_w[l]);
         let near = gaussian_lanes(&at, &[0.0; LANES]);

@@ -130,8 +130,26 @@ pub enum EffectTarget {
     Action,
 }
 
-/// An amplitude with its typical size, prior standard deviation and finite-difference step; the caller fills
-/// the other fields.
+/// An effect of this kind with the values that most effects share; the caller fills the other fields.
+pub(super) const fn effect(kind: EffectKind) -> Effect {
+    Effect {
+        name: "",
+        summary: "",
+        signature: "",
+        equation: "",
+        parameters: &[],
+        kind,
+        special_cases: &[],
+        opposes_motion: false,
+        between_trial_sd: &[],
+        reset_by_contact: false,
+        instrument_check: None,
+        search: SearchStrategy::FromNeutral,
+    }
+}
+
+/// An amplitude with its typical size, prior standard deviation and finite-difference step, neutral at 0; the
+/// caller fills the other fields.
 pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> ParameterDeclaration {
     ParameterDeclaration {
         name: "",

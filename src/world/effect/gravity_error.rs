@@ -8,8 +8,8 @@
 //! Differences from the source: none. Without gravity there is no direction, and no effect.
 
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -25,16 +25,9 @@ pub static EFFECT: Effect = Effect {
         name: "dg",
         unit: "m/s^2",
         bounds: [-100.0, 100.0],
-        neutral: 0.0,
         ..amplitude(1.0, 0.5, 1e-2)
     }],
-    kind: EffectKind::Motion(&GravityError),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Motion(&GravityError))
 };
 
 struct GravityError;
@@ -55,16 +48,7 @@ impl MotionLaw for GravityError {
         [body.vx + constants[0], body.vy + constants[1], body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [x, y, ..] = constants;
         for lane in 0..LANES {
             bodies.vx[lane] += x[lane];

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 use super::{
     Constants, DataRange, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
-    ShapeParameter, SimulationContext, amplitude, constants, shape, wind,
+    ShapeParameter, SimulationContext, amplitude, constants, effect, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -27,14 +27,12 @@ pub static EFFECT: Effect = Effect {
             name: "ax",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             ..amplitude(1.0, 2.0, 1e-2)
         },
         ParameterDeclaration {
             name: "ay",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             ..amplitude(1.0, 2.0, 1e-2)
         },
         ParameterDeclaration {
@@ -48,17 +46,12 @@ pub static EFFECT: Effect = Effect {
             name: "phase",
             unit: "rad",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             ..shape(ShapeParameter::Phase, 1.0, 2e-3)
         },
     ],
-    kind: EffectKind::Motion(&Gust),
     special_cases: &[&wind::EFFECT],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::FromStarts(starts),
+    ..effect(EffectKind::Motion(&Gust))
 };
 
 /// Periods from a few observations to more than a trial, in steps of a factor 1.6, at two phases.
@@ -89,5 +82,9 @@ impl MotionLaw for Gust {
         let [x, y, rate, phase] = [constants[0], constants[1], constants[2], constants[3]];
         let swing = libm::sin(rate * body.time + phase);
         [body.vx + x * swing, body.vy + y * swing, body.omega]
+    }
+
+    fn is_autonomous(&self) -> bool {
+        false
     }
 }

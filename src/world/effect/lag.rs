@@ -5,7 +5,7 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{Constants, Effect, EffectKind, ParameterDeclaration, SearchStrategy, Sensor, amplitude};
+use super::{Constants, Effect, EffectKind, ParameterDeclaration, Sensor, amplitude, effect};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -19,16 +19,10 @@ pub static EFFECT: Effect = Effect {
         name: "dt",
         unit: "s",
         bounds: [-10.0, 10.0],
-        neutral: 0.0,
         ..amplitude(0.1, 0.05, 1e-4)
     }],
-    kind: EffectKind::Sensor(&SensorDelay),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
     instrument_check: Some("film a clock next to the time stamps"),
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Sensor(&SensorDelay))
 };
 
 struct SensorDelay;

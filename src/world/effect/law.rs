@@ -40,12 +40,12 @@ pub trait MotionLaw: Sync {
     /// Whether [`MotionLaw::kick`] is independent of time: only then may an engine stop when a step
     /// leaves the state unchanged.
     fn is_autonomous(&self) -> bool {
-        false
+        true
     }
 
     /// [`MotionLaw::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the
     /// same bits.
-    fn kick_lanes(&self, constants: &[[f64; LANES]; MAX_PARAMETERS], bodies: &mut MotionStateLanes, dt: f64) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, dt: f64) {
         #[expect(clippy::needless_range_loop, reason = "a lane is a column of every array")]
         for lane in 0..LANES {
             let own: Constants = std::array::from_fn(|c| constants[c][lane]);
@@ -71,14 +71,9 @@ pub trait ContactLaw: Sync {
         constants(parameters)
     }
 
-    /// The response of the contact in this step; `answer` is the response without this law.
-    fn respond(
-        &self,
-        _constants: &Constants,
-        _meeting: ContactState,
-        answer: ContactResponse,
-    ) -> ContactResponse {
-        answer
+    /// The response of the contact in this step; `base` is the response without this law.
+    fn respond(&self, _: &Constants, _contact: ContactState, base: ContactResponse) -> ContactResponse {
+        base
     }
 
     /// Reduction of a disc's rolling speed, m/s, for a normal impulse per mass, m/s, in a step.
@@ -164,6 +159,8 @@ pub trait PlacementLaw: Sync {
 pub const MAX_PARAMETERS: usize = 8;
 /// Constants of a law: see [`MotionLaw::constants`].
 pub type Constants = [f64; MAX_PARAMETERS];
+/// [`Constants`] of a batch: `[constant][lane]`.
+pub type ConstantLanes = [[f64; LANES]; MAX_PARAMETERS];
 
 /// The values, padded with zeros to [`MAX_PARAMETERS`].
 pub(super) fn constants(values: &[f64]) -> Constants {

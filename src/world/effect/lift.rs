@@ -9,8 +9,8 @@
 //! Differences from the source: `s` is a constant of the rollout, independent of the simulated spin.
 
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -25,17 +25,12 @@ pub static EFFECT: Effect = Effect {
         name: "s",
         unit: "1/s",
         bounds: [-100.0, 100.0],
-        neutral: 0.0,
         ..amplitude(0.5, 0.7, 2e-3)
     }],
-    kind: EffectKind::Motion(&Lift),
-    special_cases: &[],
-    opposes_motion: false,
     // A table-tennis ball whose spin differs by three revolutions per second.
     between_trial_sd: &[0.2],
     reset_by_contact: true,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Motion(&Lift))
 };
 
 struct Lift;
@@ -51,16 +46,7 @@ impl MotionLaw for Lift {
         [body.vx * cos - body.vy * sin, body.vy * cos + body.vx * sin, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [cos, sin, ..] = constants;
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);

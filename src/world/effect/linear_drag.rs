@@ -9,8 +9,8 @@
 //! Differences from the source: none.
 
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
+    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -25,16 +25,10 @@ pub static EFFECT: Effect = Effect {
         name: "c",
         unit: "1/s",
         bounds: [0.0, 100.0],
-        neutral: 0.0,
         ..amplitude(0.5, 0.7, 2e-3)
     }],
-    kind: EffectKind::Motion(&LinearDrag),
-    special_cases: &[],
     opposes_motion: true,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Motion(&LinearDrag))
 };
 
 struct LinearDrag;
@@ -49,16 +43,7 @@ impl MotionLaw for LinearDrag {
         [body.vx * kept, body.vy * kept, body.omega * kept]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         for (lane, kept) in constants[0].iter().enumerate() {
             bodies.vx[lane] *= kept;
             bodies.vy[lane] *= kept;

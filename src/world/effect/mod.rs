@@ -41,11 +41,12 @@ use crate::task::scene::{EffectTerm, Scene};
 pub use declaration::{
     DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, SearchStrategy, ShapeParameter,
 };
-use declaration::{amplitude, edge, shape};
+use declaration::{amplitude, edge, effect, shape};
 use law::constants;
 pub use law::{
-    Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS, Measurement,
-    MotionLaw, MotionState, MotionStateLanes, PlacementLaw, Sensor, SimulationContext, rolling_velocity_loss,
+    ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,
+    Measurement, MotionLaw, MotionState, MotionStateLanes, PlacementLaw, Sensor, SimulationContext,
+    rolling_velocity_loss,
 };
 pub use rbf::gaussian;
 
@@ -160,11 +161,11 @@ pub fn validate_set(field: &str, names: &[String]) -> Result<()> {
 
 /// The effect named `name`.
 pub fn find(name: &str) -> Result<&'static Effect> {
-    REGISTRY.iter().copied().find(|e| e.name == name).ok_or_else(|| Error::NotFound {
-        kind: "effect",
-        id: name.to_string(),
-        known: REGISTRY.iter().map(|e| e.name.to_string()).collect(),
-    })
+    REGISTRY
+        .iter()
+        .copied()
+        .find(|e| e.name == name)
+        .ok_or_else(|| Error::not_found("effect", name, REGISTRY.iter().map(|e| e.name)))
 }
 
 /// The effect for a fraction of velocity kept per second (Pymunk's damping).
@@ -300,6 +301,9 @@ mod tests {
                     let ours = [batch.vx[l], batch.vy[l], batch.omega[l]];
                     prop_assert_eq!(one.map(f64::to_bits), ours.map(f64::to_bits), "{}", effect.name);
                     prop_assert!(one.iter().all(|v| v.is_finite()), "{}: {:?}", effect.name, one);
+                    let later = MotionState { time: states[l][0].abs() + 0.37, ..moving(states[l]) };
+                    let same = law.kick(&own[l], later, dt).map(f64::to_bits) == one.map(f64::to_bits);
+                    prop_assert!(same || !law.is_autonomous(), "{} depends on time", effect.name);
                 }
             }
         }

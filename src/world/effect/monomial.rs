@@ -11,8 +11,9 @@
 
 use super::vectorize::map_lanes;
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, shape,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
+    shape,
 };
 
 /// The effect's row in the registry.
@@ -26,14 +27,12 @@ pub static EFFECT: Effect = Effect {
             name: "ax",
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
-            neutral: 0.0,
             ..amplitude(0.1, 1.0, 2e-3)
         },
         ParameterDeclaration {
             name: "ay",
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
-            neutral: 0.0,
             ..amplitude(0.1, 1.0, 2e-3)
         },
         power("px"),
@@ -42,23 +41,12 @@ pub static EFFECT: Effect = Effect {
         power("pvy"),
         power("pv"),
     ],
-    kind: EffectKind::Motion(&Monomial),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::Excluded,
+    ..effect(EffectKind::Motion(&Monomial))
 };
 
 const fn power(name: &'static str) -> ParameterDeclaration {
-    ParameterDeclaration {
-        name,
-        unit: "1",
-        bounds: [0.0, 4.0],
-        neutral: 0.0,
-        ..shape(ShapeParameter::Power, 1.0, 2e-3)
-    }
+    ParameterDeclaration { name, unit: "1", bounds: [0.0, 4.0], ..shape(ShapeParameter::Power, 1.0, 2e-3) }
 }
 
 struct Monomial;
@@ -78,16 +66,7 @@ impl MotionLaw for Monomial {
         [body.vx + constants[0] * product, body.vy + constants[1] * product, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [ax, ay, px, py, pvx, pvy, pv, ..] = constants;
         let MotionStateLanes { x, y, vx, vy, .. } = &*bodies;
         // Inlined; otherwise it would be called lane by lane.

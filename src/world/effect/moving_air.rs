@@ -7,9 +7,9 @@
 //! Differences from the source: spin is unaffected; with k = 0 there is no effect at any velocity of the air.
 
 use super::{
-    Constants, DataRange, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState,
-    MotionStateLanes, ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude,
-    constants, quadratic_drag, shape, wind,
+    ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
+    quadratic_drag, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -25,7 +25,6 @@ pub static EFFECT: Effect = Effect {
             name: "ux",
             unit: "m/s",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             prior_sd: 3.0,
             ..shape(ShapeParameter::Velocity, 1.0, 1e-2)
         },
@@ -33,25 +32,15 @@ pub static EFFECT: Effect = Effect {
             name: "uy",
             unit: "m/s",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             prior_sd: 3.0,
             ..shape(ShapeParameter::Velocity, 1.0, 1e-2)
         },
-        ParameterDeclaration {
-            name: "k",
-            unit: "1/m",
-            bounds: [0.0, 1000.0],
-            neutral: 0.0,
-            ..amplitude(0.03, 0.2, 2e-3)
-        },
+        ParameterDeclaration { name: "k", unit: "1/m", bounds: [0.0, 1000.0], ..amplitude(0.03, 0.2, 2e-3) },
     ],
-    kind: EffectKind::Motion(&MovingAir),
     special_cases: &[&quadratic_drag::EFFECT, &wind::EFFECT],
     opposes_motion: true,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::FromStarts(starts),
+    ..effect(EffectKind::Motion(&MovingAir))
 };
 
 /// Air that moves in either direction at half the typical speed, with a drag that removes a fiftieth of it.
@@ -74,16 +63,7 @@ impl MotionLaw for MovingAir {
         [body.vx - lost * wx, body.vy - lost * wy, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [ux, uy, k_dt, ..] = constants;
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);

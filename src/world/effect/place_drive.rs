@@ -13,8 +13,8 @@
 
 use super::rbf::{centre, gaussian, height, near, width};
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    SearchStrategy, ShapeParameter, SimulationContext, constants,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    SearchStrategy, ShapeParameter, SimulationContext, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -34,13 +34,8 @@ pub static EFFECT: Effect = Effect {
         width("wx", "m"),
         width("wy", "m"),
     ],
-    kind: EffectKind::Motion(&PlaceDrive),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::Excluded,
+    ..effect(EffectKind::Motion(&PlaceDrive))
 };
 
 /// Speed below which a body has no direction, m/s.
@@ -63,16 +58,7 @@ impl MotionLaw for PlaceDrive {
         [body.vx + along * ex - across * ey, body.vy + along * ey + across * ex, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let ([along, across, ..], near) = (constants, near(constants, [&bodies.x, &bodies.y]));
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);

@@ -11,8 +11,8 @@
 
 use super::rbf::{centre, gaussian, height, near, width};
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    SearchStrategy, ShapeParameter, SimulationContext, constants,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    SearchStrategy, ShapeParameter, SimulationContext, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -31,13 +31,8 @@ pub static EFFECT: Effect = Effect {
         width("wx", "m"),
         width("wy", "m"),
     ],
-    kind: EffectKind::Motion(&PlacePush),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::Excluded,
+    ..effect(EffectKind::Motion(&PlacePush))
 };
 
 struct PlacePush;
@@ -54,16 +49,7 @@ impl MotionLaw for PlacePush {
         [body.vx + ax * near, body.vy + ay * near, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let ([ax, ay, ..], near) = (constants, near(constants, [&bodies.x, &bodies.y]));
         for lane in 0..LANES {
             bodies.vx[lane] += ax[lane] * near[lane];

@@ -12,9 +12,9 @@
 //! Differences from the source: axes along x and y only. Its parameters x0 and y0 are in m.
 
 use super::{
-    Constants, DataRange, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState,
-    MotionStateLanes, ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude,
-    constants, shape, wind,
+    ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
+    shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -29,38 +29,30 @@ pub static EFFECT: Effect = Effect {
             name: "kx",
             unit: "1/s^2",
             bounds: [-1000.0, 1000.0],
-            neutral: 0.0,
             ..amplitude(0.1, 1.0, 2e-3)
         },
         ParameterDeclaration {
             name: "ky",
             unit: "1/s^2",
             bounds: [-1000.0, 1000.0],
-            neutral: 0.0,
             ..amplitude(0.1, 1.0, 2e-3)
         },
         ParameterDeclaration {
             name: "x0",
             unit: "m",
             bounds: [-1e5, 1e5],
-            neutral: 0.0,
             ..shape(ShapeParameter::Place, 10.0, 2e-3)
         },
         ParameterDeclaration {
             name: "y0",
             unit: "m",
             bounds: [-1e5, 1e5],
-            neutral: 0.0,
             ..shape(ShapeParameter::Place, 10.0, 2e-3)
         },
     ],
-    kind: EffectKind::Motion(&PositionField),
     special_cases: &[&wind::EFFECT],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::FromStarts(starts),
+    ..effect(EffectKind::Motion(&PositionField))
 };
 
 /// The centre and the corners of the observed area.
@@ -84,16 +76,7 @@ impl MotionLaw for PositionField {
         [body.vx + kx * (x0 - body.x), body.vy + ky * (y0 - body.y), body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [kx, ky, x0, y0, ..] = constants;
         for lane in 0..LANES {
             bodies.vx[lane] += kx[lane] * (x0[lane] - bodies.x[lane]);

@@ -7,9 +7,7 @@
 //! Differences from the source: scaling about the scene's origin, not the image centre; the difference is a
 //! common shift.
 
-use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, SearchStrategy, Sensor, amplitude,
-};
+use super::{Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, amplitude, effect};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -26,13 +24,8 @@ pub static EFFECT: Effect = Effect {
         neutral: 1.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    kind: EffectKind::Sensor(&PositionScale),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
     instrument_check: Some("measure a known length in the picture"),
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Sensor(&PositionScale))
 };
 
 struct PositionScale;

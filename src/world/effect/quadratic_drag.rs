@@ -9,8 +9,8 @@
 //! Differences from the source: spin is unaffected.
 
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants,
+    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -25,16 +25,10 @@ pub static EFFECT: Effect = Effect {
         name: "k",
         unit: "1/m",
         bounds: [0.0, 1000.0],
-        neutral: 0.0,
         ..amplitude(0.03, 0.2, 2e-3)
     }],
-    kind: EffectKind::Motion(&QuadraticDrag),
-    special_cases: &[],
     opposes_motion: true,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Motion(&QuadraticDrag))
 };
 
 struct QuadraticDrag;
@@ -50,16 +44,7 @@ impl MotionLaw for QuadraticDrag {
         [body.vx * kept, body.vy * kept, body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         for (lane, k_dt) in constants[0].iter().enumerate() {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
             let kept = 1.0 / (1.0 + k_dt * (vx * vx + vy * vy).sqrt());

@@ -9,7 +9,7 @@
 //! Differences from the source: widths differ by axis, and the functions are not normalised to sum to 1.
 
 use super::vectorize::map_lanes;
-use super::{LANES, MAX_PARAMETERS, ParameterDeclaration, ShapeParameter, amplitude, shape};
+use super::{ConstantLanes, LANES, ParameterDeclaration, ShapeParameter, amplitude, shape};
 
 /// The Gaussian at distances in widths.
 #[inline(always)]
@@ -24,7 +24,7 @@ pub fn gaussian_lanes(a: &[f64; LANES], b: &[f64; LANES]) -> [f64; LANES] {
 
 /// The Gaussian of constants 2 to 5 (its centre, and the inverse of its widths), at a pair of coordinates in
 /// every lane.
-pub fn near(constants: &[[f64; LANES]; MAX_PARAMETERS], [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
+pub fn near(constants: &ConstantLanes, [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
     let [_, _, u, v, per_wu, per_wv, ..] = constants;
     map_lanes(|l| gaussian([(a[l] - u[l]) * per_wu[l], (b[l] - v[l]) * per_wv[l]]))
 }
@@ -79,9 +79,9 @@ pub(super) const fn height(name: &'static str) -> ParameterDeclaration {
 pub(super) const fn centre(
     name: &'static str,
     unit: &'static str,
-    what: ShapeParameter,
+    of: ShapeParameter,
 ) -> ParameterDeclaration {
-    ParameterDeclaration { name, unit, bounds: [-1e5, 1e5], ..shape(what, 10.0, 2e-3) }
+    ParameterDeclaration { name, unit, bounds: [-1e5, 1e5], ..shape(of, 10.0, 2e-3) }
 }
 
 /// Width of a Gaussian, in the unit of its centre.

@@ -12,7 +12,7 @@
 
 use super::{
     Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, ParameterDeclaration,
-    SearchStrategy, amplitude,
+    amplitude, effect,
 };
 
 /// The effect's row in the registry.
@@ -27,16 +27,9 @@ pub static EFFECT: Effect = Effect {
         name: "slope",
         unit: "s/m",
         bounds: [-10.0, 10.0],
-        neutral: 0.0,
         ..amplitude(0.03, 0.05, 2e-3)
     }],
-    kind: EffectKind::Contact(&RestitutionSpeed),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Contact(&RestitutionSpeed))
 };
 
 struct RestitutionSpeed;
@@ -45,10 +38,10 @@ impl ContactLaw for RestitutionSpeed {
     fn respond(
         &self,
         constants: &Constants,
-        meeting: ContactState,
-        answer: ContactResponse,
+        contact: ContactState,
+        base: ContactResponse,
     ) -> ContactResponse {
-        let restitution = (answer.restitution - constants[0] * meeting.approach).clamp(0.0, 1.0);
-        ContactResponse { restitution, ..answer }
+        let restitution = (base.restitution - constants[0] * contact.approach).clamp(0.0, 1.0);
+        ContactResponse { restitution, ..base }
     }
 }

@@ -13,7 +13,7 @@
 
 use super::{
     Constants, ContactLaw, ContactResponse, ContactState, DataRange, Effect, EffectKind,
-    ParameterDeclaration, SearchStrategy, amplitude,
+    ParameterDeclaration, SearchStrategy, amplitude, effect,
 };
 use crate::task::scene::MAX_RESTITUTION_THRESHOLD_M_S;
 
@@ -29,16 +29,10 @@ pub static EFFECT: Effect = Effect {
         name: "speed",
         unit: "m/s",
         bounds: [0.0, MAX_RESTITUTION_THRESHOLD_M_S],
-        neutral: 0.0,
         ..amplitude(1.0, 2.0, 0.05)
     }],
-    kind: EffectKind::Contact(&RestitutionThreshold),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::FromStarts(starts),
+    ..effect(EffectKind::Contact(&RestitutionThreshold))
 };
 
 /// Fractions of the typical speed: near 0 a small change of the threshold does not change the trajectory.
@@ -52,9 +46,9 @@ impl ContactLaw for RestitutionThreshold {
     fn respond(
         &self,
         constants: &Constants,
-        meeting: ContactState,
-        answer: ContactResponse,
+        contact: ContactState,
+        base: ContactResponse,
     ) -> ContactResponse {
-        if meeting.approach < constants[0] { ContactResponse { restitution: 0.0, ..answer } } else { answer }
+        if contact.approach < constants[0] { ContactResponse { restitution: 0.0, ..base } } else { base }
     }
 }

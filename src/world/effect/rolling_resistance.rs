@@ -14,7 +14,7 @@
 //! Impacts do not count as load, nor do contacts between two movable bodies; bodies that are not discs do not
 //! roll.
 
-use super::{Constants, ContactLaw, Effect, EffectKind, ParameterDeclaration, SearchStrategy, amplitude};
+use super::{Constants, ContactLaw, Effect, EffectKind, ParameterDeclaration, amplitude, effect};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -28,16 +28,9 @@ pub static EFFECT: Effect = Effect {
         name: "crr",
         unit: "1",
         bounds: [0.0, 10.0],
-        neutral: 0.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    kind: EffectKind::Contact(&RollingResistance),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Contact(&RollingResistance))
 };
 
 struct RollingResistance;

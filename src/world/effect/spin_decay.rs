@@ -11,7 +11,7 @@
 
 use super::{
     Constants, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
-    SimulationContext, amplitude, constants,
+    SimulationContext, amplitude, constants, effect,
 };
 
 /// The effect's row in the registry.
@@ -27,16 +27,10 @@ pub static EFFECT: Effect = Effect {
         name: "c",
         unit: "1/s",
         bounds: [0.0, 100.0],
-        neutral: 0.0,
         ..amplitude(0.5, 0.7, 2e-3)
     }],
-    kind: EffectKind::Motion(&SpinDecay),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::Excluded,
+    ..effect(EffectKind::Motion(&SpinDecay))
 };
 
 struct SpinDecay;
@@ -48,9 +42,5 @@ impl MotionLaw for SpinDecay {
 
     fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         [body.vx, body.vy, body.omega * constants[0]]
-    }
-
-    fn is_autonomous(&self) -> bool {
-        true
     }
 }

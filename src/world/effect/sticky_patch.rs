@@ -10,9 +10,8 @@
 //! distinguished.
 
 use super::{
-    Constants, DataRange, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState,
-    MotionStateLanes, ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants, edge,
-    linear_drag,
+    ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants, edge, effect, linear_drag,
 };
 
 /// The effect's row in the registry.
@@ -23,49 +22,15 @@ pub static EFFECT: Effect = Effect {
         decays exponentially there only.",
     equation: "a = -c v, and the same for spin, where x_min <= x <= x_max and y_min <= y <= y_max",
     parameters: &[
-        ParameterDeclaration {
-            name: "x_min",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            neutral: 0.0,
-            ..edge(0, 0, 10.0, 0.03)
-        },
-        ParameterDeclaration {
-            name: "x_max",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            neutral: 0.0,
-            ..edge(0, 1, 10.0, 0.03)
-        },
-        ParameterDeclaration {
-            name: "y_min",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            neutral: 0.0,
-            ..edge(1, 0, 10.0, 0.03)
-        },
-        ParameterDeclaration {
-            name: "y_max",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            neutral: 0.0,
-            ..edge(1, 1, 10.0, 0.03)
-        },
-        ParameterDeclaration {
-            name: "c",
-            unit: "1/s",
-            bounds: [0.0, 100.0],
-            neutral: 0.0,
-            ..amplitude(0.5, 2.0, 2e-3)
-        },
+        ParameterDeclaration { name: "x_min", unit: "m", bounds: [-1e5, 1e5], ..edge(0, 0, 10.0, 0.03) },
+        ParameterDeclaration { name: "x_max", unit: "m", bounds: [-1e5, 1e5], ..edge(0, 1, 10.0, 0.03) },
+        ParameterDeclaration { name: "y_min", unit: "m", bounds: [-1e5, 1e5], ..edge(1, 0, 10.0, 0.03) },
+        ParameterDeclaration { name: "y_max", unit: "m", bounds: [-1e5, 1e5], ..edge(1, 1, 10.0, 0.03) },
+        ParameterDeclaration { name: "c", unit: "1/s", bounds: [0.0, 100.0], ..amplitude(0.5, 2.0, 2e-3) },
     ],
-    kind: EffectKind::Motion(&StickyPatch),
     special_cases: &[&linear_drag::EFFECT],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
     search: SearchStrategy::FromStarts(starts),
+    ..effect(EffectKind::Motion(&StickyPatch))
 };
 
 /// Intervals of x at any height, and on the floor at the lower end of the data; then intervals of y at any x.
@@ -114,16 +79,7 @@ impl MotionLaw for StickyPatch {
         [body.vx * kept, body.vy * kept, body.omega * kept]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [x_min, x_max, y_min, y_max, kept, ..] = constants;
         for lane in 0..LANES {
             let (x, y) = (bodies.x[lane], bodies.y[lane]);

@@ -15,7 +15,7 @@
 
 use super::{
     Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, ParameterDeclaration,
-    SearchStrategy, amplitude,
+    amplitude, effect,
 };
 
 /// The effect's row in the registry.
@@ -31,16 +31,9 @@ pub static EFFECT: Effect = Effect {
         name: "et",
         unit: "1",
         bounds: [-1.0, 1.0],
-        neutral: 0.0,
         ..amplitude(0.1, 0.5, 2e-3)
     }],
-    kind: EffectKind::Contact(&TangentialRestitution),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Contact(&TangentialRestitution))
 };
 
 struct TangentialRestitution;
@@ -49,13 +42,13 @@ impl ContactLaw for TangentialRestitution {
     fn respond(
         &self,
         constants: &Constants,
-        meeting: ContactState,
-        answer: ContactResponse,
+        contact: ContactState,
+        base: ContactResponse,
     ) -> ContactResponse {
-        if meeting.begins && meeting.approach > 0.0 {
-            ContactResponse { slip: -constants[0] * meeting.slip, ..answer }
+        if contact.begins && contact.approach > 0.0 {
+            ContactResponse { slip: -constants[0] * contact.slip, ..base }
         } else {
-            answer
+            base
         }
     }
 }

@@ -5,9 +5,7 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, SearchStrategy, Sensor, amplitude,
-};
+use super::{Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, amplitude, effect};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -24,13 +22,8 @@ pub static EFFECT: Effect = Effect {
         neutral: 1.0,
         ..amplitude(0.1, 0.05, 2e-3)
     }],
-    kind: EffectKind::Sensor(&TimeScale),
-    special_cases: &[],
-    opposes_motion: false,
-    between_trial_sd: &[],
-    reset_by_contact: false,
     instrument_check: Some("film a clock"),
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Sensor(&TimeScale))
 };
 
 struct TimeScale;

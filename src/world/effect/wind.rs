@@ -9,9 +9,9 @@
 //! Differences from the source: independent of shape and mass.
 
 use super::{
-    Constants, Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants, gravity_error,
-    position_scale, time_scale,
+    ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
+    ParameterDeclaration, SimulationContext, amplitude, constants, effect, gravity_error, position_scale,
+    time_scale,
 };
 
 /// The effect's row in the registry.
@@ -28,24 +28,18 @@ pub static EFFECT: Effect = Effect {
             name: "ax",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             ..amplitude(1.0, 1.0, 1e-2)
         },
         ParameterDeclaration {
             name: "ay",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
-            neutral: 0.0,
             ..amplitude(1.0, 1.0, 1e-2)
         },
     ],
-    kind: EffectKind::Motion(&Wind),
     special_cases: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
-    opposes_motion: false,
     between_trial_sd: &[0.1, 0.1],
-    reset_by_contact: false,
-    instrument_check: None,
-    search: SearchStrategy::FromNeutral,
+    ..effect(EffectKind::Motion(&Wind))
 };
 
 struct Wind;
@@ -59,16 +53,7 @@ impl MotionLaw for Wind {
         [body.vx + constants[0], body.vy + constants[1], body.omega]
     }
 
-    fn is_autonomous(&self) -> bool {
-        true
-    }
-
-    fn kick_lanes(
-        &self,
-        constants: &[[f64; LANES]; MAX_PARAMETERS],
-        bodies: &mut MotionStateLanes,
-        _dt: f64,
-    ) {
+    fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
         let [x, y, ..] = constants;
         for lane in 0..LANES {
             bodies.vx[lane] += x[lane];

@@ -1,7 +1,8 @@
 //! Compiles the kernel for several instruction sets and selects one at run time.
 //!
 //! Each level is another copy of the whole kernel to compile. Programs need the baseline and the wider sets;
-//! the others are for tests and benchmarks, enabled by the feature `levels`.
+//! the others are for tests and benchmarks, enabled by the feature `levels`. In the library's unit tests the
+//! baseline is a copy that is slow but quick to compile; results are the same.
 
 #![allow(unsafe_code, reason = "calls code compiled for SIMD features that were detected on this machine")]
 
@@ -10,13 +11,15 @@ use super::goal::GoalLanes;
 use super::kernel;
 #[cfg(feature = "levels")]
 use super::operation_count::Counted;
-#[cfg(feature = "levels")]
+#[cfg(any(feature = "levels", test))]
 use super::simd::Eight;
 use super::simd::Register;
 use super::source::RolloutSource;
 use super::state::BatchState;
+#[cfg(all(target_arch = "x86_64", not(test)))]
+use std::arch::x86_64::__m128d;
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m128d, __m256d, __m512d};
+use std::arch::x86_64::{__m256d, __m512d};
 use std::marker::PhantomData;
 
 /// Settings of a batch that do not change results.
@@ -95,10 +98,12 @@ pub fn run(source: &mut dyn RolloutSource, settings: BatchSettings) {
         SimdLevel::Counted => run(&PortableKernel::<Eight<Counted>, 1>(PhantomData)),
         // Every x86-64 machine has 128-bit registers; elsewhere the compiler may vectorise the scalar
         // code.
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", not(test)))]
         _ => run(&PortableKernel::<__m128d, 4>(PhantomData)),
-        #[cfg(not(target_arch = "x86_64"))]
+        #[cfg(not(any(target_arch = "x86_64", test)))]
         _ => run(&PortableKernel::<f64, 8>(PhantomData)),
+        #[cfg(test)]
+        _ => run(&PortableKernel::<Eight<f64>, 1>(PhantomData)),
     }
 }
 

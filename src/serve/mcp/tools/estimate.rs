@@ -1,14 +1,13 @@
 //! Estimation of the real world's latents in one call.
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use utoipa::ToSchema;
 
+use crate::estimate::LatentEstimate;
 use crate::serve::mcp::agent_session::{InteractionBudget, family};
-use crate::serve::mcp::tool::{
-    LatentInfo, SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared,
-};
-use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared};
+use crate::serve::problem::HandlerResult;
 
 pub fn tool() -> Tool {
     declared(
@@ -22,17 +21,16 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct EstimateArgs {
     /// A family such as bowling (its training tasks are explored), or one task such as bowling:017.
     task: String,
     /// Maximum number of rounds. Default: 3.
-    #[schemars(range(min = 1, max = 50))]
+    #[schema(minimum = 1, maximum = 50)]
     rounds: Option<u64>,
     /// Real interactions per round. Default: 4.
-    #[schemars(range(min = 1, max = 50))]
+    #[schema(minimum = 1, maximum = 50)]
     actions: Option<u64>,
     /// How to choose actions: informative (default), mixed, collisions, rolling, random or gradient; or, taking about a minute per
     /// round, probing (most information on parameters) or success (on whether plans work).
@@ -44,15 +42,14 @@ struct EstimateArgs {
     /// Random seed. Default: 0.
     seed: Option<u64>,
     /// Time limit, s. Default: 300.
-    #[schemars(range(min = 1.0, max = 3600.0))]
+    #[schema(minimum = 1, maximum = 3600)]
     seconds: Option<f64>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct EstimateOutput {
     /// Estimates of the latents and of free effect parameters.
-    latents: Vec<LatentInfo>,
+    latents: Vec<LatentEstimate>,
     /// Real interactions used by this call.
     real_interactions: u64,
     /// Stop reason: `rounds`, `settled` or `budget`.
@@ -63,9 +60,9 @@ struct EstimateOutput {
 
 #[derive(Deserialize)]
 struct EstimationResult {
-    latents: Vec<LatentInfo>,
+    latents: Vec<LatentEstimate>,
     /// Free effect parameters.
-    effects: Vec<LatentInfo>,
+    effects: Vec<LatentEstimate>,
     real_interactions: u64,
     stopped: String,
 }
@@ -78,8 +75,7 @@ async fn run(call: ToolCall, args: EstimateArgs) -> HandlerResult<ToolResult<Est
         "strategy": args.strategy.as_deref().unwrap_or("informative"), "fit": args.fit, "residual": args.residual,
         "seed": args.seed,
     });
-    let done = call.job("start_iplw", request, seconds).await?;
-    let found: EstimationResult = crate::json::from_value(done.result.ok_or_else(Problem::internal)?)?;
+    let found: EstimationResult = call.job("start_iplw", request, seconds).await?;
     let (_, budget) = call.session().real_world(family(&args.task)).await?;
     let EstimationResult { mut latents, effects, real_interactions, stopped } = found;
     latents.extend(effects);

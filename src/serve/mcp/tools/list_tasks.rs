@@ -1,12 +1,14 @@
 //! List of tasks.
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use utoipa::ToSchema;
 
 use crate::serve::mcp::describe::describe_component;
 use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
 use crate::serve::problem::HandlerResult;
+use crate::serve::wire::TaskSummary;
+use crate::task::Split;
 use crate::task::action::ActionComponent;
 
 pub fn tool() -> Tool {
@@ -20,21 +22,19 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct ListTasksArgs {
     /// Family whose tasks to list. Default: list the families.
     family: Option<String>,
     /// Maximum number of rows. Default: 25.
-    #[schemars(range(min = 1, max = 1000))]
+    #[schema(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next` of the previous result, to continue the list.
     cursor: Option<String>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, Deserialize, ToSchema)]
 struct ListTasksOutput {
     /// Without `family`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -49,8 +49,7 @@ struct ListTasksOutput {
     next: Option<String>,
 }
 
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, Deserialize, ToSchema)]
 struct FamilyListing {
     name: String,
     /// Description.
@@ -59,40 +58,20 @@ struct FamilyListing {
     tasks: usize,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+/// A task without its certificate's action, which is a solution.
+#[derive(Serialize, Deserialize, ToSchema)]
 struct TaskListing {
     id: String,
-    /// `train`, `validation` or `test`.
-    split: String,
+    split: Split,
     /// Fraction of valid actions that solve it in the real world.
     solving_share: Option<f64>,
 }
 
 #[derive(Deserialize)]
-struct FamiliesResponse {
-    families: Vec<FamilyListing>,
-    next: Option<String>,
-}
-
-#[derive(Deserialize)]
 struct FamilyResponse {
-    tasks: Vec<TaskInfo>,
+    tasks: Vec<TaskSummary>,
     action_space: ActionSpaceInfo,
     next: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct TaskInfo {
-    id: String,
-    split: String,
-    certificate: Option<CertificateInfo>,
-}
-
-/// A certificate without its action, which would give away the solution.
-#[derive(Deserialize)]
-struct CertificateInfo {
-    solving_share: f64,
 }
 
 #[derive(Deserialize)]
@@ -103,10 +82,11 @@ struct ActionSpaceInfo {
 async fn run(call: ToolCall, args: ListTasksArgs) -> HandlerResult<ToolResult<ListTasksOutput>> {
     let page = json!({"limit": args.limit.unwrap_or(25), "cursor": args.cursor});
     let Some(family) = args.family else {
-        let FamiliesResponse { families, next } = call.read("list_families", page).await?;
-        let summary = families.iter().map(|f| format!("{}: {} ({} tasks)", f.name, f.about, f.tasks));
-        let summary = summary.collect::<Vec<_>>().join("\n");
-        let output = ListTasksOutput { families: Some(families), tasks: None, action: None, next };
+        let output: ListTasksOutput = call.read("list_families", page).await?;
+        let families = output.families.iter().flatten();
+        let lines: Vec<String> =
+            families.map(|f| format!("{}: {} ({} tasks)", f.name, f.about, f.tasks)).collect();
+        let summary = lines.join("\n");
         return Ok(ToolResult { summary, output, picture: None });
     };
     let page = json!({"family": family, "limit": page["limit"], "cursor": page["cursor"]});

@@ -1,15 +1,15 @@
 //! Description and picture of a task.
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
+use utoipa::ToSchema;
 
 use crate::error::Result;
-use crate::json::from_value;
 use crate::serve::mcp::agent_session::{InteractionBudget, family};
 use crate::serve::mcp::describe::{PICTURE_WIDTH_PX, describe_component, describe_goal, describe_scene};
 use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
 use crate::serve::problem::HandlerResult;
+use crate::serve::wire::TaskOut;
 use crate::task::{Placement, Scene};
 
 pub fn tool() -> Tool {
@@ -23,8 +23,7 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct LookArgs {
     /// Id of the task, such as bowling:017.
@@ -33,8 +32,7 @@ struct LookArgs {
     action: Option<Vec<f64>>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct LookOutput {
     task: String,
     /// The goal.
@@ -46,38 +44,32 @@ struct LookOutput {
     /// Why the action cannot be placed; null if it can, or if none was given.
     obstacle: Option<String>,
     /// The scene as an `iplw.scene/1` document, for `roll_out` and `diagnose`; you can modify it.
-    scene: Value,
+    #[schema(value_type = Object)]
+    scene: Scene,
     /// Budget of the family's real world.
     budget: InteractionBudget,
 }
 
-#[derive(Deserialize)]
-struct TaskDocument {
-    id: String,
-    scene: Value,
-}
-
 async fn run(call: ToolCall, args: LookArgs) -> HandlerResult<ToolResult<LookOutput>> {
-    let task = get_task(&call, &args.task).await?;
-    let scene: Scene = from_value(task.scene.clone())?;
+    let TaskOut { id, scene, .. } = call.task(&args.task).await?;
     let obstacle = match &args.action {
         None => None,
         Some(action) => obstacle(&scene, action)?,
     };
     let placed = args.action.filter(|_| obstacle.is_none());
-    let world = format!("{}-sim", family(&task.id));
+    let world = format!("{}-sim", family(&id));
     let action = placed.map(|a| a.iter().map(f64::to_string).collect::<Vec<_>>().join(","));
-    let request = json!({"id": world, "task": task.id, "action": action, "width": PICTURE_WIDTH_PX});
-    let picture = call.picture("render_world", request).await?;
+    let request = json!({"id": world, "task": id, "action": action, "width": PICTURE_WIDTH_PX});
+    let picture = call.ask("render_world", request).await?;
     let components = scene.action.iter().flat_map(|space| &space.components).enumerate();
     let output = LookOutput {
         goal: scene.goal.as_ref().map(describe_goal),
         things: describe_scene(&scene),
         action: components.map(|(i, c)| describe_component(i, c)).collect(),
         obstacle,
-        scene: task.scene,
-        budget: call.session().spent(family(&task.id)).await?,
-        task: task.id,
+        budget: call.session().spent(family(&id)).await?,
+        scene,
+        task: id,
     };
     Ok(ToolResult { summary: summary(&output), output, picture: Some(picture) })
 }
@@ -98,10 +90,4 @@ fn obstacle(scene: &Scene, action: &[f64]) -> Result<Option<String>> {
         Placement::Valid(_) => None,
         Placement::Invalid(reason) => Some(reason),
     })
-}
-
-/// Fetches a task by id.
-async fn get_task(call: &ToolCall, id: &str) -> HandlerResult<TaskDocument> {
-    let (family, number) = id.split_once(':').unwrap_or((id, ""));
-    call.read("get_task", json!({"family": family, "number": number})).await
 }

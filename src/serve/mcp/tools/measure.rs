@@ -2,17 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
 use super::propose::{OpenRound, ProposalInfo};
-use super::roll_out::scene_of;
 use crate::error::Error;
 use crate::serve::mcp::agent_session::{InteractionBudget, family};
-use crate::serve::mcp::describe::{RolloutTrajectory, SampledPath, format_action};
+use crate::serve::mcp::describe::{RolloutTrajectory, format_action};
 use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
-use crate::serve::problem::HandlerResult;
+use crate::serve::problem::{HandlerResult, Problem};
 
 pub fn tool() -> Tool {
     declared(
@@ -26,8 +25,7 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct MeasureArgs {
     /// Id of the task, such as bowling:017; with `proposal`, the `explored` of propose_actions.
@@ -38,8 +36,7 @@ struct MeasureArgs {
     proposal: Option<u64>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct MeasureOutput {
     /// Id of the task.
     task: String,
@@ -51,7 +48,7 @@ struct MeasureOutput {
     /// Observed duration, s.
     seconds: f64,
     /// Observed paths by body: rows [t in s, x in m, y in m].
-    paths: BTreeMap<String, SampledPath>,
+    paths: BTreeMap<String, Vec<[f64; 3]>>,
     /// Open proposals of the round; null without `proposal`.
     open: Option<u64>,
     /// Budget of this real world.
@@ -62,11 +59,6 @@ struct MeasureOutput {
 struct RolloutResponse {
     interactions: u64,
     results: Vec<Value>,
-}
-
-#[derive(Deserialize)]
-struct SubmissionInfo {
-    open: u64,
 }
 
 async fn run(call: ToolCall, args: MeasureArgs) -> HandlerResult<ToolResult<MeasureOutput>> {
@@ -101,7 +93,8 @@ async fn run(call: ToolCall, args: MeasureArgs) -> HandlerResult<ToolResult<Meas
     let picture = match output.reason {
         Some(_) => None,
         None => {
-            Some(rolled.filmstrip(scene_of(&call, &output.task).await?, Some(output.action.clone())).await?)
+            let scene = call.task(&output.task).await?.scene;
+            Some(rolled.filmstrip(scene, Some(output.action.clone())).await?)
         }
     };
     Ok(ToolResult { summary: message, output, picture })
@@ -122,10 +115,7 @@ async fn resolve_action(call: &ToolCall, args: MeasureArgs) -> HandlerResult<(Op
             return Err(Error::input("action", "missing", "an action, or the number of a proposal").into());
         }
     };
-    let Some(job) = call.session().exploration(&task) else {
-        let allowed = "a task or family with an exploration, as returned by propose_actions in `explored`";
-        return Err(Error::input("task", format!("{task:?}"), allowed).into());
-    };
+    let job = call.session().require_exploration("task", &task)?;
     let open: OpenRound = call.read("list_proposals", json!({"id": job})).await?;
     let (left, mut matching): (Vec<ProposalInfo>, Vec<ProposalInfo>) =
         open.proposals.into_iter().filter(|p| !p.answered).partition(|p| p.number != number);
@@ -148,6 +138,6 @@ async fn submit(call: &ToolCall, job: &str, number: u64, measured: &Value) -> Ha
         }
         _ => json!({"id": job, "failed": [number]}),
     };
-    let output: SubmissionInfo = call.read("submit_trials", submission).await?;
-    Ok(output.open)
+    let status: Value = call.read("submit_trials", submission).await?;
+    status["open"].as_u64().ok_or_else(Problem::internal)
 }

@@ -1,15 +1,19 @@
 //! Proposals of actions to measure: an ask-tell estimation, kept open during the agent's session.
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use utoipa::ToSchema;
 
+use crate::estimate::LatentEstimate;
+use crate::explore::ExpectedPosteriorSd;
 use crate::serve::mcp::agent_session::{InteractionBudget, family};
 use crate::serve::mcp::describe::format_action;
 use crate::serve::mcp::tool::{
-    JobInfo, LatentInfo, SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared,
+    JobInfo, SideEffect, Tool, ToolCall, ToolResult, describe_latents, tool as declared,
 };
 use crate::serve::problem::{HandlerResult, Problem};
+use crate::serve::wire::RoundOut;
+use crate::store::JobState;
 
 pub fn tool() -> Tool {
     declared(
@@ -23,14 +27,13 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct ProposeArgs {
     /// Task to explore, such as bowling:017, or a family such as bowling, to explore its training tasks.
     task: String,
     /// Proposals per round. Default: 3. Only used when an exploration starts.
-    #[schemars(range(min = 1, max = 20))]
+    #[schema(minimum = 1, maximum = 20)]
     actions: Option<u64>,
     /// How to choose actions: informative (default; shrinks the intervals most), mixed, collisions, rolling, random or gradient;
     /// or, taking about a minute per round, probing (most information on parameters) or success (on whether plans work). Only used
@@ -42,8 +45,7 @@ struct ProposeArgs {
     anew: Option<bool>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct ProposeOutput {
     /// The explored task or family, as `task` of `measure`.
     explored: String,
@@ -52,17 +54,16 @@ struct ProposeOutput {
     /// Open proposals, best first.
     proposals: Vec<ProposalInfo>,
     /// Expected uncertainty of each latent after the round, if the simulation is correct.
-    expected: Vec<ExpectedSdInfo>,
+    expected: Vec<ExpectedPosteriorSd>,
     /// Estimates after the last fitted round; empty before the first.
-    known: Vec<LatentInfo>,
+    known: Vec<LatentEstimate>,
     /// Why there are no more proposals; null while there are.
     ended: Option<String>,
     /// Budget of the family's real world.
     budget: InteractionBudget,
 }
 
-#[derive(Clone, Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Clone, Serialize, Deserialize, ToSchema)]
 pub struct ProposalInfo {
     /// Pass it to `measure`.
     pub number: u64,
@@ -74,19 +75,8 @@ pub struct ProposalInfo {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     #[serde(default, skip_serializing)]
-    #[schemars(skip)]
+    #[schema(ignore)]
     pub answered: bool,
-}
-
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-struct ExpectedSdInfo {
-    /// Name of the latent.
-    name: String,
-    /// Standard deviation now, in its unit.
-    before: f64,
-    /// Expected standard deviation after the round.
-    after: f64,
 }
 
 /// The open round of an exploration.
@@ -98,20 +88,8 @@ pub struct OpenRound {
 
 #[derive(Deserialize)]
 struct HistoryPage {
-    rounds: Vec<RoundInfo>,
+    rounds: Vec<RoundOut>,
     next: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct RoundInfo {
-    fitted: bool,
-    choice: ChoiceInfo,
-    latents: Vec<LatentInfo>,
-}
-
-#[derive(Deserialize)]
-struct ChoiceInfo {
-    expected: Vec<ExpectedSdInfo>,
 }
 
 /// Time limit for fitting a round, s.
@@ -122,12 +100,12 @@ async fn run(call: ToolCall, args: ProposeArgs) -> HandlerResult<ToolResult<Prop
     let job = job(&call, args).await?;
     let mut current = call.until(&job, MAX_FIT_S, proposing).await?;
     let budget = call.session().spent(family(&explored)).await?;
-    if budget.remaining == 0 && current.state == "waiting" && measured(&call, &job).await? {
+    if budget.remaining == 0 && current.state == JobState::Waiting && measured(&call, &job).await? {
         // No more can be measured: close the round to fit what was measured.
         call.ask("submit_trials", json!({"id": job, "close": true})).await?;
         current = call.until(&job, MAX_FIT_S, proposing).await?;
     }
-    if current.state == "failed" {
+    if current.state == JobState::Failed {
         call.session().set_exploration(&explored, None);
         return Err(current.error.unwrap_or_else(Problem::internal));
     }
@@ -150,7 +128,7 @@ async fn run(call: ToolCall, args: ProposeArgs) -> HandlerResult<ToolResult<Prop
 }
 
 fn proposing(job: &JobInfo) -> bool {
-    job.state == "waiting" || job.ended()
+    job.state == JobState::Waiting || job.state.ended()
 }
 
 /// The job that proposes, started if there is none.
@@ -180,7 +158,10 @@ async fn measured(call: &ToolCall, job: &str) -> HandlerResult<bool> {
 }
 
 /// Estimates after the last fitted round, and expectations of the open one.
-async fn history(call: &ToolCall, job: &str) -> HandlerResult<(Vec<LatentInfo>, Vec<ExpectedSdInfo>)> {
+async fn history(
+    call: &ToolCall,
+    job: &str,
+) -> HandlerResult<(Vec<LatentEstimate>, Vec<ExpectedPosteriorSd>)> {
     let (mut known, mut expected, mut cursor) = (Vec::new(), Vec::new(), None);
     loop {
         let page: HistoryPage =
@@ -208,7 +189,7 @@ fn summary(output: &ProposeOutput) -> String {
         format!("proposal {}: {} {}{}", p.number, p.task, format_action(&p.action), why(p))
     };
     lines.extend(output.proposals.iter().map(of));
-    let expect = |e: &ExpectedSdInfo| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
+    let expect = |e: &ExpectedPosteriorSd| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
     if !output.expected.is_empty() {
         let all: Vec<String> = output.expected.iter().map(expect).collect();
         lines.push(format!("Standard deviations expected to fall: {}.", all.join(", ")));

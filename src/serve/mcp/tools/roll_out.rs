@@ -2,18 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use utoipa::ToSchema;
 
+use crate::commands::LatentsIn;
 use crate::error::Error;
-use crate::serve::mcp::agent_session::family;
-use crate::serve::mcp::describe::{RolloutTrajectory, SampledPath};
-use crate::serve::mcp::tool::{
-    EffectArg, LatentsArg, SideEffect, Tool, ToolCall, ToolResult, tool as declared,
-};
+use crate::serve::mcp::describe::RolloutTrajectory;
+use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
 use crate::serve::problem::HandlerResult;
-use crate::task::Scene;
+use crate::serve::wire::ContactOut;
+use crate::task::scene::EffectTerm;
 
 pub fn tool() -> Tool {
     declared(
@@ -27,27 +26,28 @@ pub fn tool() -> Tool {
     )
 }
 
-#[derive(Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct RollOutArgs {
     /// Id of a task, such as bowling:017; either this or `scene`.
     task: Option<String>,
     /// An iplw.scene/1 document, as returned by `look` and `diagnose`.
+    #[schema(value_type = Option<Object>)]
     scene: Option<Map<String, Value>>,
     /// 1 to 32 actions, each with numbers from 0 to 1, one per component; optional for a scene with all bodies placed.
-    #[schemars(length(min = 1, max = 32))]
+    #[schema(min_items = 1, max_items = 32)]
     actions: Option<Vec<Vec<f64>>>,
     /// Latent factors to simulate with; absent ones are the scene's own.
-    latents: Option<LatentsArg>,
+    #[schema(value_type = Option<LatentsIn>)]
+    latents: Option<Value>,
     /// Effects in addition to the scene's own.
-    effects: Option<Vec<EffectArg>>,
+    #[schema(value_type = Option<Vec<EffectTerm>>)]
+    effects: Option<Value>,
     /// Index of the action to show, from 0. Default: the first that solves the task, or the first that can be placed.
     film: Option<usize>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct RollOutOutput {
     /// Number of actions that solve the task.
     solved: usize,
@@ -56,11 +56,10 @@ struct RollOutOutput {
     /// Index of the shown action, from 0; null if none could be placed.
     filmed: Option<usize>,
     /// Paths of the shown action by body: rows [t in s, x in m, y in m].
-    paths: BTreeMap<String, SampledPath>,
+    paths: BTreeMap<String, Vec<[f64; 3]>>,
 }
 
-#[derive(Serialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
+#[derive(Serialize, ToSchema)]
 struct RolloutRow {
     /// Null without an action.
     action: Option<Vec<f64>>,
@@ -71,26 +70,14 @@ struct RolloutRow {
     /// Simulated duration, s.
     seconds: f64,
     /// The first contacts between objects.
-    contacts: Vec<ContactInfo>,
-}
-
-/// Start of a contact between two objects.
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[schemars(crate = "rmcp::schemars")]
-struct ContactInfo {
-    /// s
-    t: f64,
-    /// Names of two bodies, or of a body and a static.
-    between: [String; 2],
-    /// Approach speed, m/s.
-    speed: f64,
+    contacts: Vec<ContactOut>,
 }
 
 #[derive(Deserialize)]
 struct SimulatedRollout {
     #[serde(flatten)]
     rolled: RolloutTrajectory,
-    contacts: Vec<ContactInfo>,
+    contacts: Vec<ContactOut>,
 }
 
 /// Maximum number of actions per call, to keep results readable.
@@ -127,8 +114,8 @@ async fn run(call: ToolCall, args: RollOutArgs) -> HandlerResult<ToolResult<Roll
     let summary = summary(&films, solved);
     let (mut paths, mut picture) = (BTreeMap::new(), None);
     if let Some(at) = filmed {
-        let scene: Scene = match (args.task, args.scene) {
-            (Some(task), _) => scene_of(&call, &task).await?,
+        let scene = match (args.task, args.scene) {
+            (Some(task), _) => call.task(&task).await?.scene,
             (None, scene) => crate::json::from_value(Value::Object(scene.unwrap_or_default()))?,
         };
         let film = films.swap_remove(at);
@@ -166,15 +153,4 @@ fn filmed(args: Option<usize>, results: &[RolloutRow]) -> HandlerResult<Option<u
 fn summary(films: &[RolloutTrajectory], solved: usize) -> String {
     let each: Vec<String> = films.iter().enumerate().map(|(i, f)| format!("{i}: {}", f.summary())).collect();
     format!("Simulated, {solved} of {} solve the task.\n{}", films.len(), each.join("\n"))
-}
-
-/// Fetches a task's scene.
-pub async fn scene_of(call: &ToolCall, task: &str) -> HandlerResult<Scene> {
-    #[derive(Deserialize)]
-    struct TaskScene {
-        scene: Scene,
-    }
-    let number = task.split_once(':').map_or("", |(_, number)| number);
-    let found: TaskScene = call.read("get_task", json!({"family": family(task), "number": number})).await?;
-    Ok(found.scene)
 }

@@ -4,7 +4,7 @@
 
 #![allow(unsafe_code, reason = "calls methods of registers, which read and write eight numbers")]
 
-#[cfg(feature = "levels")]
+#[cfg(any(feature = "levels", test))]
 mod eight;
 mod plain;
 mod register;
@@ -13,7 +13,7 @@ mod x86;
 
 use std::ops::{Add, Deref, DerefMut, Mul, Sub};
 
-#[cfg(feature = "levels")]
+#[cfg(any(feature = "levels", test))]
 pub use eight::Eight;
 pub use register::Register;
 

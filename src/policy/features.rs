@@ -1,33 +1,43 @@
-//! Generic features, shared by all task families: for policies of several families, or for arbitrary shapes.
+//! Features of a task and an action: the inputs of a policy, with the same meaning for tasks of every family and for arbitrary shapes.
 //!
-//! - *Scene features*: the goal's kind; for each of the first objects its position and size as in [`super::family_features`], its
-//!   orientation and elongation (second moments), the filled share of its bounding box and the centre of mass in it (which
-//!   distinguish a jar from a block, and its orientation), whether it is a disc, compound or movable, and its role in the goal; and
-//!   the support below the goal's body.
-//! - *Action features*: the raw components; for every object that the action places its clearance, velocity and shape, its position
-//!   relative to the goal's two objects and to the nearest others, and the support below its left end, centre and right end.
+//! All features are dimensionless and in [-1, 1]: lengths as shares of the scene's size or of the sum of two objects' sizes (`squash`
+//! where there is no bound), speeds as shares of that of a fall through the scene's height, yes and no as 1 and -1, 0 if absent.
+//! They depend on the scene and the action alone, not on latent factors, so that they are equal in all worlds.
+//!
+//! | scene features | shape |
+//! |---|---|
+//! | the goal is contact, is a region; "a" and "b" are in the scene | (4,) |
+//! | objects: present, centre, half extents, aspect and size, orientation and elongation (second moments), centre of mass, filled share of the bounding box, kind (disc, compound, movable), role in the goal, velocity | ([`MAX_OBJECTS`], [`OBJECT_FEATURES`]) |
+//! | support below the rear end, centre and front end of the goal's body | (3, [`SUPPORT_FEATURES`]) |
+//!
+//! | action features | shape |
+//! |---|---|
+//! | the action's components | (components,) |
+//! | for each object that the action places: frame of reference | (2,) |
+//! | ... collision with "a": speed of the fall, share of the mass, impact | (4,) |
+//! | ... position, size, clearance, fall time; form; velocity | (15,) |
+//! | ... position relative to "a", "b" and the nearest others, and their properties | (2 + [`NEIGHBOURS`], [`RELATION_FEATURES`]) |
+//! | ... support | (3, [`SUPPORT_FEATURES`]) |
+//! | ... position relative to each further object that the action places | (.., [`RELATION_FEATURES`]) |
+//! | ... if the action sets a velocity: whether the ballistic trajectory reaches "a" and "b", and how high above them | (2, 2) |
 //!
 //! Order of objects: first the goal's two objects "a" and "b" ("a" is the movable one or, of two movable ones, the left one), then
-//! movable objects, then fixed ones, by distance from "a". If "b" lies to the left of "a", the scene is mirrored, so that "b" always
-//! lies ahead.
+//! movable objects, then fixed ones, by distance from "a". If "b" lies to the left of "a", x is mirrored, so that "b" always lies
+//! ahead. For an object that the action places, "a" is the horizontally nearer one of two movable ones: the object to be pushed. This
+//! maps the four cases (left or right object, pushed left or right) to the same features; the frame of reference distinguishes them.
 //!
-//! Source: PHYRE's DQN distinguishes seven colours, which encode an object's role in the goal and whether it moves (Bakhtin et al.
-//! 2019, section 4.1); object features perform as well as images there (OGRE and later agents).
+//! Source: Semage et al. use images; PHYRE (Bakhtin et al. 2019) shows that a DQN on object features performs as well, and
+//! distinguishes seven colours, which encode an object's role in the goal and whether it moves (section 4.1).
 //!
-//! Differences from the source: a feature vector instead of an image, a bounded number of objects. Range [-1, 1], as in
-//! `family_features`.
+//! Differences from the source: a feature vector instead of an image, a bounded number of objects.
 
 use super::action_target::ActionTarget;
-use super::family_features::{boundary_height, clamp_to_unit, squash};
 use super::object_geometry::{ObjectGeometry, area, length};
 use crate::task::action::ActionQuantity;
 use crate::task::geometry::Aabb;
 use crate::task::scene::Goal;
 use crate::task::solid::{ConvexPieces, Solid};
 use crate::task::{Scene, Task, ValidAction};
-
-/// Version of the features.
-pub const VERSION: &str = "shared-1";
 
 /// Maximum number of objects in the scene features. PHYRE's templates have at most ten.
 const MAX_OBJECTS: usize = 10;
@@ -39,26 +49,36 @@ const OBJECT_FEATURES: usize = 19;
 const RELATION_FEATURES: usize = 21;
 /// Features of the support below a point.
 const SUPPORT_FEATURES: usize = 5;
+/// Features of a collision with the goal's body.
+const IMPACT_FEATURES: usize = 4;
 
 /// Features of a task that are shared by all of its actions.
 #[derive(Clone, Debug)]
-pub struct GenericFeatures {
+pub struct FeatureExtractor {
     /// Bounding box of the scene, m.
     frame: Aabb,
     /// Objects of the scene, with the goal's two objects first if they are in the scene.
     objects: Vec<ObjectGeometry>,
-    /// Indices of "a" and "b" in `objects`; `None` for an object that the action places.
-    goal: [Option<usize>; 2],
-    /// 1, or -1 if the scene is mirrored.
-    ahead: f64,
+    goal: GoalFrame,
     /// Names of the objects that the action places, in the order of the action's components.
     targets: Vec<String>,
+    /// Whether the action sets a velocity.
+    launched: bool,
     scene: Scene,
 }
 
-impl GenericFeatures {
+/// Roles of the goal's objects, and the direction from one to the other.
+#[derive(Clone, Copy, Debug)]
+struct GoalFrame {
+    /// Indices of "a" and "b" in the extractor's objects; `None` for an object that the action places.
+    roles: [Option<usize>; 2],
+    /// 1, or -1 if x is mirrored.
+    ahead: f64,
+}
+
+impl FeatureExtractor {
     /// Features of a task's scene.
-    pub fn new(task: &Task) -> GenericFeatures {
+    pub fn new(task: &Task) -> FeatureExtractor {
         let (scene, space) = (&task.scene, task.actions());
         let frame = space.bounds.unwrap_or_else(|| scene.extent());
         let mut targets: Vec<String> = Vec::new();
@@ -85,11 +105,7 @@ impl GenericFeatures {
         if turned {
             std::mem::swap(&mut a, &mut b);
         }
-        let ahead = match (&a, &b) {
-            (Some(a), Some(b)) if b.centre[0] < a.centre[0] => -1.0,
-            _ => 1.0,
-        };
-        let goal = [a.as_ref().map(|_| 0), b.as_ref().map(|_| usize::from(a.is_some()))];
+        let roles = [a.as_ref().map(|_| 0), b.as_ref().map(|_| usize::from(a.is_some()))];
         let aimed = |name: &String| names.iter().flatten().any(|n| n == name);
         let mut rest: Vec<ObjectGeometry> =
             named.into_iter().filter(|(n, _)| !aimed(n)).map(|(_, t)| t).collect();
@@ -99,8 +115,18 @@ impl GenericFeatures {
             });
         }
         rest.sort_by_key(|thing| !thing.movable);
-        let objects = a.into_iter().chain(b).chain(rest).collect();
-        GenericFeatures { frame, objects, goal, ahead, targets, scene: scene.clone() }
+        let objects: Vec<ObjectGeometry> = a.into_iter().chain(b).chain(rest).collect();
+        let goal = GoalFrame::new(roles, &objects);
+        let launched =
+            space.components.iter().any(|c| matches!(c.set, ActionQuantity::Vx | ActionQuantity::Vy));
+        FeatureExtractor { frame, objects, goal, targets, launched, scene: scene.clone() }
+    }
+
+    /// Dimensions of the scene and action features of a task.
+    pub fn dimensions(task: &Task) -> [usize; 2] {
+        let features = FeatureExtractor::new(task);
+        let middle = task.actions().validate(&vec![0.5; task.actions().dimension()]);
+        [features.scene().len(), middle.map_or(0, |a| features.action(&a).len())]
     }
 
     /// (n_scene,) geometry of the objects and their roles in the goal.
@@ -108,14 +134,14 @@ impl GenericFeatures {
         let mut out = Vec::with_capacity(MAX_OBJECTS * OBJECT_FEATURES + 3 * SUPPORT_FEATURES + 4);
         out.push(indicator(matches!(self.scene.goal, Some(Goal::Contact { .. }))));
         out.push(indicator(matches!(self.scene.goal, Some(Goal::Inside { .. }))));
-        out.extend(self.goal.map(|place| indicator(place.is_some())));
+        out.extend(self.goal.roles.map(|role| indicator(role.is_some())));
         let [width, height] = self.size();
         for slot in 0..MAX_OBJECTS {
             let Some(thing) = self.objects.get(slot) else {
                 out.resize(out.len() + OBJECT_FEATURES, 0.0);
                 continue;
             };
-            let [x, y] = self.relative_position(thing.centre);
+            let [x, y] = self.relative_position(thing.centre, self.goal.ahead);
             out.extend([
                 1.0,
                 x,
@@ -127,13 +153,15 @@ impl GenericFeatures {
                 squash(thing.half[0] / thing.half[1].max(1e-9) - 1.0),
                 squash(8.0 * thing.size() / width),
             ]);
-            out.extend(self.form_features(thing));
+            out.extend(form_features(thing, self.goal.ahead));
             out.extend([indicator(thing.disc), indicator(thing.several), indicator(thing.movable)]);
-            out.extend(self.goal.map(|place| indicator(place == Some(slot))));
-            out.extend(self.velocity_features(thing));
+            out.extend(self.goal.roles.map(|role| indicator(role == Some(slot))));
+            out.extend(self.velocity_features(thing, self.goal.ahead));
         }
-        match self.goal[0] {
-            Some(a) if self.objects[a].movable => self.support_features(&self.objects[a], &mut out),
+        match self.goal.roles[0] {
+            Some(a) if self.objects[a].movable => {
+                self.support_features(&self.objects[a], self.goal, &mut out)
+            }
             _ => out.resize(out.len() + 3 * SUPPORT_FEATURES, 0.0),
         }
         out
@@ -148,33 +176,39 @@ impl GenericFeatures {
                 component.set,
                 ActionQuantity::X | ActionQuantity::Vx | ActionQuantity::Angle | ActionQuantity::Omega
             );
-            let side = if mirrored { self.ahead } else { 1.0 };
+            let side = if mirrored { self.goal.ahead } else { 1.0 };
             out.push(clamp_to_unit(side * (2.0 * v - 1.0)));
         }
         let targets = self.placed_targets(action);
         for (i, target) in targets.iter().enumerate() {
-            self.clearance_features(target, &mut out);
-            out.extend(self.form_features(target));
-            out.extend(self.velocity_features(target));
-            for place in self.goal {
-                self.relation_features(target, place.map(|k| &self.objects[k]), &mut out);
+            let goal = self.goal_frame(target);
+            out.extend([goal.ahead == self.goal.ahead, goal.roles != self.goal.roles].map(indicator));
+            self.impact_features(target, goal, &mut out);
+            self.clearance_features(target, goal.ahead, &mut out);
+            out.extend(form_features(target, goal.ahead));
+            out.extend(self.velocity_features(target, goal.ahead));
+            for role in goal.roles {
+                self.relation_features(target, role.map(|k| &self.objects[k]), goal.ahead, &mut out);
             }
             let mut others: Vec<(f64, &ObjectGeometry)> =
                 self.other_objects().map(|o| (target.solid.signed_distance(&o.solid), o)).collect();
             others.sort_by(|x, y| x.0.total_cmp(&y.0));
             for k in 0..NEIGHBOURS {
-                self.relation_features(target, others.get(k).map(|(_, o)| *o), &mut out);
+                self.relation_features(target, others.get(k).map(|(_, o)| *o), goal.ahead, &mut out);
             }
-            self.support_features(target, &mut out);
+            self.support_features(target, goal, &mut out);
             for other in &targets[i + 1..] {
-                self.relation_features(target, Some(other), &mut out);
+                self.relation_features(target, Some(other), goal.ahead, &mut out);
+            }
+            if self.launched {
+                out.extend(goal.roles.map(|role| self.flight_features(target, role)).as_flattened());
             }
         }
         out
     }
 
     fn other_objects(&self) -> impl Iterator<Item = &ObjectGeometry> {
-        let own = |k: &usize| !self.goal.contains(&Some(*k));
+        let own = |k: &usize| !self.goal.roles.contains(&Some(*k));
         (0..self.objects.len()).filter(own).map(|k| &self.objects[k])
     }
 
@@ -188,45 +222,67 @@ impl GenericFeatures {
         self.targets.iter().map(place).collect()
     }
 
-    /// Orientation, centre of mass and filled share of the bounding box, mirrored if necessary.
-    fn form_features(&self, thing: &ObjectGeometry) -> [f32; 5] {
-        let [cos, sin] = thing.turned;
-        let [x, y] = thing.lean;
-        [
-            clamp_to_unit(cos),
-            clamp_to_unit(self.ahead * sin),
-            clamp_to_unit(self.ahead * x),
-            clamp_to_unit(y),
-            clamp_to_unit(thing.full),
-        ]
+    /// The goal's frame for a placed object: of two movable objects, the horizontally nearer one is "a", which it may push.
+    fn goal_frame(&self, target: &ObjectGeometry) -> GoalFrame {
+        let [Some(a), Some(b)] = self.goal.roles else { return self.goal };
+        let (x, y) = (&self.objects[a], &self.objects[b]);
+        let across = |o: &ObjectGeometry| {
+            (target.centre[0] - o.centre[0]).abs() / (target.size() + o.size()).max(1e-9)
+        };
+        if x.movable == y.movable && across(y) < across(x) {
+            GoalFrame::new([Some(b), Some(a)], &self.objects)
+        } else {
+            self.goal
+        }
+    }
+
+    /// Collision of a placed object with "a", if either falls on the other: speed of the fall, the placed object's share of the mass
+    /// (area as mass), and deflection by the impact angle, without and with that share.
+    fn impact_features(&self, target: &ObjectGeometry, goal: GoalFrame, out: &mut Vec<f32>) {
+        let Some(pushed) = goal.roles[0].map(|a| &self.objects[a]) else {
+            out.resize(out.len() + IMPACT_FEATURES, 0.0);
+            return;
+        };
+        let reach = (target.size() + pushed.size()).max(1e-9);
+        let hit = ((pushed.centre[0] - target.centre[0]) * goal.ahead / reach).clamp(-1.0, 1.0);
+        let top = (1.0 - hit * hit).sqrt();
+        // The lower object comes to rest first; the upper one falls on it.
+        let (upper, lower) =
+            if target.centre[1] > pushed.centre[1] { (target, pushed) } else { (pushed, target) };
+        let floor = self.frame[1] + lower.half[1];
+        let drop = ((upper.centre[1] - floor - reach * top) / self.size()[1]).clamp(0.0, 1.0).sqrt();
+        let share = target.size().powi(2) / (target.size().powi(2) + pushed.size().powi(2)).max(1e-18);
+        let meets = if hit.abs() < 1.0 { drop } else { 0.0 };
+        let deflection = 2.0 * hit * top * drop;
+        out.extend([meets, share, deflection, deflection * share].map(clamp_to_unit));
     }
 
     /// Velocity relative to that of a fall through the scene's height.
-    fn velocity_features(&self, thing: &ObjectGeometry) -> [f32; 2] {
+    fn velocity_features(&self, thing: &ObjectGeometry, ahead: f64) -> [f32; 2] {
         let [gx, gy] = self.scene.gravity;
         let fall = (2.0 * length(gx, gy) * self.size()[1]).sqrt().max(1e-9);
-        [squash(self.ahead * thing.velocity[0] / fall), squash(thing.velocity[1] / fall)]
+        [squash(ahead * thing.velocity[0] / fall), squash(thing.velocity[1] / fall)]
     }
 
     /// Position as a share of the scene's half size, mirrored if necessary.
-    fn relative_position(&self, [x, y]: [f64; 2]) -> [f32; 2] {
+    fn relative_position(&self, [x, y]: [f64; 2], ahead: f64) -> [f32; 2] {
         let [width, height] = self.size();
         let across = 2.0 * (x - self.frame[0]) / width - 1.0;
-        [clamp_to_unit(self.ahead * across), clamp_to_unit(2.0 * (y - self.frame[1]) / height - 1.0)]
+        [clamp_to_unit(ahead * across), clamp_to_unit(2.0 * (y - self.frame[1]) / height - 1.0)]
     }
 
     /// Position, size and clearance of a placed object, and its fall time.
-    fn clearance_features(&self, target: &ObjectGeometry, out: &mut Vec<f32>) {
+    fn clearance_features(&self, target: &ObjectGeometry, ahead: f64, out: &mut Vec<f32>) {
         let [width, height] = self.size();
         let size = target.size().max(1e-9);
         let [left, right] = [
             target.centre[0] - target.half[0] - self.frame[0],
             self.frame[2] - target.centre[0] - target.half[0],
         ];
-        let (behind, before) = if self.ahead > 0.0 { (left, right) } else { (right, left) };
+        let (behind, before) = if ahead > 0.0 { (left, right) } else { (right, left) };
         let under = target.bottom() - self.frame[1];
         let over = self.frame[3] - target.centre[1] - target.half[1];
-        out.extend(self.relative_position(target.centre));
+        out.extend(self.relative_position(target.centre, ahead));
         out.push(clamp_to_unit(8.0 * size / width));
         out.extend([behind, before, under].map(|room| squash(room / (2.0 * size))));
         out.extend([under, over].map(|room| clamp_to_unit((room / height).max(0.0).sqrt())));
@@ -237,6 +293,7 @@ impl GenericFeatures {
         &self,
         target: &ObjectGeometry,
         object: Option<&ObjectGeometry>,
+        ahead: f64,
         out: &mut Vec<f32>,
     ) {
         let Some(object) = object else {
@@ -245,7 +302,7 @@ impl GenericFeatures {
         };
         let [width, height] = self.size();
         let reach = (target.size() + object.size()).max(1e-9);
-        let dx = (target.centre[0] - object.centre[0]) * self.ahead;
+        let dx = (target.centre[0] - object.centre[0]) * ahead;
         let dy = target.centre[1] - object.centre[1];
         let apart = length(dx, dy).max(1e-9);
         let gap = target.solid.signed_distance(&object.solid);
@@ -278,25 +335,39 @@ impl GenericFeatures {
             indicator(object.disc),
             indicator(object.movable),
         ]);
-        let form = self.form_features(object);
+        let form = form_features(object, ahead);
         out.extend([form[0], form[1], form[2], form[3]]);
     }
 
+    /// Whether the ballistic trajectory of a placed object reaches another, and its height above that one.
+    fn flight_features(&self, target: &ObjectGeometry, role: Option<usize>) -> [f32; 2] {
+        let Some(object) = role.map(|k| &self.objects[k]) else { return [0.0; 2] };
+        let [dx, dy] = [0, 1].map(|k| target.centre[k] - object.centre[k]);
+        let [vx, vy] = [0, 1].map(|k| target.velocity[k] - object.velocity[k]);
+        let ([gx, gy], time) = (self.scene.gravity, -dx / vx);
+        if !(time.is_finite() && time >= 0.0) {
+            return [-1.0, 0.0];
+        }
+        let high = dy + vy * time + 0.5 * gy * time * time;
+        let reach = (target.size() + object.size()).max(1e-9);
+        [1.0, if gx == 0.0 { squash(high / reach) } else { 0.0 }]
+    }
+
     /// Support below an object at its rear end, centre and front end: distance, slope and kind.
-    fn support_features(&self, thing: &ObjectGeometry, out: &mut Vec<f32>) {
+    fn support_features(&self, thing: &ObjectGeometry, goal: GoalFrame, out: &mut Vec<f32>) {
         let height = self.size()[1];
         let step = 0.02 * thing.half[0].max(1e-6);
         for share in [-0.9, 0.0, 0.9] {
-            let x = thing.centre[0] + self.ahead * share * thing.half[0];
+            let x = thing.centre[0] + goal.ahead * share * thing.half[0];
             let under =
                 |object: &ObjectGeometry| object.top(x, thing.centre[1]).filter(|y| *y < thing.centre[1]);
             let first = self.objects.iter().enumerate().filter_map(|(k, o)| Some((k, o, under(o)?)));
             match first.max_by(|p, q| p.2.total_cmp(&q.2)) {
                 Some((k, object, y)) => {
-                    let beside = object.top(x + self.ahead * step, thing.centre[1]).unwrap_or(y);
+                    let beside = object.top(x + goal.ahead * step, thing.centre[1]).unwrap_or(y);
                     out.push(clamp_to_unit(((thing.bottom() - y) / height).max(0.0).sqrt()));
                     out.push(squash((beside - y) / step));
-                    out.extend(self.goal.map(|place| indicator(place == Some(k))));
+                    out.extend(goal.roles.map(|role| indicator(role == Some(k))));
                     out.push(indicator(object.movable));
                 }
                 None => {
@@ -310,6 +381,32 @@ impl GenericFeatures {
     fn size(&self) -> [f64; 2] {
         [(self.frame[2] - self.frame[0]).max(1e-9), (self.frame[3] - self.frame[1]).max(1e-9)]
     }
+}
+
+impl GoalFrame {
+    fn new(roles: [Option<usize>; 2], objects: &[ObjectGeometry]) -> GoalFrame {
+        let across = roles.map(|role| role.map(|k| objects[k].centre[0]));
+        let ahead = if let [Some(a), Some(b)] = across
+            && b < a
+        {
+            -1.0
+        } else {
+            1.0
+        };
+        GoalFrame { roles, ahead }
+    }
+}
+
+/// Orientation, centre of mass and filled share of the bounding box, mirrored if `ahead` is -1.
+fn form_features(thing: &ObjectGeometry, ahead: f64) -> [f32; 5] {
+    let ([cos, sin], [x, y]) = (thing.turned, thing.lean);
+    [cos, ahead * sin, ahead * x, y, thing.full].map(clamp_to_unit)
+}
+
+/// Height of a half-plane's boundary at the sides of the frame.
+fn boundary_height(([nx, ny], offset): ([f64; 2], f64), frame: Aabb) -> Solid {
+    let at = |x: f64| [x, (offset - nx * x) / ny];
+    Solid::Bounded(ConvexPieces::one(vec![at(frame[0]), at(frame[2])], 0.0))
 }
 
 /// Objects named by the goal, and the goal's region or half-plane.
@@ -367,6 +464,16 @@ fn standing_objects(
     named
 }
 
+/// Clamps to [-1, 1]; NaN becomes 0.
+fn clamp_to_unit(v: f64) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(-1.0, 1.0) as f32 }
+}
+
+/// Squashing function v / (1 + |v|).
+fn squash(v: f64) -> f32 {
+    clamp_to_unit(v / (1.0 + v.abs()))
+}
+
 fn indicator(yes: bool) -> f32 {
     if yes { 1.0 } else { -1.0 }
 }
@@ -375,18 +482,20 @@ fn indicator(yes: bool) -> f32 {
 mod tests {
     use super::*;
     use crate::policy::toy;
+    use crate::task::action::ActionComponent;
     use crate::task::scene::{Shape, Static};
+    use crate::task::shape::Disc;
     use crate::task::{custom, families};
 
     fn check(task: &Task) -> [usize; 2] {
-        let (look, space) = (GenericFeatures::new(task), task.actions());
+        let (features, space) = (FeatureExtractor::new(task), task.actions());
         let in_range = |v: &[f32]| v.iter().all(|v| (-1.0..=1.0).contains(v));
-        let scene = look.scene();
+        let scene = features.scene();
         assert_eq!(scene.len(), 4 + MAX_OBJECTS * OBJECT_FEATURES + 3 * SUPPORT_FEATURES, "{}", task.id);
         assert!(in_range(&scene), "{}: {scene:?}", task.id);
         let corners = [0.0, 1.0].map(|v| space.validate(&vec![v; space.dimension()]).unwrap());
         let others = (0..50).map(|i| space.at(i * 13 % space.count()).unwrap());
-        let rows: Vec<Vec<f32>> = corners.into_iter().chain(others).map(|a| look.action(&a)).collect();
+        let rows: Vec<Vec<f32>> = corners.into_iter().chain(others).map(|a| features.action(&a)).collect();
         assert!(rows.iter().all(|row| row.len() == rows[0].len() && in_range(row)), "{}", task.id);
         [scene.len(), rows[0].len()]
     }
@@ -438,7 +547,95 @@ mod tests {
             "normal": [0, 1], "offset": 0}}], "goal": {"type": "contact", "bodies": ["ball", "floor"]},
             "action": {"components": [{"target": "ball", "set": "vx", "low": 0, "high": 9}, {"target": "ball",
             "set": "omega", "low": 0, "high": 1}]}}"#;
-        check(&custom(Scene::from_json(thrown).unwrap()).unwrap());
+        let tilted = r#"{"format": "iplw.scene/1", "bodies": [{"name": "box", "shape": {"type": "box",
+            "half_width": 1e-3, "half_height": 5}, "position": [0, 900]}], "statics": [{"name": "ramp",
+            "shape": {"type": "polygon", "vertices": [[0, 0], [9, 0], [0, 9]]}}], "goal": {"type": "contact",
+            "bodies": ["box", "ramp"]}, "action": {"components": [{"target": "ramp", "set": "angle", "low": -3,
+            "high": 3}]}}"#;
+        for text in [thrown, tilted] {
+            check(&custom(Scene::from_json(text).unwrap()).unwrap());
+        }
+    }
+
+    #[test]
+    fn ballistic_feature_is_zero_for_a_hit() {
+        // 1 m up, 4.9 m/s^2 / 2 ... thrown at 5 m/s it falls 1.225 m in the 0.5 s to x = 2.5.
+        let text = r#"{"format": "iplw.scene/1", "gravity": [0, -9.8], "bodies": [{"name": "ball",
+            "shape": {"type": "disc", "radius": 0.5}, "position": [0, 1.225]}], "goal": {"type": "inside",
+            "body": "ball", "region": [[2, -0.5], [3, -0.5], [3, 0.5], [2, 0.5]]}, "action": {"components": [
+            {"target": "ball", "set": "vx", "low": 0, "high": 10}]}}"#;
+        let task = custom(Scene::from_json(text).unwrap()).unwrap();
+        let miss = |v: f64| {
+            let row = FeatureExtractor::new(&task).action(&task.actions().validate(&[v]).unwrap());
+            row[row.len() - 1]
+        };
+        assert!(miss(0.5).abs() < 1e-6 && miss(0.6) > 0.1 && miss(0.4) < -0.1);
+    }
+
+    /// Features of all shapes placed by the action are within range and depend on its place.
+    #[test]
+    fn features_cover_all_shapes() {
+        for shape in Shape::samples() {
+            let mut task = toy::task(0.3);
+            let named = |name: &str| Static {
+                name: name.into(),
+                shape: shape.clone(),
+                friction: 1.0,
+                restitution: 1.0,
+                position: [5.0, 5.0],
+                angle: 0.0,
+            };
+            task.scene.statics = vec![named("object"), named("target")];
+            let space = task.scene.action.as_mut().unwrap();
+            let set = |set| ActionComponent { target: "target".into(), set, low: 1.0, high: 9.0 };
+            space.components = vec![set(ActionQuantity::X), set(ActionQuantity::Y)];
+            check(&task);
+            let row = |v| FeatureExtractor::new(&task).action(&task.actions().validate(&[0.5, v]).unwrap());
+            assert_ne!(row(0.1)[2..], row(0.9)[2..], "{shape:?}");
+        }
+    }
+
+    /// Features are invariant under scaling of all lengths.
+    #[test]
+    fn features_are_scale_invariant() {
+        let small = toy::task(0.3);
+        let mut large = small.clone();
+        for body in &mut large.scene.bodies {
+            body.position = body.position.map(|p| p.map(|v| 2.0 * v));
+            let radius = body.shape.disc_radius().unwrap();
+            body.shape = Disc { radius: 2.0 * radius }.into();
+        }
+        let space = large.scene.action.as_mut().unwrap();
+        space.bounds = space.bounds.map(|b| b.map(|v| 2.0 * v));
+        for c in &mut space.components {
+            (c.low, c.high) = (2.0 * c.low, 2.0 * c.high);
+        }
+        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        let [one, other] = [&small, &large].map(FeatureExtractor::new);
+        assert!(close(&one.scene(), &other.scene()));
+        for i in 0..50 {
+            let action = small.actions().at(i).unwrap();
+            assert!(close(&one.action(&action), &other.action(&action)), "{i}");
+        }
+    }
+
+    /// Under reflection only the raw position differs, and the frame, if both balls may be pushed.
+    #[test]
+    fn mirrored_pushes_have_equal_features() {
+        let task = toy::task(0.3);
+        let mut mirrored = task.clone();
+        for body in &mut mirrored.scene.bodies {
+            body.position = body.position.map(|[x, y]| [10.0 - x, y]);
+        }
+        let [one, other] = [&task, &mirrored].map(FeatureExtractor::new);
+        for i in 0..200 {
+            let action = task.actions().at(i).unwrap();
+            let v = action.values();
+            let turned = task.actions().validate(&[1.0 - v[0], v[1], v[2]]).unwrap();
+            let (a, b) = (one.action(&action), other.action(&turned));
+            let differ: Vec<usize> = (0..a.len()).filter(|k| (a[*k] - b[*k]).abs() > 1e-5).collect();
+            assert!(differ.iter().all(|k| [0, 3, 4].contains(k)), "{differ:?}");
+        }
     }
 
     /// Features distinguish orientation, reflection, movability and kind of shape.
@@ -458,7 +655,7 @@ mod tests {
             thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [-1, 1]]}"#, 0.0, false),
             thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [1, 1]]}"#, 0.0, false),
         ]
-        .map(|task| (GenericFeatures::new(&task).scene(), task));
+        .map(|task| (FeatureExtractor::new(&task).scene(), task));
         for (i, (a, one)) in looks.iter().enumerate() {
             for (b, other) in &looks[i + 1..] {
                 let far = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -495,8 +692,8 @@ mod tests {
         fix(&mut task);
         fix(&mut mirrored);
         let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
-        let (one, other) = (GenericFeatures::new(&task), GenericFeatures::new(&mirrored));
-        assert!(one.ahead != other.ahead && close(&one.scene(), &other.scene()));
+        let (one, other) = (FeatureExtractor::new(&task), FeatureExtractor::new(&mirrored));
+        assert!(one.goal.ahead != other.goal.ahead && close(&one.scene(), &other.scene()));
         for i in 0..100 {
             let action = task.actions().at(i).unwrap();
             let v = action.values();
