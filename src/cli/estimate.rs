@@ -96,8 +96,7 @@ pub fn run(args: &Args) -> Result<()> {
         posterior::write(out, document)?;
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&report).map_err(|e| Error::Failed(e.to_string()))?;
-        return output::print(&(text + "\n"));
+        return output::print(&output::pretty_json(&report)?);
     }
     let known = known.map_or(String::new(), |(out, d)| posterior::summary_with_path(out, &d));
     output::print(&(table(&report) + &known))

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use iplw::error::{Error, Result};
 use iplw::progress::Progress;
 pub use iplw::store::write_whole;
+use serde::Serialize;
 
 /// Rows with a header as CSV, quoted where necessary.
 pub fn csv(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>> {
@@ -39,6 +40,12 @@ pub fn prepare_file(option: &str, path: &Path) -> Result<()> {
 
 fn parent(path: &Path) -> Option<&Path> {
     path.parent().filter(|p| !p.as_os_str().is_empty())
+}
+
+/// Indented JSON with a newline at the end.
+pub fn pretty_json(value: &impl Serialize) -> Result<String> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| Error::Failed(e.to_string()))?;
+    Ok(text + "\n")
 }
 
 /// Writes to standard output; a closed pipe (`| head`) is no error.

@@ -99,15 +99,9 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
         let field = format!("{option} {key}");
         match key.as_str() {
             "damping" => {
-                let kept = parse_number(&field, &value)?;
-                if !(kept > 0.0 && kept <= 1.0) {
-                    return Err(Error::input(
-                        field,
-                        kept,
-                        "the share of velocity retained per second, in (0, 1]",
-                    ));
-                }
-                config.effects = if kept < 1.0 { vec![effect::damping(kept)] } else { Vec::new() };
+                let kept = Some(parse_number(&field, &value)?);
+                config.effects =
+                    iplw::commands::effects(kept, None, &format!("{option} "))?.unwrap_or_default();
             }
             "density" | "mass" => config.latents.density = Some(parse_number(&field, &value)?),
             "friction" => config.latents.friction = Some(parse_number(&field, &value)?),

@@ -80,7 +80,7 @@ fn plan_task(args: &Args, task: &Task, config: &PlanConfig) -> Result<()> {
     bar.clear();
     let seconds = started.elapsed().as_secs_f64();
     let document = document(&found, config, &samples);
-    let text = pretty(&document)?;
+    let text = output::pretty_json(&document)?;
     if let Some(out) = &args.out {
         output::write_whole(&out.join("plan.json"), text.as_bytes())?;
         for (i, svg) in plan_svgs(task, &found).iter().enumerate() {
@@ -144,7 +144,7 @@ fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig)
     cells.finish();
     let about = json!({"format": "iplw.planning/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
         "config": setup, "rows": rows});
-    let text = pretty(&about)?;
+    let text = output::pretty_json(&about)?;
     output::write_whole(&out.join("planning.json"), text.as_bytes())?;
     let scores: Vec<_> = rows.iter().map(|row| (row.name.as_str(), &row.score)).collect();
     let page = plan_report::page(family.name, tasks.len(), &scores);
@@ -177,11 +177,6 @@ impl PlanningRow {
             tasks: tasks.iter().zip(&planned).map(one).collect(),
         }
     }
-}
-
-fn pretty(value: &impl Serialize) -> Result<String> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| Error::Failed(e.to_string()))?;
-    Ok(text + "\n")
 }
 
 /// A plan as text.

@@ -14,7 +14,7 @@ use iplw::policy::{
 use iplw::progress::Progress;
 use iplw::reality::standard;
 use iplw::task::{DEFAULT_FAMILY, LabelCounts, Learning, Split, Task, split};
-use iplw::world::{Engine, Latents};
+use iplw::world::Latents;
 use serde_json::json;
 
 use super::outcomes::read_all;
@@ -115,12 +115,8 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
         return train_and_save(args, &data, counts, &config, None);
     }
     let until = EarlyStopping::standard(&config);
-    let judge = SimulatedValidator::new(
-        &split(&tasks, Split::Validation),
-        training.worlds(until.worlds, seed),
-        &EvaluateConfig::phyre(seed),
-        Engine::Auto,
-    )?;
+    let validation = split(&tasks, Split::Validation);
+    let judge = SimulatedValidator::of_training(&training, &validation, until.worlds, seed)?;
     train_and_save(args, &data, counts, &config, Some((&judge, &until)))
 }
 
@@ -156,9 +152,7 @@ fn train_and_save(
         Some((judge, until)) => train_with_early_stopping(data, judge, config, until, &bar)?,
     };
     bar.clear();
-    let weights = iplw::policy::Policy::to_safetensors(&policy)
-        .ok_or_else(|| Error::Failed("the policy has no weights to write".into()))?;
-    output::write_whole(&args.out, &weights)?;
+    output::write_whole(&args.out, &policy.weights())?;
     let tail = &log.loss[log.loss.len().saturating_sub(100)..];
     output::print(&format!(
         "{all} actions labelled ({solving} solve), {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\n{}weights: {}\n",

@@ -110,11 +110,8 @@ impl CandidateScreening<'_> {
             return Ok(());
         }
         if self.test_tasks.is_empty() {
-            return Err(Error::input(
-                "question",
-                "\"success\"",
-                "latents or effects: there are no tasks to plan for",
-            ));
+            let allowed = "latents or effects: there are no tasks to plan for";
+            return Err(Error::input("question", "\"success\"", allowed));
         }
         let [most, each] = MAX_TASKS_AND_ACTIONS;
         let count = most.min(self.test_tasks.len());

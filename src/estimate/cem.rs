@@ -161,11 +161,8 @@ impl CemConfig {
     pub fn validate(&self) -> Result<()> {
         check_range("samples", self.samples as f64, 4.0, 100_000.0)?;
         if !(2..=self.samples).contains(&self.elites) {
-            return Err(Error::input(
-                "elites",
-                self.elites,
-                format!("2 to the number of samples, {}", self.samples),
-            ));
+            let allowed = format!("2 to the number of samples, {}", self.samples);
+            return Err(Error::input("elites", self.elites, allowed));
         }
         check_range("iterations", self.iterations as f64, 1.0, 1000.0)?;
         check_range("smoothing", self.smoothing, 0.0, 0.99)?;

@@ -33,11 +33,8 @@ impl DiscrepancyForces {
         let terms = self.effects.len();
         if self.amplitudes.len() != self.draws.len() {
             let value = format!("amplitudes of {} draws", self.amplitudes.len());
-            return Err(Error::input(
-                "amplitudes",
-                value,
-                format!("amplitudes of {} draws, one row each", self.draws.len()),
-            ));
+            let allowed = format!("amplitudes of {} draws, one row each", self.draws.len());
+            return Err(Error::input("amplitudes", value, allowed));
         }
         let of = |(i, (draw, amplitudes)): (usize, (&usize, &Vec<f64>))| {
             if amplitudes.len() != 2 * terms {

@@ -92,11 +92,8 @@ impl GaussianProcess {
         let n = points.len();
         let same = points.iter().all(|p| p.len() == hyper.length_scales.len());
         if n == 0 || n != values.len() || !same {
-            return Err(Error::input(
-                "points",
-                n,
-                "as many points as values, with one coordinate per length scale",
-            ));
+            let allowed = "as many points as values, with one coordinate per length scale";
+            return Err(Error::input("points", n, allowed));
         }
         let s2 = hyper.signal.powi(2);
         let jitter = 1e-10 * s2 + hyper.noise.powi(2);

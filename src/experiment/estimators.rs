@@ -20,6 +20,7 @@ use crate::estimate::sampler::mcmc::McmcConfig;
 use crate::estimate::sampler::smc::SmcConfig;
 use crate::estimate::tunenet::{TuneNetConfig, tune};
 use crate::estimate::{Cem, ParameterSample, ParameterSamples};
+use crate::names::names;
 use crate::progress::Progress;
 use crate::reality::{Trial, with_trial_settings};
 use crate::task::Scene;
@@ -36,23 +37,12 @@ pub enum Estimator {
     Tunenet,
 }
 
-/// All estimators with their names.
-pub const ESTIMATORS: [(&str, Estimator); 4] = [
-    ("posterior", Estimator::Posterior),
-    ("galileo", Estimator::Galileo),
-    ("iplw", Estimator::Iplw),
-    ("tunenet", Estimator::Tunenet),
-];
-
 /// Rounds of the cross-entropy method.
 const ROUNDS: usize = 3;
 
-impl Estimator {
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        ESTIMATORS.iter().find(|(_, own)| *own == self).map_or("posterior", |(name, _)| name)
-    }
+names!(Estimator: Posterior = "posterior", Galileo = "galileo", Iplw = "iplw", Tunenet = "tunenet");
 
+impl Estimator {
     /// Whether the estimator returns posterior draws; if not, a point estimate.
     pub fn draws(self) -> bool {
         matches!(self, Estimator::Posterior | Estimator::Galileo)
@@ -60,11 +50,8 @@ impl Estimator {
 
     /// The estimator called `name`.
     pub fn from_name(name: &str) -> Result<Estimator> {
-        ESTIMATORS
-            .iter()
-            .find(|(own, _)| *own == name)
-            .map(|(_, e)| *e)
-            .ok_or_else(|| Error::not_found("estimator", name, ESTIMATORS.map(|(name, _)| name)))
+        let known = Estimator::ALL.map(Estimator::name);
+        Estimator::named(name).ok_or_else(|| Error::not_found("estimator", name, known))
     }
 }
 
@@ -214,7 +201,8 @@ mod tests {
             noise: 0.005,
             seed: 5,
         };
-        for (name, by) in ESTIMATORS {
+        for by in Estimator::ALL {
+            let name = by.name();
             let told = asked.estimate(by, &trials, &NoProgress).unwrap();
             let of = |wanted: &str| told.numbers.iter().find(|n| n.0 == wanted).unwrap();
             let (drag, within) = (of("linear_drag.c"), if name == "tunenet" { 0.1 } else { 0.02 });

@@ -172,6 +172,12 @@ impl Dqn {
         Ok(())
     }
 
+    /// Weights with metadata, as safetensors.
+    pub fn weights(&self) -> Vec<u8> {
+        let card = serde_json::to_string(&self.card).expect("a card is always representable as JSON");
+        weights::to_bytes(&self.layers, &card)
+    }
+
     /// Metadata of the weights.
     pub fn card(&self) -> &ModelCard {
         &self.card
@@ -207,8 +213,7 @@ impl Policy for Dqn {
     }
 
     fn to_safetensors(&self) -> Option<Vec<u8>> {
-        let card = serde_json::to_string(&self.card).expect("a card is always representable as JSON");
-        Some(weights::to_bytes(&self.layers, &card))
+        Some(self.weights())
     }
 
     fn describe(&self) -> String {

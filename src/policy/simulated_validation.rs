@@ -7,6 +7,7 @@
 //! ranking, since the true world is unknown when actions are ranked; AUCCESS is the mean over worlds. No real interactions are used.
 
 use super::auccess::{MAX_ATTEMPTS, auccess};
+use super::data::TrainingPhysics;
 use super::evaluate::{EvaluateConfig, candidates};
 use super::{CHUNK, Policy, rank};
 use crate::error::{Error, Result};
@@ -44,6 +45,17 @@ impl SimulatedValidator {
             }
         }
         Ok(SimulatedValidator { tasks: tasks.to_vec(), worlds, config: config.clone(), engine })
+    }
+
+    /// Validation in `worlds` of the worlds of a training, as early stopping needs it.
+    pub fn of_training(
+        physics: &TrainingPhysics,
+        tasks: &[Task],
+        worlds: usize,
+        seed: u64,
+    ) -> Result<SimulatedValidator> {
+        let worlds = physics.worlds(worlds, seed);
+        SimulatedValidator::new(tasks, worlds, &EvaluateConfig::phyre(seed), Engine::Auto)
     }
 
     /// AUCCESS of a policy's ranking, averaged over the worlds.

@@ -83,11 +83,8 @@ pub fn placement_errors(
 ) -> Result<Vec<Option<String>>> {
     limits.check_count("actions", actions.len())?;
     let Some(space) = &scene.action else {
-        return Err(Error::input(
-            "scene.action",
-            "missing",
-            "an action space, which says what an action sets in the scene",
-        ));
+        let allowed = "an action space, which says what an action sets in the scene";
+        return Err(Error::input("scene.action", "missing", allowed));
     };
     let resolved = |(i, a): (usize, &Action)| a.resolve(space, &format!("actions[{i}]"));
     let actions: Vec<ValidAction> = actions.iter().enumerate().map(resolved).collect::<Result<_>>()?;

@@ -108,11 +108,8 @@ impl World {
                     return Err(Error::input("noise", config.noise, "0 for a simulated world"));
                 }
                 if let Some(budget) = config.budget {
-                    return Err(Error::input(
-                        "budget",
-                        budget,
-                        "null for a simulated world, where attempts are free",
-                    ));
+                    let allowed = "null for a simulated world, where attempts are free";
+                    return Err(Error::input("budget", budget, allowed));
                 }
                 let effects = config.effects.unwrap_or_default();
                 for (i, term) in effects.iter().enumerate() {

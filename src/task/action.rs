@@ -154,11 +154,8 @@ impl ActionSpace {
         if let Some(b) = self.bounds
             && !(b[0] < b[2] && b[1] < b[3])
         {
-            return Err(Error::input(
-                "bounds",
-                format!("{b:?}"),
-                "[x_min, y_min, x_max, y_max] with min below max",
-            ));
+            let allowed = "[x_min, y_min, x_max, y_max] with min below max";
+            return Err(Error::input("bounds", format!("{b:?}"), allowed));
         }
         if let Discretisation::Grid { counts } = &self.discrete
             && counts.len() != self.dimension()

@@ -7,11 +7,8 @@ use crate::error::{Error, Result};
 pub fn custom(scene: Scene) -> Result<Task> {
     scene.validate()?;
     if scene.action.is_none() {
-        return Err(Error::input(
-            "action",
-            "missing",
-            "an action space: the quantities of the scene that an action sets",
-        ));
+        let allowed = "an action space: the quantities of the scene that an action sets";
+        return Err(Error::input("action", "missing", allowed));
     }
     if scene.goal.is_none() {
         return Err(Error::input("goal", "missing", "a goal: the condition that solves the task"));

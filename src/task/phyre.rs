@@ -118,11 +118,8 @@ impl PhyreTasks {
                     && part.bytes().all(|b| b.is_ascii_digit() || b.is_ascii_lowercase())
             };
             if parts.len() != 2 || !parts.iter().all(plain) {
-                return Err(Error::input(
-                    "",
-                    format!("{id:?}"),
-                    "a task's id as TEMPLATE:TASK, 00000:003 say",
-                ));
+                let allowed = "a task's id as TEMPLATE:TASK, 00000:003 say";
+                return Err(Error::input("", format!("{id:?}"), allowed));
             }
             task.check().map_err(|e| e.in_field(&format!("[{id:?}]")))?;
         }

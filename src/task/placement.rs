@@ -104,11 +104,8 @@ fn validate_component(component: &ActionComponent, scene: &Scene) -> Result<()> 
     let body = scene.body(&component.target);
     let moving = matches!(component.set, ActionQuantity::Vx | ActionQuantity::Vy | ActionQuantity::Omega);
     if moving && body.is_none() {
-        return Err(Error::input(
-            "set",
-            format!("{:?}", component.set),
-            "x, y, radius or angle for a static",
-        ));
+        let allowed = "x, y, radius or angle for a static";
+        return Err(Error::input("set", format!("{:?}", component.set), allowed));
     }
     if component.set == ActionQuantity::Radius {
         let shape = body

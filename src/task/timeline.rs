@@ -104,22 +104,16 @@ impl PresentObjects {
                 body.validate().map_err(|e| e.in_field("body"))?;
                 self.fresh("body.name", &body.name)?;
                 if body.position.is_none() {
-                    return Err(Error::input(
-                        "body.position",
-                        "missing",
-                        "the position of the added body, m",
-                    ));
+                    let allowed = "the position of the added body, m";
+                    return Err(Error::input("body.position", "missing", allowed));
                 }
                 self.bodies.push(body.name.clone());
                 let most = 64 - scene.bodies.len().min(64);
                 let added = scene.interventions.iter().filter(|i| i.adds_body()).count();
                 if added > most {
                     let value = format!("{added} added bodies");
-                    return Err(Error::input(
-                        "body",
-                        value,
-                        format!("at most {most} in addition to the scene's own"),
-                    ));
+                    let allowed = format!("at most {most} in addition to the scene's own");
+                    return Err(Error::input("body", value, allowed));
                 }
                 Ok(())
             }
@@ -171,11 +165,8 @@ impl PresentObjects {
             return Err(Error::input(field, format!("{name:?}"), "a name of 1 to 100 characters"));
         }
         if taken.any(|t| t == name) {
-            return Err(Error::input(
-                field,
-                format!("{name:?}"),
-                "a name that no other object of the rollout uses",
-            ));
+            let allowed = "a name that no other object of the rollout uses";
+            return Err(Error::input(field, format!("{name:?}"), allowed));
         }
         Ok(())
     }

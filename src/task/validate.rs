@@ -26,11 +26,8 @@ impl Scene {
             return Err(Error::input("bodies", format!("{} bodies", self.bodies.len()), "1 to 64 bodies"));
         }
         if self.statics.len() > 256 {
-            return Err(Error::input(
-                "statics",
-                format!("{} statics", self.statics.len()),
-                "at most 256 statics",
-            ));
+            let allowed = "at most 256 statics";
+            return Err(Error::input("statics", format!("{} statics", self.statics.len()), allowed));
         }
         let mut names = HashSet::new();
         for (i, body) in self.bodies.iter().enumerate() {
@@ -47,11 +44,8 @@ impl Scene {
         if let Some(damping) = self.damping
             && !(damping > 0.0 && damping <= 1.0)
         {
-            return Err(Error::input(
-                "damping",
-                damping,
-                "the fraction of velocity kept per second, in (0, 1]",
-            ));
+            let allowed = "the fraction of velocity kept per second, in (0, 1]";
+            return Err(Error::input("damping", damping, allowed));
         }
         self.contact_rules.iter().try_for_each(|rules| rules.validate())?;
         self.goal.iter().try_for_each(|goal| self.validate_goal(goal).map_err(|e| e.in_field("goal")))?;
@@ -107,11 +101,8 @@ impl Scene {
             Goal::Inside { body, region, hold_s, .. } => {
                 self.check_name("body", body, false)?;
                 if region.len() < 3 {
-                    return Err(Error::input(
-                        "region",
-                        format!("{} points", region.len()),
-                        "3 or more corner points",
-                    ));
+                    let allowed = "3 or more corner points";
+                    return Err(Error::input("region", format!("{} points", region.len()), allowed));
                 }
                 for (i, p) in region.iter().enumerate() {
                     check_vector(&format!("region[{i}]"), *p, MAX_LENGTH_M)?;

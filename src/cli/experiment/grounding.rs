@@ -81,7 +81,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     cells.finish();
     let about = json!({"format": "iplw.grounding/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
         "hidden": hidden, "set": set, "seeds": seeds, "rows": rows});
-    let text = serde_json::to_string_pretty(&about).map_err(|e| Error::Failed(e.to_string()))? + "\n";
+    let text = output::pretty_json(&about)?;
     output::write_whole(&args.out.join("grounding.json"), text.as_bytes())?;
     output::write_whole(&args.out.join("table.txt"), table(&rows).as_bytes())?;
     let page = page(family.name, &set, &rows);

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::job::submit;
 use super::json::to_value;
-use super::policy_store::{RANDOM, RANKED, load, load_for_job, with_policy_id};
+use super::policy_store::{RANDOM, RANKED, check_world, load, load_for_job, with_policy_id};
 use super::rollouts::PersistedRollouts;
 use crate::error::{Error, Result, check_count};
 use crate::job::{Work, WorkOutcome};
@@ -70,10 +70,7 @@ fn begin(
                 return Err(Error::input("split", format!("{name:?}"), allowed));
             };
             if id != RANDOM {
-                load(app, &id)?.check_compatible(first).map_err(|e| match e {
-                    Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
-                    other => other,
-                })?;
+                check_world(&load(app, &id)?, first, &body.world)?;
             }
         }
     }

@@ -9,14 +9,14 @@ use serde_json::{Value, json};
 use super::estimation::exploration_tasks;
 use super::job::submit;
 use super::json::to_value;
-use super::policy_store::{UNTRAINED, load, load_for_job, policy_id_for_job, row, with_policy_id};
+use super::policy_store::{UNTRAINED, check_world, load, load_for_job, store_trained, with_policy_id};
 use super::rollouts::PersistedRollouts;
 use crate::error::{Error, Result, check_count};
 use crate::experiment::transfer::LearnConfig;
 use crate::explore;
 use crate::job::{JobContext, Work, WorkOutcome};
 use crate::json::from_value;
-use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
+use crate::policy::{Dataset, Dqn, Example, TrainConfig};
 use crate::progress::Progress;
 use crate::rng;
 use crate::serve::operation::{ACT, BodyWithJson, Operation, PathId, RecordResponse, post};
@@ -24,7 +24,6 @@ use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
 use crate::serve::wire::{JobOut, LearnIn};
 use crate::session::World;
-use crate::store::PolicyRow;
 use crate::task::{Task, ValidAction};
 
 /// Operations on fine-tuning.
@@ -81,10 +80,7 @@ fn begin(
     };
     setup.validate()?;
     let first = if id == UNTRAINED { untrained(&tasks, &setup)? } else { load(app, &id)? };
-    first.check_compatible(&tasks[0]).map_err(|e| match e {
-        Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
-        other => other,
-    })?;
+    check_world(&first, &tasks[0], &body.world)?;
     let attempts = body.attempts.map_or((setup.batches * setup.batch_size).min(100_000), |n| n as usize);
     if let Some(left) = world.remaining().filter(|left| *left < attempts as u64) {
         let allowed = format!("at most {left}, the world's remaining budget");
@@ -120,19 +116,8 @@ fn run(base: &CoreState, context: &JobContext, plan: &LearningJob, world: &World
         )));
     }
     let (learned, log) = dqn.learn_more(&data, &plan.setup, context)?;
-    let weights =
-        learned.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
-    let id = policy_id_for_job(store, context.id)?;
     let training = if plan.policy == UNTRAINED { "direct" } else { "learned_on" };
-    let stored = PolicyRow {
-        id: id.clone(),
-        training: training.into(),
-        config: plan.config.clone(),
-        job: Some(context.id.into()),
-        owner: context.owner.map(String::from),
-        ..row(&id, &learned, weights.len())
-    };
-    store.put_policy(&stored, &weights, None)?;
+    let id = store_trained(store, context, &learned, training, &plan.config)?;
     Ok(WorkOutcome::Done(json!({
         "policy": id,
         "from": plan.policy,

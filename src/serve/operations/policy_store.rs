@@ -3,9 +3,11 @@
 use serde_json::Value;
 
 use crate::error::{Error, Result};
+use crate::job::JobContext;
 use crate::policy::{Dqn, Policy};
 use crate::serve::request_context::RequestContext;
 use crate::store::{PolicyRow, Store};
+use crate::task::Task;
 
 /// Built-in policy that tries actions in random order.
 pub const RANDOM: &str = "random";
@@ -37,7 +39,7 @@ pub fn load_for_job(store: &Store, job: i64, id: &str, now: Option<Vec<u8>>) -> 
 const WEIGHTS_ARTIFACT: &str = "weights";
 
 /// `policy-3` for `job-3`, with a suffix if a client has uploaded weights under that name. A restarted job reuses its own.
-pub fn policy_id_for_job(store: &Store, job: &str) -> Result<String> {
+fn policy_id_for_job(store: &Store, job: &str) -> Result<String> {
     let wanted = job.replace("job", "policy");
     let mut id = wanted.clone();
     let mut n = 1;
@@ -48,12 +50,41 @@ pub fn policy_id_for_job(store: &Store, job: &str) -> Result<String> {
     Ok(id)
 }
 
+/// Stores the policy that a job trained, and returns its id.
+pub fn store_trained(
+    store: &Store,
+    job: &JobContext,
+    dqn: &Dqn,
+    training: &str,
+    config: &Value,
+) -> Result<String> {
+    let weights = dqn.weights();
+    let id = policy_id_for_job(store, job.id)?;
+    let row = PolicyRow {
+        training: training.into(),
+        config: config.clone(),
+        job: Some(job.id.into()),
+        owner: job.owner.map(String::from),
+        ..row(&id, dqn, weights.len())
+    };
+    store.put_policy(&row, &weights, None)?;
+    Ok(id)
+}
+
 /// Adds the policy's id to a request, for storage.
 pub fn with_policy_id(mut asked: Value, id: &str) -> Value {
     if let Some(fields) = asked.as_object_mut() {
         fields.insert("policy".into(), id.into());
     }
     asked
+}
+
+/// Errors unless the policy can score the actions of `task`, of the world that a request names.
+pub fn check_world(dqn: &Dqn, task: &Task, world: &str) -> Result<()> {
+    dqn.check_compatible(task).map_err(|e| match e {
+        Error::Input(input) => Error::input("world", format!("{world:?}"), input.allowed),
+        other => other,
+    })
 }
 
 /// Loads a stored policy.

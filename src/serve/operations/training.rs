@@ -8,21 +8,20 @@ use serde_json::{Value, json};
 use super::estimation::exploration_tasks;
 use super::job::submit;
 use super::json::to_value;
-use super::policy_store::{policy_id_for_job, row};
+use super::policy_store::store_trained;
 use crate::commands::{TrainingPreset, TrainingRequest};
 use crate::error::{Error, Result};
 use crate::job::{JobContext, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::policy::{
-    Dataset, Dqn, EarlyStopping, EvaluateConfig, LabelConfig, Policy, SimulatedValidator, TrainConfig,
-    TrainLog, TrainingPhysics, Validation, label, train_validated, train_with_early_stopping,
+    Dataset, Dqn, EarlyStopping, LabelConfig, SimulatedValidator, TrainConfig, TrainLog, TrainingPhysics,
+    Validation, label, train_validated, train_with_early_stopping,
 };
 use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
 use crate::serve::wire::JobOut;
 use crate::session::TaskSet;
-use crate::store::PolicyRow;
 use crate::task::{LabelCounts, Split, Task, split};
 use crate::world::Latents;
 
@@ -133,18 +132,7 @@ fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
         let data = label(&tasks, &plan.physics, &plan.labels, context)?;
         base.metrics.count_rollouts(data.rows.len() as u64);
         let (dqn, log) = train(&base, &plan, &data, context)?;
-        let weights =
-            dqn.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
-        let id = policy_id_for_job(&base.store, context.id)?;
-        let row = PolicyRow {
-            id: id.clone(),
-            training: plan.training,
-            config: plan.config,
-            job: Some(context.id.into()),
-            owner: context.owner.map(String::from),
-            ..row(&id, &dqn, weights.len())
-        };
-        base.store.put_policy(&row, &weights, None)?;
+        let id = store_trained(&base.store, context, &dqn, &plan.training, &plan.config)?;
         Ok(WorkOutcome::Done(json!({
             "policy": id,
             "batches": dqn.card().batches(),
@@ -170,10 +158,9 @@ fn train(
         let validation = validation(base, plan, context)?;
         return train_validated(data, validation.as_ref(), &plan.setup, context);
     };
-    let worlds = plan.physics.worlds(early_stopping.worlds, plan.setup.seed);
-    let evaluate = EvaluateConfig::phyre(plan.setup.seed);
+    let tasks = validation_tasks(base, plan)?;
     let judge =
-        SimulatedValidator::new(&validation_tasks(base, plan)?, worlds, &evaluate, plan.labels.engine)?;
+        SimulatedValidator::of_training(&plan.physics, &tasks, early_stopping.worlds, plan.setup.seed)?;
     train_with_early_stopping(data, &judge, &plan.setup, early_stopping, context)
 }
 

@@ -87,11 +87,8 @@ impl CertifiedTasks {
     pub fn from_json(text: &str) -> Result<CertifiedTasks> {
         let found: CertifiedTasks = crate::json::parse(text)?;
         if found.format != CERTIFIED_FORMAT {
-            return Err(Error::input(
-                "format",
-                format!("{:?}", found.format),
-                format!("{CERTIFIED_FORMAT:?}"),
-            ));
+            let allowed = format!("{CERTIFIED_FORMAT:?}");
+            return Err(Error::input("format", format!("{:?}", found.format), allowed));
         }
         Ok(found)
     }

@@ -54,11 +54,8 @@ pub fn parse(text: &str) -> Result<Family> {
 /// The same, but the list of scenes may be in a file next to it: `beside` returns the text of a file by name.
 pub fn parse_beside(text: &str, beside: &dyn Fn(&str) -> Result<String>) -> Result<Family> {
     if text.len() > MAX_FILE_BYTES {
-        return Err(Error::input(
-            "",
-            format!("{} bytes", text.len()),
-            format!("at most {MAX_FILE_BYTES} bytes"),
-        ));
+        let allowed = format!("at most {MAX_FILE_BYTES} bytes");
+        return Err(Error::input("", format!("{} bytes", text.len()), allowed));
     }
     let file: FamilyFile = from_toml(text)?;
     if file.format != FAMILY_FORMAT {
@@ -203,11 +200,8 @@ impl LearningTable {
         let batch_size =
             bounded("learning.batch_size", self.batch_size.unwrap_or(usual.batch_size), 2, 1024)?;
         if batch_size % 2 == 1 {
-            return Err(Error::input(
-                "learning.batch_size",
-                batch_size,
-                "an even number: half of a batch are solving actions",
-            ));
+            let allowed = "an even number: half of a batch are solving actions";
+            return Err(Error::input("learning.batch_size", batch_size, allowed));
         }
         let labels = |field: &str, given: Option<usize>, usual: LabelCounts| {
             let per_task = bounded(field, given.unwrap_or(usual.per_task), 2, MAX_SAMPLED_ACTIONS)?;
@@ -312,11 +306,8 @@ fn recipe(from: &CandidatesTable) -> Result<(CandidateSampler, Vec<String>)> {
         ("require", from.require.len(), MAX_VALUES),
     ] {
         if number > most {
-            return Err(Error::input(
-                format!("candidates.{field}"),
-                format!("{number}"),
-                format!("at most {most}"),
-            ));
+            let allowed = format!("at most {most}");
+            return Err(Error::input(format!("candidates.{field}"), format!("{number}"), allowed));
         }
     }
     let mut recipe = CandidateSampler::default();
@@ -413,11 +404,8 @@ fn selection(from: TasksTable) -> Result<Selection> {
     bounded("tasks.train + validation + test", dealt, 1, MAX_TASKS)?;
     if dealt != selection.n_tasks() {
         let value = format!("{} in total, but train, validation and test are {dealt}", selection.n_tasks());
-        return Err(Error::input(
-            "tasks.bins",
-            value,
-            "as many tasks as train, validation and test together",
-        ));
+        let allowed = "as many tasks as train, validation and test together";
+        return Err(Error::input("tasks.bins", value, allowed));
     }
     Ok(selection)
 }

@@ -66,11 +66,8 @@ pub fn register_families(own: Vec<Family>) -> Result<()> {
     let mut all = built_in();
     for family in own {
         if all.iter().any(|f| f.name == family.name) {
-            return Err(Error::input(
-                "name",
-                format!("{:?}", family.name),
-                "a name that no other family has",
-            ));
+            let allowed = "a name that no other family has";
+            return Err(Error::input("name", format!("{:?}", family.name), allowed));
         }
         all.push(Box::leak(Box::new(family)));
     }

@@ -26,11 +26,8 @@ impl ShapeGeometry for Polygon {
         let (vertices, n) = (&self.vertices, self.vertices.len());
         let [fewest, most] = CORNER_COUNT_RANGE;
         if !(fewest..=most).contains(&n) {
-            return Err(Error::input(
-                "vertices",
-                format!("{n} vertices"),
-                format!("{fewest} to {most} vertices"),
-            ));
+            let allowed = format!("{fewest} to {most} vertices");
+            return Err(Error::input("vertices", format!("{n} vertices"), allowed));
         }
         for (i, v) in vertices.iter().enumerate() {
             check_vector(&format!("vertices[{i}]"), *v, MAX_LENGTH_M)?;

@@ -8,8 +8,8 @@
 //! difference is a common shift.
 
 use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, SimulationContext, amplitude,
-    constants, effect,
+    Constants, Effect, EffectKind, Measurement, Sensor, SimulationContext, amplitude, constants, effect,
+    parameter,
 };
 
 /// The effect's row in the registry.
@@ -19,12 +19,7 @@ pub static EFFECT: Effect = Effect {
     signature: "Gravity seems tilted, like a wind across it, but floors, walls and the line between \
         objects at rest are rotated as well, and bodies seem to rise or sink along a level floor.",
     equation: "seen = true turned by angle about the origin, counter-clockwise",
-    parameters: &[ParameterDeclaration {
-        name: "angle",
-        unit: "rad",
-        bounds: [-3.2, 3.2],
-        ..amplitude(0.1, 0.05, 2e-3)
-    }],
+    parameters: &[parameter("angle", "rad", [-3.2, 3.2], amplitude(0.1, 0.05, 2e-3))],
     instrument_check: Some("hang a plumb line in the picture"),
     ..effect(EffectKind::Sensor(&CameraTilt))
 };

@@ -148,6 +148,16 @@ pub(super) const fn effect(kind: EffectKind) -> Effect {
     }
 }
 
+/// A parameter with its name, SI unit and bounds; `base` has the other fields.
+pub(super) const fn parameter(
+    name: &'static str,
+    unit: &'static str,
+    bounds: [f64; 2],
+    base: ParameterDeclaration,
+) -> ParameterDeclaration {
+    ParameterDeclaration { name, unit, bounds, ..base }
+}
+
 /// An amplitude with its typical size, prior standard deviation and finite-difference step, neutral at 0; the
 /// caller fills the other fields.
 pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> ParameterDeclaration {

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 use super::{
     Constants, DataRange, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
-    ShapeParameter, SimulationContext, amplitude, constants, effect, shape, wind,
+    ShapeParameter, SimulationContext, amplitude, constants, effect, parameter, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -23,31 +23,15 @@ pub static EFFECT: Effect = Effect {
         much longer than the trials it is wind.",
     equation: "a = (ax, ay) sin(2 pi t / period + phase), t from the start of the rollout",
     parameters: &[
-        ParameterDeclaration {
-            name: "ax",
-            unit: "m/s^2",
-            bounds: [-100.0, 100.0],
-            ..amplitude(1.0, 2.0, 1e-2)
-        },
-        ParameterDeclaration {
-            name: "ay",
-            unit: "m/s^2",
-            bounds: [-100.0, 100.0],
-            ..amplitude(1.0, 2.0, 1e-2)
-        },
-        ParameterDeclaration {
-            name: "period",
-            unit: "s",
-            bounds: [1e-3, 1e6],
-            neutral: 1.0,
-            ..shape(ShapeParameter::Period, 1.0, 1e-4)
-        },
-        ParameterDeclaration {
-            name: "phase",
-            unit: "rad",
-            bounds: [-100.0, 100.0],
-            ..shape(ShapeParameter::Phase, 1.0, 2e-3)
-        },
+        parameter("ax", "m/s^2", [-100.0, 100.0], amplitude(1.0, 2.0, 1e-2)),
+        parameter("ay", "m/s^2", [-100.0, 100.0], amplitude(1.0, 2.0, 1e-2)),
+        parameter(
+            "period",
+            "s",
+            [1e-3, 1e6],
+            ParameterDeclaration { neutral: 1.0, ..shape(ShapeParameter::Period, 1.0, 1e-4) },
+        ),
+        parameter("phase", "rad", [-100.0, 100.0], shape(ShapeParameter::Phase, 1.0, 2e-3)),
     ],
     special_cases: &[&wind::EFFECT],
     search: SearchStrategy::FromStarts(starts),

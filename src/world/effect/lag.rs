@@ -5,7 +5,7 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{Constants, Effect, EffectKind, ParameterDeclaration, Sensor, amplitude, effect};
+use super::{Constants, Effect, EffectKind, Sensor, amplitude, effect, parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -15,12 +15,7 @@ pub static EFFECT: Effect = Effect {
         bodies, and jumps at bounces. With dt > 0 bodies at first appear at rest at their initial \
         position.",
     equation: "seen at t = true at t - dt",
-    parameters: &[ParameterDeclaration {
-        name: "dt",
-        unit: "s",
-        bounds: [-10.0, 10.0],
-        ..amplitude(0.1, 0.05, 1e-4)
-    }],
+    parameters: &[parameter("dt", "s", [-10.0, 10.0], amplitude(0.1, 0.05, 1e-4))],
     instrument_check: Some("film a clock next to the time stamps"),
     ..effect(EffectKind::Sensor(&SensorDelay))
 };

@@ -10,7 +10,7 @@
 
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
+    SimulationContext, amplitude, constants, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -21,12 +21,7 @@ pub static EFFECT: Effect = Effect {
         gravity; opposite directions curve the same way, unlike in any force field. Its sign is that \
         of the spin, so it may differ between trials or settings.",
     equation: "a = s v turned by +90 degrees = s (-vy, vx)",
-    parameters: &[ParameterDeclaration {
-        name: "s",
-        unit: "1/s",
-        bounds: [-100.0, 100.0],
-        ..amplitude(0.5, 0.7, 2e-3)
-    }],
+    parameters: &[parameter("s", "1/s", [-100.0, 100.0], amplitude(0.5, 0.7, 2e-3))],
     // A table-tennis ball whose spin differs by three revolutions per second.
     between_trial_sd: &[0.2],
     reset_by_contact: true,

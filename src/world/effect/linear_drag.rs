@@ -10,7 +10,7 @@
 
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
+    SimulationContext, amplitude, constants, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -21,12 +21,7 @@ pub static EFFECT: Effect = Effect {
         speeds distinguish it from quadratic drag. Spin decays at the same rate. It acts in flight \
         and in rolling.",
     equation: "a = -c v, and the same for spin",
-    parameters: &[ParameterDeclaration {
-        name: "c",
-        unit: "1/s",
-        bounds: [0.0, 100.0],
-        ..amplitude(0.5, 0.7, 2e-3)
-    }],
+    parameters: &[parameter("c", "1/s", [0.0, 100.0], amplitude(0.5, 0.7, 2e-3))],
     opposes_motion: true,
     ..effect(EffectKind::Motion(&LinearDrag))
 };

@@ -41,7 +41,7 @@ use crate::task::scene::{EffectTerm, Scene};
 pub use declaration::{
     DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, SearchStrategy, ShapeParameter,
 };
-use declaration::{amplitude, edge, effect, shape};
+use declaration::{amplitude, edge, effect, parameter, shape};
 use law::constants;
 pub use law::{
     ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,

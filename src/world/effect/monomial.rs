@@ -13,7 +13,7 @@ use super::vectorize::map_lanes;
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
     ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
-    shape,
+    parameter, shape,
 };
 
 /// The effect's row in the registry.
@@ -23,18 +23,8 @@ pub static EFFECT: Effect = Effect {
     signature: "Depends on the fit.",
     equation: "a = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv, powers whole",
     parameters: &[
-        ParameterDeclaration {
-            name: "ax",
-            unit: "m/s^2 over the powers' unit",
-            bounds: [-1e3, 1e3],
-            ..amplitude(0.1, 1.0, 2e-3)
-        },
-        ParameterDeclaration {
-            name: "ay",
-            unit: "m/s^2 over the powers' unit",
-            bounds: [-1e3, 1e3],
-            ..amplitude(0.1, 1.0, 2e-3)
-        },
+        parameter("ax", "m/s^2 over the powers' unit", [-1e3, 1e3], amplitude(0.1, 1.0, 2e-3)),
+        parameter("ay", "m/s^2 over the powers' unit", [-1e3, 1e3], amplitude(0.1, 1.0, 2e-3)),
         power("px"),
         power("py"),
         power("pvx"),
@@ -46,7 +36,7 @@ pub static EFFECT: Effect = Effect {
 };
 
 const fn power(name: &'static str) -> ParameterDeclaration {
-    ParameterDeclaration { name, unit: "1", bounds: [0.0, 4.0], ..shape(ShapeParameter::Power, 1.0, 2e-3) }
+    parameter(name, "1", [0.0, 4.0], shape(ShapeParameter::Power, 1.0, 2e-3))
 }
 
 struct Monomial;

@@ -9,7 +9,7 @@
 use super::{
     ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
     ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
-    quadratic_drag, shape, wind,
+    parameter, quadratic_drag, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -21,21 +21,19 @@ pub static EFFECT: Effect = Effect {
         drag in still air it moves bodies at rest and depends on the direction.",
     equation: "a = -k |v - u| (v - u), u = (ux, uy)",
     parameters: &[
-        ParameterDeclaration {
-            name: "ux",
-            unit: "m/s",
-            bounds: [-100.0, 100.0],
-            prior_sd: 3.0,
-            ..shape(ShapeParameter::Velocity, 1.0, 1e-2)
-        },
-        ParameterDeclaration {
-            name: "uy",
-            unit: "m/s",
-            bounds: [-100.0, 100.0],
-            prior_sd: 3.0,
-            ..shape(ShapeParameter::Velocity, 1.0, 1e-2)
-        },
-        ParameterDeclaration { name: "k", unit: "1/m", bounds: [0.0, 1000.0], ..amplitude(0.03, 0.2, 2e-3) },
+        parameter(
+            "ux",
+            "m/s",
+            [-100.0, 100.0],
+            ParameterDeclaration { prior_sd: 3.0, ..shape(ShapeParameter::Velocity, 1.0, 1e-2) },
+        ),
+        parameter(
+            "uy",
+            "m/s",
+            [-100.0, 100.0],
+            ParameterDeclaration { prior_sd: 3.0, ..shape(ShapeParameter::Velocity, 1.0, 1e-2) },
+        ),
+        parameter("k", "1/m", [0.0, 1000.0], amplitude(0.03, 0.2, 2e-3)),
     ],
     special_cases: &[&quadratic_drag::EFFECT, &wind::EFFECT],
     opposes_motion: true,

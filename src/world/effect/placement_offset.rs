@@ -7,7 +7,7 @@
 //! Differences from the source: no rotation. It shifts the bodies and statics whose x or y the scene's action
 //! sets; if the actions set no position, all movable bodies.
 
-use super::{Constants, Effect, EffectKind, ParameterDeclaration, PlacementLaw, amplitude, effect};
+use super::{Constants, Effect, EffectKind, PlacementLaw, amplitude, effect, parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -18,8 +18,8 @@ pub static EFFECT: Effect = Effect {
         objects are measured where they should be.",
     equation: "placed position = intended position + (dx, dy)",
     parameters: &[
-        ParameterDeclaration { name: "dx", unit: "m", bounds: [-10.0, 10.0], ..amplitude(0.1, 0.1, 2e-3) },
-        ParameterDeclaration { name: "dy", unit: "m", bounds: [-10.0, 10.0], ..amplitude(0.1, 0.1, 2e-3) },
+        parameter("dx", "m", [-10.0, 10.0], amplitude(0.1, 0.1, 2e-3)),
+        parameter("dy", "m", [-10.0, 10.0], amplitude(0.1, 0.1, 2e-3)),
     ],
     ..effect(EffectKind::Action(&PlacementOffset))
 };

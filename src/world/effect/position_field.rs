@@ -13,8 +13,7 @@
 
 use super::{
     ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect,
-    shape, wind,
+    SearchStrategy, ShapeParameter, SimulationContext, amplitude, constants, effect, parameter, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -25,30 +24,10 @@ pub static EFFECT: Effect = Effect {
         at any amplitude. With (x0, y0) far away it is wind.",
     equation: "a = (kx (x0 - x), ky (y0 - y)): k > 0 attracts, k < 0 repels",
     parameters: &[
-        ParameterDeclaration {
-            name: "kx",
-            unit: "1/s^2",
-            bounds: [-1000.0, 1000.0],
-            ..amplitude(0.1, 1.0, 2e-3)
-        },
-        ParameterDeclaration {
-            name: "ky",
-            unit: "1/s^2",
-            bounds: [-1000.0, 1000.0],
-            ..amplitude(0.1, 1.0, 2e-3)
-        },
-        ParameterDeclaration {
-            name: "x0",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            ..shape(ShapeParameter::Place, 10.0, 2e-3)
-        },
-        ParameterDeclaration {
-            name: "y0",
-            unit: "m",
-            bounds: [-1e5, 1e5],
-            ..shape(ShapeParameter::Place, 10.0, 2e-3)
-        },
+        parameter("kx", "1/s^2", [-1000.0, 1000.0], amplitude(0.1, 1.0, 2e-3)),
+        parameter("ky", "1/s^2", [-1000.0, 1000.0], amplitude(0.1, 1.0, 2e-3)),
+        parameter("x0", "m", [-1e5, 1e5], shape(ShapeParameter::Place, 10.0, 2e-3)),
+        parameter("y0", "m", [-1e5, 1e5], shape(ShapeParameter::Place, 10.0, 2e-3)),
     ],
     special_cases: &[&wind::EFFECT],
     search: SearchStrategy::FromStarts(starts),

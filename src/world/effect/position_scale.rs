@@ -7,7 +7,9 @@
 //! Differences from the source: scaling about the scene's origin, not the image centre; the difference is a
 //! common shift.
 
-use super::{Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, amplitude, effect};
+use super::{
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, Sensor, amplitude, effect, parameter,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -17,13 +19,12 @@ pub static EFFECT: Effect = Effect {
         too far apart when they touch. Vertical motion alone cannot distinguish it from an error of \
         gravity; sideways motion and known sizes can.",
     equation: "measured position = s * true position; velocities likewise",
-    parameters: &[ParameterDeclaration {
-        name: "s",
-        unit: "1",
-        bounds: [0.1, 10.0],
-        neutral: 1.0,
-        ..amplitude(0.1, 0.05, 2e-3)
-    }],
+    parameters: &[parameter(
+        "s",
+        "1",
+        [0.1, 10.0],
+        ParameterDeclaration { neutral: 1.0, ..amplitude(0.1, 0.05, 2e-3) },
+    )],
     instrument_check: Some("measure a known length in the picture"),
     ..effect(EffectKind::Sensor(&PositionScale))
 };

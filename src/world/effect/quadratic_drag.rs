@@ -10,7 +10,7 @@
 
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SimulationContext, amplitude, constants, effect,
+    SimulationContext, amplitude, constants, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -21,12 +21,7 @@ pub static EFFECT: Effect = Effect {
         exponentially, and there is a terminal speed sqrt(g / k). Only trials of different speeds \
         distinguish it from linear drag, and trials in opposite directions from wind.",
     equation: "a = -k |v| v",
-    parameters: &[ParameterDeclaration {
-        name: "k",
-        unit: "1/m",
-        bounds: [0.0, 1000.0],
-        ..amplitude(0.03, 0.2, 2e-3)
-    }],
+    parameters: &[parameter("k", "1/m", [0.0, 1000.0], amplitude(0.03, 0.2, 2e-3))],
     opposes_motion: true,
     ..effect(EffectKind::Motion(&QuadraticDrag))
 };

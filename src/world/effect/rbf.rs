@@ -9,7 +9,7 @@
 //! Differences from the source: widths differ by axis, and the functions are not normalised to sum to 1.
 
 use super::vectorize::map_lanes;
-use super::{ConstantLanes, LANES, ParameterDeclaration, ShapeParameter, amplitude, shape};
+use super::{ConstantLanes, LANES, ParameterDeclaration, ShapeParameter, amplitude, parameter, shape};
 
 /// The Gaussian at distances in widths.
 #[inline(always)]
@@ -72,7 +72,7 @@ fn exp_down(u: f64) -> f64 {
 
 /// Amplitude of a Gaussian, an acceleration, m/s^2.
 pub(super) const fn height(name: &'static str) -> ParameterDeclaration {
-    ParameterDeclaration { name, unit: "m/s^2", bounds: [-1e3, 1e3], ..amplitude(1.0, 2.0, 1e-2) }
+    parameter(name, "1", [-1e3, 1e3], amplitude(1.0, 2.0, 1e-2))
 }
 
 /// Centre of a Gaussian, in a unit.
@@ -81,18 +81,17 @@ pub(super) const fn centre(
     unit: &'static str,
     of: ShapeParameter,
 ) -> ParameterDeclaration {
-    ParameterDeclaration { name, unit, bounds: [-1e5, 1e5], ..shape(of, 10.0, 2e-3) }
+    parameter(name, unit, [-1e5, 1e5], shape(of, 10.0, 2e-3))
 }
 
 /// Width of a Gaussian, in the unit of its centre.
 pub(super) const fn width(name: &'static str, unit: &'static str) -> ParameterDeclaration {
-    ParameterDeclaration {
+    parameter(
         name,
         unit,
-        bounds: [1e-4, 1e5],
-        neutral: 1.0,
-        ..shape(ShapeParameter::Width, 1.0, 2e-3)
-    }
+        [1e-4, 1e5],
+        ParameterDeclaration { neutral: 1.0, ..shape(ShapeParameter::Width, 1.0, 2e-3) },
+    )
 }
 
 #[cfg(test)]

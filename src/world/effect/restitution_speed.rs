@@ -11,8 +11,7 @@
 //! Differences from the source: linear in the speed. e0 is the product of both surfaces' coefficients.
 
 use super::{
-    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, ParameterDeclaration,
-    amplitude, effect,
+    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, amplitude, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -23,12 +22,7 @@ pub static EFFECT: Effect = Effect {
         drag also reduces higher bounces more, but is visible in the flights between them. One drop \
         height cannot distinguish it from another e0.",
     equation: "e = e0 - slope * impact speed, within [0, 1]",
-    parameters: &[ParameterDeclaration {
-        name: "slope",
-        unit: "s/m",
-        bounds: [-10.0, 10.0],
-        ..amplitude(0.03, 0.05, 2e-3)
-    }],
+    parameters: &[parameter("slope", "s/m", [-10.0, 10.0], amplitude(0.03, 0.05, 2e-3))],
     ..effect(EffectKind::Contact(&RestitutionSpeed))
 };
 

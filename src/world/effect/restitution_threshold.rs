@@ -12,8 +12,8 @@
 //! that a threshold of 0 has no effect.
 
 use super::{
-    Constants, ContactLaw, ContactResponse, ContactState, DataRange, Effect, EffectKind,
-    ParameterDeclaration, SearchStrategy, amplitude, effect,
+    Constants, ContactLaw, ContactResponse, ContactState, DataRange, Effect, EffectKind, SearchStrategy,
+    amplitude, effect, parameter,
 };
 use crate::task::scene::MAX_RESTITUTION_THRESHOLD_M_S;
 
@@ -25,12 +25,7 @@ pub static EFFECT: Effect = Effect {
         the threshold are unchanged. Only data with impacts on both sides of the threshold identify \
         it.",
     equation: "e = 0 where the impact speed < speed",
-    parameters: &[ParameterDeclaration {
-        name: "speed",
-        unit: "m/s",
-        bounds: [0.0, MAX_RESTITUTION_THRESHOLD_M_S],
-        ..amplitude(1.0, 2.0, 0.05)
-    }],
+    parameters: &[parameter("speed", "m/s", [0.0, MAX_RESTITUTION_THRESHOLD_M_S], amplitude(1.0, 2.0, 0.05))],
     search: SearchStrategy::FromStarts(starts),
     ..effect(EffectKind::Contact(&RestitutionThreshold))
 };

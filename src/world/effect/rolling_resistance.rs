@@ -14,7 +14,7 @@
 //! Impacts do not count as load, nor do contacts between two movable bodies; bodies that are not discs do not
 //! roll.
 
-use super::{Constants, ContactLaw, Effect, EffectKind, ParameterDeclaration, amplitude, effect};
+use super::{Constants, ContactLaw, Effect, EffectKind, amplitude, effect, parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -24,12 +24,7 @@ pub static EFFECT: Effect = Effect {
         v^2 / (2 crr g); drag is proportional to speed, and acts in flight as well. Sliding friction \
         is much stronger and ends when the body rolls.",
     equation: "a = -crr N/m against the rolling: crr g on level ground",
-    parameters: &[ParameterDeclaration {
-        name: "crr",
-        unit: "1",
-        bounds: [0.0, 10.0],
-        ..amplitude(0.1, 0.05, 2e-3)
-    }],
+    parameters: &[parameter("crr", "1", [0.0, 10.0], amplitude(0.1, 0.05, 2e-3))],
     ..effect(EffectKind::Contact(&RollingResistance))
 };
 

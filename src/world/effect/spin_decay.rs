@@ -10,8 +10,8 @@
 //! Differences from the source: one coefficient for all bodies of any size.
 
 use super::{
-    Constants, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
-    SimulationContext, amplitude, constants, effect,
+    Constants, Effect, EffectKind, MotionLaw, MotionState, SearchStrategy, SimulationContext, amplitude,
+    constants, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -23,12 +23,7 @@ pub static EFFECT: Effect = Effect {
         bounce distinguish it from friction only with flights of different lengths, so the model \
         search does not try it; it can be estimated, and scenes may have it.",
     equation: "domega/dt = -c omega",
-    parameters: &[ParameterDeclaration {
-        name: "c",
-        unit: "1/s",
-        bounds: [0.0, 100.0],
-        ..amplitude(0.5, 0.7, 2e-3)
-    }],
+    parameters: &[parameter("c", "1/s", [0.0, 100.0], amplitude(0.5, 0.7, 2e-3))],
     search: SearchStrategy::Excluded,
     ..effect(EffectKind::Motion(&SpinDecay))
 };

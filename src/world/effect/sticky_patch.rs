@@ -11,7 +11,7 @@
 
 use super::{
     ConstantLanes, Constants, DataRange, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SearchStrategy, SimulationContext, amplitude, constants, edge, effect, linear_drag,
+    SearchStrategy, SimulationContext, amplitude, constants, edge, effect, linear_drag, parameter,
 };
 
 /// The effect's row in the registry.
@@ -22,11 +22,11 @@ pub static EFFECT: Effect = Effect {
         decays exponentially there only.",
     equation: "a = -c v, and the same for spin, where x_min <= x <= x_max and y_min <= y <= y_max",
     parameters: &[
-        ParameterDeclaration { name: "x_min", unit: "m", bounds: [-1e5, 1e5], ..edge(0, 0, 10.0, 0.03) },
-        ParameterDeclaration { name: "x_max", unit: "m", bounds: [-1e5, 1e5], ..edge(0, 1, 10.0, 0.03) },
-        ParameterDeclaration { name: "y_min", unit: "m", bounds: [-1e5, 1e5], ..edge(1, 0, 10.0, 0.03) },
-        ParameterDeclaration { name: "y_max", unit: "m", bounds: [-1e5, 1e5], ..edge(1, 1, 10.0, 0.03) },
-        ParameterDeclaration { name: "c", unit: "1/s", bounds: [0.0, 100.0], ..amplitude(0.5, 2.0, 2e-3) },
+        parameter("x_min", "m", [-1e5, 1e5], edge(0, 0, 10.0, 0.03)),
+        parameter("x_max", "m", [-1e5, 1e5], edge(0, 1, 10.0, 0.03)),
+        parameter("y_min", "m", [-1e5, 1e5], edge(1, 0, 10.0, 0.03)),
+        parameter("y_max", "m", [-1e5, 1e5], edge(1, 1, 10.0, 0.03)),
+        parameter("c", "1/s", [0.0, 100.0], amplitude(0.5, 2.0, 2e-3)),
     ],
     special_cases: &[&linear_drag::EFFECT],
     search: SearchStrategy::FromStarts(starts),

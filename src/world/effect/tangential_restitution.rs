@@ -14,8 +14,7 @@
 //! test).
 
 use super::{
-    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, ParameterDeclaration,
-    amplitude, effect,
+    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, amplitude, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -27,12 +26,7 @@ pub static EFFECT: Effect = Effect {
         Friction changes only grazing impacts, where it is the limit; flights are unaffected, unlike \
         by lift.",
     equation: "slip after an impact = -et * slip before, within friction",
-    parameters: &[ParameterDeclaration {
-        name: "et",
-        unit: "1",
-        bounds: [-1.0, 1.0],
-        ..amplitude(0.1, 0.5, 2e-3)
-    }],
+    parameters: &[parameter("et", "1", [-1.0, 1.0], amplitude(0.1, 0.5, 2e-3))],
     ..effect(EffectKind::Contact(&TangentialRestitution))
 };
 

@@ -10,8 +10,7 @@
 
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
-    ParameterDeclaration, SimulationContext, amplitude, constants, effect, gravity_error, position_scale,
-    time_scale,
+    SimulationContext, amplitude, constants, effect, gravity_error, parameter, position_scale, time_scale,
 };
 
 /// The effect's row in the registry.
@@ -24,18 +23,8 @@ pub static EFFECT: Effect = Effect {
         wind leaves unchanged.",
     equation: "a = (ax, ay)",
     parameters: &[
-        ParameterDeclaration {
-            name: "ax",
-            unit: "m/s^2",
-            bounds: [-100.0, 100.0],
-            ..amplitude(1.0, 1.0, 1e-2)
-        },
-        ParameterDeclaration {
-            name: "ay",
-            unit: "m/s^2",
-            bounds: [-100.0, 100.0],
-            ..amplitude(1.0, 1.0, 1e-2)
-        },
+        parameter("ax", "m/s^2", [-100.0, 100.0], amplitude(1.0, 1.0, 1e-2)),
+        parameter("ay", "m/s^2", [-100.0, 100.0], amplitude(1.0, 1.0, 1e-2)),
     ],
     special_cases: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
     between_trial_sd: &[0.1, 0.1],
