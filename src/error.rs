@@ -189,12 +189,25 @@ pub fn check_range(field: &str, value: f64, low: f64, high: f64) -> Result<f64> 
 }
 
 /// An error naming `field` unless the value, if any, is within `[low, high]`.
-pub fn check_count(field: &str, value: Option<u64>, low: u64, high: u64) -> Result<()> {
-    match value {
+pub fn check_count<T: PartialOrd + fmt::Display + Copy>(
+    field: &str,
+    value: impl Into<Option<T>>,
+    low: T,
+    high: T,
+) -> Result<()> {
+    match value.into() {
         Some(v) if !(low..=high).contains(&v) => {
             Err(Error::input(field, v, format!("a whole number from {low} to {high}")))
         }
         _ => Ok(()),
+    }
+}
+
+/// Errors unless a document's `format` is the expected one.
+pub fn check_format(format: &str, expected: &str) -> Result<()> {
+    match format == expected {
+        true => Ok(()),
+        false => Err(Error::input("format", format!("{format:?}"), format!("{expected:?}"))),
     }
 }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::expiry::{format_time, parse_time};
 use super::scope::Scope;
 use super::token::{Digest, HashedToken};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_format};
 use crate::json;
 use crate::store::{make_private_directory, private_file, sha256, write_private};
 
@@ -52,10 +52,7 @@ pub fn parse_token_rows(text: &str, place: &str) -> Result<Vec<HashedToken>> {
 /// Parses a token file; errors name `place`.
 pub fn parse_token_file(text: &str, place: &str) -> Result<Vec<HashedToken>> {
     let document: TokenFileDocument = json::parse(text).map_err(|e| e.in_file(place))?;
-    if document.format != FORMAT {
-        let value = format!("{:?}", document.format);
-        return Err(Error::input("format", value, format!("{FORMAT:?}")).in_file(place));
-    }
+    check_format(&document.format, FORMAT).map_err(|e| e.in_file(place))?;
     if document.seal.is_some_and(|checksum| {
         checksum != seal(&document.tokens) && checksum != previous_seal(&document.tokens)
     }) {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, training_and_test_tasks};
-use iplw::error::{Error, Result};
+use iplw::error::{Error, Result, check_format};
 use iplw::reality::{HiddenWorld, Reality, Trial, standard, trials_to_csv, with_trial_settings};
 use iplw::task::{Placement, Task, ValidAction};
 
@@ -79,9 +79,7 @@ fn measure_design(path: &Path, tasks: &[Task], world: &mut HiddenWorld) -> Resul
 
 fn measure_experiments(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
     let design: DesignDocument = iplw::json::parse(design)?;
-    if design.format != DESIGN_FORMAT {
-        return Err(Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}")));
-    }
+    check_format(&design.format, DESIGN_FORMAT)?;
     if design.experiments.is_empty() {
         return Err(Error::input("experiments", "none", "at least one"));
     }

@@ -9,7 +9,7 @@ use iplw::estimate::surface::RelatedEnvironment;
 use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, Task, family};
-use iplw::world::{Engine, Latents, effect};
+use iplw::world::{Engine, Latents};
 
 /// Parses all `--effect` options.
 pub fn effects(texts: &[String]) -> Result<Vec<EffectTerm>> {

@@ -73,6 +73,7 @@ pub struct Diagnosis {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EffectEstimate {
     pub name: String,
+    /// `motion`, `contact`, `region`, `sensor` or `action`.
     pub acts_on: String,
     /// p-value, corrected for the search over the library.
     pub p_value: f64,
@@ -87,6 +88,7 @@ pub struct ParameterEstimate {
     /// 95 % confidence interval; `null` where unbounded.
     pub ci95: [Option<f64>; 2],
     pub unit: String,
+    /// The setting whose trials it applies to; `null` if all.
     pub setting: Option<String>,
     /// Standard deviation between trials; `null` if shared by all trials.
     pub spread: Option<f64>,

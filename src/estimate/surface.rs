@@ -15,7 +15,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::gp::{GaussianProcess, GpHyperparameters, GpPrediction};
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_format, check_range};
 use crate::explore::Importance;
 use crate::names::names;
 use crate::rng;
@@ -215,9 +215,7 @@ impl PerformanceSurface {
 
     /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
-        if self.format != FORMAT {
-            return Err(Error::input("format", format!("{:?}", self.format), format!("{FORMAT:?}")));
-        }
+        check_format(&self.format, FORMAT)?;
         if self.axes.is_empty() || self.axes.len() > FACTORS.len() {
             return Err(Error::input("axes", self.axes.len(), "1 to 3 factors"));
         }

@@ -120,10 +120,7 @@ impl StrategiesConfig {
         let mut config = StrategiesConfig::paper(family);
         config.seeds.truncate(2);
         for arm in &mut config.arms {
-            let e = &mut arm.estimate;
-            (e.rounds, e.actions) = (e.rounds.min(4), e.actions.min(10));
-            e.candidates = e.candidates.min(100);
-            (e.cem.samples, e.cem.elites) = (e.cem.samples.min(200), e.cem.elites.min(40));
+            arm.reduce(4, 10);
         }
         config
     }
@@ -154,6 +151,14 @@ impl StrategiesConfig {
 }
 
 impl Arm {
+    /// Reduces the work for a quick run.
+    pub(super) fn reduce(&mut self, rounds: usize, actions: usize) {
+        let e = &mut self.estimate;
+        (e.rounds, e.actions) = (e.rounds.min(rounds), e.actions.min(actions));
+        e.candidates = e.candidates.min(100);
+        (e.cem.samples, e.cem.elites) = (e.cem.samples.min(200), e.cem.elites.min(40));
+    }
+
     /// Whether the arm's strategy needs a performance surface.
     pub fn needs_importance(&self) -> bool {
         super::acquisition::needs_importance(&self.estimate.strategy).unwrap_or(false)

@@ -192,10 +192,7 @@ impl Study {
         self.seeds.truncate(2);
         self.trials = 1;
         for arm in &mut self.arms {
-            let e = &mut arm.estimate;
-            (e.rounds, e.actions) = (e.rounds.min(3), e.actions.min(20));
-            e.candidates = e.candidates.min(100);
-            (e.cem.samples, e.cem.elites) = (e.cem.samples.min(200), e.cem.elites.min(40));
+            arm.reduce(3, 20);
         }
         self.rounds.retain(|r| *r == 1 || *r == 3);
         if self.rounds.is_empty() {

@@ -14,7 +14,8 @@
 //! |---|---|
 //! | the action's components | (components,) |
 //! | for each object that the action places: frame of reference | (2,) |
-//! | ... collision with "a": speed of the fall, share of the mass, impact | (4,) |
+//! | ... distance and sizes of "a" and "b", room behind and beyond them | ([`PAIR_FEATURES`],) |
+//! | ... collision with "a": speed of the fall, share of the mass, impact | ([`IMPACT_FEATURES`],) |
 //! | ... position, size, clearance, fall time; form; velocity | (15,) |
 //! | ... position relative to "a", "b" and the nearest others, and their properties | (2 + [`NEIGHBOURS`], [`RELATION_FEATURES`]) |
 //! | ... support | (3, [`SUPPORT_FEATURES`]) |
@@ -49,6 +50,8 @@ const OBJECT_FEATURES: usize = 19;
 const RELATION_FEATURES: usize = 21;
 /// Features of the support below a point.
 const SUPPORT_FEATURES: usize = 5;
+/// Features of the goal's two objects relative to each other.
+const PAIR_FEATURES: usize = 9;
 /// Features of a collision with the goal's body.
 const IMPACT_FEATURES: usize = 4;
 
@@ -183,6 +186,7 @@ impl FeatureExtractor {
         for (i, target) in targets.iter().enumerate() {
             let goal = self.goal_frame(target);
             out.extend([goal.ahead == self.goal.ahead, goal.roles != self.goal.roles].map(indicator));
+            self.pair_features(goal, &mut out);
             self.impact_features(target, goal, &mut out);
             self.clearance_features(target, goal.ahead, &mut out);
             out.extend(form_features(target, goal.ahead));
@@ -234,6 +238,26 @@ impl FeatureExtractor {
         } else {
             self.goal
         }
+    }
+
+    /// The goal's two objects: distance, sizes, and the room behind "a" and beyond "b".
+    fn pair_features(&self, goal: GoalFrame, out: &mut Vec<f32>) {
+        let [Some(a), Some(b)] = goal.roles.map(|role| role.map(|k| &self.objects[k])) else {
+            out.resize(out.len() + PAIR_FEATURES, 0.0);
+            return;
+        };
+        let width = self.size()[0];
+        let reach = (a.size() + b.size()).max(1e-9);
+        let distance = (b.centre[0] - a.centre[0]) * goal.ahead;
+        out.extend([clamp_to_unit(distance / width), squash(distance / reach)]);
+        out.push(clamp_to_unit((a.size() - b.size()) / reach));
+        for (thing, side) in [(a, -goal.ahead), (b, goal.ahead)] {
+            let edge = thing.centre[0] + side * thing.half[0];
+            let room = if side > 0.0 { self.frame[2] - edge } else { edge - self.frame[0] };
+            out.push(squash(room / (2.0 * thing.size().max(1e-9))));
+            out.push(clamp_to_unit(2.0 * room / width));
+        }
+        out.extend([a, b].map(|thing| clamp_to_unit(8.0 * thing.size() / width)));
     }
 
     /// Collision of a placed object with "a", if either falls on the other: speed of the fall, the placed object's share of the mass

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_count, check_range};
 use crate::json;
 use crate::serve::wire::BinaryArrays;
 use crate::session::RequestLimits;
@@ -116,20 +116,14 @@ impl Limits {
         // At most a token's maximum lifetime: 100 years.
         self.job_kept_seconds
             .map_or(Ok(0.0), |s| check_range("job_kept_seconds", s, 1.0, 3_153_600_000.0))?;
-        let whole = |field: &str, value: u64, low: u64, high: u64| {
-            if (low..=high).contains(&value) {
-                return Ok(());
-            }
-            Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
-        };
-        whole("connections", self.connections as u64, 8, 1_000_000)?;
-        whole("client_connections", self.client_connections as u64, 4, 1_000_000)?;
-        whole("body_steps", self.body_steps, 10_000, 10_000_000_000)?;
-        whole("actions", self.actions as u64, 1, 65_536)?;
-        whole("samples", self.samples, 10_000, 100_000_000)?;
-        whole("worlds", self.worlds as u64, 4, 1_000_000)?;
-        whole("jobs_running", self.jobs_running as u64, 1, 64)?;
-        whole("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)
+        check_count("connections", self.connections as u64, 8, 1_000_000)?;
+        check_count("client_connections", self.client_connections as u64, 4, 1_000_000)?;
+        check_count("body_steps", self.body_steps, 10_000, 10_000_000_000)?;
+        check_count("actions", self.actions as u64, 1, 65_536)?;
+        check_count("samples", self.samples, 10_000, 100_000_000)?;
+        check_count("worlds", self.worlds as u64, 4, 1_000_000)?;
+        check_count("jobs_running", self.jobs_running as u64, 1, 64)?;
+        check_count("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)
     }
 
     /// Limits of one request.

@@ -10,7 +10,7 @@ use super::placement;
 use super::scene::{FORMAT, Scene};
 use super::solid::{ConvexPieces, Solid};
 use super::timeline;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_format, check_range};
 
 /// Overlap up to this fraction of the smaller body is attributed to measurement error and accepted.
 const MAX_OVERLAP_FRACTION: f64 = 0.05;
@@ -18,9 +18,7 @@ const MAX_OVERLAP_FRACTION: f64 = 0.05;
 impl Scene {
     /// Checks every value and reference; the first problem is the error.
     pub fn validate(&self) -> Result<()> {
-        if self.format != FORMAT {
-            return Err(Error::input("format", format!("{:?}", self.format), format!("{FORMAT:?}")));
-        }
+        check_format(&self.format, FORMAT)?;
         check_vector("gravity", self.gravity, 1e4)?;
         if self.bodies.is_empty() || self.bodies.len() > 64 {
             return Err(Error::input("bodies", format!("{} bodies", self.bodies.len()), "1 to 64 bodies"));

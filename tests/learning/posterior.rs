@@ -1,5 +1,6 @@
 //! Posteriors from trials of hidden worlds: draws cover the truth, and report model discrepancy.
 
+use crate::all_cases;
 use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument, Sampler, TrialLikelihood, posterior};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::mcmc::McmcConfig;
@@ -76,6 +77,9 @@ fn draws_cover_hidden_parameters() {
     let outside = vec![vec![-0.1, 0.4, 0.2], vec![0.7, 0.4]];
     assert_eq!(likelihood.log_likelihoods(&outside).unwrap(), [f64::NEG_INFINITY; 2]);
     assert!(outside.iter().all(|p| likelihood.log_prior(p) == f64::NEG_INFINITY));
+    if !all_cases() {
+        return;
+    }
     let chains = Sampler::Mcmc(McmcConfig { chains: 8, warm_up: 50, steps: 50, seed: 3 });
     let chained = PosteriorConfig { sampler: chains, ..wanted };
     let chained =

@@ -42,7 +42,7 @@ const LAYERS: [&str; 26] = [
 const TOP: &str = "serve";
 
 /// A crate and the only layers that may name it.
-const CRATE_LAYERS: [(&str, &[&str]); 22] = [
+const CRATE_LAYERS: [(&str, &[&str]); 23] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["neural", "policy"]),
     ("safetensors", &["policy"]),
@@ -71,6 +71,7 @@ const CRATE_LAYERS: [(&str, &[&str]); 22] = [
     ("png", &["picture"]),
     ("resvg", &["picture"]),
     ("toml", &["task"]),
+    ("clap", &["commands", "reality", "task"]),
 ];
 
 #[test]

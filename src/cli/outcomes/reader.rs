@@ -3,7 +3,7 @@
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
-use iplw::error::{Error, Result};
+use iplw::error::{Error, Result, check_format};
 use iplw::policy::OutcomeTable;
 use iplw::rng;
 use iplw::task::{Task, ValidAction, family};
@@ -85,9 +85,7 @@ fn read_files(folder: &Path) -> Result<OutcomesTable> {
         |e: serde_json::Error| Error::input("outcomes.json", format!("{e}"), "what `iplw outcomes` wrote");
     let about: Value = serde_json::from_slice(&text).map_err(invalid)?;
     let header_fields = OutcomesHeader::deserialize(&about).map_err(invalid)?;
-    if header_fields.format != FORMAT {
-        return Err(Error::input("format", format!("{:?}", header_fields.format), format!("{FORMAT:?}")));
-    }
+    check_format(&header_fields.format, FORMAT)?;
     let family = family(&header_fields.family)?;
     if family.digest != header_fields.digest {
         let allowed = format!("{:?}: {} was changed, recompute its table", family.digest, family.name);

@@ -50,11 +50,10 @@ pub struct FoldResult {
 
 /// The agent called `name`.
 pub fn agent(name: &str) -> Result<Agent> {
-    agents().into_iter().find(|a| a.name == name).ok_or_else(|| Error::NotFound {
-        kind: "agent",
-        id: name.into(),
-        known: agents().iter().map(|a| a.name.to_string()).collect(),
-    })
+    agents()
+        .into_iter()
+        .find(|a| a.name == name)
+        .ok_or_else(|| Error::not_found("agent", name, agents().iter().map(|a| a.name)))
 }
 
 /// Trains an agent on a fold's training tasks and evaluates its ranking on the test tasks. The result depends on the seed, but not on

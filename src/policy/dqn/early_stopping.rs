@@ -41,9 +41,9 @@ impl EarlyStopping {
 
     /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        check_count("most_batches", Some(self.max_batches as u64), 1, 1_000_000)?;
-        check_count("patience", Some(self.patience as u64), 1, 1000)?;
-        check_count("worlds", Some(self.worlds as u64), 1, 1000)?;
+        check_count("most_batches", self.max_batches, 1, 1_000_000)?;
+        check_count("patience", self.patience, 1, 1000)?;
+        check_count("worlds", self.worlds, 1, 1000)?;
         check_range("margin", self.margin, 0.0, 1.0).map(drop)
     }
 }

@@ -49,12 +49,12 @@ impl TrainConfig {
 
     /// Errors name the field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        check_count("batches", Some(self.batches as u64), 1, 1_000_000)?;
-        check_count("batch_size", Some(self.batch_size as u64), 2, 4096)?;
+        check_count("batches", self.batches, 1, 1_000_000)?;
+        check_count("batch_size", self.batch_size, 2, 4096)?;
         if !self.batch_size.is_multiple_of(2) {
             return Err(Error::input("batch_size", self.batch_size, "an even number: half solve, half fail"));
         }
-        check_count("hidden", Some(self.hidden as u64), 1, MAX_UNITS as u64)?;
+        check_count("hidden", self.hidden, 1, MAX_UNITS)?;
         if !(self.learning_rate > 0.0 && self.learning_rate <= 1.0) {
             return Err(Error::input("learning_rate", self.learning_rate, "a number in (0, 1]"));
         }

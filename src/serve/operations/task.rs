@@ -77,9 +77,8 @@ fn task(
 ) -> Result<TaskOut> {
     let tasks = app.catalogue.family(&family)?.tasks;
     let found = number.parse::<usize>().ok().and_then(|n| tasks.get(n)).cloned();
-    found.map(TaskOut::from).ok_or_else(|| Error::NotFound {
-        kind: "task",
-        id: format!("{family}:{number}"),
-        known: vec![format!("{family}:000 to {}", tasks[tasks.len() - 1].id)],
+    found.map(TaskOut::from).ok_or_else(|| {
+        let known = format!("{family}:000 to {}", tasks[tasks.len() - 1].id);
+        Error::not_found("task", format!("{family}:{number}"), [known])
     })
 }

@@ -174,7 +174,7 @@ const MAX_WORLDS_PER_BATCH: u64 = 4096;
 impl CreateWorlds {
     /// The common configuration, and the seeds.
     pub fn parts(self) -> Result<(CreateWorld, Vec<u64>)> {
-        check_count("count", Some(self.count), 1, MAX_WORLDS_PER_BATCH)?;
+        check_count("count", self.count, 1, MAX_WORLDS_PER_BATCH)?;
         let first = self.seed.unwrap_or(0);
         let seeds = match self.seeds {
             None => (0..self.count).map(|i| first.wrapping_add(i)).collect(),

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 use super::array::{Array, ArrayData};
 use super::binary_arrays::BinaryArrays;
 use crate::commands::{PosteriorRequest, TrialFiles};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::json::JsonObject;
 use crate::reality::TrackParseOptions;
 use crate::task::Scene;
@@ -152,10 +152,7 @@ pub struct ChainStartsIn {
 impl ChainStartsIn {
     /// The number of points, validated.
     pub fn count(&self) -> Result<usize> {
-        if (1..=MAX_POINTS as u64).contains(&self.count) {
-            return Ok(self.count as usize);
-        }
-        Err(Error::input("count", self.count, format!("a whole number from 1 to {MAX_POINTS}")))
+        check_count("count", self.count, 1, MAX_POINTS as u64).map(|()| self.count as usize)
     }
 }
 

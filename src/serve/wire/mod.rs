@@ -1,4 +1,4 @@
-//! Request and response bodies, as plain structs separate from the core types.
+//! Request and response bodies that are not core types, as plain structs.
 //!
 //! Requests reject unknown fields and convert into core types with errors that name the field; responses convert from core
 //! types by `From`.

@@ -10,7 +10,7 @@ use super::World;
 use super::attempt::AttemptSpec;
 use super::interventions::{reject_blocked, with_field};
 use crate::budget::Budget;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_format};
 use crate::session::action::{Action, unplaceable};
 use crate::session::state::{conflict, lock};
 use crate::task::timeline::step_at;
@@ -114,10 +114,7 @@ impl World {
         budget: &dyn Budget,
     ) -> Result<BranchResult> {
         self.check_branchable()?;
-        if snapshot.format != SNAPSHOT_FORMAT {
-            let (value, allowed) = (format!("{:?}", snapshot.format), format!("{SNAPSHOT_FORMAT:?}"));
-            return Err(Error::input("snapshot.format", value, allowed));
-        }
+        check_format(&snapshot.format, SNAPSHOT_FORMAT).map_err(|e| e.in_field("snapshot"))?;
         if snapshot.world != id {
             let allowed = format!("{id:?}: a snapshot can only be branched in the world it was taken in");
             return Err(Error::input("snapshot.world", format!("{:?}", snapshot.world), allowed));

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Result, check_format};
 
 /// Seed of the families' candidates.
 pub const CANDIDATE_SEED: u64 = 0;
@@ -86,10 +86,7 @@ impl CertifiedTasks {
     /// Parses a file; [`Family::with_tasks`](super::Family) checks that it belongs to the family.
     pub fn from_json(text: &str) -> Result<CertifiedTasks> {
         let found: CertifiedTasks = crate::json::parse(text)?;
-        if found.format != CERTIFIED_FORMAT {
-            let allowed = format!("{CERTIFIED_FORMAT:?}");
-            return Err(Error::input("format", format!("{:?}", found.format), allowed));
-        }
+        check_format(&found.format, CERTIFIED_FORMAT)?;
         Ok(found)
     }
 

@@ -13,7 +13,7 @@ use super::presets::{LabelCounts, Learning};
 use super::real::RealPhysics;
 use super::scene_list::SceneList;
 use super::template::Template;
-use crate::error::{Error, InvalidInput, Result, abbreviate, check_range};
+use crate::error::{Error, InvalidInput, Result, abbreviate, check_count, check_format, check_range};
 use crate::rng;
 
 /// The value of a family's `format` field.
@@ -58,9 +58,7 @@ pub fn parse_beside(text: &str, beside: &dyn Fn(&str) -> Result<String>) -> Resu
         return Err(Error::input("", format!("{} bytes", text.len()), allowed));
     }
     let file: FamilyFile = from_toml(text)?;
-    if file.format != FAMILY_FORMAT {
-        return Err(Error::input("format", format!("{:?}", file.format), format!("{FAMILY_FORMAT:?}")));
-    }
+    check_format(&file.format, FAMILY_FORMAT)?;
     name("name", &file.name)?;
     if let Some(taken) = RESERVED_NAMES.iter().find(|t| **t == file.name) {
         return Err(Error::input("name", format!("{taken:?}"), "a name that is not reserved"));
@@ -447,8 +445,5 @@ fn number(field: &str, value: &toml::Value) -> Result<f64> {
 }
 
 fn bounded(field: &str, value: usize, low: usize, high: usize) -> Result<usize> {
-    if (low..=high).contains(&value) {
-        return Ok(value);
-    }
-    Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
+    check_count(field, value, low, high).map(|()| value)
 }

@@ -237,6 +237,11 @@ impl Effect {
 const PRIOR_SD_PER_TYPICAL_SIZE: f64 = 0.6;
 
 impl ParameterDeclaration {
+    /// The same with another neutral value.
+    pub(super) const fn neutral_at(self, neutral: f64) -> ParameterDeclaration {
+        ParameterDeclaration { neutral, ..self }
+    }
+
     /// Whether it scales the effect, rather than shaping it.
     pub fn is_amplitude(&self) -> bool {
         self.role == ParameterRole::Amplitude

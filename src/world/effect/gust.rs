@@ -10,8 +10,8 @@
 use std::f64::consts::PI;
 
 use super::{
-    Constants, DataRange, Effect, EffectKind, MotionLaw, MotionState, ParameterDeclaration, SearchStrategy,
-    ShapeParameter, SimulationContext, amplitude, constants, effect, parameter, shape, wind,
+    Constants, DataRange, Effect, EffectKind, MotionLaw, MotionState, SearchStrategy, ShapeParameter,
+    SimulationContext, amplitude, constants, effect, parameter, shape, wind,
 };
 
 /// The effect's row in the registry.
@@ -25,12 +25,7 @@ pub static EFFECT: Effect = Effect {
     parameters: &[
         parameter("ax", "m/s^2", [-100.0, 100.0], amplitude(1.0, 2.0, 1e-2)),
         parameter("ay", "m/s^2", [-100.0, 100.0], amplitude(1.0, 2.0, 1e-2)),
-        parameter(
-            "period",
-            "s",
-            [1e-3, 1e6],
-            ParameterDeclaration { neutral: 1.0, ..shape(ShapeParameter::Period, 1.0, 1e-4) },
-        ),
+        parameter("period", "s", [1e-3, 1e6], shape(ShapeParameter::Period, 1.0, 1e-4).neutral_at(1.0)),
         parameter("phase", "rad", [-100.0, 100.0], shape(ShapeParameter::Phase, 1.0, 2e-3)),
     ],
     special_cases: &[&wind::EFFECT],

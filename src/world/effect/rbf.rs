@@ -72,7 +72,7 @@ fn exp_down(u: f64) -> f64 {
 
 /// Amplitude of a Gaussian, an acceleration, m/s^2.
 pub(super) const fn height(name: &'static str) -> ParameterDeclaration {
-    parameter(name, "1", [-1e3, 1e3], amplitude(1.0, 2.0, 1e-2))
+    parameter(name, "m/s^2", [-1e3, 1e3], amplitude(1.0, 2.0, 1e-2))
 }
 
 /// Centre of a Gaussian, in a unit.
@@ -86,12 +86,7 @@ pub(super) const fn centre(
 
 /// Width of a Gaussian, in the unit of its centre.
 pub(super) const fn width(name: &'static str, unit: &'static str) -> ParameterDeclaration {
-    parameter(
-        name,
-        unit,
-        [1e-4, 1e5],
-        ParameterDeclaration { neutral: 1.0, ..shape(ShapeParameter::Width, 1.0, 2e-3) },
-    )
+    parameter(name, unit, [1e-4, 1e5], shape(ShapeParameter::Width, 1.0, 2e-3).neutral_at(1.0))
 }
 
 #[cfg(test)]
