@@ -56,9 +56,10 @@ test-examples:
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
 	IPLW_BIN=target/debug/iplw bash examples/node/smoke.sh
 
+# A file's tests stay in one process; each process has its own server.
 test-python: $(VENV)/.installed
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
-	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
+	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q -n auto --dist loadfile
 	$(PYTHON) -m mypy
 	for v in 3.10 3.13; do $(PYTHON) -m mypy --python-version $$v clients/python/src || exit 1; done
 

@@ -115,51 +115,44 @@ impl Error {
         }
     }
 
+    /// The same error; an invalid value is changed.
+    pub fn map_input(mut self, change: impl FnOnce(&mut InvalidInput)) -> Self {
+        if let Error::Input(input) = &mut self {
+            change(input);
+        }
+        self
+    }
+
     /// The same error without the prefix `parent` of its field.
     pub(crate) fn strip_field(self, parent: &str) -> Self {
-        match self {
-            Error::Input(mut input) => {
-                if let Some(field) = input.field.strip_prefix(&format!("{parent}.")) {
-                    input.field = field.to_string();
-                }
-                Error::Input(input)
+        self.map_input(|input| {
+            if let Some(field) = input.field.strip_prefix(&format!("{parent}.")) {
+                input.field = field.to_string();
             }
-            other => other,
-        }
+        })
     }
 
     /// The same error with the file (and line) as its place.
     pub fn in_file(self, file: impl fmt::Display) -> Self {
-        match self {
-            Error::Input(mut input) => {
-                input.place =
-                    if input.place.is_empty() { file.to_string() } else { format!("{file}:{}", input.place) };
-                Error::Input(input)
-            }
-            other => other,
-        }
+        self.map_input(|input| {
+            input.place =
+                if input.place.is_empty() { file.to_string() } else { format!("{file}:{}", input.place) };
+        })
     }
 
     /// The same error with its field's path prefixed: `radius` in `bodies[2]` becomes `bodies[2].radius`.
     pub fn in_field(self, parent: &str) -> Self {
-        match self {
-            Error::Input(mut input) => {
-                input.field = match input.field.as_str() {
-                    "" => parent.to_string(),
-                    field => format!("{parent}.{field}"),
-                };
-                Error::Input(input)
-            }
-            other => other,
-        }
+        self.map_input(|input| {
+            input.field = match input.field.as_str() {
+                "" => parent.to_string(),
+                field => format!("{parent}.{field}"),
+            };
+        })
     }
 
     /// The same error with the field `name`.
     pub fn with_field(self, name: &str) -> Self {
-        match self {
-            Error::Input(input) => Error::Input(InvalidInput { field: name.into(), ..input }),
-            other => other,
-        }
+        self.map_input(|input| input.field = name.into())
     }
 
     /// The same error for an entry of a batch; an invalid value, which names its field, stays unchanged.

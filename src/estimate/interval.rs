@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 use super::loss::{Simulation, segment_residuals};
 use super::refine::{RefinedEstimate, SearchBounds};
-use super::segment::TrialSegment;
+use super::segment::{TrialSegment, finite_sum_of_squares};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::world::{ParameterSpace, ParameterVector};
@@ -59,7 +59,7 @@ pub fn identifiable_coordinates(
     let by_trial = |row: &[Vec<f64>]| {
         let mut sums = vec![0.0; trials];
         for (segment, vector) in segments.iter().zip(row) {
-            sums[segment.trial] += vector.iter().filter(|r| r.is_finite()).map(|r| r * r).sum::<f64>();
+            sums[segment.trial] += finite_sum_of_squares(vector);
         }
         sums
     };

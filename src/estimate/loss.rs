@@ -7,7 +7,6 @@
 
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Latents, ParameterSpace, ParameterVector, Rollout, Simulator};
@@ -48,17 +47,6 @@ const MIN_SEGMENTS_PER_STAGE: usize = 3;
 const MAX_RACING_STAGES: usize = 16;
 /// Rollouts per engine batch, between two progress reports.
 const ROLLOUTS_PER_BATCH: usize = 2048;
-
-/// Loss of every sample: the mean over whole trials.
-pub fn trial_losses(
-    samples: &[ParameterVector],
-    trials: &[Trial],
-    simulation: Simulation,
-    racing: Racing,
-    progress: &dyn Progress,
-) -> Result<Losses> {
-    segment_losses(samples, &TrialSegment::whole_trials(trials), simulation, racing, progress)
-}
 
 /// Loss of every sample: the mean over segments.
 pub fn segment_losses(

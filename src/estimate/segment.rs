@@ -50,9 +50,7 @@ impl TrialSegment {
             Some(whitening) => {
                 let square: f64 = match whitening.factor {
                     None => sum_of_squares(&self.observed, simulated),
-                    Some(_) => {
-                        self.residuals(simulated).iter().filter(|r| r.is_finite()).map(|r| r * r).sum()
-                    }
+                    Some(_) => finite_sum_of_squares(&self.residuals(simulated)),
                 };
                 square / (1.0 + square / whitening.loss_scale)
             }
@@ -73,6 +71,11 @@ impl TrialSegment {
         let white = white.map_or_else(|| vec![f64::NAN; missing.len()], |w| w.as_slice().to_vec());
         white.into_iter().zip(missing).map(|(w, gone)| if gone { f64::NAN } else { w }).collect()
     }
+}
+
+/// Sum of the squares of the finite values.
+pub fn finite_sum_of_squares(values: &[f64]) -> f64 {
+    values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum()
 }
 
 /// The scene that replays a trial up to its last observation, without goal.

@@ -25,7 +25,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::loss::{Simulation, segment_residuals};
 use super::refine::SearchBounds;
-use super::segment::{ResidualWhitening, TrialSegment, truncate_to_last_observation};
+use super::segment::{ResidualWhitening, TrialSegment, finite_sum_of_squares, truncate_to_last_observation};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -313,7 +313,7 @@ fn best_initial_guesses(
             candidates.iter().zip(&proposals).map(|(w, s)| make(w, s)).collect();
         for (i, vector) in simulate(&segments)?.iter().enumerate() {
             for (b, own) in vector.chunks(2 * segments[i].observed.times.len()).enumerate() {
-                let loss = sum_of_squares(own);
+                let loss = finite_sum_of_squares(own);
                 if loss < least[i][b] {
                     (least[i][b], starts[i][b]) = (loss, proposals[i][b]);
                 }
@@ -350,9 +350,9 @@ fn gauss_newton_step(
         proposals.iter().enumerate().map(|(n, s)| make(&candidates[n / 2], s)).collect();
     let found = simulate(&segments)?;
     for (i, (r, _)) in linearised.iter().enumerate() {
-        let mut least = sum_of_squares(r.as_slice());
+        let mut least = finite_sum_of_squares(r.as_slice());
         for n in [2 * i, 2 * i + 1] {
-            let loss = sum_of_squares(&found[n]);
+            let loss = finite_sum_of_squares(&found[n]);
             if loss < least && found[n].iter().any(|v| v.is_finite()) {
                 (least, starts[i]) = (loss, proposals[n].clone());
             }
@@ -455,8 +455,4 @@ fn select_sensitive(
     let cost = (samples.len() * segments.len()) as u64;
     let selected = segments.into_iter().zip(keep).filter(|(_, k)| *k).map(|(p, _)| p).collect();
     Ok((selected, cost))
-}
-
-fn sum_of_squares(values: &[f64]) -> f64 {
-    values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum()
 }

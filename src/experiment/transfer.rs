@@ -147,7 +147,7 @@ pub fn transfer(
         PolicySource::Chance | PolicySource::Itself => None,
         PolicySource::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),
         PolicySource::Simulated { training: from } => {
-            Some(train_in_simulation(&training, from, config, seed, progress)?)
+            Some(train_with_labels(&training, from, config, seed, progress)?.0)
         }
         PolicySource::Tuned { training: from, measured } => {
             Some(fine_tune(&training, from, measured, config, seed, progress)?)
@@ -186,17 +186,6 @@ pub fn transfer(
         });
     }
     Ok((found, learner))
-}
-
-/// A policy trained in simulation.
-pub fn train_in_simulation(
-    tasks: &[Task],
-    training: &TrainingPhysics,
-    config: &TransferConfig,
-    seed: u64,
-    progress: &dyn Progress,
-) -> Result<Dqn> {
-    Ok(train_with_labels(tasks, training, config, seed, progress)?.0)
 }
 
 /// A policy trained in simulation, then fine-tuned on the same labels mixed with measured ones.

@@ -26,12 +26,10 @@ impl Action {
             Action::Vector(values) => space.validate(values),
             Action::Index(index) => space.at(usize::try_from(*index).unwrap_or(usize::MAX)),
         };
-        resolved.map_err(|e| match e {
-            Error::Input(mut input) => {
+        resolved.map_err(|e| {
+            e.map_input(|input| {
                 input.field = format!("{field}{}", input.field.strip_prefix("action").unwrap_or_default());
-                Error::Input(input)
-            }
-            other => other,
+            })
         })
     }
 }

@@ -65,10 +65,7 @@ impl AdhocSimulation {
         let Some(action) = &self.action else { return Ok(Placement::Valid(Box::new(self.scene.clone()))) };
         let Some(space) = &self.scene.action else {
             let allowed = "no action: the scene has no action space";
-            return Err(match unplaceable(action, "") {
-                Error::Input(input) => Error::input("action", input.value, allowed),
-                other => other,
-            });
+            return Err(unplaceable(action, "").map_input(|input| input.allowed = allowed.into()));
         };
         Ok(space.place(&self.scene, &action.resolve(space, "action")?))
     }

@@ -57,8 +57,7 @@ impl Catalogue {
     /// A family's tasks.
     pub fn family(&self, name: &str) -> Result<TaskSet> {
         let (_, set) = self.families.iter().find(|(f, _)| f.name == name).ok_or_else(|| {
-            let known = self.families.iter().map(|(f, _)| f.name.to_string()).collect();
-            Error::NotFound { kind: "task family", id: name.to_string(), known }
+            Error::not_found("task family", name, self.families.iter().map(|(f, _)| f.name))
         })?;
         if set.tasks.is_empty() {
             return Err(Error::Failed(format!("the family {name} has no certified tasks")));

@@ -23,7 +23,7 @@ use serde::de::IgnoredAny;
 
 use super::action::{ActionComponent, ActionQuantity, ActionSpace, Discretisation};
 use super::custom;
-use super::scene::{Body, ContactRules, FrictionRule, Goal, RestitutionRule, Scene, Static};
+use super::scene::{Body, ContactRules, Goal, Scene, Static};
 use super::shape::{Compound, CompoundPiece, Disc, Polygon, Shape};
 use crate::error::{Error, Result, check_range};
 use crate::json;
@@ -184,11 +184,7 @@ impl PhyreTask {
             name: id.into(),
             bodies,
             statics: things().rev().filter(|(b, _)| !b.dynamic).map(|(b, name)| b.fixed(name)).collect(),
-            contact_rules: Some(ContactRules {
-                friction: FrictionRule::GeometricMean,
-                restitution: RestitutionRule::Max,
-                restitution_threshold: 1.0,
-            }),
+            contact_rules: Some(ContactRules::BOX2D),
             time_step: 1.0 / 60.0,
             steps: ROLLOUT_STEPS,
             observe_every: 20,
@@ -329,8 +325,7 @@ mod tests {
         assert_eq!(scene.bodies[0].position, Some([10.0, 2.0]));
         assert_eq!((scene.bodies[0].angle, scene.bodies[0].shape.disc_radius()), (0.5, Some(2.0)));
         assert!(matches!(&scene.bodies[1].shape, Shape::Compound(c) if c.pieces.len() == 2));
-        let rules = scene.contact_rules.unwrap();
-        assert_eq!((rules.restitution, rules.restitution_threshold), (RestitutionRule::Max, 1.0));
+        assert_eq!(scene.contact_rules, Some(ContactRules::BOX2D));
         let Some(Goal::Contact { hold_s, tolerance, .. }) = &scene.goal else { panic!("{:?}", scene.goal) };
         assert_eq!((*hold_s, *tolerance), (3.0, POLYGON_SKIN_M));
         // 127.5 px and 63.75 px are cut, 17.3 px are rounded.

@@ -3,7 +3,8 @@
 
 use crate::cases;
 use iplw::error::{Error, Result};
-use iplw::estimate::loss::{Racing, Simulation, trial_losses};
+use iplw::estimate::TrialSegment;
+use iplw::estimate::loss::{Racing, Simulation, segment_losses};
 use iplw::experiment::{
     EstimateConfig, EstimateReport, Memory, OrderConstraint, ProposalResult, ResidualKind, Round, StopReason,
     Workflow, estimate, random_trials, refit, run as run_workflow,
@@ -80,9 +81,10 @@ fn racing_preserves_elites() {
         let samples = cem.ask(&mut stream);
         let coordinates = iplw::world::ParameterSpace::new(&[]);
         let simulation = Simulation { engine: Engine::Auto, effects: &[], coordinates: &coordinates };
-        let slow = trial_losses(&samples, &trials, simulation, Racing::Off, &NoProgress).unwrap();
+        let segments = TrialSegment::whole_trials(&trials);
+        let slow = segment_losses(&samples, &segments, simulation, Racing::Off, &NoProgress).unwrap();
         let raced =
-            trial_losses(&samples, &trials, simulation, Racing::On { elites: 12 }, &NoProgress).unwrap();
+            segment_losses(&samples, &segments, simulation, Racing::On { elites: 12 }, &NoProgress).unwrap();
         let best = |values: &[f64]| {
             let mut order: Vec<usize> = (0..values.len()).collect();
             order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));

@@ -5,14 +5,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_value;
 use crate::commands::{DesignRequest, design_experiments};
 use crate::design::{DesignConfig, screening_worlds};
 use crate::error::Result;
 use crate::estimate::ParameterSamples;
-use crate::job::{Work, WorkOutcome};
-use crate::json::from_value;
+use crate::job::Work;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -74,12 +73,10 @@ fn parameter_samples(job: &DesignJob) -> Result<ParameterSamples> {
 
 /// The work of a design. After a restart it starts over and gives the same result.
 fn work(base: &Arc<CoreState>, job: &Value) -> Result<Work> {
-    let job: DesignJob = from_value(job.clone())?;
-    let base = base.clone();
-    Ok(Box::new(move |context| {
+    restartable(base, job, |base, context, job: &DesignJob| {
         let tasks = base.catalogue.named(&job.task)?.tasks;
-        let found = design_experiments(&tasks, &parameter_samples(&job)?, &job.setup, context)?;
+        let found = design_experiments(&tasks, &parameter_samples(job)?, &job.setup, context)?;
         base.metrics.count_rollouts(found.rollouts as u64);
-        Ok(WorkOutcome::Done(to_value(&found)?))
-    }))
+        to_value(&found)
+    })
 }

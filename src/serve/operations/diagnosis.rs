@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::diagnosis_input::{DiagnosisInput, KIND};
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_value;
 use super::trials;
 use crate::budget::Budget;
@@ -13,8 +13,8 @@ use crate::commands::{DiagnosisRequest, TrialFiles};
 use crate::discover::plot_tables::plot_tables;
 use crate::discover::{DiagnosisConfig, diagnose};
 use crate::error::{Error, Result};
-use crate::job::{Work, WorkOutcome};
-use crate::json::{from_value, parse};
+use crate::job::Work;
+use crate::json::parse;
 use crate::reality::{LoadedTrials, trials_from_csv, write_trials_csv};
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
@@ -81,9 +81,8 @@ fn uploaded_data(request: DiagnosisRequest, budget: &dyn Budget) -> Result<(Scen
 }
 
 /// The work of a diagnosis. After a restart it starts over and gives the same result.
-fn work(_: &Arc<CoreState>, plan: &Value) -> Result<Work> {
-    let given: DiagnosisInput = from_value(plan.clone())?;
-    Ok(Box::new(move |context| {
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    restartable(base, plan, |_, context, given: &DiagnosisInput| {
         let (scene, trials) = given.read()?;
         let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(given.seed), context)?;
         let mut result = to_value(&found.diagnosis)?;
@@ -94,6 +93,6 @@ fn work(_: &Arc<CoreState>, plan: &Value) -> Result<Work> {
             fields.insert("next_scene".into(), next.into());
             fields.insert("evidence".into(), to_value(&plot_tables(&found.evidence))?);
         }
-        Ok(WorkOutcome::Done(result))
-    }))
+        Ok(result)
+    })
 }

@@ -1,11 +1,15 @@
 //! Jobs of all kinds as resources.
 
+use std::sync::Arc;
+
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::json::to_value;
 use crate::error::{Error, Result};
-use crate::job::{DeleteOutcome, JobSpec, Watcher};
+use crate::job::{DeleteOutcome, JobContext, JobSpec, Watcher, Work, WorkOutcome};
+use crate::json::from_value;
 use crate::serve::operation::{
     ACT, EventStream, Extractor, HandlerOutput, LastEventId, NextEvent, Operation, OperationDoc,
     OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, RecordResponse, ServerEvent,
@@ -13,6 +17,7 @@ use crate::serve::operation::{
 };
 use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
+use crate::serve::state::CoreState;
 use crate::serve::wire::{JobLogPage, JobOut, JobsPage, LogLineOut};
 use crate::store::{JobList, JobState};
 
@@ -67,6 +72,16 @@ pub fn submit(
 ) -> Result<JobOut> {
     let new = JobSpec { kind, config, plan: &to_value(plan)?, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// Work that computes a result from its plan. After a restart it starts over and gives the same result.
+pub fn restartable<P: DeserializeOwned + Send + 'static>(
+    base: &Arc<CoreState>,
+    plan: &Value,
+    run: fn(&CoreState, &JobContext, &P) -> Result<Value>,
+) -> Result<Work> {
+    let (base, plan): (_, P) = (base.clone(), from_value(plan.clone())?);
+    Ok(Box::new(move |context| run(&base, context, &plan).map(WorkOutcome::Done)))
 }
 
 /// Query parameters of a list of jobs.

@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::diagnosis_input::DiagnosisInput;
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_json;
 use super::posterior::posterior_data;
 use crate::discover::posterior::{PosteriorConfig, TrialLikelihood};
 use crate::error::{Error, Result};
-use crate::job::{Work, WorkOutcome};
+use crate::job::Work;
 use crate::json::from_value;
 use crate::progress::{NoProgress, Progress};
 use crate::serve::operation::{ACT, JsonBody, Operation, PathId, RecordResponse, post};
@@ -96,9 +96,7 @@ fn with_request_field(error: Error) -> Error {
 
 /// The work of a likelihood. After a restart it starts over and gives the same result.
 fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
-    let plan: LikelihoodJob = from_value(plan.clone())?;
-    let base = base.clone();
-    Ok(Box::new(move |context| Ok(WorkOutcome::Done(prepare(&base, &plan, context)?.document()))))
+    restartable(base, plan, |base, context, plan| Ok(prepare(base, plan, context)?.document()))
 }
 
 /// The prepared likelihood, from the cache if possible.

@@ -5,12 +5,11 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_value;
 use crate::commands::{ParameterSource, PlanRequest, TimeLimit};
 use crate::error::{Error, Result};
-use crate::job::{Work, WorkOutcome};
-use crate::json::from_value;
+use crate::job::Work;
 use crate::plan::{PlanConfig, document, plan};
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
@@ -67,13 +66,11 @@ fn begin(
 
 /// The work of a plan. After a restart it starts over and gives the same result, unless it has a time limit.
 fn work(base: &Arc<CoreState>, job: &Value) -> Result<Work> {
-    let job: PlanJob = from_value(job.clone())?;
-    let base = base.clone();
-    Ok(Box::new(move |context| {
+    restartable(base, job, |base, context, job: &PlanJob| {
         let task = base.catalogue.task(&job.task)?;
         let samples = job.parameter_source.samples(&job.task, &job.setup)?;
         let found = plan(&task, &samples, &job.setup, &TimeLimit::new(job.seconds, context), context)?;
         base.metrics.count_rollouts(found.rollouts as u64);
-        Ok(WorkOutcome::Done(to_value(&document(&found, &job.setup, &samples))?))
-    }))
+        to_value(&document(&found, &job.setup, &samples))
+    })
 }

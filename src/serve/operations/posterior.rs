@@ -7,13 +7,12 @@ use serde_json::{Value, json};
 
 use super::diagnosis::diagnosis_data;
 use super::diagnosis_input::DiagnosisInput;
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_value;
 use crate::commands::{PosteriorRequest, set_calibrate};
 use crate::discover::posterior::{PosteriorConfig, PosteriorDocument, posterior};
 use crate::error::Result;
-use crate::job::{Work, WorkOutcome};
-use crate::json::from_value;
+use crate::job::Work;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -69,13 +68,12 @@ pub(super) fn posterior_data(
 }
 
 /// The work of a posterior. After a restart it starts over and gives the same result.
-fn work(_: &Arc<CoreState>, plan: &Value) -> Result<Work> {
-    let plan: PosteriorJob = from_value(plan.clone())?;
-    Ok(Box::new(move |context| {
+fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
+    restartable(base, plan, |_, context, plan: &PosteriorJob| {
         let (scene, trials) = plan.given.read()?;
         let found = posterior(&scene, &trials, &plan.config, context)?;
         let document = PosteriorDocument::new(&found, &plan.config);
         document.warnings.iter().for_each(|w| context.warn(w));
-        Ok(WorkOutcome::Done(to_value(&document)?))
-    }))
+        to_value(&document)
+    })
 }

@@ -5,14 +5,14 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::{to_json, to_value};
 use crate::commands::SurfaceRequest;
 use crate::error::{Error, Result};
 use crate::estimate::{PerformanceSurface, surface::LatentSensitivity};
 use crate::experiment::surface::{SurfaceConfig, surface};
-use crate::job::{Work, WorkOutcome};
-use crate::json::{from_value, parse};
+use crate::job::Work;
+use crate::json::parse;
 use crate::picture::surface::surface_svg;
 use crate::progress::Progress;
 use crate::serve::operation::{
@@ -78,18 +78,16 @@ fn begin(
 
 /// The work of a surface; a stored one with the same configuration is reused.
 fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
-    let plan: SurfaceJob = from_value(plan.clone())?;
-    let base = base.clone();
-    Ok(Box::new(move |context| {
+    restartable(base, plan, |base, context, plan: &SurfaceJob| {
         let family = crate::task::family(&plan.task)?;
         let (number, found) = find(&base.store, family, &plan.setup, Some(context.id), context)?;
         let sensitivities = found.sensitivities(family.prior)?;
-        Ok(WorkOutcome::Done(json!({
+        Ok(json!({
             "surface": id(number),
             "sensitivities": sensitivities.iter().map(to_value).collect::<Result<Vec<_>>>()?,
             "config": to_value(&plan.setup)?,
-        })))
-    }))
+        }))
+    })
 }
 
 /// The surface with this configuration, from the store if possible.

@@ -6,13 +6,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::estimation::exploration_tasks;
-use super::job::submit;
+use super::job::{restartable, submit};
 use super::json::to_value;
 use super::policy_store::store_trained;
 use crate::commands::{TrainingPreset, TrainingRequest};
 use crate::error::{Error, Result};
-use crate::job::{JobContext, Work, WorkOutcome};
-use crate::json::from_value;
+use crate::job::{JobContext, Work};
 use crate::policy::{
     Dataset, Dqn, EarlyStopping, LabelConfig, SimulatedValidator, TrainConfig, TrainLog, TrainingPhysics,
     Validation, label, train_validated, train_with_early_stopping,
@@ -125,15 +124,13 @@ fn about(physics: &TrainingPhysics) -> Value {
 
 /// The work of a training. After a restart it starts over and gives the same result.
 fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
-    let plan: TrainingJob = from_value(plan.clone())?;
-    let base = base.clone();
-    Ok(Box::new(move |context| {
+    restartable(base, plan, |base, context, plan: &TrainingJob| {
         let tasks = exploration_tasks(&base.catalogue.named(&plan.task)?);
         let data = label(&tasks, &plan.physics, &plan.labels, context)?;
         base.metrics.count_rollouts(data.rows.len() as u64);
-        let (dqn, log) = train(&base, &plan, &data, context)?;
+        let (dqn, log) = train(base, plan, &data, context)?;
         let id = store_trained(&base.store, context, &dqn, &plan.training, &plan.config)?;
-        Ok(WorkOutcome::Done(json!({
+        Ok(json!({
             "policy": id,
             "batches": dqn.card().batches(),
             "loss": log.loss,
@@ -143,8 +140,8 @@ fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
             "training": about(&plan.physics),
             "labels": to_value(&plan.labels)?,
             "config": to_value(&plan.setup)?,
-        })))
-    }))
+        }))
+    })
 }
 
 /// Trains with fixed length or early stopping.

@@ -169,18 +169,24 @@ impl World {
                     .and_then(|t| reject_blocked(scene, t)),
             })
             .collect();
+        let interactions = self.count_simulated(results.iter().flatten().count() as u64);
+        if let Some(store) = store {
+            store(&results, interactions)?;
+        }
+        Ok((results, interactions))
+    }
+
+    /// Counts valid attempts in a simulated world; returns the counter.
+    pub(super) fn count_simulated(&self, attempts: u64) -> u64 {
         let interactions = {
             let mut state = lock(&self.state);
-            state.interactions += results.iter().flatten().count() as u64;
+            state.interactions += attempts;
             state.interactions
         };
         if let Some(account) = &self.account {
             account.store.note_world(&account.id, interactions, None);
         }
-        if let Some(store) = store {
-            store(&results, interactions)?;
-        }
-        Ok((results, interactions))
+        interactions
     }
 
     /// [`World::attempt`] for a real world.

@@ -124,9 +124,9 @@ pub(super) fn with_list_index(error: Error, list: usize) -> Error {
 
 /// Renames an error's field by `name`, if that returns a new name.
 pub(super) fn with_field(error: Error, name: impl Fn(&str) -> Option<String>) -> Error {
-    let Error::Input(mut input) = error else { return error };
-    if let Some(field) = name(&input.field) {
-        input.field = field;
-    }
-    Error::Input(input)
+    error.map_input(|input| {
+        if let Some(field) = name(&input.field) {
+            input.field = field;
+        }
+    })
 }

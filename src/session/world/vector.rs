@@ -212,16 +212,7 @@ fn attempt(
     // An exhausted budget fails here, before anything is counted.
     measure(worlds, &measured, &mut outcomes, budget)?;
     for (v, seen) in simulated.iter().zip(seen) {
-        let world = &worlds[v.i];
-        let interactions = {
-            let mut state = lock(&world.state);
-            state.interactions += 1;
-            state.interactions
-        };
-        if let Some(account) = &world.account {
-            account.store.note_world(&account.id, interactions, None);
-        }
-        outcomes[v.slot] = Some((seen, interactions));
+        outcomes[v.slot] = Some((seen, worlds[v.i].count_simulated(1)));
     }
     outcomes.into_iter().map(|b| b.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
 }

@@ -5,7 +5,7 @@
 use serde_json::{Map, Number, Value};
 
 use super::expression::Expression;
-use crate::error::{Error, InvalidInput, Result};
+use crate::error::{Error, Result};
 use crate::task::scene::{FORMAT, Scene};
 
 /// The scene template of a family's candidates.
@@ -42,14 +42,8 @@ impl Template {
 
 /// Rewords the error of a field for TOML files.
 fn reword_for_toml(error: Error) -> Error {
-    match error {
-        Error::Input(input) => {
-            let allowed =
-                input.allowed.replace("valid JSON of this format", &format!("what {FORMAT} allows"));
-            Error::Input(InvalidInput { allowed, ..input })
-        }
-        other => other,
-    }
+    let allowed = format!("what {FORMAT} allows");
+    error.map_input(|input| input.allowed = input.allowed.replace("valid JSON of this format", &allowed))
 }
 
 fn fields(path: &str, table: &toml::Table, names: &[String]) -> Result<Node> {

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use super::law::EffectKind;
+use crate::names::names;
 use crate::task::scene::EffectTerm;
 
 /// An effect: name, parameters, law, and metadata for the diagnosis.
@@ -183,18 +184,8 @@ pub(super) const fn edge(axis: usize, end: usize, size: f64, fd_step: f64) -> Pa
     shape(ShapeParameter::Edge { axis, end }, size, fd_step)
 }
 
-impl EffectTarget {
-    /// Name in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            EffectTarget::Motion => "motion",
-            EffectTarget::Contact => "contact",
-            EffectTarget::Region => "region",
-            EffectTarget::Sensor => "sensor",
-            EffectTarget::Action => "action",
-        }
-    }
-}
+names!(EffectTarget: Motion = "motion", Contact = "contact", Region = "region", Sensor = "sensor",
+    Action = "action");
 
 impl Effect {
     /// The part of the simulation that it changes.
