@@ -7,25 +7,29 @@
 //! | scene features | shape |
 //! |---|---|
 //! | the goal is contact, is a region; "a" and "b" are in the scene | (4,) |
-//! | objects: present, centre, half extents, aspect and size, orientation and elongation (second moments), centre of mass, filled share of the bounding box, kind (disc, compound, movable), role in the goal, velocity | ([`MAX_OBJECTS`], [`OBJECT_FEATURES`]) |
-//! | support below the rear end, centre and front end of the goal's body | (3, [`SUPPORT_FEATURES`]) |
+//! | objects | (`MAX_OBJECTS`, `OBJECT_FEATURES`) |
+//! | support below the rear end, centre and front end of the goal's body | (3, `SUPPORT_FEATURES`) |
+//!
+//! Of an object: whether it is present; centre, half extents, aspect and size; orientation and elongation (second moments), centre
+//! of mass in the bounding box and filled share of it; whether it is a disc, a compound, movable, "a", "b"; velocity.
 //!
 //! | action features | shape |
 //! |---|---|
 //! | the action's components | (components,) |
 //! | for each object that the action places: frame of reference | (2,) |
-//! | ... distance and sizes of "a" and "b", room behind and beyond them | ([`PAIR_FEATURES`],) |
-//! | ... collision with "a": speed of the fall, share of the mass, impact | ([`IMPACT_FEATURES`],) |
+//! | ... distance and sizes of "a" and "b", room behind and beyond them | (`PAIR_FEATURES`,) |
+//! | ... collision with "a": speed of the fall, share of the mass, impact | (`IMPACT_FEATURES`,) |
 //! | ... position, size, clearance, fall time; form; velocity | (15,) |
-//! | ... position relative to "a", "b" and the nearest others, and their properties | (2 + [`NEIGHBOURS`], [`RELATION_FEATURES`]) |
-//! | ... support | (3, [`SUPPORT_FEATURES`]) |
-//! | ... position relative to each further object that the action places | (.., [`RELATION_FEATURES`]) |
+//! | ... position relative to "a", "b" and the nearest others, and their properties | (2 + `NEIGHBOURS`, `RELATION_FEATURES`) |
+//! | ... support | (3, `SUPPORT_FEATURES`) |
+//! | ... position relative to each further object that the action places | (.., `RELATION_FEATURES`) |
 //! | ... if the action sets a velocity: whether the ballistic trajectory reaches "a" and "b", and how high above them | (2, 2) |
 //!
 //! Order of objects: first the goal's two objects "a" and "b" ("a" is the movable one or, of two movable ones, the left one), then
 //! movable objects, then fixed ones, by distance from "a". If "b" lies to the left of "a", x is mirrored, so that "b" always lies
-//! ahead. For an object that the action places, "a" is the horizontally nearer one of two movable ones: the object to be pushed. This
-//! maps the four cases (left or right object, pushed left or right) to the same features; the frame of reference distinguishes them.
+//! ahead. For an object that the action places, "a" is the horizontally nearer one if both or neither are movable: the object to be
+//! pushed. This maps the four cases (left or right object, pushed left or right) to the same features; the frame of reference
+//! distinguishes them.
 //!
 //! Source: Semage et al. use images; PHYRE (Bakhtin et al. 2019) shows that a DQN on object features performs as well, and
 //! distinguishes seven colours, which encode an object's role in the goal and whether it moves (section 4.1).
@@ -226,7 +230,7 @@ impl FeatureExtractor {
         self.targets.iter().map(place).collect()
     }
 
-    /// The goal's frame for a placed object: of two movable objects, the horizontally nearer one is "a", which it may push.
+    /// The goal's frame for a placed object.
     fn goal_frame(&self, target: &ObjectGeometry) -> GoalFrame {
         let [Some(a), Some(b)] = self.goal.roles else { return self.goal };
         let (x, y) = (&self.objects[a], &self.objects[b]);
