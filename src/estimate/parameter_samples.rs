@@ -332,10 +332,15 @@ impl ColumnTarget {
             (ColumnTarget::Factor(_), None) => {
                 return Err(Error::input(field, "null", "a number: every draw needs its latent factors"));
             }
-            (ColumnTarget::Parameter(own), Some(value)) => {
-                let [low, high] = own.parameter().bounds;
+            (ColumnTarget::Parameter(parameter), Some(value)) => {
+                let [low, high] = parameter.parameter().bounds;
                 let value = check_range(field, value, low, high)?;
-                EffectTerm::set_in(&mut draw.effects, own.effect.name, own.parameter().name, value);
+                EffectTerm::set_in(
+                    &mut draw.effects,
+                    parameter.effect.name,
+                    parameter.parameter().name,
+                    value,
+                );
             }
             (ColumnTarget::Parameter(_), None) => {}
         }

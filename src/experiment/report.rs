@@ -60,12 +60,12 @@ impl EstimateReport {
     /// The fitted effects, as terms for a simulation.
     pub fn extension(&self) -> Vec<EffectTerm> {
         let mut terms: Vec<EffectTerm> = Vec::new();
-        for (own, found) in self.config.cem.free_parameters().iter().zip(&self.effects) {
-            let has_name = |term: &&EffectTerm| term.name == own.effect.name;
+        for (parameter, estimate) in self.config.cem.free_parameters().iter().zip(&self.effects) {
+            let has_name = |term: &&EffectTerm| term.name == parameter.effect.name;
             if !terms.iter().any(|term| has_name(&term)) {
                 terms.extend(self.config.effects.iter().find(has_name).cloned());
             }
-            EffectTerm::set_in(&mut terms, own.effect.name, own.parameter().name, found.value);
+            EffectTerm::set_in(&mut terms, parameter.effect.name, parameter.parameter().name, estimate.value);
         }
         terms
     }

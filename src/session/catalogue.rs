@@ -27,7 +27,7 @@ pub struct TaskSet {
 
 /// Values derived from the tasks, cached because every step of a vector environment needs them.
 struct TaskSetIndex {
-    /// Indices of the tasks of each split.
+    /// Indices of the tasks of each split, in the order of [`Split::ALL`].
     pools: [Arc<[usize]>; 3],
     /// Indices of all tasks.
     all: Arc<[usize]>,
@@ -92,7 +92,7 @@ impl TaskSet {
     fn new(name: String, family: Option<&'static Family>, tasks: Arc<[Task]>) -> TaskSet {
         let of = |s: Split| (0..tasks.len()).filter(|i| tasks[*i].split == s).collect();
         let index = TaskSetIndex {
-            pools: [Split::Train, Split::Validation, Split::Test].map(of),
+            pools: Split::ALL.map(of),
             all: (0..tasks.len()).collect(),
             layouts: tasks.iter().map(|_| OnceLock::new()).collect(),
         };
@@ -107,9 +107,7 @@ impl TaskSet {
     /// Indices of the tasks of a split, or of all tasks; may be empty.
     pub(super) fn pool(&self, split: Option<Split>) -> &Arc<[usize]> {
         match split {
-            Some(Split::Train) => &self.index.pools[0],
-            Some(Split::Validation) => &self.index.pools[1],
-            Some(Split::Test) => &self.index.pools[2],
+            Some(split) => &self.index.pools[split as usize],
             None => &self.index.all,
         }
     }

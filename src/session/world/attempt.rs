@@ -176,6 +176,18 @@ impl World {
         Ok((results, interactions))
     }
 
+    /// Attempts a single action and publishes it; returns the result and the world's counter afterwards.
+    pub(super) fn attempt_one(
+        &self,
+        trial: &AttemptSpec,
+        budget: &dyn Budget,
+    ) -> Result<(AttemptResult, u64)> {
+        let (mut results, interactions) = self.attempt(trial, |t| t, None, budget)?;
+        self.publish_attempts(trial, &results, interactions);
+        let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
+        Ok((result, interactions))
+    }
+
     /// Counts valid attempts in a simulated world; returns the counter.
     pub(super) fn count_simulated(&self, attempts: u64) -> u64 {
         let interactions = {

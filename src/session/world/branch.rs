@@ -143,13 +143,11 @@ impl World {
             stop: snapshot.stop,
             interventions: lists,
         };
-        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget).map_err(numbered)?;
-        self.publish_attempts(&trial, &results, interactions);
+        let (result, interactions) = self.attempt_one(&trial, budget).map_err(numbered)?;
         let engine = self.engine_for(task, &actions, lists);
-        match results.pop() {
-            Some(Ok(trajectory)) => Ok(BranchResult { engine, interactions, trajectory }),
-            Some(Err(reason)) => Err(overlap_error(&reason)),
-            None => Err(Error::Failed("an attempt without a result".into())),
+        match result {
+            Ok(trajectory) => Ok(BranchResult { engine, interactions, trajectory }),
+            Err(reason) => Err(overlap_error(&reason)),
         }
     }
 

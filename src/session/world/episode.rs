@@ -227,16 +227,10 @@ impl World {
         let of = |split| Some(self.tasks.pool(Some(split))).filter(|pool| !pool.is_empty());
         match split {
             Some(split) => of(split).cloned().ok_or_else(|| {
-                let there: Vec<String> = [Split::Train, Split::Validation, Split::Test]
-                    .into_iter()
-                    .filter(|s| of(*s).is_some())
-                    .map(|s| format!("{:?}", s.name()))
-                    .collect();
-                Error::input(
-                    "split",
-                    format!("{:?}", split.name()),
-                    format!("{} in this world", there.join(", ")),
-                )
+                let present = Split::ALL.into_iter().filter(|s| of(*s).is_some());
+                let names: Vec<String> = present.map(|s| format!("{:?}", s.name())).collect();
+                let allowed = format!("{} in this world", names.join(", "));
+                Error::input("split", format!("{:?}", split.name()), allowed)
             }),
             None => Ok(of(Split::Train).unwrap_or_else(|| self.tasks.pool(None)).clone()),
         }

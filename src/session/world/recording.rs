@@ -37,12 +37,9 @@ impl World {
         let scene = self.scene(Some(&task.id), Some(action))?;
         let resolved = action.resolve(task.actions(), "action")?;
         let trial = AttemptSpec { task, actions: &[resolved], latents, stop: true, interventions: &[] };
-        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
-        self.publish_attempts(&trial, &results, interactions);
-        match results.pop() {
-            Some(Ok(trajectory)) => Ok((scene, trajectory)),
-            Some(Err(reason)) => Err(unplaceable(action, &reason)),
-            None => Err(Error::Failed("an attempt without a result".into())),
+        match self.attempt_one(&trial, budget)?.0 {
+            Ok(trajectory) => Ok((scene, trajectory)),
+            Err(reason) => Err(unplaceable(action, &reason)),
         }
     }
 
