@@ -158,11 +158,6 @@ pub fn ground(
     Ok(found)
 }
 
-fn prior_samples(family: &Family, config: &GroundingConfig) -> Result<ParameterSamples> {
-    let sets = std::slice::from_ref(&config.set);
-    ParameterSamples::prior_over_sets(family.prior, sets, PRIOR_SAMPLE_COUNT, config.seed)
-}
-
 /// State of a grounding run.
 struct GroundingRun<'a> {
     family: &'a Family,
