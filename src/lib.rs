@@ -4,7 +4,7 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | `error` `names` `json` `rng` `progress` `budget` `trajectory` | types shared by all modules |
+//! | `error` `names` `sync` `json` `rng` `progress` `budget` `trajectory` | types shared by all modules |
 //! | `distribution` | Fisher's F and Student's t, for tests and intervals |
 //! | `neural/` | dense layers and their training; dfdx |
 //! | `task/` | scenes, actions, goals and families of tasks; plain data |
@@ -61,6 +61,7 @@ pub mod rng;
 pub mod serve;
 pub mod session;
 pub mod store;
+pub mod sync;
 pub mod task;
 pub mod trajectory;
 pub mod world;

@@ -3,7 +3,7 @@
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::cli::output::{self, TerminalProgress};
+use iplw::sync::lock;
 
 /// A directory of finished cells.
 pub struct CellStore {
@@ -162,10 +163,6 @@ fn build_digest() -> Result<u64> {
     let mut hasher = DefaultHasher::new();
     hasher.write(&own);
     Ok(hasher.finish())
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Progress that prefixes every stage with the cell's name.

@@ -1,7 +1,7 @@
 //! Queues, watches and stops jobs: the interface of the job module.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -14,6 +14,7 @@ use super::watch::Watcher;
 use super::work::WorkFactories;
 use crate::error::{Error, Result};
 use crate::store::{JobList, JobRow, JobState, LogRow, Store, StoredResponse};
+use crate::sync::lock;
 
 /// A job to be queued.
 pub struct JobSpec<'a> {
@@ -238,7 +239,7 @@ impl Runner {
             }
         }
         self.shared.wake.notify_all();
-        let workers = self.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        let workers = lock(&self.workers);
         let deadline = Instant::now() + patience;
         while workers.iter().any(|w| !w.is_finished()) && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(5));

@@ -14,6 +14,7 @@ use super::record::{Figure, id};
 use super::work::{JobContext, JobReporter, Work, WorkFactories, WorkOutcome};
 use crate::error::{Error, Result};
 use crate::store::{JobRow, JobState, LogLevel, Store};
+use crate::sync::lock;
 
 /// Limits of a runner, and its error format.
 #[derive(Clone, Copy)]
@@ -119,7 +120,7 @@ impl JobQueue {
 impl RunnerState {
     /// Locks the jobs.
     pub fn state(&self) -> MutexGuard<'_, JobQueue> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Time since the runner started.

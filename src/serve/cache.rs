@@ -1,10 +1,11 @@
 //! A cache of values that are expensive to compute, bounded by number and bytes.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use lru::LruCache;
 
 use crate::error::Result;
+use crate::sync::lock;
 
 /// Least-recently-used cache by key. Concurrent requests for a value wait for one computation.
 pub struct BoundedCache<T> {
@@ -69,10 +70,6 @@ impl<T> BoundedCache<T> {
             total -= entries.pop_lru().map_or(0, |(_, entry)| entry.bytes);
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! Counting limits, in total and per client: admitted requests, connections.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::client::Client;
+use crate::sync::lock;
 
 /// Limits the number of permits, in total and per client.
 pub struct ClientLimiter {
@@ -81,7 +82,7 @@ impl ClientLimiter {
     }
 
     fn counts(&self) -> MutexGuard<'_, ClientCounts> {
-        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.counts)
     }
 }
 

@@ -5,11 +5,12 @@
 //! others start at once while permits are available.
 
 use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::oneshot;
 
 use super::client::Client;
+use crate::sync::lock;
 
 /// A fair semaphore.
 pub struct FairSemaphore {
@@ -127,7 +128,7 @@ impl FairSemaphore {
     }
 
     fn state(&self) -> MutexGuard<'_, SemaphoreState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }
 

@@ -4,7 +4,7 @@
 //! [`RequestContext::policies`], which apply the caller's permissions: resources of other owners do not exist for it.
 
 use std::ops::Deref;
-use std::sync::{Arc, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
 use super::client::Client;
@@ -20,6 +20,7 @@ use crate::error::{Error, Result};
 use crate::job::{DeleteOutcome, Job, JobSpec, Watcher};
 use crate::session::{ListedWorld, Registry, World, WorldConfig, WorldList};
 use crate::store::{JobList, LogRow, PolicyRow, Store, StoredResponse};
+use crate::sync::lock;
 
 /// Time after its deadline at which a request is answered although its work has not ended.
 const DEADLINE_GRACE: Duration = Duration::from_millis(50);
@@ -102,7 +103,7 @@ impl RequestContext {
 
     /// Locked while results of proposed trials are submitted.
     pub fn lock_submissions(&self) -> MutexGuard<'_, ()> {
-        self.shared.submission_lock.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.shared.submission_lock)
     }
 
     /// Runs inline work on the async thread, once the client has a permit.
@@ -374,14 +375,13 @@ impl RequestContext {
 
     /// Claims a stored key; `None` while another request with the same key is in progress.
     pub fn claim_key(&self, key: &str) -> Option<KeyGuard<'_>> {
-        let new =
-            self.shared.keys_in_progress.lock().unwrap_or_else(PoisonError::into_inner).insert(key.into());
+        let new = lock(&self.shared.keys_in_progress).insert(key.into());
         new.then(|| KeyGuard { app: self, key: key.into() })
     }
 }
 
 impl Drop for KeyGuard<'_> {
     fn drop(&mut self) {
-        self.app.shared.keys_in_progress.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
+        lock(&self.app.shared.keys_in_progress).remove(&self.key);
     }
 }

@@ -10,13 +10,14 @@
 //! An inline request needs no permit while only one client is active. With several, a client runs one at a time and yields
 //! before it, so that its other requests wait in its own queue.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
 use super::client::Client;
 use super::client_limiter::{ClientLimiter, LimiterCapacity};
 use super::fair_semaphore::{FairPermit, FairSemaphore};
+use crate::sync::lock;
 
 /// The server's semaphores and its admission limit.
 pub struct FairScheduler {
@@ -93,7 +94,7 @@ impl FairScheduler {
 
     /// Whether other clients were active recently.
     fn has_contention(&self, client: &Client) -> bool {
-        let mut recent_clients = self.recent_clients.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut recent_clients = lock(&self.recent_clients);
         let now = Instant::now();
         if recent_clients.last.as_ref() != Some(client) {
             let first = recent_clients.last.replace(client.clone()).is_none();

@@ -13,12 +13,12 @@ use super::catalogue::Catalogue;
 use super::config::{WorldConfig, WorldKind};
 use super::limits::RequestLimits;
 use super::saved::SavedWorld;
-use super::state::lock;
 use super::world::World;
 
 use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{Store, StoredResponse, WorldRow};
+use crate::sync::lock;
 use crate::task::families;
 
 /// Limits of a registry.

@@ -1,7 +1,5 @@
 //! Mutable state of a world.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
 use crate::error::Error;
 use crate::names::names;
 use crate::rng::Stream;
@@ -51,9 +49,4 @@ names!(Phase: New = "new", Ready = "ready", Done = "done");
 /// Error for a call that the world's state does not allow.
 pub(super) fn conflict(reason: &str) -> Error {
     Error::Refused { reason: reason.into() }
-}
-
-/// Locks a mutex even if it is poisoned: a panic leaves the data consistent.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

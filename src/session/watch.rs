@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use tokio::sync::watch as channel;
 
-use super::state::lock;
+use crate::sync::lock;
 use crate::task::Split;
 use crate::trajectory::{Termination, Track, Trajectory};
 use crate::world::Latents;

@@ -4,12 +4,13 @@ use std::collections::HashMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use super::atomic_write::write_private;
 use super::checksum::sha256;
 use super::permissions;
 use crate::error::{Error, Result};
+use crate::sync::lock;
 
 /// Storage of blobs.
 pub enum Blobs {
@@ -31,7 +32,7 @@ impl Blobs {
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         match self {
             Blobs::Memory(map) => {
-                map.lock().unwrap_or_else(PoisonError::into_inner).insert(name.into(), bytes.to_vec());
+                lock(map).insert(name.into(), bytes.to_vec());
                 Ok(())
             }
             Blobs::Directory(directory) => write_private(&directory.join(name), bytes),
@@ -60,7 +61,7 @@ impl Blobs {
 
     fn bytes(&self, name: &str) -> Result<Option<Vec<u8>>> {
         match self {
-            Blobs::Memory(map) => Ok(map.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned()),
+            Blobs::Memory(map) => Ok(lock(map).get(name).cloned()),
             Blobs::Directory(directory) => {
                 let path = directory.join(name);
                 match fs::read(&path) {
@@ -76,7 +77,7 @@ impl Blobs {
     pub fn retain(&self, keep: impl Fn(&str) -> bool) -> Result<()> {
         match self {
             Blobs::Memory(map) => {
-                map.lock().unwrap_or_else(PoisonError::into_inner).retain(|name, _| keep(name));
+                lock(map).retain(|name, _| keep(name));
             }
             Blobs::Directory(directory) => {
                 for entry in fs::read_dir(directory).map_err(|e| Error::io(directory, e))? {

@@ -2,7 +2,6 @@
 //!
 //! Lines are written by the next [`Store::flush_log`], on a server within a second; readers see them at once.
 
-use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use rusqlite::{Row, Transaction, params};
@@ -10,6 +9,7 @@ use rusqlite::{Row, Transaction, params};
 use super::log_line::{LogLevel, PendingLogLine};
 use super::{Store, checksum};
 use crate::error::Result;
+use crate::sync::lock;
 
 /// Maximum lines kept of a job; the oldest are removed.
 pub const MAX_LOG_LINES_PER_JOB: u64 = 1000;
@@ -32,13 +32,13 @@ impl Store {
     pub fn note_line(&self, job: i64, level: LogLevel, text: &str) {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let noted = PendingLogLine { job, at: since.as_millis() as u64, level, text: single_line(text) };
-        self.lines.lock().unwrap_or_else(PoisonError::into_inner).push(noted);
+        lock(&self.lines).push(noted);
     }
 
     /// Writes the buffered lines; lines of removed jobs are dropped.
     pub fn flush_log(&self) -> Result<()> {
         // Locked until they are written, so that the order is kept.
-        let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut lines = lock(&self.lines);
         if lines.is_empty() {
             return Ok(());
         }

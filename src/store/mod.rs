@@ -37,11 +37,12 @@ mod damage;
 
 use std::fs::File;
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use crate::error::Result;
+use crate::sync::lock;
 pub use atomic_write::{write_private, write_whole};
 pub use backup::{backup, restore};
 use blobs::Blobs;
@@ -126,7 +127,7 @@ impl Store {
     }
 
     fn connection(&self) -> MutexGuard<'_, Connection> {
-        self.connection.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.connection)
     }
 
     /// Runs `write` in a transaction.

@@ -4,13 +4,13 @@
 //! transaction. Counters of simulated worlds are buffered until the next flush.
 
 use std::collections::BTreeMap;
-use std::sync::PoisonError;
 
 use rusqlite::{Transaction, params};
 
 use super::Store;
 use super::requests::{StoredResponse, keep};
 use crate::error::Result;
+use crate::sync::lock;
 
 /// A stored world; the texts are the caller's JSON.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ impl Store {
 
     /// Buffers a world's counter and latents for the next flush; returns the update's number.
     pub fn note_world(&self, id: &str, interactions: u64, latents: Option<String>) -> u64 {
-        let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pending = lock(&self.pending);
         note(&mut pending.worlds, id, interactions, latents);
         pending.noted += 1;
         pending.noted
@@ -96,14 +96,14 @@ impl Store {
 
     /// Writes the buffered updates.
     pub fn flush_worlds(&self) -> Result<()> {
-        let noted = self.pending.lock().unwrap_or_else(PoisonError::into_inner).noted;
+        let noted = lock(&self.pending).noted;
         self.flush_up_to(noted)
     }
 
     fn flush_up_to(&self, number: u64) -> Result<()> {
-        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = lock(&self.writing);
         let (worlds, noted) = {
-            let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut pending = lock(&self.pending);
             if pending.written >= number {
                 // Another writer has written it.
                 return Ok(());
@@ -116,7 +116,7 @@ impl Store {
             }
             Ok(())
         });
-        let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pending = lock(&self.pending);
         match written {
             Ok(()) => pending.written = noted,
             Err(_) => {

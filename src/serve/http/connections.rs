@@ -1,12 +1,13 @@
 //! Registry of HTTP connections and the client of each: its peer address, until a request authenticates by a token.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use super::timeouts::ConnectionTimer;
 use crate::serve::client::Client;
 use crate::serve::client_limiter::{ClientLimiter, LimitReached, LimiterPermit};
 use crate::serve::limits::Limits;
+use crate::sync::lock;
 
 /// Open connections, by number.
 pub struct ConnectionRegistry {
@@ -107,10 +108,6 @@ impl ConnectionHandle {
     fn client(&self) -> Client {
         lock(&self.permit).client().clone()
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use std::io;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
@@ -14,6 +14,7 @@ use tokio::sync::Notify;
 use tokio::time::{Sleep, sleep_until};
 
 use crate::serve::limits::Limits;
+use crate::sync::lock;
 
 /// Timers of a connection, shared with the registry.
 pub struct ConnectionTimer {
@@ -96,7 +97,7 @@ impl ConnectionTimer {
     }
 
     fn now(&self) -> MutexGuard<'_, TimerState> {
-        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.now)
     }
 }
 

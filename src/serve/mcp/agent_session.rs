@@ -1,7 +1,7 @@
 //! Session of an agent: its scope, real worlds with budgets, and jobs.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -13,6 +13,7 @@ use crate::access::Scope;
 use crate::error::{Error, Result};
 use crate::serve::operations::operation;
 use crate::serve::problem::{HandlerResult, Problem};
+use crate::sync::lock;
 
 /// The session of one agent.
 pub struct AgentSession {
@@ -241,8 +242,4 @@ impl InteractionBudget {
 /// The family of a task: `bowling` of `bowling:017`.
 pub fn family(task: &str) -> &str {
     task.split(':').next().unwrap_or(task)
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
@@ -22,6 +22,7 @@ use crate::serve::operations::operation;
 use crate::serve::problem::{HandlerResult, Problem};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::AppState;
+use crate::sync::lock;
 
 /// Maximum requests of one client in flight; more are answered with 429.
 const MAX_IN_FLIGHT_REQUESTS: usize = 128;
@@ -337,10 +338,6 @@ impl ReplyAddress {
         }
         self.traceparent = request.traceparent.take();
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The problem of a request whose id is that of a request in progress.
