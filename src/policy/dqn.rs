@@ -390,10 +390,9 @@ mod tests {
         other.family = "bowling".into();
         let error = dqn.score(&other, &[]).unwrap_err().to_string();
         assert!(error.contains("bowling") || error.contains("toy"), "{error}");
-        let mut smaller = toy::task(0.3);
-        smaller.scene.bodies.remove(1);
-        smaller.scene.goal = None;
-        let error = dqn.score(&smaller, &[]).unwrap_err().to_string();
+        let mut fewer_components = toy::task(0.3);
+        fewer_components.scene.action.as_mut().unwrap().components.pop();
+        let error = dqn.score(&fewer_components, &[]).unwrap_err().to_string();
         assert!(error.contains("action features"), "{error}");
     }
 }
