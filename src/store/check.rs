@@ -152,9 +152,9 @@ fn rows(c: &Connection, table: &checksum::ChecksummedTable) -> Result<Vec<Damage
 
 /// Missing or damaged weights of policies.
 fn references(c: &Connection, blobs: &Blobs, weights: WeightsCheck) -> Result<Vec<DamagedRecord>> {
-    type Policy = (String, String, String, i64);
+    type WeightsRow = (String, String, String, i64);
     let select = "SELECT id, blob, digest, bytes FROM main.policy ORDER BY number";
-    let row = |r: &Row| -> rusqlite::Result<Policy> { Ok((r.get(0)?, r.get(1)?, r.get(2)?, r.get(3)?)) };
+    let row = |r: &Row| -> rusqlite::Result<WeightsRow> { Ok((r.get(0)?, r.get(1)?, r.get(2)?, r.get(3)?)) };
     // Unreadable rows were reported before.
     let Ok(policies) = query(c, select, [], row) else { return Ok(Vec::new()) };
     let mut found = Vec::new();

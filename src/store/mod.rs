@@ -39,7 +39,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard};
 
-use rusqlite::{Connection, Transaction, TransactionBehavior};
+use rusqlite::{Connection, OptionalExtension, Params, Row, Transaction, TransactionBehavior};
 
 use crate::error::Result;
 use crate::sync::lock;
@@ -128,6 +128,33 @@ impl Store {
 
     fn connection(&self) -> MutexGuard<'_, Connection> {
         lock(&self.connection)
+    }
+
+    /// Rows of a view with checksums, which are verified.
+    fn rows<T>(
+        &self,
+        select: &str,
+        with: impl Params,
+        row: impl Fn(&Row) -> rusqlite::Result<T>,
+    ) -> Result<Vec<T>> {
+        let verified = |r: &Row| checksum::verify(r).and_then(|()| row(r));
+        query(&self.connection(), select, with, verified).map_err(sql)
+    }
+
+    /// As [`Store::rows`], for at most one row.
+    fn row<T>(
+        &self,
+        select: &str,
+        with: impl Params,
+        row: impl Fn(&Row) -> rusqlite::Result<T>,
+    ) -> Result<Option<T>> {
+        let verified = |r: &Row| checksum::verify(r).and_then(|()| row(r));
+        self.connection().query_row(select, with, verified).optional().map_err(sql)
+    }
+
+    /// Runs a statement; returns the number of changed rows.
+    fn execute(&self, statement: &str, with: impl Params) -> Result<usize> {
+        self.connection().execute(statement, with).map_err(sql)
     }
 
     /// Runs `write` in a transaction.

@@ -1,9 +1,9 @@
 //! Conversion of SQLite's errors, and JSON columns.
 
-use rusqlite::{Connection, OptionalExtension, Params, Row};
+use rusqlite::{Connection, Params, Row};
 
-use super::{Store, checksum};
-use crate::error::{Error, Result};
+use super::checksum;
+use crate::error::Error;
 
 /// Converts an error of SQLite: damaged data, with the record's name if it is a row, or a failure.
 pub fn failed(place: &str, error: &rusqlite::Error) -> Error {
@@ -36,35 +36,6 @@ pub fn query<T>(
     row: impl FnMut(&Row) -> rusqlite::Result<T>,
 ) -> rusqlite::Result<Vec<T>> {
     c.prepare(select)?.query_map(with, row)?.collect()
-}
-
-impl Store {
-    /// Rows of a view with checksums, which are verified.
-    pub(super) fn rows<T>(
-        &self,
-        select: &str,
-        with: impl Params,
-        row: impl Fn(&Row) -> rusqlite::Result<T>,
-    ) -> Result<Vec<T>> {
-        let verified = |r: &Row| checksum::verify(r).and_then(|()| row(r));
-        query(&self.connection(), select, with, verified).map_err(sql)
-    }
-
-    /// As [`Store::rows`], for at most one row.
-    pub(super) fn row<T>(
-        &self,
-        select: &str,
-        with: impl Params,
-        row: impl Fn(&Row) -> rusqlite::Result<T>,
-    ) -> Result<Option<T>> {
-        let verified = |r: &Row| checksum::verify(r).and_then(|()| row(r));
-        self.connection().query_row(select, with, verified).optional().map_err(sql)
-    }
-
-    /// Runs a statement; returns the number of changed rows.
-    pub(super) fn execute(&self, statement: &str, with: impl Params) -> Result<usize> {
-        self.connection().execute(statement, with).map_err(sql)
-    }
 }
 
 /// A JSON column of a row.
