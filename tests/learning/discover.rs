@@ -232,8 +232,10 @@ fn integration_scheme_is_not_an_effect() {
     let look = |effects: &[EffectTerm]| {
         diagnose(&scene, &thrown(effects), &DiagnosisConfig::standard(1), &NoProgress).unwrap().diagnosis
     };
-    let nothing = look(&[]);
-    assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
+    if all_cases() {
+        let nothing = look(&[]);
+        assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
+    }
     let parameters = [("ax".to_string(), 0.5), ("ay".to_string(), 0.0)].into();
     let windy = look(&[EffectTerm { name: "wind".into(), parameters }]);
     assert_eq!(windy.rivals, [["wind"]], "{:?} {}", windy.effects, windy.reason);
