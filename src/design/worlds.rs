@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     /// 30 draws with drag, 10 without.
-    fn belief() -> ParameterSamples {
+    fn samples_with_drag() -> ParameterSamples {
         let c: Vec<Option<f64>> =
             (0..40).map(|i| (i % 4 != 0).then_some(0.1 + 0.01 * f64::from(i))).collect();
         let columns = serde_json::json!({"friction": vec![0.5; 40], "linear_drag.c": c});
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn samples_sets_evenly_and_weights_them_by_draws() {
-        let belief = belief();
+        let belief = samples_with_drag();
         let found = sample_worlds(&belief, 16, Some(1), 1).unwrap();
         assert_eq!(found.sets, [vec![], vec!["linear_drag".to_string()]]);
         assert_eq!((found.weights.clone(), found.worlds.len()), (vec![0.25, 0.75], 16));

@@ -319,7 +319,7 @@ struct Running<'a> {
 }
 
 impl JobReporter for Running<'_> {
-    fn look(&self) -> Result<()> {
+    fn check_stop(&self) -> Result<()> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
         }
@@ -330,7 +330,7 @@ impl JobReporter for Running<'_> {
     }
 
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        self.look()?;
+        self.check_stop()?;
         let mut state = self.shared.state();
         if let Some(live) = state.jobs.get_mut(&self.number) {
             // One event a percent: every event is sent to every watcher.

@@ -40,7 +40,7 @@ pub struct JobContext<'a> {
 /// Receiver of the work's reports.
 pub(super) trait JobReporter: Sync {
     /// An error once the work must stop.
-    fn look(&self) -> Result<()>;
+    fn check_stop(&self) -> Result<()>;
     /// Progress of a stage; an error once the work must stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
     /// A warning for the job's log.
@@ -63,7 +63,7 @@ impl Progress for JobContext<'_> {
 
 impl Budget for JobContext<'_> {
     fn check(&self) -> Result<()> {
-        self.stage.look()
+        self.stage.check_stop()
     }
 }
 

@@ -528,7 +528,7 @@ mod tests {
         [scene.len(), rows[0].len()]
     }
 
-    fn thing(shape: &str, angle: f64, movable: bool) -> Task {
+    fn task_with(shape: &str, angle: f64, movable: bool) -> Task {
         let mut task = toy::task(0.3);
         let shape: Shape = crate::json::parse(shape).unwrap();
         if movable {
@@ -568,7 +568,7 @@ mod tests {
         }
         let ball = check(&toy::task(0.3));
         for (shape, movable) in [(JAR, true), (JAR, false), (BAR, true), (BAR, false)] {
-            assert_eq!(check(&thing(shape, 0.4, movable)), ball);
+            assert_eq!(check(&task_with(shape, 0.4, movable)), ball);
         }
         let thrown = r#"{"format": "iplw.scene/1", "bodies": [{"name": "ball", "shape": {"type": "disc",
             "radius": 0.1}, "position": [0, 1]}], "statics": [{"name": "floor", "shape": {"type": "halfspace",
@@ -671,17 +671,17 @@ mod tests {
     fn different_shapes_have_different_features() {
         let half_turn = std::f64::consts::PI;
         let looks = [
-            thing(BAR, 0.0, false),
-            thing(BAR, 0.5, false),
-            thing(BAR, -0.5, false),
-            thing(BAR, 0.0, true),
-            thing(JAR, 0.0, false),
-            thing(JAR, half_turn, false),
-            thing(JAR, 0.0, true),
-            thing(r#"{"type": "disc", "radius": 1}"#, 0.0, false),
-            thing(r#"{"type": "box", "half_width": 1, "half_height": 1}"#, 0.0, false),
-            thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [-1, 1]]}"#, 0.0, false),
-            thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [1, 1]]}"#, 0.0, false),
+            task_with(BAR, 0.0, false),
+            task_with(BAR, 0.5, false),
+            task_with(BAR, -0.5, false),
+            task_with(BAR, 0.0, true),
+            task_with(JAR, 0.0, false),
+            task_with(JAR, half_turn, false),
+            task_with(JAR, 0.0, true),
+            task_with(r#"{"type": "disc", "radius": 1}"#, 0.0, false),
+            task_with(r#"{"type": "box", "half_width": 1, "half_height": 1}"#, 0.0, false),
+            task_with(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [-1, 1]]}"#, 0.0, false),
+            task_with(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [1, 1]]}"#, 0.0, false),
         ]
         .map(|task| (FeatureExtractor::new(&task).scene(), task));
         for (i, (a, one)) in looks.iter().enumerate() {
@@ -695,7 +695,7 @@ mod tests {
     /// Features are invariant under reflection, since "b" lies ahead of "a" in both scenes.
     #[test]
     fn features_are_mirror_invariant() {
-        let task = thing(BAR, 0.5, false);
+        let task = task_with(BAR, 0.5, false);
         let mut mirrored = task.clone();
         for body in &mut mirrored.scene.bodies {
             body.position = body.position.map(|[x, y]| [10.0 - x, y]);

@@ -364,7 +364,7 @@ mod tests {
     use crate::budget::Unlimited;
 
     /// Trial, t, x, y by row.
-    fn seen(text: &str, reading: &TrackParseOptions) -> Vec<(String, f64, f64, f64)> {
+    fn parsed_rows(text: &str, reading: &TrackParseOptions) -> Vec<(String, f64, f64, f64)> {
         let table =
             read(text, "film", "ball", reading, &Unlimited).unwrap_or_else(|e| panic!("{text:?}: {e}"));
         let rounded = |v: f64| (v * 1e9).round() / 1e9;
@@ -399,7 +399,7 @@ mod tests {
             "# t x y\n0 1.5 2\n0.04 1.75 -1.25",
             "t,x,y\r0,1.5,2\r0.04,1.75,-1.25\r",
         ] {
-            assert_eq!(seen(text, &silent), two, "{text:?}");
+            assert_eq!(parsed_rows(text, &silent), two, "{text:?}");
         }
     }
 
@@ -419,7 +419,7 @@ mod tests {
             // Tracker writes both; the pixel columns are used.
             "t,frame,x,y,pixelx,pixely\n0,0,9,9,150,200\n9,10,9,9,175,125\n",
         ] {
-            assert_eq!(seen(text, &pixels), wanted, "{text:?}");
+            assert_eq!(parsed_rows(text, &pixels), wanted, "{text:?}");
         }
         let units = |length: &str, time: &str| TrackParseOptions {
             length_unit: Some(length.into()),
@@ -427,7 +427,7 @@ mod tests {
             ..TrackParseOptions::default()
         };
         assert_eq!(
-            seen("t,x,y\n0,1500,2000\n40,1750,-1250\n", &units("mm", "ms")),
+            parsed_rows("t,x,y\n0,1500,2000\n40,1750,-1250\n", &units("mm", "ms")),
             [row(0.0, 1.5, 2.0), row(0.04, 1.75, -1.25)]
         );
         // Also in this project's own format, including velocities and angles.
@@ -465,13 +465,13 @@ mod tests {
             own("1", 0.0, 3.0, 4.0),
             own("1", 0.1, 3.5, 4.5),
         ];
-        assert_eq!(seen(text, &fps), wanted);
+        assert_eq!(parsed_rows(text, &fps), wanted);
         let multi = "#multi:\n\tcm A\t\tcm B\t\t\nt\tx\ty\tx\ty\t\n0\t1\t2\t3\t4\n1\t5\t6\t7\t8\n";
         let of =
             |track: &str| TrackParseOptions { track: Some(track.into()), ..TrackParseOptions::default() };
-        assert_eq!(seen(multi, &of("cm b")), [row(0.0, 3.0, 4.0), row(1.0, 7.0, 8.0)]);
+        assert_eq!(parsed_rows(multi, &of("cm b")), [row(0.0, 3.0, 4.0), row(1.0, 7.0, 8.0)]);
         let bodies = "t,object,x,y\n0,red,1,2\n0,blue,3,4\n1,red,5,6\n";
-        assert_eq!(seen(bodies, &of("red")), [row(0.0, 1.0, 2.0), row(1.0, 5.0, 6.0)]);
+        assert_eq!(parsed_rows(bodies, &of("red")), [row(0.0, 1.0, 2.0), row(1.0, 5.0, 6.0)]);
     }
 
     #[test]

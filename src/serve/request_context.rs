@@ -217,9 +217,9 @@ impl WorldAccess<'_> {
         self.all().list(list, limit, self.0.principal.visible_owner(), self.0.now())
     }
 
-    /// See [`Registry::look`].
-    pub fn look(&self, id: &str) -> Result<ListedWorld> {
-        self.all().look(id, self.0.principal.visible_owner(), self.0.now())
+    /// See [`Registry::listed_world`].
+    pub fn listed_world(&self, id: &str) -> Result<ListedWorld> {
+        self.all().listed_world(id, self.0.principal.visible_owner(), self.0.now())
     }
 
     /// Every world, for metrics.

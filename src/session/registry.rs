@@ -227,7 +227,7 @@ impl Registry {
     }
 
     /// The world `id` as listed; does not count as use.
-    pub fn look(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<ListedWorld> {
+    pub fn listed_world(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<ListedWorld> {
         let worlds = lock(&self.worlds);
         let entry = worlds.get(id).filter(|e| e.is_visible_to(owner) && !self.is_idle(e, now));
         Ok(entry.ok_or_else(|| not_found(id))?.listed(id))

@@ -284,7 +284,7 @@ mod tests {
     }
 
     /// Events available now.
-    fn seen(watcher: &mut WorldWatcher) -> Vec<Arc<WorldEvent>> {
+    fn available_events(watcher: &mut WorldWatcher) -> Vec<Arc<WorldEvent>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         let mut all = Vec::new();
         let soon = std::time::Duration::from_millis(1);
@@ -313,7 +313,7 @@ mod tests {
             let tried: Vec<_> = (0..40).map(|i| world.step(&index(i), &Unlimited)).collect();
             let valid = tried.iter().flatten().filter(|s| s.invalid.is_none()).count();
             assert_eq!(valid, 1);
-            let events = seen(&mut watcher);
+            let events = available_events(&mut watcher);
             assert!(matches!(&events[0].what, WorldEventKind::Reset { task, .. } if task == "bowling:000"));
             let last = events.last().unwrap();
             let WorldEventKind::Step { action, outcome: StepOutcome::Done { film: Some(film), .. }, .. } =
@@ -335,7 +335,7 @@ mod tests {
         let world = world(WorldKind::Sim);
         let mut watcher = world.watch(0);
         (0..3).for_each(|_| drop(world.reset(&Reset::default()).unwrap()));
-        let numbers = |w: &mut WorldWatcher| seen(w).iter().map(|e| e.number).collect::<Vec<_>>();
+        let numbers = |w: &mut WorldWatcher| available_events(w).iter().map(|e| e.number).collect::<Vec<_>>();
         assert_eq!(numbers(&mut watcher), [1, 2, 3]);
         drop(watcher);
         world.reset(&Reset::default()).unwrap();
@@ -362,7 +362,7 @@ mod tests {
         actions.iter().for_each(|a| drop(world.rollout(&one(a), &Unlimited).unwrap()));
         let states = world.events().buffered().1;
         assert!(states > 0 && states <= MAX_BUFFERED_STATES, "{states}");
-        assert!(seen(&mut watcher).iter().all(|e| e.states() <= MAX_RECORDING_STATES + 3));
+        assert!(available_events(&mut watcher).iter().all(|e| e.states() <= MAX_RECORDING_STATES + 3));
     }
 
     #[test]
@@ -381,6 +381,8 @@ mod tests {
         assert!(!world.events().is_active());
         let mut watcher = world.watch(0);
         drop(world);
-        assert!(matches!(seen(&mut watcher)[..], [ref e] if matches!(e.what, WorldEventKind::Deleted)));
+        assert!(
+            matches!(available_events(&mut watcher)[..], [ref e] if matches!(e.what, WorldEventKind::Deleted))
+        );
     }
 }

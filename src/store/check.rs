@@ -48,12 +48,12 @@ const MAX_INTEGRITY_MESSAGES: usize = 100;
 
 /// Checks a data directory. Read-only; a server may be running on it.
 pub fn check(directory: &Path) -> Result<CheckReport> {
-    let found = look(directory)?;
+    let found = check_once(directory)?;
     // A server may have replaced weights after their row was read; real damage is found again.
-    if found.damaged.is_empty() { Ok(found) } else { look(directory) }
+    if found.damaged.is_empty() { Ok(found) } else { check_once(directory) }
 }
 
-fn look(directory: &Path) -> Result<CheckReport> {
+fn check_once(directory: &Path) -> Result<CheckReport> {
     let place = DataDirectory::at(directory);
     let mut found = CheckReport::default();
     let damaged = |e: Error| DamagedRecord::of(e).map(|f| vec![f]);

@@ -133,7 +133,7 @@ pub fn exploration_tasks(tasks: &TaskSet) -> Vec<Task> {
 }
 
 /// Parses a stored proposed round.
-pub fn asked(text: &str) -> Result<PendingRound> {
+pub fn parse_pending_round(text: &str) -> Result<PendingRound> {
     parse(text)
 }
 
@@ -298,7 +298,7 @@ fn resume_workflow(
                 let FinishedRound { round: bare, .. } = parse(&done)?;
                 rounds.push(Round { answers: answers(&bare.proposals, &measured)?, ..bare });
             }
-            None => open = Some(asked(&row.asked)?),
+            None => open = Some(parse_pending_round(&row.asked)?),
         }
     }
     let workflow = Workflow::new(tasks, setup, importance)?.resume(rounds)?;

@@ -59,7 +59,7 @@ struct StoredRound {
 impl StoredRound {
     fn read(row: &RoundRow) -> Result<StoredRound> {
         let closed = row.done.as_deref().map(parse).transpose()?;
-        Ok(StoredRound { number: row.number, asked: estimation::asked(&row.asked)?, closed })
+        Ok(StoredRound { number: row.number, asked: estimation::parse_pending_round(&row.asked)?, closed })
     }
 
     fn answered(&self) -> Option<&Vec<u64>> {

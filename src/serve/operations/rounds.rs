@@ -28,7 +28,7 @@ impl JobRounds {
         let last = last.map(|row| {
             Ok::<_, Error>(LastRound {
                 number: row.number,
-                asked: estimation::asked(&row.asked)?,
+                asked: estimation::parse_pending_round(&row.asked)?,
                 open: row.done.is_none(),
             })
         });
@@ -42,7 +42,7 @@ impl JobRounds {
         };
         if number < last.first() {
             for row in app.store().rounds(job)? {
-                let asked = estimation::asked(&row.asked)?;
+                let asked = estimation::parse_pending_round(&row.asked)?;
                 if let Some(p) = asked.proposals.into_iter().find(|p| p.number == number) {
                     return Ok(p);
                 }

@@ -123,7 +123,7 @@ fn measured_trials(app: &RequestContext, id: &str, first: u64, limit: usize) -> 
     let outcomes = app.store().measured(row.number, first)?;
     let mut found = Vec::new();
     for round in app.store().rounds(row.number)? {
-        for p in estimation::asked(&round.asked)?.proposals {
+        for p in estimation::parse_pending_round(&round.asked)?.proposals {
             let Some(Some(text)) = outcomes.get(&p.number) else { continue };
             if found.len() == limit {
                 return Ok(found);

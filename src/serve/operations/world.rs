@@ -158,7 +158,7 @@ fn watch(
     app: &RequestContext,
     (PathId(id), LastEventId(seen)): (PathId, LastEventId),
 ) -> Result<OperationResponse> {
-    let listed = app.worlds().look(&id)?;
+    let listed = app.worlds().listed_world(&id)?;
     // Subscribe before reading the state, so that no event is missed.
     let watcher = listed.world.watch(seen);
     let tasks = &listed.world.tasks().tasks;

@@ -11,7 +11,7 @@
 //! Differences from the source: the force does not depend on the speed, like dry friction; bodies at rest are
 //! unaffected.
 
-use super::rbf::{centre, gaussian, height, near, width};
+use super::rbf::{centre, gaussian, gaussian_of_pair, height, width};
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
     SearchStrategy, ShapeParameter, SimulationContext, constants, effect,
@@ -59,7 +59,7 @@ impl MotionLaw for PlaceDrive {
     }
 
     fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
-        let ([along, across, ..], near) = (constants, near(constants, [&bodies.x, &bodies.y]));
+        let ([along, across, ..], near) = (constants, gaussian_of_pair(constants, [&bodies.x, &bodies.y]));
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
             let speed = (vx * vx + vy * vy).sqrt();

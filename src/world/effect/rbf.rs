@@ -24,7 +24,7 @@ pub fn gaussian_lanes(a: &[f64; LANES], b: &[f64; LANES]) -> [f64; LANES] {
 
 /// The Gaussian of constants 2 to 5 (its centre, and the inverse of its widths), at a pair of coordinates in
 /// every lane.
-pub fn near(constants: &ConstantLanes, [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
+pub fn gaussian_of_pair(constants: &ConstantLanes, [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
     let [_, _, u, v, per_wu, per_wv, ..] = constants;
     map_lanes(|l| gaussian([(a[l] - u[l]) * per_wu[l], (b[l] - v[l]) * per_wv[l]]))
 }

@@ -9,7 +9,7 @@
 //!
 //! Differences from the source: none.
 
-use super::rbf::{centre, gaussian, height, near, width};
+use super::rbf::{centre, gaussian, gaussian_of_pair, height, width};
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
     SearchStrategy, ShapeParameter, SimulationContext, constants, effect,
@@ -49,7 +49,7 @@ impl MotionLaw for VelocityPush {
     }
 
     fn kick_lanes(&self, constants: &ConstantLanes, bodies: &mut MotionStateLanes, _dt: f64) {
-        let ([ax, ay, ..], near) = (constants, near(constants, [&bodies.vx, &bodies.vy]));
+        let ([ax, ay, ..], near) = (constants, gaussian_of_pair(constants, [&bodies.vx, &bodies.vy]));
         for lane in 0..LANES {
             bodies.vx[lane] += ax[lane] * near[lane];
             bodies.vy[lane] += ay[lane] * near[lane];

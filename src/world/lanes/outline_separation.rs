@@ -99,8 +99,8 @@ pub fn places<R: Register, const N: usize>(
         OutlineCore::Corners { here: b, .. } => {
             let other = facing_edge(b, nx.minus(), ny.minus());
             // Coordinates along the edges, in the direction of the first's.
-            let ours = [along(one.from, nx, ny), along(one.to, nx, ny)];
-            let theirs = [along(other.from, nx, ny), along(other.to, nx, ny)];
+            let ours = [tangential_coordinate(one.from, nx, ny), tangential_coordinate(one.to, nx, ny)];
+            let theirs = [tangential_coordinate(other.from, nx, ny), tangential_coordinate(other.to, nx, ny)];
             let many = Wide::all(64.0);
             let (ids, radii) =
                 ([one.from_id * many + other.to_id, one.to_id * many + other.from_id], [ra, rb]);
@@ -117,7 +117,11 @@ pub fn places<R: Register, const N: usize>(
 
 /// Coordinate perpendicular to a normal.
 #[inline(always)]
-fn along<R: Register, const N: usize>([x, y]: [Wide<R, N>; 2], nx: Wide<R, N>, ny: Wide<R, N>) -> Wide<R, N> {
+fn tangential_coordinate<R: Register, const N: usize>(
+    [x, y]: [Wide<R, N>; 2],
+    nx: Wide<R, N>,
+    ny: Wide<R, N>,
+) -> Wide<R, N> {
     y * nx - x * ny
 }
 

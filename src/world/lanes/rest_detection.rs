@@ -35,7 +35,7 @@ impl StepSnapshot {
         };
         let worth = !state.clocked && (0..LANES).any(|l| used(l) && slow(l));
         worth.then(|| StepSnapshot {
-            columns: kept(state),
+            columns: collect_columns(state),
             contacts: contacts(state).collect(),
             rolling: state.bodies.iter().map(|b| b.rolling).collect(),
             start_tick: state.start_tick,
@@ -61,7 +61,7 @@ impl StepSnapshot {
 
 /// [`columns`] collected into a vector of sufficient capacity: its iterator has no size hint, and
 /// reallocation would cost more than the copy.
-fn kept(state: &BatchState) -> Vec<V> {
+fn collect_columns(state: &BatchState) -> Vec<V> {
     let points = state.near.iter().filter(|near| near.slot.is_some()).count();
     let most = 9 * state.bodies.len() + 2 * state.pairs.len() + 6 * points;
     let mut all = Vec::with_capacity(most);

@@ -340,7 +340,7 @@ impl<L: ?Sized + 'static> LawLanes<L> {
 
     /// The law's constants in one lane.
     #[inline]
-    pub fn own(&self, lane: usize) -> Constants {
+    pub fn constants_in(&self, lane: usize) -> Constants {
         std::array::from_fn(|c| self.constants[c][lane])
     }
 }
