@@ -118,7 +118,7 @@ mod tests {
         (0..5).map(|f| toy::ruled(&format!("f{f}"), &toy::tasks(5), 400)).collect()
     }
 
-    fn evaluate_agent(
+    fn result_of(
         name: &str,
         tables: &[OutcomeTable],
         posteriors: &[OutcomeTable],
@@ -133,7 +133,7 @@ mod tests {
     fn agents_generalize_within_and_across_families() {
         let tables = tables();
         for setting in GeneralizationSetting::ALL {
-            let of = |name: &str| evaluate_agent(name, &tables, &tables, setting);
+            let of = |name: &str| result_of(name, &tables, &tables, setting);
             let [random, dqn, simulate] = ["random", "dqn", "simulate"].map(|name| of(name).auccess);
             assert!((0.1..0.75).contains(&random), "{random}");
             assert!(dqn > random + 0.15, "{setting:?}: {dqn}, random {random}");
@@ -155,13 +155,13 @@ mod tests {
             toy::table(&format!("f{f}"), &toy::tasks(10), 400, move |t, i| if solves(t, i) { 1 } else { -1 })
         };
         let tables: Vec<OutcomeTable> = (0..5).map(one).collect();
-        let within = evaluate_agent("memory", &tables, &[], GeneralizationSetting::Within);
+        let within = result_of("memory", &tables, &[], GeneralizationSetting::Within);
         for (id, at) in &within.solved_at {
             let odd = toy::tasks(10)[0].id.replace("toy", "");
             assert!(at == &Some(1) || id.ends_with(&odd), "{id} at {at:?}");
         }
         // Across families a different action solves: those of the four training families come first.
-        let across = evaluate_agent("memory", &tables, &[], GeneralizationSetting::Across);
+        let across = result_of("memory", &tables, &[], GeneralizationSetting::Across);
         let first = across.solved_at.iter().filter(|(_, at)| *at == Some(1)).count();
         assert_eq!((first, across.families.len()), (0, 1));
         assert!(across.solved_at.iter().any(|(_, at)| at.is_some_and(|k| k <= 5)), "the odd action");
@@ -185,7 +185,7 @@ mod tests {
         };
         let turned: Vec<OutcomeTable> = real.iter().map(wrong).collect();
         let [good, bad] = [&believed, &turned]
-            .map(|b| evaluate_agent("simulate", &real, b, GeneralizationSetting::Within).auccess);
+            .map(|b| result_of("simulate", &real, b, GeneralizationSetting::Within).auccess);
         assert!(good > 0.95 && bad < 0.5, "{good}, {bad}");
     }
 
@@ -195,7 +195,7 @@ mod tests {
         for name in agents().map(|a| a.name) {
             let run = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| evaluate_agent(name, &tables, &tables, GeneralizationSetting::Across))
+                pool.install(|| result_of(name, &tables, &tables, GeneralizationSetting::Across))
             };
             assert_eq!(run(1), run(3), "{name}");
         }
