@@ -27,6 +27,9 @@ pub struct DesignRequest {
     /// `latents` (default: values of latents and effect parameters), `effects` (which set of effects the world has) or `success`
     /// (whether plans solve the test tasks).
     #[arg(long)]
+    #[arg(
+        help = "Question: latents (and effect parameters), effects (which set), or success (of plans) [default: latents]"
+    )]
     pub question: Option<String>,
     /// An `iplw.posterior/2` document of equally weighted draws; only `columns`, `effects` and `discrepancy` are read.
     #[arg(skip)]

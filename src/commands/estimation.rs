@@ -17,6 +17,12 @@ use crate::task::DEFAULT_FAMILY;
 use crate::task::scene::EffectTerm;
 use crate::world::EffectParameter;
 
+/// Description of `--strategy`.
+const STRATEGY_HELP: &str = "Strategy: collisions, rolling, random, mixed, gradient, informative, probing or success [default: mixed]
+
+The first six choose among candidates simulated at the current estimate. `probing` and `success` maximise the expected information gain over \
+posterior samples, about latents and parameters or about the success of plans; they take about a minute a round.";
+
 /// An estimation to run. The real world is `world` (interactions are counted there), one created for this job from `real`, or,
 /// with `"real": "ask_tell"`, the client's own: it carries out `/v1/iplw/{id}/proposals` and submits measurements to
 /// `/v1/iplw/{id}/trials`. Default: the family's standard real world.
@@ -35,7 +41,10 @@ pub struct EstimationRequest {
     pub real: Option<RealChoice>,
     /// `mixed` (default), `collisions`, `rolling`, `random`, `gradient`, `informative`; or, based on posterior draws and taking
     /// about a minute per round, `probing` (most information on parameters) or `success` (on whether plans work).
-    #[arg(long)]
+    #[arg(long, long_help = STRATEGY_HELP)]
+    #[arg(
+        help = "Strategy: collisions, rolling, random, mixed, gradient, informative, probing or success [default: mixed]"
+    )]
     pub strategy: Option<String>,
     /// Id of the family's performance surface, for `gradient` and `informative`; `gradient` computes a small one by default.
     #[arg(skip)]
@@ -43,6 +52,9 @@ pub struct EstimationRequest {
     /// `trajectory` (default): simulate from start to end; `shooting` (multiple shooting): simulate segments from observed
     /// states, which is robust to noise, chaotic collisions and small model errors.
     #[arg(long)]
+    #[arg(
+        help = "Residual: trajectory (simulated from start to end) or shooting (from observed states) [default: trajectory]"
+    )]
     pub residual: Option<String>,
     /// Effect parameters to estimate together with the latents: `linear_drag.c`, `wind.ax`.
     #[arg(long, help = "Effect parameter to fit as well, such as wind.ax; may be repeated")]

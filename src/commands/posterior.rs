@@ -68,6 +68,7 @@ pub struct PosteriorRequest {
     /// Whether a likely discrepancy field is simulated and sampled with the parameters: wider, more honest intervals, for minutes of
     /// CPU time instead of seconds. Requires `discrepancy`. Default: false.
     #[arg(long, num_args = 0, default_missing_value = "true", conflicts_with = "discrepancy")]
+    #[arg(help = "Also sample an unknown force field: wider, more honest intervals; takes a minute or more")]
     pub sample_discrepancy: Option<bool>,
     #[arg(long, help = "Random seed [default: 0]")]
     pub seed: Option<u64>,
