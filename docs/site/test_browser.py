@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import Browser, expect, sync_playwright
 
 SITE = Path(__file__).resolve().parents[2] / "out" / "site"
-PAGES = ["index.html", "http/worlds.html", "architecture.html"]
+PAGES = ["index.html", "http/worlds.html", "explanation/architecture.html"]
 
 
 class SilentHandler(http.server.SimpleHTTPRequestHandler):
@@ -69,7 +69,7 @@ def test_search_works_without_external_requests(browser: Browser, base: str) -> 
 def test_diagrams_match_the_color_scheme(browser: Browser) -> None:
     for scheme in ("light", "dark"):
         page = browser.new_page(color_scheme=scheme)
-        page.goto(f"{SITE.as_uri()}/architecture.html")
+        page.goto(f"{SITE.as_uri()}/explanation/architecture.html")
         displayed = page.locator("img[src*='diagrams/']").and_(page.locator(":visible"))
         expect(displayed).to_have_count(1)
         assert f"-{scheme}.svg" in str(displayed.get_attribute("src"))

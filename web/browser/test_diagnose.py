@@ -233,7 +233,7 @@ def test_the_page_is_responsive_with_134_bouncing_launches(serve: Callable[..., 
     crowd = page.evaluate(SLOWDOWN)
     page.evaluate(FRAMES)
     drop(page, "bounces.csv", csv(launches(134, 80, bounce=0.85, speeds=LOW)))
-    expect(page.locator(".glance")).to_contain_text("134 launches, 10720 samples")
+    expect(page.locator(".glance")).to_contain_text("134 trials, 10720 samples")
     expect(page.locator(".told")).to_contain_text("A floor was set")
     run(page)
     expect(page.locator(".stages li").first).to_be_visible()
@@ -248,7 +248,7 @@ def test_the_page_is_responsive_with_134_bouncing_launches(serve: Callable[..., 
         page.get_by_role("button", name="Cancel").click()
         expect(page.get_by_role("button", name="Cancelling")).to_be_disabled()
         page.get_by_role("link", name="Back to the tracks").click()
-        expect(page.locator(".glance")).to_contain_text("134 launches")
+        expect(page.locator(".glance")).to_contain_text("134 trials")
     slow = page.evaluate("window.slow")
     print(f"134 launches: of {slow['all']} pictures over 100 ms: {slow['frames']}; scripts: {slow['scripts']}; crowd {crowd:.1f}")
     assert len([ms for ms in slow["frames"] if ms > 100 * crowd]) <= 3

@@ -102,7 +102,7 @@ def test_a_policy_is_trained_compared_with_random_and_its_actions_are_displayed(
     tries.scroll_into_view_if_needed()
     expect(tries.locator(".tries li")).to_have_count(10)
     first = server.request("POST", "/v1/policies/policy-1/act", {"task": "basketball:000", "count": 1})["actions"][0]
-    expect(tries.locator(".chosen")).to_contain_text("try 1 (")
+    expect(tries.locator(".chosen")).to_contain_text("attempt 1 (")
     tries.locator(".map svg").first.focus()
     page.keyboard.press("Enter")
     expect(page.locator(".badge.sim")).to_be_visible()
