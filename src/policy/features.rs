@@ -37,11 +37,11 @@
 //! Differences from the source: a feature vector instead of an image, a bounded number of objects.
 
 use super::action_target::ActionTarget;
-use super::object_geometry::{ObjectGeometry, area, length};
+use super::goal_frame::{GoalFrame, objects_by_role};
+use super::object_geometry::{ObjectGeometry, length};
 use crate::task::action::ActionQuantity;
 use crate::task::geometry::Aabb;
 use crate::task::scene::Goal;
-use crate::task::solid::{ConvexPieces, Solid};
 use crate::task::{Scene, Task, ValidAction};
 
 /// Maximum number of objects in the scene features. PHYRE's templates have at most ten.
@@ -74,15 +74,6 @@ pub struct FeatureExtractor {
     scene: Scene,
 }
 
-/// Roles of the goal's objects, and the direction from one to the other.
-#[derive(Clone, Copy, Debug)]
-struct GoalFrame {
-    /// Indices of "a" and "b" in the extractor's objects; `None` for an object that the action places.
-    roles: [Option<usize>; 2],
-    /// 1, or -1 if x is mirrored.
-    ahead: f64,
-}
-
 impl FeatureExtractor {
     /// Features of a task's scene.
     pub fn new(task: &Task) -> FeatureExtractor {
@@ -94,36 +85,7 @@ impl FeatureExtractor {
                 targets.push(component.target.clone());
             }
         }
-        let (names, region) = goal_objects(scene, frame);
-        let named = standing_objects(scene, &targets, &names, frame);
-        let find = |name: &Option<String>| {
-            name.as_ref().and_then(|n| named.iter().find(|(k, _)| k == n)).map(|(_, thing)| thing.clone())
-        };
-        let [mut a, mut b] = [find(&names[0]), region.or_else(|| find(&names[1]))];
-        let turned = match (&a, &b) {
-            (Some(x), Some(y)) if names[1].is_some() => match (x.movable, y.movable) {
-                (true, true) => y.centre[0] < x.centre[0],
-                (x, y) => y && !x,
-            },
-            // The object that the action places is the movable one.
-            (Some(_), None) => names[1].is_some(),
-            _ => false,
-        };
-        if turned {
-            std::mem::swap(&mut a, &mut b);
-        }
-        let roles = [a.as_ref().map(|_| 0), b.as_ref().map(|_| usize::from(a.is_some()))];
-        let aimed = |name: &String| names.iter().flatten().any(|n| n == name);
-        let mut rest: Vec<ObjectGeometry> =
-            named.into_iter().filter(|(n, _)| !aimed(n)).map(|(_, t)| t).collect();
-        if let Some(near) = a.as_ref().or(b.as_ref()) {
-            rest.sort_by(|x, y| {
-                near.solid.signed_distance(&x.solid).total_cmp(&near.solid.signed_distance(&y.solid))
-            });
-        }
-        rest.sort_by_key(|thing| !thing.movable);
-        let objects: Vec<ObjectGeometry> = a.into_iter().chain(b).chain(rest).collect();
-        let goal = GoalFrame::new(roles, &objects);
+        let (objects, goal) = objects_by_role(scene, &targets, frame);
         let launched =
             space.components.iter().any(|c| matches!(c.set, ActionQuantity::Vx | ActionQuantity::Vy));
         FeatureExtractor { frame, objects, goal, targets, launched, scene: scene.clone() }
@@ -196,17 +158,18 @@ impl FeatureExtractor {
             out.extend(form_features(target, goal.ahead));
             out.extend(self.velocity_features(target, goal.ahead));
             for role in goal.roles {
-                self.relation_features(target, role.map(|k| &self.objects[k]), goal.ahead, &mut out);
+                let object = role.map(|k| with_gap(target, &self.objects[k]));
+                self.relation_features(target, object, goal.ahead, &mut out);
             }
             let mut others: Vec<(f64, &ObjectGeometry)> =
-                self.other_objects().map(|o| (target.solid.signed_distance(&o.solid), o)).collect();
+                self.other_objects().map(|o| with_gap(target, o)).collect();
             others.sort_by(|x, y| x.0.total_cmp(&y.0));
             for k in 0..NEIGHBOURS {
-                self.relation_features(target, others.get(k).map(|(_, o)| *o), goal.ahead, &mut out);
+                self.relation_features(target, others.get(k).copied(), goal.ahead, &mut out);
             }
             self.support_features(target, goal, &mut out);
             for other in &targets[i + 1..] {
-                self.relation_features(target, Some(other), goal.ahead, &mut out);
+                self.relation_features(target, Some(with_gap(target, other)), goal.ahead, &mut out);
             }
             if self.launched {
                 out.extend(goal.roles.map(|role| self.flight_features(target, role)).as_flattened());
@@ -316,15 +279,16 @@ impl FeatureExtractor {
         out.extend([under, over].map(|room| clamp_to_unit((room / height).max(0.0).sqrt())));
     }
 
-    /// Position of a placed object relative to another, and properties of that one; all 0 if there is none.
+    /// Position of a placed object relative to another, given with their signed distance (m), and properties of that one; all 0 if
+    /// there is none.
     fn relation_features(
         &self,
         target: &ObjectGeometry,
-        object: Option<&ObjectGeometry>,
+        object: Option<(f64, &ObjectGeometry)>,
         ahead: f64,
         out: &mut Vec<f32>,
     ) {
-        let Some(object) = object else {
+        let Some((gap, object)) = object else {
             out.resize(out.len() + RELATION_FEATURES, 0.0);
             return;
         };
@@ -333,7 +297,6 @@ impl FeatureExtractor {
         let dx = (target.centre[0] - object.centre[0]) * ahead;
         let dy = target.centre[1] - object.centre[1];
         let apart = length(dx, dy).max(1e-9);
-        let gap = target.solid.signed_distance(&object.solid);
         // Impact point of a vertical fall on the other object, relative to the sum of the half widths.
         let wide = (target.half[0] + object.half[0]).max(1e-9);
         let hit = (dx / wide).clamp(-1.0, 1.0);
@@ -411,85 +374,15 @@ impl FeatureExtractor {
     }
 }
 
-impl GoalFrame {
-    fn new(roles: [Option<usize>; 2], objects: &[ObjectGeometry]) -> GoalFrame {
-        let across = roles.map(|role| role.map(|k| objects[k].centre[0]));
-        let ahead = if let [Some(a), Some(b)] = across
-            && b < a
-        {
-            -1.0
-        } else {
-            1.0
-        };
-        GoalFrame { roles, ahead }
-    }
-}
-
 /// Orientation, centre of mass and filled share of the bounding box, mirrored if `ahead` is -1.
 fn form_features(thing: &ObjectGeometry, ahead: f64) -> [f32; 5] {
     let ([cos, sin], [x, y]) = (thing.turned, thing.lean);
     [cos, ahead * sin, ahead * x, y, thing.full].map(clamp_to_unit)
 }
 
-/// Height of a half-plane's boundary at the sides of the frame.
-fn boundary_height(([nx, ny], offset): ([f64; 2], f64), frame: Aabb) -> Solid {
-    let at = |x: f64| [x, (offset - nx * x) / ny];
-    Solid::Bounded(ConvexPieces::one(vec![at(frame[0]), at(frame[2])], 0.0))
-}
-
-/// Objects named by the goal, and the goal's region or half-plane.
-fn goal_objects(scene: &Scene, frame: Aabb) -> ([Option<String>; 2], Option<ObjectGeometry>) {
-    let thing = |solid: Solid, area: f64| Some(ObjectGeometry::new(solid, [0.0; 2], [0.0; 2], false, area));
-    match &scene.goal {
-        Some(Goal::Contact { bodies: [a, b], .. } | Goal::Apart { bodies: [a, b], .. }) => {
-            ([Some(a.clone()), Some(b.clone())], None)
-        }
-        Some(Goal::Inside { body, region, .. }) => {
-            let solid = Solid::Bounded(ConvexPieces::one(region.clone(), 0.0));
-            ([Some(body.clone()), None], thing(solid, area(region)))
-        }
-        Some(goal @ Goal::Above { body, .. }) => (
-            [Some(body.clone()), None],
-            goal.line().and_then(|line| thing(boundary_height(line, frame), 0.0)),
-        ),
-        None => ([None, None], None),
-    }
-}
-
-/// Objects of the scene with their names, without the action's targets: those within the frame and those of the goal.
-fn standing_objects(
-    scene: &Scene,
-    targets: &[String],
-    aims: &[Option<String>; 2],
-    frame: Aabb,
-) -> Vec<(String, ObjectGeometry)> {
-    let mut named = Vec::new();
-    for body in scene.bodies.iter().filter(|b| !targets.contains(&b.name)) {
-        if let (Some(position), Some(placed)) = (body.position, body.placed()) {
-            let area = body.shape.moments().area;
-            let thing = ObjectGeometry::new(Solid::Bounded(placed), position, body.velocity, true, area);
-            named.push((body.name.clone(), thing));
-        }
-    }
-    for fixed in scene.statics.iter().filter(|s| !targets.contains(&s.name)) {
-        let solid = fixed.placed();
-        let inside = solid.bounds().is_some_and(|b| {
-            // Walls, floor and ceiling lie at the border and are covered by the clearance features.
-            let edge = 0.005 * (frame[2] - frame[0]).max(frame[3] - frame[1]);
-            b[0] < frame[2] - edge
-                && b[2] > frame[0] + edge
-                && b[1] < frame[3] - edge
-                && b[3] > frame[1] + edge
-        });
-        if inside || aims.iter().flatten().any(|n| *n == fixed.name) {
-            let area = if solid.bounds().is_some() { fixed.shape.moments().area } else { 0.0 };
-            named.push((
-                fixed.name.clone(),
-                ObjectGeometry::new(solid, fixed.position, [0.0; 2], false, area),
-            ));
-        }
-    }
-    named
+/// An object with its signed distance from another, m.
+fn with_gap<'o>(from: &ObjectGeometry, object: &'o ObjectGeometry) -> (f64, &'o ObjectGeometry) {
+    (from.solid.signed_distance(&object.solid), object)
 }
 
 /// Clamps to [-1, 1]; NaN becomes 0.

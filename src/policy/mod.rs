@@ -8,6 +8,7 @@
 //! | `features` | features of a task and an action |
 //! | `object_geometry` | position and shape of an object, for the features |
 //! | `action_target` | objects that an action places |
+//! | `goal_frame` | objects in the order of their roles in the goal |
 //! | `data` | labels actions by simulating them |
 //! | `outcomes` | cache of the outcomes of many actions in every task, for learning without a simulator |
 //! | `outcome_table` | cached outcomes as training data and for evaluation |
@@ -25,6 +26,7 @@ pub mod data;
 pub mod dqn;
 pub mod evaluate;
 pub mod features;
+mod goal_frame;
 mod object_geometry;
 pub mod outcome_table;
 pub mod outcomes;
