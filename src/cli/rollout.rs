@@ -126,11 +126,5 @@ fn read(input: &str) -> Result<(String, String)> {
 
 /// Replaces the line within the document, which is always 1, by the line within the file.
 fn at_line(error: Error, place: &str) -> Error {
-    match error {
-        Error::Input(mut input) => {
-            input.place = place.to_string();
-            Error::Input(input)
-        }
-        other => other,
-    }
+    error.map_input(|input| input.place = place.to_string())
 }

@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::physics::engine;
-use super::posterior::{EffectSet, effect_set};
+use super::posterior::{EffectSet, effect_set, exclude_with_posterior};
 use crate::design::{
     Costs, DesignConfig, DesignDocument, Question, design, document, training_and_test_tasks,
 };
@@ -134,14 +134,14 @@ impl DesignRequest {
 
     /// Sets of effects of the prior; an error together with a posterior, which has its own.
     pub fn sets(&self) -> Result<Vec<Vec<String>>> {
-        match (&self.posterior, &self.sets) {
-            (Some(_), Some(_)) => {
-                Err(Error::input("sets", "given together with posterior", "one or the other"))
-            }
-            (_, Some(sets)) if sets.is_empty() || sets.len() > 20 => {
+        if self.posterior.is_some() {
+            exclude_with_posterior(&[("sets", self.sets.is_some())])?;
+        }
+        match &self.sets {
+            Some(sets) if sets.is_empty() || sets.len() > 20 => {
                 Err(Error::input("sets", format!("{} sets", sets.len()), "1 to 20 sets of effects"))
             }
-            (_, sets) => Ok(sets.clone().unwrap_or_else(|| vec![Vec::new()])),
+            sets => Ok(sets.clone().unwrap_or_else(|| vec![Vec::new()])),
         }
     }
 }

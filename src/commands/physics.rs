@@ -28,33 +28,21 @@ pub struct LatentsIn {
 impl LatentsIn {
     /// Validates the latents; errors name the user's field after `prefix`.
     pub fn checked(self, prefix: &str) -> Result<Latents> {
-        latents(self, prefix)
-    }
-}
-
-fn latents(given: LatentsIn, prefix: &str) -> Result<Latents> {
-    if let (Some(mass), Some(_)) = (given.mass, given.density) {
-        return Err(Error::input(
-            format!("{prefix}mass"),
-            mass,
-            "only one of mass and density, which are the same factor",
-        ));
-    }
-    let latents = Latents {
-        density: given.density.or(given.mass),
-        friction: given.friction,
-        restitution: given.restitution,
-    };
-    latents.validate().map_err(|e| match e {
-        Error::Input(mut input) => {
-            let name = input.field.strip_prefix("latents.").unwrap_or(&input.field);
-            let name = if name == "density" && given.mass.is_some() { "mass" } else { name };
-            input.field = format!("{prefix}{name}");
-            Error::Input(input)
+        let LatentsIn { density, mass, friction, restitution } = self;
+        if let (Some(mass), Some(_)) = (mass, density) {
+            let allowed = "only one of mass and density, which are the same factor";
+            return Err(Error::input(format!("{prefix}mass"), mass, allowed));
         }
-        other => other,
-    })?;
-    Ok(latents)
+        let latents = Latents { density: density.or(mass), friction, restitution };
+        latents.validate().map_err(|e| {
+            e.map_input(|input| {
+                let name = input.field.strip_prefix("latents.").unwrap_or(&input.field);
+                let name = if name == "density" && mass.is_some() { "mass" } else { name };
+                input.field = format!("{prefix}{name}");
+            })
+        })?;
+        Ok(latents)
+    }
 }
 
 /// Combines damping and effects; `None` if neither was given. Errors name the field after `prefix`.

@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::physics::{LatentsIn, effects, engine, parse_effect, parse_latents};
+use super::posterior::exclude_with_posterior;
 use crate::budget::Budget;
 use crate::error::{Error, Result, check_count, check_range};
 use crate::estimate::ParameterSamples;
@@ -109,10 +110,10 @@ impl PlanRequest {
     /// The distribution of worlds.
     pub fn parameter_source(self) -> Result<ParameterSource> {
         if let Some(document) = self.posterior {
-            let given = [("latents", self.latents.is_some()), ("effects", self.effects.is_some())];
-            if let Some((field, _)) = given.iter().find(|(_, given)| *given) {
-                return Err(Error::input(*field, "given together with posterior", "one or the other"));
-            }
+            exclude_with_posterior(&[
+                ("latents", self.latents.is_some()),
+                ("effects", self.effects.is_some()),
+            ])?;
             return Ok(ParameterSource::Posterior { document: Value::Object(document) });
         }
         let effects = effects(None, self.effects, "")?.unwrap_or_default();

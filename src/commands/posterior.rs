@@ -136,6 +136,14 @@ pub fn set_calibrate(scene: &mut Scene, calibrate: Option<Vec<String>>) -> Resul
     scene.validate().map_err(|e| e.in_field("scene"))
 }
 
+/// Errors if a request that has a posterior also has one of these fields, by name and whether it is set.
+pub(super) fn exclude_with_posterior(fields: &[(&str, bool)]) -> Result<()> {
+    match fields.iter().find(|(_, is_set)| *is_set) {
+        Some((field, _)) => Err(Error::input(*field, "given together with posterior", "one or the other")),
+        None => Ok(()),
+    }
+}
+
 /// Effects joined by `+`; `none` is an empty set.
 pub fn effect_set(text: &str) -> Vec<String> {
     match text.trim() {

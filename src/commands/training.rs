@@ -5,6 +5,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::physics::{LatentsIn, effects, parse_effect, parse_latents};
+use super::posterior::exclude_with_posterior;
 use crate::error::{Error, Result, check_count};
 use crate::estimate::ParameterSamples;
 use crate::json::JsonObject;
@@ -111,14 +112,11 @@ impl TrainingRequest {
     /// The simulation in which actions are labelled; `usual` are the latents of a fixed one by default.
     pub fn physics(&mut self, usual: Latents) -> Result<TrainingPhysics> {
         if let Some(document) = self.posterior.take() {
-            let given = [
+            exclude_with_posterior(&[
                 ("training", self.training.is_some()),
                 ("latents", self.latents.is_some()),
                 ("effects", self.effects.is_some()),
-            ];
-            if let Some((field, _)) = given.iter().find(|(_, given)| *given) {
-                return Err(Error::input(*field, "given together with posterior", "one or the other"));
-            }
+            ])?;
             let samples =
                 ParameterSamples::from_value(Value::Object(document)).map_err(|e| e.in_field("posterior"))?;
             let draws = samples.draws().len();

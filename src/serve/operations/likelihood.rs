@@ -85,13 +85,11 @@ fn begin(
 
 /// Renames the field of an error about the only set to `effects`.
 fn with_request_field(error: Error) -> Error {
-    match error {
-        Error::Input(mut input) if input.field == "sets[0]" => {
+    error.map_input(|input| {
+        if input.field == "sets[0]" {
             input.field = "effects".into();
-            Error::Input(input)
         }
-        other => other,
-    }
+    })
 }
 
 /// The work of a likelihood. After a restart it starts over and gives the same result.
