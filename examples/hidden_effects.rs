@@ -96,7 +96,10 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
             eprintln!("  {} ({})", next.action, next.why);
         }
         if let Some(r) = &d.remainder {
-            eprintln!("  field {:?} nats, explained {:?}", r.field, r.explained_share);
+            eprintln!(
+                "  unnamed force {:?} nats, explained {:?}",
+                r.unnamed_force_evidence, r.explained_share
+            );
         }
     }
     out

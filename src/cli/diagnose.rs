@@ -90,7 +90,10 @@ fn figure_blocks(plots: &[PlotFile]) -> Vec<Block> {
 fn summary(d: &Diagnosis, out: &Path) -> String {
     let mut text = format!("verdict: {}\n{}\n", d.verdict.name(), d.reason);
     for effect in &d.effects {
-        text += &format!("  {} (acts on {}), p = {:.1e}\n", effect.name, effect.acts_on, effect.p_value);
+        text += &format!(
+            "  {} (acts on {}), probability {:.2}\n",
+            effect.name, effect.acts_on, effect.probability
+        );
         for p in &effect.parameters {
             text += &format!("    {}\n", parameter(p));
         }
@@ -258,11 +261,11 @@ fn effects(d: &Diagnosis) -> TableRows {
             p.unit.clone(),
             interval(&p.ci95),
             p.spread.map_or(String::new(), |s| format!("{s:.4}")),
-            format!("{:.1e}", e.p_value),
+            format!("{:.2}", e.probability),
         ]
     };
     (
-        &["effect", "parameter", "setting", "value", "unit", "interval", "sd between trials", "p"],
+        &["effect", "parameter", "setting", "value", "unit", "interval", "sd between trials", "probability"],
         all.map(row).collect(),
     )
 }
@@ -326,11 +329,10 @@ fn describe_estimates(s: &ModelScore) -> String {
 fn rivals(d: &Diagnosis) -> Vec<Block> {
     let row = |s: &ModelScore| {
         let effects = if s.effects.is_empty() { "none".to_string() } else { s.effects.join(" + ") };
-        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse), describe_estimates(s)]
+        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability), describe_estimates(s)]
     };
-    let columns: &[&str] =
-        &["set", "score, nats", "probability of being worse", "estimates, if equally good"];
-    let note = "Cross-validated log predictive density of trials, relative to the best set.";
+    let columns: &[&str] = &["set", "score, nats", "probability", "estimates, if in the credible set"];
+    let note = "Log posterior probability relative to the best set, and posterior probability.";
     let best = table((columns, d.scores.iter().take(MAX_LISTED_SETS).map(row).collect()), note);
     let rest = table((columns, d.scores.iter().skip(MAX_LISTED_SETS).map(row).collect()), "");
     match rest.is_empty() {

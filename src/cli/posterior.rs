@@ -97,14 +97,14 @@ fn summary(d: &PosteriorDocument) -> String {
         );
     }
     if d.sets.len() > 1 {
-        text += &format!("\n{:<40} {:>8} {:>14} {:>14}\n", "set", "weight", "log predictive", "log evidence");
+        text += &format!("\n{:<40} {:>8} {:>14} {:>14}\n", "set", "weight", "log evidence", "sampled");
         for s in &d.sets {
             let evidence = s.log_evidence.map_or("-".into(), |[mean, _]| format!("{mean:.1}"));
             text += &format!(
                 "{:<40} {:>8.4} {:>14.1} {evidence:>14}\n",
                 set_name(&s.effects),
                 s.weight,
-                s.predictive
+                s.laplace_log_evidence
             );
         }
     }

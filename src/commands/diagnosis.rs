@@ -44,7 +44,7 @@ pub struct DiagnosisRequest {
     /// Id of an estimation, to use its trials so far.
     #[arg(skip)]
     pub job: Option<String>,
-    #[arg(long, help = "Seed of the bootstrap over trials [default: 0]")]
+    #[arg(long, help = "Seed of the global search and of the bootstrap [default: 0]")]
     pub seed: Option<u64>,
 }
 

@@ -40,7 +40,7 @@ pub struct PosteriorRequest {
     /// Id of an estimation, to use its trials so far.
     #[arg(skip)]
     pub job: Option<String>,
-    /// Sets of effects, one model each, weighted by cross-validated predictive density. Default: one empty set.
+    /// Sets of effects, one model each, weighted by their log evidence. Default: one empty set.
     #[arg(long = "set", value_name = "EFFECTS", value_parser = |text: &str| Ok::<_, Error>(effect_set(text)))]
     #[arg(
         help = "Effects of a model, joined by +; may be repeated: models are weighted by predictive density [default: none]"

@@ -82,8 +82,9 @@ fn shared(
         let renewed = columns.renewed.iter().filter(|_| frame.is_renewed(window));
         renewed.for_each(|(c, plausible)| add(&[(*c, 1.0)], *plausible));
     }
-    let told = look.columns.columns(0, known.nrows());
-    let within = told * known;
+    let count = known.nrows().min(columns.slots);
+    let told = look.columns.columns(0, count);
+    let within = told * known.view((0, 0), (count, count));
     for i in 0..variance.len() {
         variance[i] += within.row(i).dot(&told.row(i));
     }
@@ -148,7 +149,7 @@ mod tests {
     use crate::discover::thrown::{self, NOISE};
 
     fn of(fitter: &Fitter, f: &crate::discover::fit::Fitted, components: &Components) -> Vec<Vec<[f64; 2]>> {
-        let (looks, _) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+        let (looks, _) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
         let noise = Noise { sd: NOISE, rho: 0.0, freedom: 1e3 };
         bands(fitter, f.shown(), &looks, components, &f.covariance, &noise)
     }

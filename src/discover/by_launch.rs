@@ -13,10 +13,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fit::{Fitted, prior};
+use super::columns::pushes;
+use super::fit::Fitted;
 use super::gaussian::{self, Components, Pooled, Told};
 use super::launch::Part;
-use super::model::What;
+use super::model::{Extra, What};
 use super::report::{TrialEffectEstimate, round_to_six_digits};
 
 /// Sizes by launch: of every amplitude that concerns it; empty where launches say nothing. `settings`: of each launch.
@@ -25,9 +26,8 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Tria
         |k: &usize| matches!(model.layout.slots[*k].what, What::Parameter(..)) && !model.layout.shapes(*k);
     let amplitudes: Vec<usize> = (0..model.layout.slots.len()).filter(amplitude).collect();
     let none = || vec![Vec::new(); settings.len()];
-    let none_differ = vec![0.0; model.components.spread.len()];
-    let alike = Components { spread: none_differ, strength: 0.0, ..model.components.clone() };
-    let prior = prior(&model.layout, &model.state);
+    let alike = without_own(model);
+    let prior = model.prior.clone();
     let Some(told) = gaussian::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else {
         return none();
     };
@@ -81,13 +81,19 @@ fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step:
     out
 }
 
-/// Covariance of the slots' values from launch to launch: each by itself, and those of an effect by its strength.
+/// The components without what the model's own amplitudes differ by.
+fn without_own(model: &Fitted) -> Components {
+    let own = |push: &Extra| model.set.iter().any(|e| e.name == push.effect.name);
+    let push =
+        pushes().iter().zip(&model.components.push).map(|(p, sd)| if own(p) { 0.0 } else { *sd }).collect();
+    Components { push, strength: 0.0, spread: Vec::new(), ..model.components.clone() }
+}
+
+/// Covariance of the slots' values between trials: what their effect declares, and those of an effect by its strength.
 fn differing(model: &Fitted) -> DMatrix<f64> {
     let q = model.layout.slots.len();
-    let mut out = DMatrix::from_fn(q, q, |i, j| match i == j {
-        true => model.components.spread[i].powi(2),
-        false => 0.0,
-    });
+    let mut out = DMatrix::zeros(q, q);
+    (0..q).for_each(|i| out[(i, i)] = model.declared_spread(i).powi(2));
     let strength = model.components.strength.powi(2);
     for sizes in model.layout.strengths(&model.state.values) {
         for (i, j) in sizes.iter().flat_map(|i| sizes.iter().map(move |j| (i, j))) {
@@ -214,7 +220,7 @@ mod tests {
     fn drags_that_differ_are_found_launch_by_launch() {
         let drags = [0.2, 0.5, 0.3, 0.6, 0.35, 0.25, 0.45, 0.55];
         thrown::fitted(&drags, &["linear_drag"], 5, |fitter, f| {
-            let (_, parts) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+            let (_, parts) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
             let found = sizes(f, &parts, &[0; 8]);
             for (one, truth) in found.iter().zip(drags) {
                 let (one, [alone, sd]) = (&one[0], one[0].alone.unwrap());
@@ -223,7 +229,7 @@ mod tests {
             }
         });
         thrown::fitted(&[0.4; 8], &[], 5, |fitter, f| {
-            let (_, parts) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+            let (_, parts) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
             assert!(sizes(f, &parts, &[0; 8]).iter().all(Vec::is_empty), "no effect has no size");
         });
     }

@@ -13,8 +13,8 @@
 //! drawn.
 
 use super::fit::{Fitted, Fitter};
-use super::gaussian::FREEDOM;
-use super::launch::Part;
+use super::gaussian::{self, FREEDOM};
+use super::model::Look;
 use super::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
 use super::score;
 use super::stats::median;
@@ -27,12 +27,14 @@ const TAIL: f64 = 0.025;
 pub fn predictive(
     fitter: &Fitter,
     model: &Fitted,
-    parts: &[Part],
+    looks: &[Look],
     kept: &[usize],
 ) -> Option<PredictiveCheck> {
-    let prior = &model.prior;
+    let parts = fitter.with_discrepancy(&model.layout, &model.state, looks)?;
+    let told = gaussian::all_told(&parts, &model.components)?;
+    let prior = model.prior.with_discrepancy(told.first()?.gram.ncols(), model.discrepancy_scale);
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); kept.len()];
-    score::each_held_out(parts, prior, &model.components, &fitter.folds, |told, others| {
+    score::each_held_out(&told, &prior, &fitter.folds, |told, others| {
         let Some((square, _)) = told.predictive(others) else { return };
         let (all, squares, count) = &mut of[told.launch];
         all.push(f_survival(square / told.count, told.count, FREEDOM));
@@ -127,8 +129,8 @@ fn range_of_place(place: usize, n: usize) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::gaussian::{self, Components, Pooled};
-    use crate::discover::launch::Block;
+    use crate::discover::gaussian::{Components, Pooled};
+    use crate::discover::launch::{Block, Part};
     use crate::discover::thrown;
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
@@ -194,9 +196,9 @@ mod tests {
         let mut drags = [0.4; 12];
         drags[7] = 1.2;
         thrown::fitted(&drags, &["linear_drag"], 6, |fitter, f| {
-            let (_, parts) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+            let (looks, _) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
             let kept: Vec<usize> = (100..112).collect();
-            let found = predictive(fitter, f, &parts, &kept).unwrap();
+            let found = predictive(fitter, f, &looks, &kept).unwrap();
             let least = found.launches.iter().min_by(|a, b| a.p.total_cmp(&b.p)).unwrap();
             assert_eq!((least.trial, found.launches.len(), found.sorted.len()), (107, 12, 12), "{found:?}");
             assert_eq!(found.sorted[0][0], least.p);

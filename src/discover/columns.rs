@@ -1,10 +1,10 @@
 //! The columns of a model beside what it fits: what may differ from launch to launch, and by what reason.
 //!
-//! Effects declare how far their sizes differ between launches. Those that a model has not itself are pushes that every launch
-//! may have a little of; those that contacts renew are anything plausible after one; and an effect of several amplitudes (a
+//! Effects declare how far their sizes differ between launches. They are pushes that every launch
+//! may have a little of, whatever the model; those that contacts renew are anything plausible after one; and an effect of several amplitudes (a
 //! wind along x and along y) may blow harder in one launch than in another, all its amplitudes by the same share.
 
-use super::model::{Extra, Layout, What};
+use super::model::{Extra, Layout};
 use crate::world::effect::{Effect, REGISTRY};
 
 /// Share of a push's deviation by which its derivative is taken: of a fall straight down a whole one of lift is a drag, in second
@@ -38,25 +38,18 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Those of a layout with [`pushes_beside`] it, its slots having some values.
+    /// Those of a layout whose slots have some values.
     pub fn of(layout: &Layout, values: &[f64]) -> Columns {
-        let set: Vec<&Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let pushes = pushes_beside(&set);
+        let pushes = pushes();
         let slots = layout.slots.len();
-        let own = (0..slots).filter_map(|i| match layout.slots[i].what {
-            What::Parameter(t, p) if set[t].reset_by_contact && set[t].parameters[p].is_amplitude() => {
-                Some((i, set[t].parameters[p].prior_sd))
-            }
-            _ => None,
-        });
-        let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
+        let push = |(k, extra): (usize, &Extra)| {
             let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
             let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.reset_by_contact)?;
             let one = (extra.values[p] - extra.effect.parameters[p].neutral).abs() / extra.unit;
             Some((slots + k, extra.effect.parameters[p].prior_sd / one))
         };
-        let of = pushes.iter().map(|(place, p)| (*place, p.effect.reset_by_contact)).collect();
-        let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
+        let of = pushes.iter().map(|p| p.effect.reset_by_contact).enumerate().collect();
+        let renewed = pushes.iter().enumerate().filter_map(push).collect();
         Columns { slots, pushes: pushes.len(), of, renewed, strengths: layout.strengths(values) }
     }
 }
@@ -74,26 +67,14 @@ pub fn pushes() -> Vec<Extra> {
     REGISTRY.iter().copied().flat_map(of).collect()
 }
 
-/// Those that a model with these effects has not itself, with their places among all.
-pub fn pushes_beside(set: &[&Effect]) -> Vec<(usize, Extra)> {
-    let beside = |(_, push): &(usize, Extra)| set.iter().all(|e| e.name != push.effect.name);
-    pushes().into_iter().enumerate().filter(beside).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A launch may have a little of every push but those that the model has itself.
     #[test]
-    fn a_model_with_an_effect_has_no_push_of_it() {
+    fn every_declared_variation_is_an_acceleration_of_its_own() {
         let all = pushes();
         let named = |name: &str| all.iter().filter(|p| p.effect.name == name).count();
         assert_eq!((named("lift"), named("wind"), all.len()), (1, 2, 3));
-        let lift = all.iter().find(|p| p.effect.name == "lift").unwrap().effect;
-        let beside = pushes_beside(&[lift]);
-        assert!(
-            beside.len() == 2 && beside.iter().all(|(place, p)| p.effect.name == all[*place].effect.name)
-        );
     }
 }

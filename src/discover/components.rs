@@ -59,13 +59,13 @@ impl Components {
         Components { slow: 1.0, leap: 0.01, strength, push: vec![0.3; pushes().len()], spread }
     }
 
-    fn logs(&self) -> Vec<f64> {
+    pub fn logs(&self) -> Vec<f64> {
         let own = [self.slow, self.leap];
         let free = [self.strength].into_iter().chain(self.spread.iter().copied()).filter(|s| *s > 0.0);
         own.iter().chain(&self.push).copied().chain(free).map(f64::ln).collect()
     }
 
-    fn with(&self, logs: &[f64]) -> Components {
+    pub fn with(&self, logs: &[f64]) -> Components {
         let mut rest = logs.iter().map(|l| l.exp());
         let mut next = || rest.next().unwrap_or(0.0);
         Components {
@@ -86,7 +86,7 @@ impl Components {
         [f64::INFINITY; 2].into_iter().chain(pushes).chain(strength).chain(spreads).collect()
     }
 
-    fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
+    pub fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
         let strength = [STRENGTH].into_iter().filter(|_| self.strength > 0.0);
         let pushes = self.push.iter().map(|_| PUSH);
@@ -127,12 +127,6 @@ impl<'a> Likelihood<'a> {
     pub fn most(&mut self, prior: &Prior, first: f64, counts: impl Fn(&Part) -> bool) -> Components {
         let most = self.from.most(prior);
         self.climbed(prior, &most, first, counts)
-    }
-
-    /// The same, launches differing by whatever they do.
-    pub fn most_freely(&mut self, prior: &Prior) -> Components {
-        let most = vec![f64::INFINITY; self.from.logs().len()];
-        self.climbed(prior, &most, NEAR, |_| true)
     }
 
     /// Components as they may be where the model stands, beginning where the search did; launches differ by no more than they have

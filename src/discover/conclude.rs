@@ -7,7 +7,7 @@ use super::described::{Law, Rest};
 use super::evidence::{self, Bands, Evidence};
 use super::expected::Expected;
 use super::extend::{extend, place};
-use super::fit::{Fitted, Fitter, Shown};
+use super::fit::{Context, Fitted, Fitter, Shown, held};
 use super::gain::{self, Scale, unexplained};
 use super::model::{Data, Look};
 use super::noise::Noise;
@@ -18,15 +18,14 @@ use super::report::{
     TrialEffects, Verdict,
 };
 use super::search::Found;
+use super::selection::Decision;
 use super::sizes::{calibrated, effects, scores, strings};
 use super::unlike;
-use super::verdict::Judged;
 use super::words::{self, reason, remainder};
 use super::{DiagnosisConfig, DiagnosisResult, advise};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
-use crate::world::effect::Effect;
 
 /// What a report is made from, besides the search and its verdict.
 pub struct Given<'a> {
@@ -39,52 +38,61 @@ pub struct Given<'a> {
     pub names: &'a [String],
     pub noise: &'a Noise,
     pub expected: &'a Expected,
+    pub scale: &'a Scale,
+    pub context: Option<Context>,
+}
+
+impl<'a> Given<'a> {
+    /// A fitter in the recording's context.
+    fn fitter(&self) -> Fitter<'a, 'a> {
+        Fitter { context: self.context.clone(), ..Fitter::new(self.data, self.noise) }
+    }
 }
 
 /// The report of a search, the extended scene and what pictures show.
 pub fn conclude(
     given: &Given,
     found: Found,
-    judged: &Judged,
+    decision: &Decision,
     config: &DiagnosisConfig,
 ) -> Result<DiagnosisResult> {
-    let Given { scene, trials, data, kept, names, noise, expected } = *given;
-    let (windows, settings, verdict) = (data.windows, data.settings, judged.verdict);
+    let Given { scene, trials, data, kept, names, noise, expected, scale, .. } = given;
+    let (windows, settings, verdict) = (data.windows, data.settings, decision.verdict);
     let Found { base, fits, .. } = &found;
-    let best = judged.champion.map(|c| &fits[c]);
+    let best = decision.champion.map(|c| &fits[c]);
     let model = best.unwrap_or(base);
+    let fitter = given.fitter();
     let law = match verdict {
         Verdict::Unknown => {
-            let (fitter, bootstrap) = (&Fitter::new(data, noise), &found.bootstrap);
-            Rest { fitter, base, model, bootstrap }.law(noise, judged.shared.as_ref())?
+            Rest { fitter: &fitter, base, model, field: decision.field.as_ref() }.law(noise)?
         }
         _ => None,
     };
-    let scale = Scale::new(expected, noise, kept.len());
-    // What goes without a name is an extension all the same, if it holds on other trials.
-    let shown = law.as_ref().filter(|l| l.offered).map_or(model.shown(), Law::shown);
-    let gain = gain::gain(base, best, settings, names.len(), &scale);
-    let next = advise::next(scene, windows, fits, &judged.rivals, verdict, noise, config)?;
+    // The extended scene is never worse than the scene on held-out trials.
+    let extension = if held(model) <= held(base) { model.shown() } else { base.shown() };
+    let shown = law.as_ref().filter(|l| l.offered).map_or(extension, Law::shown);
+    let gain = gain::gain(base, best, settings, names.len(), scale);
+    let next = advise::next(scene, windows, fits, &decision.rivals, verdict, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].names());
     let unlike = unlike::unlike(model);
-    let remainder = remainder(base, model, judged, noise, &gain, &scale);
+    let remainder = remainder(base, model, decision, noise, &gain, scale);
     let (launches, predictive) = by_launch(given, model)?;
-    let field = match &judged.shared {
-        Some(shared) => picture::field(&Fitter::new(data, noise), model, shared.form)?,
+    let field = match &decision.field {
+        Some(field) => picture::field(&fitter, model, field.form)?,
         None => None,
     };
     let bands = [bands(given, base, base.shown())?, bands(given, model, shown)?];
     let evidence = evidence::evidence(data, [base.shown(), shown], bands, names)?;
-    let residual_law = law.as_ref().map(|l| l.told(base, model, noise, &scale));
+    let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
     let described = residual_law.as_ref().map_or(String::new(), words::described);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
-        reason: reason(&found, judged, &remainder, kept.len()) + &described + &unlike::text(&unlike),
-        effects: effects(model, names),
-        rivals: judged.rivals.iter().map(rival_names).collect(),
+        reason: reason(&found, decision, &remainder, kept.len()) + &described + &unlike::text(&unlike),
+        effects: effects(model, names, |name| decision.inclusion(&found, name)),
+        rivals: decision.rivals.iter().map(rival_names).collect(),
         calibrated: calibrated(model, base.layout.latents()),
-        residual: gain::residual(base, windows, expected, noise, &scale),
+        residual: gain::residual(base, windows, expected, noise, scale),
         gain,
         unexplained_share: match verdict {
             Verdict::None => Some(0.0),
@@ -92,7 +100,7 @@ pub fn conclude(
         },
         residual_law,
         next_experiment: next,
-        scores: scores(&found, judged, names),
+        scores: scores(&found, decision, names),
         remainder: Some(remainder),
         launches,
         unlike,
@@ -108,9 +116,9 @@ pub fn conclude(
 
 /// What a model makes of every launch, and how those stand to what the others predict of them.
 fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<TrialEffects>, Option<PredictiveCheck>)> {
-    let Given { trials, data, kept, names, noise, .. } = *given;
-    let fitter = Fitter::new(data, noise);
-    let Some((_, parts)) = fitter.parts(&model.layout, &model.set, &model.state, &[])? else {
+    let Given { trials, data, kept, names, .. } = given;
+    let fitter = given.fitter();
+    let Some((looks, parts)) = fitter.parts(&model.layout, &model.state, &[])? else {
         return Ok((Vec::new(), None));
     };
     let launch = |(sizes, (i, trial)): (Vec<TrialEffectEstimate>, (usize, &usize))| TrialEffects {
@@ -121,14 +129,13 @@ fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<TrialEffects>, Option
     };
     let sizes = by_launch::sizes(model, &parts, data.settings);
     let launches = sizes.into_iter().zip(kept.iter().enumerate()).map(launch).collect();
-    Ok((launches, check::predictive(&fitter, model, &parts, kept)))
+    Ok((launches, check::predictive(&fitter, model, &looks, kept)))
 }
 
 /// How wide residuals should be; `shown` may hold more than the model whose components they are.
 fn bands(given: &Given, model: &Fitted, shown: Shown) -> Result<Option<Bands>> {
-    let fitter = Fitter::new(given.data, given.noise);
-    let set: Vec<&Effect> = shown.layout.terms.iter().map(|t| t.effect).collect();
-    let looks = fitter.parts(shown.layout, &set, shown.state, &[])?;
+    let fitter = given.fitter();
+    let looks = fitter.parts(shown.layout, shown.state, &[])?;
     let of = |(looks, _): (Vec<Look>, _)| {
         band::bands(&fitter, shown, &looks, &model.components, &model.covariance, given.noise)
     };

@@ -40,6 +40,21 @@ pub struct Prior {
     pub by_setting: Vec<bool>,
 }
 
+impl Prior {
+    /// The same with independent coefficients of standard deviation `scale` after the parameters, `all` in total.
+    pub fn with_discrepancy(&self, all: usize, scale: f64) -> Prior {
+        let q = self.off.len();
+        let mut precision = DMatrix::from_diagonal_element(all, all, scale.powi(-2));
+        precision.view_mut((0, 0), (q, q)).copy_from(&self.precision);
+        let mut prior = Prior { precision, off: DVector::zeros(all), ..self.clone() };
+        prior.off.rows_mut(0, q).copy_from(&self.off);
+        prior.plausible.resize(all, 0.0);
+        prior.reason.resize(all, 0.0);
+        prior.by_setting.resize(all, false);
+        prior
+    }
+}
+
 /// A part under some components: everything that densities need.
 #[derive(Clone, Debug)]
 pub struct Told {
@@ -214,18 +229,42 @@ pub fn student(square: f64, log_det: f64, count: f64) -> f64 {
 }
 
 impl Told {
-    fn square_at(&self, step: &DVector<f64>) -> f64 {
-        self.square - 2.0 * self.score.dot(step) + step.dot(&(&self.gram * step))
+    /// Square after a step of the parameters.
+    pub fn square_after(&self, step: &DVector<f64>) -> f64 {
+        let own =
+            |(column, s): (&[f64], &f64)| s * column.iter().zip(step.iter()).map(|(g, t)| g * t).sum::<f64>();
+        let n = step.len().max(1);
+        let quadratic: f64 = self.gram.as_slice().chunks_exact(n).zip(step.iter()).map(own).sum();
+        self.square - 2.0 * self.score.dot(step) + quadratic
     }
 
-    /// How much the part counts for, its scale being its own.
+    /// Weight of the group, its scale integrated out, after a step of the parameters.
     pub fn weight(&self, step: &DVector<f64>) -> f64 {
-        (FREEDOM + self.count) / (FREEDOM + self.square_at(step).max(0.0))
+        self.weight_at(self.square_after(step))
     }
 
-    /// Log density with the slots `step` away.
+    /// Weight of the group where its square is `square`.
+    pub fn weight_at(&self, square: f64) -> f64 {
+        (FREEDOM + self.count) / (FREEDOM + square.max(0.0))
+    }
+
+    /// Log density after a step of the parameters.
     pub fn density(&self, step: &DVector<f64>) -> f64 {
-        student(self.square_at(step), self.log_det, self.count)
+        student(self.square_after(step), self.log_det, self.count)
+    }
+
+    /// Log density where the square is `square`; squares below the tolerance are no better.
+    pub fn density_at(&self, square: f64) -> f64 {
+        student(square.max(self.allowed), self.log_det, self.count)
+    }
+
+    /// The statistics of the first `count` parameters, the others fixed where the model stands.
+    pub fn of_first(&self, count: usize) -> Told {
+        Told {
+            gram: self.gram.view((0, 0), (count, count)).into_owned(),
+            score: self.score.rows(0, count).into_owned(),
+            ..self.clone()
+        }
     }
 
     /// Log density with the slots known as `others` say.
@@ -250,7 +289,7 @@ impl Told {
         let along = l.tr_mul(&rest);
         let taken = along.dot(&inner.solve(&along));
         let log_det = 2.0 * inner.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        Some((self.square_at(&others.step) - taken, self.log_det + log_det))
+        Some((self.square_after(&others.step) - taken, self.log_det + log_det))
     }
 }
 

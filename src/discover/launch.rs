@@ -53,6 +53,7 @@ pub struct Block {
 }
 
 /// What does not change about a window while models do.
+#[derive(Clone)]
 pub struct Frame {
     /// (coordinates, points): slow ones, or the points that count.
     basis: DMatrix<f64>,
@@ -393,10 +394,17 @@ pub fn by_position(window: (usize, &Window), frame: &Frame, look: &Look, scale: 
     reduced(window, frame, &own, &none, scale).map(|block| block.columns)
 }
 
+impl Block {
+    /// Residual after a step of the parameters.
+    pub fn residual_at(&self, step: &DVector<f64>) -> DVector<f64> {
+        &self.left - &self.columns * step
+    }
+}
+
 impl Part {
     /// Square of what is left with the slots `step` away, in units of the noise.
     pub fn square_at(&self, step: &DVector<f64>) -> f64 {
-        self.blocks.iter().map(|b| (&b.left - &b.columns * step).norm_squared()).sum()
+        self.blocks.iter().map(|b| b.residual_at(step).norm_squared()).sum()
     }
 }
 

@@ -7,7 +7,10 @@ use super::model::Term;
 pub use super::model::bounds;
 use super::window::{Kind, Window};
 use crate::task::Scene;
-use crate::world::effect::{DataRange, Effect, EffectTarget, REGISTRY, SearchStrategy};
+use crate::world::effect::{
+    DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, REGISTRY, SearchStrategy,
+    ShapeParameter,
+};
 
 /// What decides which effects can be told at all, and where their search starts.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +42,21 @@ pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<(&'static Effect, Vec<T
         Some((e, starts.into_iter().map(term).collect()))
     };
     REGISTRY.iter().copied().filter(told).filter_map(of).collect()
+}
+
+/// Prior standard deviation of a shape parameter over what the data span.
+pub fn shape_sd(parameter: &ParameterDeclaration, range: &DataRange) -> f64 {
+    let [x0, y0, x1, y1] = range.area;
+    let extent = (x1 - x0).max(y1 - y0).max(1e-6);
+    match parameter.role {
+        ParameterRole::Shape(ShapeParameter::Place | ShapeParameter::Edge { .. } | ShapeParameter::Width) => {
+            extent
+        }
+        ParameterRole::Shape(ShapeParameter::Velocity) => range.speed.max(1e-6),
+        ParameterRole::Shape(ShapeParameter::Period | ShapeParameter::Time) => range.duration.max(1e-6),
+        ParameterRole::Shape(ShapeParameter::Phase) => std::f64::consts::PI,
+        ParameterRole::Shape(ShapeParameter::Power) | ParameterRole::Amplitude => 1.0,
+    }
 }
 
 /// What a recording is of.

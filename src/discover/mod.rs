@@ -7,13 +7,12 @@
 //! 2. Models. `path` and the engines simulate segments; `model` computes residuals and Jacobians; latents are
 //!    fitted with every candidate. `base`: fit of the base model; `steps`: noise inflation for the
 //!    discretisation of another engine.
-//! 3. Scores. `launch`: residuals of each trial as a mixed-effects model with variance components; `score`: log
-//!    predictive density of held-out trials; `fit`: fitted models with the conditional modes of their random
-//!    effects (`modes`).
+//! 3. Evidence. `launch`: residuals of each trial as a mixed-effects model with variance components; `fit`: fitted
+//!    models with the conditional modes of their random effects (`modes`) and their log evidence; `selection`: shared
+//!    discrepancy, Laplace evidence, variance components from the richest model.
 //! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three effects; `survey`:
 //!    global search where initial states are known; `field`: a shared force field without a named effect.
-//! 5. Decision. `decide`: pairwise model comparison; `reason`: adequacy of the between-trial variation;
-//!    `verdict`: the verdict.
+//! 5. Decision. `selection`: posterior over sets, credible set, explained share, verdict.
 //! 6. Report. `advise`, `parting`: the experiment that best discriminates tied models; `described`, `law`,
 //!    `bumps`: empirical force law for unexplained discrepancy; `conclude`, `sizes`, `gain`, `expected`,
 //!    `leave_out`, `words`: report; `by_launch`: per-trial estimates; `unlike`: between-trial variation;
@@ -21,12 +20,11 @@
 //!    extended scene; `evidence`, `plot_tables`: data for plots.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a
-//! Gaussian process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+
-//! (Yao et al. 2018).
+//! Gaussian process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), Bayes factors (Kass
+//! and Raftery 1995).
 //!
-//! Differences from the sources: positions are never differentiated; cross-validation leaves out trials, not
-//! observations; the discrepancy is independent between trials, and discrepancy shared by all trials is a
-//! candidate model of its own (`field`).
+//! Differences from the sources: positions are never differentiated; gains are measured on held-out trials; the slow misfit is
+//! independent between trials, and a small discrepancy is shared by all.
 
 mod advise;
 mod band;
@@ -38,7 +36,6 @@ mod columns;
 mod components;
 mod conclude;
 mod config;
-mod decide;
 mod described;
 mod evidence;
 mod expected;
@@ -64,11 +61,10 @@ mod picture;
 pub mod plot_tables;
 pub mod posterior;
 mod prepare;
-mod reason;
 pub mod report;
-mod robust;
 mod score;
 mod search;
+mod selection;
 mod sizes;
 mod smooth;
 mod stats;
@@ -78,7 +74,6 @@ mod survey;
 mod thrown;
 mod trust;
 mod unlike;
-mod verdict;
 mod window;
 mod words;
 
@@ -93,7 +88,8 @@ use conclude::{Given, conclude, insufficient};
 pub use config::{DiagnosisConfig, DiagnosisResult};
 pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use expected::expected;
-use fit::Fitter;
+use fit::{Fitted, Fitter, held};
+use gain::Scale;
 use model::{Data, Layout, State};
 use prepare::{RUN, Ready, prepare};
 pub use report::Diagnosis;
@@ -122,32 +118,39 @@ pub fn diagnose(
         }
     };
     let expected = expected(&ready.windows, &ready.sd, ready.kept.len(), &ready.noise);
+    let scale = Scale::new(&expected, &ready.noise, ready.kept.len());
     progress.report("fitting the base model", 0, 1)?;
     let Opened { mut data, layout, state, observed } =
         open(scene, trials, &ready, &ready.windows, &latents, (config.engine, config.seed))?;
     let Ready { kept, names, noise, sd, stepping, .. } = &ready;
     let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
-        let fitter = Fitter::new(data, noise);
-        let base = fitter.refined(layout.clone(), state)?;
-        let base = base.ok_or_else(|| {
-            Error::Failed("the log likelihood of the base model could not be evaluated".into())
-        })?;
-        let hunt = search::Hunt::new(scene, &fitter, &latents, config.seed);
-        let found = hunt.search(base, config.max_effects, progress)?;
-        let judged = verdict::judge(&fitter, &found)?;
-        Ok((found, judged))
+        let mut fitter = Fitter::new(data, noise);
+        let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
+        let first = fitter.refined(layout.clone(), state)?.ok_or_else(failed)?;
+        progress.report("estimating variance components", 0, 1)?;
+        fitter.context = Some(selection::context(&fitter, &first, &search::candidates(scene, &fitter))?);
+        let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
+        let found = search::Hunt::new(scene, &fitter, &latents, config.seed).search(
+            base,
+            config.max_effects,
+            progress,
+        )?;
+        let gain = |f: &Fitted| scale.gain(held(&found.base), held(f)).excess_removed;
+        let decision = selection::decide(&fitter, &found, config.seed, gain)?;
+        Ok((fitter.context, found, decision))
     };
-    let (mut found, mut judged) = seek(&data, &layout, state)?;
+    let (mut context, mut found, mut decision) = seek(&data, &layout, state)?;
     if let Some(stepping) = *stepping {
         // The discretisation error of contacts can be evaluated once the trajectories are fitted.
-        let best = judged.champion.map_or(&found.base, |c| &found.fits[c]);
+        let best = decision.champion.map_or(&found.base, |c| &found.fits[c]);
         data.sd.clone_from(sd);
         steps::allow(&mut data, &observed, &best.layout, &best.state, stepping)?;
         let state = found.base.state;
-        (found, judged) = seek(&data, &layout, state)?;
+        (context, found, decision) = seek(&data, &layout, state)?;
     }
-    let given = Given { scene, trials, data: &data, kept, names, noise, expected: &expected };
-    let mut finding = conclude(&given, found, &judged, config)?;
+    let given =
+        Given { scene, trials, data: &data, kept, names, noise, expected: &expected, scale: &scale, context };
+    let mut finding = conclude(&given, found, &decision, config)?;
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }

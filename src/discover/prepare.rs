@@ -86,6 +86,7 @@ pub fn prepare(
     let simulated = runs.unwrap_or(noise.sd);
     let scale = |w: &Window| if w.kind.simulated() { simulated } else { noise.sd };
     let sd: Vec<f64> = windows.iter().map(scale).collect();
+    trust::reject_onset(&mut windows, &sd);
     trust::weed(&mut windows, &sd, &settings, engine)?;
     Ok(Ok(Ready { windows, kept, names, settings, noise, sd, simulated, whole, stepping }))
 }

@@ -1,4 +1,4 @@
-//! Report of a diagnosis, `iplw.diagnosis/1`.
+//! Report of a diagnosis, `iplw.diagnosis/2`.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 
 /// The value of a diagnosis's `format` field.
-pub const FORMAT: &str = "iplw.diagnosis/1";
+pub const FORMAT: &str = "iplw.diagnosis/2";
 
 /// Verdict of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -75,8 +75,8 @@ pub struct EffectEstimate {
     pub name: String,
     /// `motion`, `contact`, `region`, `sensor` or `action`.
     pub acts_on: String,
-    /// p-value, corrected for the search over the library.
-    pub p_value: f64,
+    /// Posterior probability that the effect acts, over all sets that were tried.
+    pub probability: f64,
     pub parameters: Vec<ParameterEstimate>,
 }
 
@@ -191,12 +191,11 @@ pub struct RecommendedExperiment {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ModelScore {
     pub effects: Vec<String>,
-    /// Log predictive density over trials, each predicted from the others, minus the model-space penalty; nats
-    /// relative to the best set whose effects are all significant.
+    /// Log posterior probability relative to the most probable set, nats.
     pub score: f64,
-    /// Probability that it predicts worse than the best.
-    pub probability_worse: f64,
-    /// Its effects with estimates if it ties with the best; otherwise empty.
+    /// Posterior probability among the sets that were tried.
+    pub probability: f64,
+    /// Its effects with estimates if it is in the credible set; otherwise empty.
     pub sizes: Vec<EffectEstimate>,
 }
 
@@ -209,11 +208,11 @@ pub struct ResidualSummary {
     pub slow_after_m: f64,
     /// Standard deviation of the noise, m.
     pub noise_m: f64,
-    /// Share of the predictable misfit, as judged with a discrepancy field, that the model explains by itself;
-    /// `null` if not available.
+    /// Share of the predictable misfit that the model explains, with its 90 % interval; `null` if there is no misfit.
     pub explained_share: Option<f64>,
-    /// Gain in log predictive density by such a field, nats, and the probability that it is positive.
-    pub field: Option<[f64; 2]>,
+    pub explained_share_interval: Option<[f64; 2]>,
+    /// Log evidence of a force that no effect describes, beside the model and relative to the model alone, nats.
+    pub unnamed_force_evidence: Option<f64>,
     /// The same as a sentence.
     pub text: String,
 }

@@ -1,19 +1,18 @@
 //! Which sets of effects are fitted: singles, then pairs and triples of what looks best.
 //!
-//! What an effect would gain is first told from derivatives at the best smaller sets, in the same likelihood that scores
-//! them; the most promising are fitted in full. Larger sets are tried while the best of a size is better than every smaller
-//! one. What is better is decided elsewhere (`decide`).
+//! Candidates are screened by a score test at the best smaller sets; the most promising are fitted in full. Larger sets are
+//! tried while the best of a size is more probable than every smaller one.
 
 use std::cmp::Ordering;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::decide::{Bootstrap, Choice, TIED};
-use super::fit::{Fitted, Fitter, prior, sized};
+use super::fit::{Fitted, Fitter, sized};
 use super::gaussian::{self, FREEDOM};
 use super::library;
 use super::model::{Extra, Layout, State, Term};
+use super::selection::SETTINGS;
 use super::survey;
 use super::window;
 use crate::error::Result;
@@ -36,27 +35,34 @@ const TELLS: f64 = 1.0;
 /// derivatives: what a missing effect does looks like them until the effect is there.
 const SCREENED: f64 = 1.0;
 
-/// What a search brings home.
+/// The result of a search.
 pub struct Found {
     pub base: Fitted,
     pub fits: Vec<Fitted>,
-    /// Scores of all fits by launch, charged, in their order; the base's.
-    pub scores: Vec<Vec<f64>>,
-    pub base_score: Vec<f64>,
-    /// What there was to choose from.
-    pub choice: Choice,
+    /// Log of evidence times prior probability of every fit, and of the base model.
+    pub log_posterior: Vec<f64>,
+    pub base_log_posterior: f64,
     /// Sets that could not be fitted.
     pub failed: Vec<Vec<&'static str>>,
-    pub bootstrap: Bootstrap,
 }
 
-/// What a search goes by.
+/// A search among the sets of the library's effects.
 pub struct Hunt<'a, 'b, 'c> {
     pub fitter: &'c Fitter<'a, 'b>,
     /// Candidates with their starts.
     library: Vec<(&'static Effect, Vec<Term>)>,
     latents: &'c [usize],
     seed: u64,
+}
+
+/// Candidates of a scene's recording, with the starts of each.
+pub fn candidates(scene: &Scene, fitter: &Fitter) -> Vec<(&'static Effect, Vec<Term>)> {
+    library::candidates(scene, &library::ground(fitter.data.windows))
+}
+
+/// Log prior probability of a set of so many effects, relative to the empty set.
+pub fn log_prior(size: usize) -> f64 {
+    size as f64 * (SETTINGS.inclusion / (1.0 - SETTINGS.inclusion)).ln()
 }
 
 /// A set to be fitted.
@@ -69,26 +75,20 @@ struct Union {
 
 impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     pub fn new(scene: &Scene, fitter: &'c Fitter<'a, 'b>, latents: &'c [usize], seed: u64) -> Self {
-        let ground = library::ground(fitter.data.windows);
-        Hunt { fitter, library: library::candidates(scene, &ground), latents, seed }
+        Hunt { fitter, library: candidates(scene, fitter), latents, seed }
     }
 
     /// Searches sets of up to `most` effects.
-    pub fn search(&self, base: Fitted, most: usize, progress: &dyn Progress) -> Result<Found> {
-        let bootstrap = Bootstrap::new(base.score.len(), self.seed);
-        let candidates = self.library.iter().map(|(e, terms)| (e.name, terms.len())).collect();
-        let choice = Choice { candidates };
-        let base_score = choice.charged(&base, &base);
+    pub fn search(&mut self, base: Fitted, most: usize, progress: &dyn Progress) -> Result<Found> {
+        let base_log_posterior = base.log_evidence;
         let mut found = Found {
             base,
             fits: Vec::new(),
-            scores: Vec::new(),
-            base_score,
-            choice,
+            log_posterior: Vec::new(),
+            base_log_posterior,
             failed: Vec::new(),
-            bootstrap,
         };
-        self.leave_untold(&mut found)?;
+        self.leave_untold(&found.base)?;
         for size in 1..=most {
             let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"];
             let before = found.best_total();
@@ -110,14 +110,8 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 self.join(&mut found, simple)?;
                 self.refit(&mut found, size)?;
             }
-            if found.best_total() <= before + TIED[0] {
+            if found.best_total() <= before {
                 break;
-            }
-        }
-        for i in 0..found.fits.len() {
-            for t in 0..found.fits[i].set.len() {
-                let p = found.fits[i].p_value(t) * found.choice.charge(&[found.fits[i].set[t].name]).exp();
-                found.fits[i].p_values[t] = p.min(1.0);
             }
         }
         Ok(found)
@@ -155,7 +149,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
-                    found.scores.push(found.choice.charged(&fit, &found.base));
+                    found.log_posterior.push(fit.log_evidence + log_prior(fit.set.len()));
                     found.fits.push(fit);
                 }
                 None => found.failed.push(names),
@@ -183,9 +177,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             again.into_par_iter().map(|(at, union)| Ok((at, self.fit(union)?))).collect();
         for refitted in fitted {
             let (at, Some(fit)) = refitted? else { continue };
-            let score = found.choice.charged(&fit, &found.base);
-            if score.iter().sum::<f64>() > found.total(at) {
-                (found.fits[at], found.scores[at]) = (fit, score);
+            let log_posterior = fit.log_evidence + log_prior(fit.set.len());
+            if log_posterior > found.log_posterior[at] {
+                (found.fits[at], found.log_posterior[at]) = (fit, log_posterior);
             }
         }
         Ok(())
@@ -208,7 +202,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             };
             let rounds = if self.fitter.data.frozen.is_empty() { STEPS } else { 5 };
             let Some(fit) = self.fitter.fit(layout, start, rounds)? else { continue };
-            if best.as_ref().is_none_or(|b| fit.score.iter().sum::<f64>() > b.score.iter().sum::<f64>()) {
+            if best.as_ref().is_none_or(|b| fit.log_evidence > b.log_evidence) {
                 best = Some(fit);
             }
         }
@@ -224,14 +218,12 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let mut names = fit.names();
                 names.push(effect.name);
                 names.sort_unstable();
-                let known = found.choice.candidates.iter().any(|c| c.0 == effect.name);
-                if !known || told[c].is_empty() || found.fits.iter().any(|f| f.names() == names) {
+                if told[c].is_empty() || found.fits.iter().any(|f| f.names() == names) {
                     continue;
                 }
                 // What chance gives a parameter, and what the choice costs.
                 let own = fit.parameters() + effect.parameters.len();
-                let chance = own as f64 + found.choice.charge(&names);
-                let promise = told[c][0].0 - chance;
+                let promise = told[c][0].0 - own as f64 + log_prior(names.len());
                 let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| self.starting(fit, c, *s, sizes);
                 // A survey frames regions by itself.
                 let framed =
@@ -261,11 +253,10 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// Takes candidates away of which the data cannot tell anything: what a plausible size does, the starts take up.
-    fn leave_untold(&self, found: &mut Found) -> Result<()> {
-        let Some(told) = self.promises(&found.base)? else { return Ok(()) };
+    fn leave_untold(&mut self, base: &Fitted) -> Result<()> {
+        let Some(told) = self.promises(base)? else { return Ok(()) };
         let mut told = told.into_iter();
-        found.choice.candidates.retain(|_| told.next().is_some_and(|t| !t.is_empty()));
-        found.base_score = found.choice.charged(&found.base, &found.base);
+        self.library.retain(|_| told.next().is_some_and(|t| !t.is_empty()));
         Ok(())
     }
 
@@ -284,7 +275,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 extras.extend(own);
             }
         }
-        let Some((_, parts)) = self.fitter.parts(&fit.layout, &fit.set, &fit.state, &extras)? else {
+        let Some((_, parts)) = self.fitter.parts(&fit.layout, &fit.state, &extras)? else {
             return Ok(None);
         };
         let q = fit.layout.slots.len();
@@ -293,7 +284,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         components.push.iter_mut().for_each(|p| *p = p.min(SCREENED));
         components.spread.resize(q + extras.len(), 0.0);
         let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
-        let (own, here) = (prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
+        let (own, here) = (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
         let before: f64 = told.iter().map(|t| t.density(&here)).sum();
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<(f64, usize, Vec<f64>)>> = self.library.iter().map(|_| Vec::new()).collect();
@@ -405,18 +396,13 @@ impl Found {
     /// Indices of fits, best first.
     pub fn ranked(&self, which: impl Fn(&Fitted) -> bool) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.fits.len()).filter(|i| which(&self.fits[*i])).collect();
-        order.sort_by(|a, b| self.total(*b).total_cmp(&self.total(*a)).then(a.cmp(b)));
+        order.sort_by(|a, b| self.log_posterior[*b].total_cmp(&self.log_posterior[*a]).then(a.cmp(b)));
         order
     }
 
-    /// Charged score of a fit, all launches together.
-    pub fn total(&self, fit: usize) -> f64 {
-        self.scores[fit].iter().sum()
-    }
-
-    /// The same of the best of all, the base among them.
+    /// The largest log posterior, the base model's among them.
     pub fn best_total(&self) -> f64 {
-        (0..self.fits.len()).map(|i| self.total(i)).fold(self.base_score.iter().sum(), f64::max)
+        self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)
     }
 }
 

@@ -1,15 +1,14 @@
 //! Sizes of effects and latents with their intervals, and how sets compare.
 
-use super::decide::Compared;
 use super::fit::Fitted;
 use super::model;
 use super::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
 use super::search::Found;
-use super::verdict::Judged;
+use super::selection::Decision;
 use crate::world::latent::FACTORS;
 
-/// The effects of a fit.
-pub fn effects(f: &Fitted, names: &[String]) -> Vec<EffectEstimate> {
+/// The effects of a fit; `probability`: the posterior probability that an effect acts, by name.
+pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) -> Vec<EffectEstimate> {
     f.layout
         .terms
         .iter()
@@ -38,7 +37,7 @@ pub fn effects(f: &Fitted, names: &[String]) -> Vec<EffectEstimate> {
             EffectEstimate {
                 name: term.effect.name.into(),
                 acts_on: term.effect.target().name().into(),
-                p_value: f.p_values[t],
+                probability: probability(term.effect.name),
                 parameters,
             }
         })
@@ -62,20 +61,25 @@ pub fn calibrated(f: &Fitted, count: usize) -> Vec<CalibratedLatent> {
     (0..count).map(of).collect()
 }
 
-/// Every model that was fitted beside the best; `names` of the settings.
-pub fn scores(found: &Found, judged: &Judged, names: &[String]) -> Vec<ModelScore> {
-    let of = |effects: Vec<String>, c: &Compared, sizes: Vec<EffectEstimate>| ModelScore {
+/// Every model that was fitted, most probable first; `names` of the settings.
+pub fn scores(found: &Found, decision: &Decision, names: &[String]) -> Vec<ModelScore> {
+    let best = found.best_total();
+    let of = |effects: Vec<String>, log_posterior: f64, probability: f64, sizes| ModelScore {
         effects,
-        score: -c.worse,
-        probability_worse: c.probability,
+        score: log_posterior - best,
+        probability,
         sizes,
     };
-    let fit = |(i, (f, c)): (usize, (&Fitted, &Compared))| {
-        let ties = c.is_tied() || judged.rivals.contains(&i);
-        of(strings(&f.names()), c, if ties { effects(f, names) } else { Vec::new() })
+    let fit = |(i, f): (usize, &Fitted)| {
+        let sizes = if decision.rivals.contains(&i) {
+            effects(f, names, |name| decision.inclusion(found, name))
+        } else {
+            Vec::new()
+        };
+        of(strings(&f.names()), found.log_posterior[i], decision.probabilities[i], sizes)
     };
-    let fits = found.fits.iter().zip(&judged.compared).enumerate().map(fit);
-    let mut out: Vec<ModelScore> = fits.chain([of(Vec::new(), &judged.base, Vec::new())]).collect();
+    let base = of(Vec::new(), found.base_log_posterior, decision.base_probability, Vec::new());
+    let mut out: Vec<ModelScore> = found.fits.iter().enumerate().map(fit).chain([base]).collect();
     out.sort_by(|a, b| b.score.total_cmp(&a.score));
     out
 }
@@ -93,7 +97,7 @@ mod tests {
     #[test]
     fn an_effect_is_told_with_its_interval_and_unit() {
         thrown::fitted(&[0.4; 8], &["linear_drag"], 3, |_, f| {
-            let found = effects(f, &[String::new()]);
+            let found = effects(f, &[String::new()], |_| 1.0);
             assert_eq!(
                 (found.len(), found[0].name.as_str(), found[0].acts_on.as_str()),
                 (1, "linear_drag", "motion")

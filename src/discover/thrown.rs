@@ -5,7 +5,7 @@ use super::fixture::term;
 use super::model::{Data, Layout, State};
 use super::noise::Noise;
 use super::report::Verdict;
-use super::verdict::Judged;
+use super::selection::Decision;
 use super::window::{self, Window};
 use crate::reality::trials_from_csv;
 use crate::rng;
@@ -60,10 +60,18 @@ pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter
     of(&fitter, &fitter.fit(layout, state, 12).unwrap().unwrap())
 }
 
-/// A verdict that takes no more than a model that stands alone.
-pub fn judged(verdict: Verdict) -> Judged {
-    let base = super::decide::Compared { worse: 0.0, probability: 0.0 };
-    Judged { verdict, champion: None, rivals: Vec::new(), shared: None, compared: Vec::new(), base }
+/// A decision that takes no more than a model that stands alone.
+pub fn decision(verdict: Verdict) -> Decision {
+    Decision {
+        verdict,
+        champion: None,
+        rivals: Vec::new(),
+        probabilities: Vec::new(),
+        base_probability: 1.0,
+        explained: None,
+        field: None,
+        unnamed: None,
+    }
 }
 
 #[test]

@@ -1,7 +1,10 @@
 //! What of the windows can be trusted: runs as long as they can be foreseen, flights without outliers.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::model::{self, Data, Layout, State};
 use super::smooth::spikes;
+use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::task::Scene;
@@ -60,6 +63,58 @@ pub fn weed(windows: &mut [Window], sd: &[f64], settings: &[usize], engine: Engi
     Ok(())
 }
 
+/// Observations that a trial's first is compared with, and the most that are rejected at a beginning.
+const ONSET: usize = 9;
+const MAX_ONSET: usize = 3;
+/// Robust standard errors by which trials' first observations must be off on average, and multiple of the noise.
+const ONSET_ERRORS: f64 = 6.0;
+const ONSET_NOISE: f64 = 1.5;
+
+/// Rejects the first observations of all trials where they do not continue into those after them, on average over trials: what is
+/// released is held, hidden or blurred at first.
+pub fn reject_onset(windows: &mut [Window], sd: &[f64]) {
+    let first = |w: usize| windows.iter().all(|o| o.trial != windows[w].trial || o.start >= windows[w].start);
+    let begins: Vec<usize> =
+        (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight && first(*w)).collect();
+    for k in 0..MAX_ONSET {
+        let off: Vec<[f64; 2]> =
+            begins.iter().filter_map(|w| Some(onset(&windows[*w], k)?.map(|v| v / sd[*w]))).collect();
+        let shifted = (0..2).any(|axis| {
+            let all: Vec<f64> = off.iter().map(|o| o[axis]).collect();
+            let centre = median(&all);
+            let spread = 1.4826 * median(&all.iter().map(|v| (v - centre).abs()).collect::<Vec<_>>());
+            let error = 1.2533 * spread / (all.len().max(1) as f64).sqrt();
+            all.len() >= FEWEST_ONSETS && centre.abs() > ONSET_ERRORS * error && centre.abs() > ONSET_NOISE
+        });
+        if !shifted {
+            break;
+        }
+        for w in &begins {
+            windows[*w].points[..=k].iter_mut().for_each(|p| p.weight = 0.0);
+        }
+    }
+}
+
+/// Fewest trials whose beginnings can be compared.
+const FEWEST_ONSETS: usize = 6;
+
+/// How far observation `k` is from the cubic through the next ones, m; `None` where there are too few.
+fn onset(window: &Window, k: usize) -> Option<[f64; 2]> {
+    let next = window.points.get(k + 1..k + 1 + ONSET)?;
+    if window.points.len() < 2 * ONSET || next.iter().any(|p| p.weight == 0.0) {
+        return None;
+    }
+    let (at, unit) = (window.points[k].time, next[ONSET - 1].time - window.points[k].time);
+    let basis = DMatrix::from_fn(ONSET, 4, |i, p| ((next[i].time - at) / unit).powi(p as i32));
+    let factor = basis.svd(true, true);
+    let of = |axis: usize| {
+        let y = DVector::from_fn(ONSET, |i, _| next[i].seen[axis]);
+        let beta = factor.solve(&y, 1e-12).ok()?;
+        Some(window.points[k].seen[axis] - beta[0])
+    };
+    Some([of(0)?, of(1)?])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -89,5 +144,17 @@ mod tests {
         weed(&mut windows, &[1e-3; 2], &settings, Engine::Auto).unwrap();
         let out = |w: &Window| (0..20).filter(|i| w.points[*i].weight == 0.0).collect::<Vec<_>>();
         assert_eq!((out(&windows[0]), out(&windows[1])), (vec![], vec![19]));
+    }
+
+    /// Throws that are all held a centimetre back at first: that observation is rejected, and no other.
+    #[test]
+    fn what_all_trials_begin_with_is_rejected() {
+        let (mut windows, _) = flights([0.0, 0.0], 8);
+        reject_onset(&mut windows, &[1e-3; 8]);
+        assert!(windows.iter().all(|w| w.points.iter().all(|p| p.weight == 1.0)));
+        windows.iter_mut().for_each(|w| w.points[0].seen[0] -= 0.01);
+        reject_onset(&mut windows, &[1e-3; 8]);
+        let out = |w: &Window| (0..20).filter(|i| w.points[*i].weight == 0.0).collect::<Vec<_>>();
+        assert!(windows.iter().all(|w| out(w) == [0]));
     }
 }

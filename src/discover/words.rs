@@ -5,7 +5,7 @@ use super::gain::Scale;
 use super::noise::Noise;
 use super::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
 use super::search::Found;
-use super::verdict::Judged;
+use super::selection::Decision;
 
 /// Error over the noise floor's up to which a model is said to reach it.
 const FLOOR: f64 = 1.1;
@@ -14,7 +14,7 @@ const FLOOR: f64 = 1.1;
 pub fn remainder(
     base: &Fitted,
     model: &Fitted,
-    judged: &Judged,
+    decision: &Decision,
     noise: &Noise,
     gain: &PredictionGain,
     scale: &Scale,
@@ -22,20 +22,14 @@ pub fn remainder(
     let [before, after] = [base, model].map(|f| f.slow() * noise.sd);
     let error = gain.held_out.as_ref().map_or(scale.rmse(held(base)), |g| g.extended_rmse);
     let floor = scale.rmse(scale.floor);
-    let shared = judged.shared.as_ref();
-    let mut text = left([before, after, noise.sd], error, floor);
-    if let Some(s) = shared.filter(|s| s.is_left()) {
-        text += &format!(
-            "; trials share a further error, of whose predictable part the model explains {:.0} %",
-            100.0 * s.explained
-        );
-    }
+    let text = left([before, after, noise.sd], error, floor);
     ResidualSummary {
         slow_before_m: before,
         slow_after_m: after,
         noise_m: noise.sd,
-        explained_share: shared.map(|s| s.explained),
-        field: shared.map(|s| [s.gain, s.probability]),
+        explained_share: decision.explained.map(|e| e.share),
+        explained_share_interval: decision.explained.map(|e| e.interval),
+        unnamed_force_evidence: decision.unnamed,
         text,
     }
 }
@@ -59,27 +53,27 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
 }
 
 /// The verdict on so many launches in a sentence or two.
-pub fn reason(found: &Found, judged: &Judged, remainder: &ResidualSummary, launches: usize) -> String {
+pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, launches: usize) -> String {
     let names = |i: usize| found.fits[i].names().join(" + ");
     let left = &remainder.text;
-    let nats = |i: usize| judged.base.worse - judged.compared[i].worse;
-    match (judged.verdict, judged.champion) {
+    let percent = |i: usize| 100.0 * decision.probabilities[i];
+    match (decision.verdict, decision.champion) {
         (Verdict::Named, Some(c)) => format!(
-            "{} explains the data: it predicts trials left out of the fit better than the base model by {:.0} nats, and no \
-             other set ties with it; {left}",
+            "{} explains the data: its probability among the sets tried is {:.0} %, and no other set is credible; {left}",
             names(c),
-            nats(c)
+            percent(c)
         ),
         (Verdict::Ambiguous, Some(c)) => {
             let drags = |i: &usize| found.fits[*i].set.iter().any(|e| e.opposes_motion);
-            let against = match judged.rivals.iter().all(drags) {
+            let against = match decision.rivals.iter().all(drags) {
                 true => "a force against the velocity, its law not identified: ",
                 false => "",
             };
-            let count = judged.rivals.len();
+            let count = decision.rivals.len();
             format!(
-                "{against}{count} sets predict the data equally well; {} is the simplest; {left}",
-                names(c)
+                "{against}{count} sets are credible; {} is the most probable ({:.0} %); {left}",
+                names(c),
+                percent(c)
             )
         }
         (Verdict::Unknown, Some(c)) => {
@@ -145,13 +139,13 @@ mod tests {
         thrown::fitted(&[0.4; 6], &[], 2, |_, base| {
             let scale = Scale { noise: thrown::NOISE, coordinates: 360.0, floor: 300.0, trials: 6 };
             let noise = Noise { sd: thrown::NOISE, rho: 0.0, freedom: 1e3 };
-            let judged = thrown::judged(Verdict::None);
-            let left = remainder(base, base, &judged, &noise, &PredictionGain::default(), &scale);
+            let decision = thrown::decision(Verdict::None);
+            let left = remainder(base, base, &decision, &noise, &PredictionGain::default(), &scale);
             assert!(
                 left.slow_before_m > 5.0 * thrown::NOISE && left.slow_before_m == left.slow_after_m,
                 "{left:?}"
             );
-            assert_eq!((left.noise_m, left.explained_share, left.field), (thrown::NOISE, None, None));
+            assert_eq!((left.noise_m, left.explained_share), (thrown::NOISE, None));
         });
     }
 }

@@ -18,7 +18,7 @@ use crate::world::Latents;
 /// A simulation extended by a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extension {
-    /// Verdict of the diagnosis, as in `iplw.diagnosis/1`.
+    /// Verdict of the diagnosis, as in `iplw.diagnosis/2`.
     pub verdict: String,
     /// Reason for the verdict.
     pub reason: String,

@@ -105,7 +105,7 @@ pub fn weighed(d: &Diagnosis) {
     eprintln!("  {}", d.reason);
     for s in d.scores.iter().take(10) {
         let sets = s.effects.join("+");
-        eprintln!("  {:9.2} nats, worse with {:.3}: {sets}", s.score, s.probability_worse);
+        eprintln!("  {:9.2} nats, probability {:.3}: {sets}", s.score, s.probability);
     }
     for (e, p) in d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
         eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);

@@ -357,7 +357,7 @@ fn report_has_its_fields_and_extended_scene_simulates() {
     for field in fields {
         assert!(json.get(field).is_some(), "{field} is missing");
     }
-    assert_eq!(json["format"], "iplw.diagnosis/1");
+    assert_eq!(json["format"], "iplw.diagnosis/2");
     check_per_trial_entries(&json);
     let excess = found.diagnosis.gain.held_out.as_ref().unwrap().excess_removed.unwrap();
     assert!(excess > 0.9, "{excess}");

@@ -1390,7 +1390,7 @@ fn diagnoses_measured_trials() {
     assert_eq!(done["state"], "succeeded", "{done}");
     assert_eq!(done["config"]["trials"], 10);
     let result = &done["result"];
-    assert_eq!(result["format"], "iplw.diagnosis/1");
+    assert_eq!(result["format"], "iplw.diagnosis/2");
     let sets = result["rivals"].as_array().unwrap();
     assert!(sets.contains(&json!(["quadratic_drag"])), "{sets:?}");
     assert_eq!(result["extended_scene"]["format"], "iplw.scene/1");

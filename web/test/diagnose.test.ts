@@ -118,7 +118,7 @@ const columns = ["t", "body", "stretch", "x", "y", "before_x", "before_y", "afte
 function report(): Report {
   const row = (t: number, stretch: number): (number | null)[] => [t, 0, stretch, 3 * t + 0.1, 1 + 2 * t - 5 * t * t, 0.5, 0, 0.1, 0, null, null, 0.01, 0.01];
   const scene = { format: "iplw.scene/1", name: "one ball", bodies: [{ name: "ball", shape: { type: "disc", radius: 0.02 } }] };
-  const result = { verdict: "named", effects: [{ name: "quadratic_drag", acts_on: "motion", p_value: 0, parameters: [] }], rivals: [["quadratic_drag"]], launches: [{ trial: 4, name: "a", setting: null, sizes: [] }], paths: { columns, launches: [{ trial: 4, rows: [row(0, 0), row(0.1, 0), row(0.3, 0), row(0.4, 1)] }] }, extended_scene: scene, next_scene: null, evidence: {} };
+  const result = { verdict: "named", effects: [{ name: "quadratic_drag", acts_on: "motion", probability: 1, parameters: [] }], rivals: [["quadratic_drag"]], launches: [{ trial: 4, name: "a", setting: null, sizes: [] }], paths: { columns, launches: [{ trial: 4, rows: [row(0, 0), row(0.1, 0), row(0.3, 0), row(0.4, 1)] }] }, extended_scene: scene, next_scene: null, evidence: {} };
   return result as unknown as Report;
 }
 
@@ -152,7 +152,7 @@ test("a verdict is described in text", () => {
   assert.equal(verdictText({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing; these trials do not distinguish: a b; none (the base model)");
   assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
   const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
-  const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", p_value: 0, parameters }];
+  const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", probability: 1, parameters }];
   assert.equal(estimatesText(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
   assert.equal(estimatesText(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
   assert.equal(interval([null, 1]), "unbounded");

@@ -269,7 +269,7 @@ def test_surface_and_diagnosis(client: iplw.Client, tmp_path: Path) -> None:
     run = client.iplw("basketball", rounds=1, actions=4, samples=12)
     run.wait()
     diagnosis = client.diagnose(job=run).wait()
-    assert diagnosis["format"] == "iplw.diagnosis/1"
+    assert diagnosis["format"] == "iplw.diagnosis/2"
     run.save_trials(tmp_path)
     scene = json.loads((tmp_path / "scene.json").read_text())
     again = client.diagnose(scene, (tmp_path / "trials.csv").read_text()).wait()

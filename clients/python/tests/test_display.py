@@ -36,7 +36,7 @@ DIAGNOSIS: dict[str, Any] = {
         {
             "name": "wind",
             "acts_on": "motion",
-            "p_value": 0.001,
+            "probability": 0.97,
             "parameters": [
                 {"name": "ax", "value": -1.0, "ci95": [-1.2, None], "unit": "m/s^2", "setting": None, "spread": 0.1}
             ],
@@ -45,10 +45,10 @@ DIAGNOSIS: dict[str, Any] = {
     "rivals": [["wind"], ["linear_drag"]],
     "calibrated": [{"name": "friction", "value": 0.5, "ci95": [None, None], "identifiable": False}],
     "scores": [
-        {"effects": ["lift", "wind"], "score": 0.5, "probability_worse": 0.4},
-        {"effects": ["wind"], "score": 0.0, "probability_worse": 0.0},
-        {"effects": ["linear_drag"], "score": -1.0, "probability_worse": 0.9},
-        {"effects": [], "score": -40.0, "probability_worse": 1.0},
+        {"effects": ["lift", "wind"], "score": 0.5, "probability": 0.4},
+        {"effects": ["wind"], "score": 0.0, "probability": 0.4},
+        {"effects": ["linear_drag"], "score": -1.0, "probability": 0.2},
+        {"effects": [], "score": -40.0, "probability": 0.0},
     ],
     "gain": {"held_out": {"trials": 4, "base_rmse": 0.1, "extended_rmse": 0.01}},
     "evidence": {

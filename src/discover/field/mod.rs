@@ -1,25 +1,20 @@
-//! Something nobody named: a force field shared by all launches, as one more rival of every set.
+//! A force field without a name, shared by all trials, beside a fitted model: what no effect of the library describes.
 //!
-//! Functions of where a body is, how fast it moves and what the clock says (`functions`), integrated twice along the paths of a
-//! fitted model, with a ridge prior. Where it predicts launches that it was not fitted to, something that all of them share is
-//! left. A field of everything at once pays for what it does not need: of a push by the clock beside a gust all 216 functions predicted
-//! launches by 4 nats worse than none, the clock's 32 by 23 better. So fields of one thing each are tried too, and what the choice
-//! among them costs is taken off.
+//! Functions of position, velocity and time (`functions`), integrated twice along the paths of a fitted model, with a ridge prior.
 
 mod functions;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::components::{Likelihood, WIDE};
-use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter};
 use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::Part;
 use super::model;
-use super::score::{self, spared};
-use super::stats::median;
+use super::selection::{Laplace, at_scale};
 use super::window::{Kind, Window};
 use crate::error::Result;
+use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
 pub use functions::{BUMPS, Functions, OVERS, Over};
 
@@ -27,8 +22,6 @@ pub use functions::{BUMPS, Functions, OVERS, Over};
 const STRENGTHS: [f64; 4] = [0.2, 0.6, 2.0, 6.0];
 /// Directions in the space of coefficients that are kept: those that the data tell most of.
 const DIRECTIONS: usize = 64;
-/// Times the usual launch's misfit beyond which a launch counts for no more.
-const CLIPPED: f64 = 9.0;
 
 /// What a field depends on, and the standard deviation of its coefficients, m/s^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,120 +30,66 @@ pub struct Form {
     pub strength: f64,
 }
 
-/// What a shared field says of a model.
-#[derive(Clone, Debug)]
-pub struct Shared {
-    /// Nats by which the model with the field is better, and the probability that it is.
-    pub gain: f64,
-    pub probability: f64,
-    /// Share of the predictable misfit that the model explains by itself.
-    pub explained: f64,
-    /// What the model with the field leaves of held-out launches: squares of slow coordinates, in units of the noise.
-    pub squares: Vec<f64>,
-    /// Log densities by launch of the model with the field, spoilt launches spared, what the choice of field costs taken off.
-    pub scores: Vec<f64>,
-    /// The field that predicts best.
+/// A field fitted beside a model.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldFit {
     pub form: Form,
-    /// The field of everything that does: what is to be simulated is chosen among all functions. (Of drives alone, which predicted
-    /// best of a ring, rollouts met new launches to 0.54 m, where the formula that stands with it out of all does to less than 0.48.)
-    pub whole: Form,
+    /// Log evidence, the choice of the form integrated out, nats.
+    pub log_evidence: f64,
 }
 
-impl Shared {
-    /// Whether something shared is left for certain.
-    pub fn is_left(&self) -> bool {
-        self.gain > TIED[0] && self.probability > TIED[1]
-    }
-}
-
-/// Asks whether `model` leaves something that launches share; `None` without flights or where nothing can be said.
-pub fn shared(
-    fitter: &Fitter,
-    base: &Fitted,
-    model: &Fitted,
-    bootstrap: &Bootstrap,
-) -> Result<Option<Shared>> {
-    let windows = fitter.data.windows;
-    if !windows.iter().any(|w| w.kind == Kind::Flight) {
+/// The most probable field beside a model; `None` without flights or where none can be fitted.
+pub fn fit(fitter: &Fitter, model: &Fitted) -> Result<Option<FieldFit>> {
+    if !fitter.data.windows.iter().any(|w| w.kind == Kind::Flight) {
         return Ok(None);
     }
     let Some(every) = Every::beside(fitter, model)? else { return Ok(None) };
-    let (mut best, mut whole): (Option<Shared>, Option<Form>) = (None, None);
+    let mut best: Option<FieldFit> = None;
+    let mut evidences = Vec::new();
     for over in OVERS {
         let With { parts, .. } = every.of(over);
-        let question = Asked { fitter, base, model, bootstrap, parts: &parts, over };
-        let Some(found) = question.best() else { continue };
-        whole = whole.or((over == Over::All).then_some(found.form));
-        if best.as_ref().is_none_or(|b| found.gain > b.gain) {
-            best = Some(found);
+        let Some(told) = components(model, &parts).and_then(|own| gaussian::all_told(&parts, &own)) else {
+            continue;
+        };
+        for strength in STRENGTHS {
+            let Some(Laplace { log_evidence, .. }) = at_scale(&told, &model.prior, strength) else {
+                continue;
+            };
+            evidences.push(log_evidence);
+            if best.as_ref().is_none_or(|b| log_evidence > b.log_evidence) {
+                best = Some(FieldFit { form: Form { over, strength }, log_evidence });
+            }
         }
     }
-    Ok(best.map(|found| {
-        let whole = whole.unwrap_or(found.form);
-        Shared { explained: explained(base, model, &[&found]), whole, ..found }
-    }))
+    let all = log_sum_exp(evidences.iter().copied()) - (evidences.len().max(1) as f64).ln();
+    Ok(best.map(|b| FieldFit { log_evidence: all, ..b }))
+}
+
+/// The parts of a model with the columns of a field of all inputs, and their mode if the field's standard deviation is `sd`, m/s^2,
+/// and no effect's strength differs between trials; `None` without flights.
+pub fn broad(fitter: &Fitter, model: &Fitted, sd: f64) -> Result<Option<(Vec<Part>, DVector<f64>)>> {
+    if !fitter.data.windows.iter().any(|w| w.kind == Kind::Flight) {
+        return Ok(None);
+    }
+    let Some(every) = Every::beside(fitter, model)? else { return Ok(None) };
+    let With { parts, .. } = every.of(Over::All);
+    let components = Components { strength: 0.0, ..model.components.clone() };
+    let mode = gaussian::all_told(&parts, &components).and_then(|told| at_scale(&told, &model.prior, sd));
+    Ok(mode.map(|mode| (parts, mode.step)))
+}
+
+/// The parts of a model with the columns of each kind of field after those of its slots; none without flights.
+pub fn kinds(fitter: &Fitter, model: &Fitted) -> Result<Vec<Vec<Part>>> {
+    if !fitter.data.windows.iter().any(|w| w.kind == Kind::Flight) {
+        return Ok(Vec::new());
+    }
+    let Some(every) = Every::beside(fitter, model)? else { return Ok(Vec::new()) };
+    Ok(OVERS.into_iter().map(|over| every.of(over).parts).collect())
 }
 
 /// The functions whose sum a field is, where windows lead.
 pub fn functions(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
     Functions::over(windows, paths)
-}
-
-/// Share of what can be predicted of launches that a model explains; predicted by it alone or by one of some fields, whichever
-/// leaves less of a launch: a field that meets a launch where no other flew says nothing of what the model leaves of it. (One such
-/// launch made a gust explain all of a chirp that it left a tenth of.)
-pub fn explained(base: &Fitted, model: &Fitted, fields: &[&Shared]) -> f64 {
-    let most = CLIPPED * median(&base.squares);
-    let (mut gone, mut all) = (0.0, 0.0);
-    for (launch, (none, own)) in base.squares.iter().zip(&model.squares).enumerate() {
-        let least = fields.iter().map(|f| f.squares[launch]).fold(*own, f64::min);
-        gone += none.min(most) - own.min(most);
-        all += none.min(most) - least.min(most);
-    }
-    if all > 0.0 { (gone / all).clamp(0.0, 1.0) } else { 0.0 }
-}
-
-/// A field of one kind beside a model, and what it is asked against.
-struct Asked<'a, 'b, 'c> {
-    fitter: &'c Fitter<'a, 'b>,
-    base: &'c Fitted,
-    model: &'c Fitted,
-    bootstrap: &'c Bootstrap,
-    parts: &'c [Part],
-    over: Over,
-}
-
-impl Asked<'_, '_, '_> {
-    /// The strength that predicts best, under the model's own components or under those that launches show beside the field.
-    fn best(&self) -> Option<Shared> {
-        let own = components(self.model, self.parts)?;
-        let first = self.under(&own)?;
-        let prior = believed(self.model, own.spread.len(), first.form.strength);
-        let second = beside(self.parts, &own, &prior).and_then(|(_, with)| self.under(&with));
-        Some(second.filter(|s| s.gain > first.gain).unwrap_or(first))
-    }
-
-    /// The same under components that are given.
-    fn under(&self, components: &Components) -> Option<Shared> {
-        let told = gaussian::all_told(self.parts, components)?;
-        let alone = spared(&self.model.score, &self.base.score);
-        let charge = (OVERS.len() as f64).ln() / alone.len() as f64;
-        let mut best: Option<Shared> = None;
-        for strength in STRENGTHS {
-            let prior = believed(self.model, components.spread.len(), strength);
-            let held_out = score::held_out_with(self.parts, &told, &prior, &self.fitter.folds);
-            let Some((scores, squares)) = held_out else { continue };
-            let scores: Vec<f64> =
-                spared(&scores, &self.base.score).into_iter().map(|s| s - charge).collect();
-            let found = compared(&scores, &alone, self.bootstrap);
-            if best.as_ref().is_none_or(|b| found.worse > b.gain) {
-                let form = Form { over: self.over, strength };
-                let (gain, probability) = (found.worse, found.probability);
-                best = Some(Shared { gain, probability, explained: 1.0, squares, scores, form, whole: form });
-            }
-        }
-        best
-    }
 }
 
 /// The parts of a model with a column for each function of every field after those of its slots.
@@ -175,7 +114,7 @@ impl Every {
             Kind::Flight | Kind::Contact => Some(functions.columns(&fitter.data.windows[w], &paths[w])),
             _ => None,
         };
-        let parts = fitter.parts_with(layout, &model.set, state, functions.count(), &field)?;
+        let parts = fitter.parts_with(layout, state, functions.count(), &field)?;
         Ok(parts.map(|parts| Every { parts, functions, slots: layout.slots.len() }))
     }
 
@@ -226,20 +165,6 @@ fn components(model: &Fitted, parts: &[Part]) -> Option<Components> {
     Some(components)
 }
 
-/// What is believed of a model's slots and of a field's coefficients of some strength, `all` of them together.
-pub fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
-    let own = &model.prior;
-    let q = own.off.len();
-    let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
-    precision.view_mut((0, 0), (q, q)).copy_from(&own.precision);
-    let mut prior = Prior { precision, off: DVector::zeros(all), ..own.clone() };
-    prior.off.rows_mut(0, q).copy_from(&own.off);
-    prior.plausible.resize(all, 0.0);
-    prior.reason.resize(all, 0.0);
-    prior.by_setting.resize(all, false);
-    prior
-}
-
 /// What all launches together say of the field's functions beside a model.
 pub struct Said {
     /// Information of the model's slots, with what is believed of them, then of the functions; and what goes with it.
@@ -258,7 +183,7 @@ pub fn said(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Said>>
     let (parts, range) = (every.only(form.over), every.functions.range(form.over));
     let said = || {
         let own = components(model, &parts)?;
-        let prior = believed(model, own.spread.len(), form.strength);
+        let prior = model.prior.with_discrepancy(own.spread.len(), form.strength);
         let (step, components) = beside(&parts, &own, &prior)?;
         let told = gaussian::all_told(&parts, &components)?;
         let (all, q) = (prior.off.len(), model.layout.slots.len());
@@ -304,7 +229,7 @@ pub fn left(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Left>>
     let functions = every.functions;
     let told = || {
         let components = components(model, &parts)?;
-        let prior = believed(model, components.spread.len(), form.strength);
+        let prior = model.prior.with_discrepancy(components.spread.len(), form.strength);
         let (q, count) = (model.layout.slots.len(), turn.ncols());
         // What the model's sizes could take up is left as long as they stand where they do.
         let only = |t: Told| Told {

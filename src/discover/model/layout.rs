@@ -127,14 +127,14 @@ impl Layout {
             .collect()
     }
 
-    /// Of every term of several amplitudes, their slots and how far each is from nothing.
+    /// Of every term with amplitudes, their slots and how far each is from its neutral value.
     pub fn strengths(&self, values: &[f64]) -> Vec<Vec<(usize, f64)>> {
         let of = |t: usize| {
             let amplitudes = self.of_term(t).into_iter().filter(|i| !self.shapes(*i));
             let size = |i: usize| (i, values[i] - self.parameter(i).map_or(0.0, |p| p.neutral));
-            let several = (0..self.terms[t].free.len())
+            let mut free = (0..self.terms[t].free.len())
                 .filter(|p| self.terms[t].free[*p] && self.terms[t].effect.parameters[*p].is_amplitude());
-            (several.count() > 1).then(|| amplitudes.map(size).collect())
+            free.next().map(|_| amplitudes.map(size).collect())
         };
         (0..self.terms.len()).filter_map(of).collect()
     }
@@ -240,11 +240,15 @@ mod tests {
 
     /// A drag has one amplitude and no strength beside it; a gust's period is no amplitude.
     #[test]
-    fn a_strength_is_of_several_amplitudes() {
-        assert!(layout().strengths(&[0.7, 0.1, 0.2, 0.03]).is_empty());
+    fn a_strength_is_of_every_term() {
         let terms = vec![term("quadratic_drag", false, &[true]), term("gust", false, &[true; 4])];
         let layout = Layout::new(&[], terms, 1);
-        assert_eq!(layout.strengths(&[0.1, 0.4, -0.3, 2.0, 0.5]), [[(1, 0.4), (2, -0.3)]]);
+        assert_eq!(
+            layout.strengths(&[0.1, 0.4, -0.3, 2.0, 0.5]),
+            [vec![(0, 0.1)], vec![(1, 0.4), (2, -0.3)]]
+        );
+        let layout = Layout::new(&[], vec![term("quadratic_drag", false, &[false])], 1);
+        assert!(layout.strengths(&[]).is_empty());
     }
 
     /// A clock that starts later shifts a gust's phase as far as it has blown by then.

@@ -26,6 +26,7 @@ const HEIGHT: f64 = 0.01;
 const SLOPE: f64 = 0.005;
 
 /// What is left of a window, how it depends on the slots, and on extras.
+#[derive(Clone)]
 pub struct Look {
     /// Square roots of weights over noise, by point and for each nuisance that is held; 0 for those that do not count.
     pub weights: Vec<f64>,
@@ -44,6 +45,7 @@ pub struct Look {
 }
 
 /// The step of a window's start that its residual asks for, and by how much less for each step of what its columns are of.
+#[derive(Clone)]
 pub struct Correction {
     own: DVector<f64>,
     by_column: DMatrix<f64>,
@@ -107,6 +109,13 @@ impl Look {
             },
             impact: None,
         }
+    }
+
+    /// With more columns, two rows a point, not yet weighed.
+    pub fn with(&self, count: usize, columns: &DMatrix<f64>) -> Look {
+        let mut out = self.clone();
+        out.append(count, Some(columns.clone()));
+        out
     }
 
     /// Adds columns, two rows a point, not yet weighed; nothing where there are none.

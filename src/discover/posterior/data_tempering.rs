@@ -72,7 +72,7 @@ fn detect_discrepancy(grounds: &FitData, model: &PreparedModel) -> Result<Option
     let fitter = Fitter::new(&data, &model.noise);
     let Some(fit) = fitter.refined(model.layout.clone(), model.state.clone())? else { return Ok(None) };
     let lacks = DiscrepancyModel::Marginalised(AllFields::along_paths(&fitter, &fit.layout, &fit.state)?);
-    let Some((_, parts)) = fitter.parts(&fit.layout, &fit.set, &fit.state, &lacks.perturbations())? else {
+    let Some((_, parts)) = fitter.parts(&fit.layout, &fit.state, &lacks.perturbations())? else {
         return Ok(None);
     };
     let slots = fit.layout.slots.len();

@@ -76,10 +76,11 @@ pub struct ParameterSummary {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetSummary {
     pub effects: Vec<String>,
-    /// Model weight by bootstrapped predictive density of held-out trials.
+    /// Posterior probability of the set, by its log evidence.
     pub weight: f64,
-    /// Expected log predictive density (ELPD) over all trials, each predicted from the others.
-    pub predictive: f64,
+    /// Log evidence by Laplace's method, relative to the best set: what sets are weighed by, nats.
+    #[serde(default)]
+    pub laplace_log_evidence: f64,
     /// Log marginal likelihood, and its standard error over independent runs; `null` for MCMC.
     pub log_evidence: Option<[f64; 2]>,
     /// Log marginal likelihood with the standard deviations of effects' priors halved and doubled, by
@@ -268,7 +269,7 @@ fn summarise_set(of: &ModelPosterior) -> SetSummary {
     SetSummary {
         effects: of.set.clone(),
         weight: of.weight,
-        predictive: of.elpd,
+        laplace_log_evidence: of.log_evidence,
         log_evidence,
         log_evidence_priors: log_evidence
             .map(|[mean, _]| [0.5, 2.0].map(|wider| mean + reweighted_log_evidence(of, wider))),
@@ -378,7 +379,7 @@ mod tests {
             field_draws: vec![carried],
             sampled_field: None,
             weight,
-            elpd: 0.0,
+            log_evidence: 0.0,
             segments_and_groups: (1, 1),
         }
     }

@@ -103,7 +103,7 @@ impl LogLikelihood {
     ) -> Result<Option<LogLikelihood>> {
         let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
         let Some((linearizations, groups)) =
-            fitter.parts(layout, &fit.set, state, &discrepancy_model.perturbations())?
+            fitter.parts(layout, state, &discrepancy_model.perturbations())?
         else {
             return Ok(None);
         };
@@ -173,7 +173,7 @@ impl LogLikelihood {
             let [low, high] = m.bounds();
             v.clamp(low, high)
         };
-        let (likeliest, mut covariance) = match &self.sampled_field {
+        let (likeliest, covariance) = match &self.sampled_field {
             Some(sampled_field) => {
                 let (at, covariance) = sampled_field.posterior_mode(&fit.state.values);
                 (at, covariance.clone())
@@ -181,14 +181,6 @@ impl LogLikelihood {
             None => (fit.state.values.clone(), fit.covariance.clone()),
         };
         let at: Vec<f64> = likeliest.iter().zip(self.prior.marginals()).map(inside).collect();
-        for i in 0..fit.state.values.len() {
-            // The robust (jackknife) variance replaces a smaller model-based one.
-            let share = (fit.robust[i] / covariance[(i, i)]).max(1.0);
-            if share.is_finite() {
-                covariance.row_mut(i).scale_mut(share.sqrt());
-                covariance.column_mut(i).scale_mut(share.sqrt());
-            }
-        }
         ReferenceDensity::new(&at, &covariance, REFERENCE_INFLATION, &self.prior)
     }
 

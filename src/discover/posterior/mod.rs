@@ -9,8 +9,8 @@
 //!    discrepancy becomes part of the model instead (`basis_field`), sampled with the parameters
 //!    (`sampled_field`). `whitened`: whitened residuals; `prior`: priors of the parameters.
 //! 3. `estimate::sampler` samples, starting near the fit. `likelihood`: the same density for external samplers.
-//! 4. Sets are weighted by their predictive density of held-out trials (`decide`), with their evidence reported
-//!    in addition. `document`: the output format; `config`: the configuration.
+//! 4. Sets are weighted by their log evidence (Laplace); that of the draws is reported in addition. `document`: the
+//!    output format; `config`: the configuration.
 //!
 //! Sources: sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), model discrepancy (Kennedy and O'Hagan
 //! 2001), stacking by bootstrapped predictive densities (Yao et al. 2018).
@@ -80,7 +80,7 @@ pub struct ModelPosterior {
     pub sampled_field: Option<Over>,
     /// Model weight by predictive density of held-out trials.
     pub weight: f64,
-    pub elpd: f64,
+    pub log_evidence: f64,
     /// Number of segments simulated for a likelihood, and of groups that it is a product over.
     pub segments_and_groups: (usize, usize),
 }
@@ -95,7 +95,7 @@ pub fn posterior(
     fit_models(scene, trials, config, progress, |models, ready| {
         let mut sets = Vec::with_capacity(models.len());
         let mut noise = f64::INFINITY;
-        for (s, WeightedModel { model, weight, elpd: predictive }) in models.iter().enumerate() {
+        for (s, WeightedModel { model, weight, log_evidence }) in models.iter().enumerate() {
             let own = LikelihoodBuilder { model, ready, config };
             let (density, numbers, reference, fit) = own.build()?;
             // A field adds many parameters, and particles take longer to decorrelate.
@@ -116,7 +116,7 @@ pub fn posterior(
                 sampled_field: model.field.as_ref().map(|u| u.over),
                 draws,
                 weight: *weight,
-                elpd: *predictive,
+                log_evidence: *log_evidence,
                 segments_and_groups: density.sizes(),
             });
         }

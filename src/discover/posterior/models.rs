@@ -8,7 +8,6 @@ use super::horizon::{
 };
 use super::log_likelihood::{LogLikelihood, REFERENCE_INFLATION};
 use super::prior::{self, ParameterPrior, parameter_priors};
-use crate::discover::decide::Bootstrap;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::model::Data;
 use crate::discover::open;
@@ -16,18 +15,17 @@ use crate::discover::prepare::{Ready, prepare};
 use crate::discover::search::Hunt;
 use crate::discover::window::Kind;
 use crate::error::{Error, Result};
-use crate::estimate::sampler::{ReferenceDensity, Target as _};
+use crate::estimate::sampler::{ReferenceDensity, Target as _, log_sum_exp};
 use crate::progress::Progress;
 use crate::reality::Trial;
-use crate::rng;
 use crate::task::Scene;
 use crate::world::latent::factor_index;
 
-/// A model with its weight among all sets and its ELPD.
+/// A model with its weight among all sets and its log evidence.
 pub struct WeightedModel {
     pub model: PreparedModel,
     pub weight: f64,
-    pub elpd: f64,
+    pub log_evidence: f64,
 }
 
 /// Fits the model of every set and passes the models to `of`.
@@ -66,7 +64,7 @@ pub fn fit_models<T>(
     let hunt = Hunt::new(scene, &fitter, &latents, config.seed);
     let grounds =
         FitData { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
-    let (mut models, mut scores) = (Vec::new(), Vec::new());
+    let (mut models, mut log_evidences) = (Vec::new(), Vec::new());
     for (i, set) in config.sets.iter().enumerate() {
         progress.report("fitting sets of effects", i as u64, config.sets.len() as u64)?;
         let names: Vec<&str> = set.iter().map(String::as_str).collect();
@@ -94,20 +92,17 @@ pub fn fit_models<T>(
                 draws: Vec::new(),
             },
         };
-        scores.push(fit.score);
+        log_evidences.push(fit.log_evidence);
         models.push(model);
     }
-    of(&weigh(models, &scores, config.seed), &ready)
+    of(&weigh(models, &log_evidences), &ready)
 }
 
-/// Weighs models by their scores of each trial. Sets are compared on the same segments, independent of their horizons.
-fn weigh(models: Vec<PreparedModel>, scores: &[Vec<f64>], seed: u64) -> Vec<WeightedModel> {
-    let trials = scores.first().map_or(0, Vec::len);
-    let weights = Bootstrap::new(trials, rng::derive_seed(seed, "sets", 0)).weights(scores);
-    let weighted = models.into_iter().zip(weights).zip(scores);
-    weighted
-        .map(|((model, weight), score)| WeightedModel { model, weight, elpd: score.iter().sum() })
-        .collect()
+/// Weighs models by their evidence. Sets are compared on the same segments, independent of their horizons.
+fn weigh(models: Vec<PreparedModel>, log_evidences: &[f64]) -> Vec<WeightedModel> {
+    let all = log_sum_exp(log_evidences.iter().copied());
+    let weighted = models.into_iter().zip(log_evidences);
+    weighted.map(|(model, l)| WeightedModel { model, weight: libm::exp(l - all), log_evidence: *l }).collect()
 }
 
 fn base_model_failed() -> Error {

@@ -28,7 +28,7 @@ pub fn operations() -> Vec<Operation> {
         post("start_diagnosis", "/v1/diagnoses", "workflow", ACT)
             .about(
                 "Finds the effects that a simulation lacks, from measured trials. A job; its result is an \
-                 `iplw.diagnosis/1`\ndocument with the `extended_scene`, the `next_scene` (the recommended experiment, or \
+                 `iplw.diagnosis/2`\ndocument with the `extended_scene`, the `next_scene` (the recommended experiment, or \
                  null)\nand the `evidence`, tables for plots. For tracks of one ball give `ball` instead of a scene.",
             )
             .errors(&[(404, "Unknown job"), (409, "A job without trials")])

@@ -154,7 +154,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Finds the effects that a simulation lacks, from measured trials. A job; its result is an `iplw.diagnosis/1`
+         * Finds the effects that a simulation lacks, from measured trials. A job; its result is an `iplw.diagnosis/2`
          *     document with the `extended_scene`, the `next_scene` (the recommended experiment, or null)
          *     and the `evidence`, tables for plots. For tracks of one ball give `ball` instead of a scene.
          */
@@ -1969,7 +1969,7 @@ export interface components {
             /** @description An `iplw.scene/1` document; its `calibrate` lists the latents to infer. */
             scene?: Record<string, never> | null;
             seed?: number | null;
-            /** @description Sets of effects, one model each, weighted by cross-validated predictive density. Default: one empty set. */
+            /** @description Sets of effects, one model each, weighted by their log evidence. Default: one empty set. */
             sets?: string[][] | null;
             trials?: components["schemas"]["TrialsIn"] | null;
         };

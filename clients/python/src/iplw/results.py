@@ -70,7 +70,7 @@ class Estimate(Result):
 
 
 class Diagnosis(Result):
-    """Missing effects of a simulation: an `iplw.diagnosis/1` document."""
+    """Missing effects of a simulation: an `iplw.diagnosis/2` document."""
 
     @property
     def verdict(self) -> str:
@@ -89,7 +89,7 @@ class Diagnosis(Result):
 
     def frame(self) -> pandas.DataFrame:
         """The effects, one row for each parameter: `effect,acts_on,parameter,value,low,high,unit`, `setting` (if it applies to
-        one), `spread` (standard deviation between trials), `p_value`; low and high are the 95 % interval."""
+        one), `spread` (standard deviation between trials), `probability`; low and high are the 95 % interval."""
         import pandas as pd
 
         rows = [
@@ -102,20 +102,20 @@ class Diagnosis(Result):
                 p["unit"],
                 p["setting"],
                 p["spread"],
-                e["p_value"],
+                e["probability"],
             )
             for e in self["effects"]
             for p in e["parameters"]
         ]
-        names = ["effect", "acts_on", "parameter", "value", "low", "high", "unit", "setting", "spread", "p_value"]
+        names = ["effect", "acts_on", "parameter", "value", "low", "high", "unit", "setting", "spread", "probability"]
         return pd.DataFrame(rows, columns=names)
 
     def scores(self) -> pandas.DataFrame:
-        """Every fitted set of effects, the credible set first: `effects` (joined by `+`), `score` (nats relative to the
-        reported set), `probability_worse`, `rival`."""
+        """Every fitted set of effects, the credible set first: `effects` (joined by `+`), `score` (log posterior
+        relative to the best, nats), `probability`, `rival`."""
         import pandas as pd
 
-        return pd.DataFrame(self.sets(), columns=["effects", "score", "probability_worse", "rival"])
+        return pd.DataFrame(self.sets(), columns=["effects", "score", "probability", "rival"])
 
     def sets(self) -> list[tuple[str, float, float, bool]]:
         """The rows of `scores`."""
@@ -124,7 +124,7 @@ class Diagnosis(Result):
             (
                 " + ".join(s["effects"]) or "nothing",
                 float(s["score"]),
-                float(s["probability_worse"]),
+                float(s["probability"]),
                 frozenset(s["effects"]) in rivals,
             )
             for s in self.get("scores", [])

@@ -94,5 +94,5 @@ fn summary(found: &EffectEstimate) -> String {
         format!("{} {:.4} {}{interval}", p.name, p.value, p.unit)
     };
     let all: Vec<String> = found.parameters.iter().map(parameter).collect();
-    format!("{}: {}; p {:.2e}.", found.name, all.join(", "), found.p_value)
+    format!("{}: {}; probability {:.2}.", found.name, all.join(", "), found.probability)
 }

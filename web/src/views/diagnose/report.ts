@@ -1,4 +1,4 @@
-// The displayed part of `iplw.diagnosis/1` (docs/reference/formats.md) and of its tables.
+// The displayed part of `iplw.diagnosis/2` (docs/reference/formats.md) and of its tables.
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
@@ -17,7 +17,7 @@ export interface Parameter {
 export interface Effect {
   name: string;
   acts_on: string;
-  p_value: number;
+  probability: number;
   parameters: Parameter[];
 }
 
@@ -32,7 +32,7 @@ export interface HeldOut {
 export interface Score {
   effects: string[];
   score: number;
-  probability_worse: number;
+  probability: number;
   sizes: Effect[];
 }
 

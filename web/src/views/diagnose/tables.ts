@@ -24,11 +24,11 @@ export function table(caption: string, headings: readonly Heading[], rows: reado
 
 export function effectsTable(report: Report): HTMLElement | null {
   const rows = report.effects.flatMap((e) =>
-    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), probability(e.p_value)]),
+    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), e.probability.toFixed(2)]),
   );
   if (!rows.length) return null;
-  const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Sd between trials" }, { number: "p" }];
-  return table("Effects; p-values are corrected for the search over the library", headings, rows);
+  const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Sd between trials" }, { number: "Probability" }];
+  return table("Effects with the posterior probability that they act", headings, rows);
 }
 
 export function credibleSetList(report: Report): HTMLElement | null {
@@ -39,10 +39,10 @@ export function credibleSetList(report: Report): HTMLElement | null {
 /** The best fitted sets, the others in a collapsed table, and those that failed. */
 export function setsTable(report: Report): HTMLElement | null {
   if (!report.scores.length) return null;
-  const headings: Heading[] = ["Set", { number: "Score, nats" }, { number: "P(worse)" }, "Estimates, if in the credible set"];
-  const row = (s: Score): string[] => [effectSetName(s.effects), s.score.toFixed(1), s.probability_worse.toFixed(3), estimatesText(s.sizes)];
+  const headings: Heading[] = ["Set", { number: "Score, nats" }, { number: "Probability" }, "Estimates, if in the credible set"];
+  const row = (s: Score): string[] => [effectSetName(s.effects), s.score.toFixed(1), s.probability.toFixed(3), estimatesText(s.sizes)];
   const rest = report.scores.slice(MAX_SETS_SHOWN).map(row);
-  const note = "Sets of effects by held-out log predictive density relative to the best set, with the bootstrap probability of a worse prediction";
+  const note = "Sets of effects by log posterior probability relative to the best set, and their posterior probability";
   return h(
     "div",
     { class: "stack" },

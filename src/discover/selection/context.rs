@@ -1,0 +1,213 @@
+//! What is estimated once for a recording: the shared discrepancy's responses and the variance components, both from the
+//! richest model.
+//!
+//! Variance components that every set estimates anew would let a wrong set call its misfit noise. They are those at which the
+//! richest model (lift, quadratic drag, wind, every contact law, and a discrepancy field as broad as the acceleration beyond
+//! gravity) is most probable: the pure error of the recording.
+//!
+//! Source: pattern search: Hooke and Jeeves, J. ACM 8 (1961) 212; pure error: Box and Draper, Empirical Model-Building and
+//! Response Surfaces (1987), 3.4.
+
+use std::collections::HashMap;
+
+use super::discrepancy::SharedDiscrepancy;
+use super::laplace::at_scale;
+use super::settings::SETTINGS;
+use crate::discover::columns::pushes;
+use crate::discover::field;
+use crate::discover::fit::{Context, Fitted, Fitter};
+use crate::discover::gaussian::{Components, Prior, Told, Weighed};
+use crate::discover::launch::Part;
+use crate::discover::model::{self, Term};
+use crate::discover::window::Kind;
+use crate::error::Result;
+use crate::world::effect::{Effect, EffectTarget};
+
+/// Effects in flight of the richest model.
+const RICHEST: [&str; 3] = ["lift", "quadratic_drag", "wind"];
+/// Standard deviation of a field's coefficients, m/s^2.
+const FIELD_SD: f64 = 2.0;
+/// Steps of least squares to the richest model.
+const STEPS: usize = 12;
+/// First and shortest steps of the components' logarithms; what a successful step is lengthened and a failed one shortened by.
+const FIRST_STEP: f64 = 0.8;
+const SHORTEST_STEP: f64 = 0.1;
+/// How far below its start a component's logarithm may end: nothing.
+const SMALLEST: f64 = 4.0;
+const LONGER: f64 = 1.4;
+const SHORTER: f64 = 0.4;
+
+/// The context of a recording whose base model is fitted; `candidates`: every effect with its starts.
+pub fn context(
+    fitter: &Fitter,
+    base: &Fitted,
+    candidates: &[(&'static Effect, Vec<Term>)],
+) -> Result<Context> {
+    let measured =
+        fitter.data.windows.iter().any(|w| matches!(w.kind, Kind::Flight | Kind::Contact | Kind::Roll));
+    let richest = if measured { richest(fitter, base, candidates)? } else { None };
+    let model = richest.as_ref().unwrap_or(base);
+    let discrepancy = SharedDiscrepancy::along(fitter.data, &model.layout, &model.state, &SETTINGS)?;
+    let whole = Context { discrepancy, components: model.components.clone() };
+    let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
+    let Some(parts) = parts(&own, model)? else { return Ok(whole) };
+    let start = Context { discrepancy: whole.discrepancy.reduced(&parts, model.layout.slots.len()), ..whole };
+    let own = Fitter { context: Some(start.clone()), ..own };
+    let components = components(&own, model, start.discrepancy.broad)?;
+    Ok(Context { components: components.unwrap_or_else(|| start.components.clone()), ..start })
+}
+
+/// The richest model, fitted from the base model.
+fn richest(
+    fitter: &Fitter,
+    base: &Fitted,
+    candidates: &[(&'static Effect, Vec<Term>)],
+) -> Result<Option<Fitted>> {
+    let belongs = |e: &Effect| RICHEST.contains(&e.name) || e.target() == EffectTarget::Contact;
+    let terms =
+        candidates.iter().filter(|(e, _)| belongs(e)).filter_map(|(_, starts)| starts.first().cloned());
+    let (layout, start) = base.joined(terms, fitter.data.setting_count());
+    fitter.fit(layout, start, STEPS)
+}
+
+fn parts(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
+    let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
+    Ok(fitter.with_discrepancy(&model.layout, &model.state, &looks))
+}
+
+/// The most probable components of a model beside the field that makes it most probable: of any kind where there are flights,
+/// else the shared discrepancy `broad` times its largest plausible size.
+fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Components>> {
+    let mut fields: Vec<(Vec<Part>, f64)> =
+        field::kinds(fitter, model)?.into_iter().map(|parts| (parts, FIELD_SD)).collect();
+    if fields.is_empty() {
+        fields.extend(parts(fitter, model)?.map(|parts| (parts, broad)));
+    }
+    let prior = fitter.prior(&model.layout, &model.state);
+    let scales = Scales::of(fitter);
+    let start = scales.start();
+    let best = |(parts, broad): &(Vec<Part>, f64)| {
+        let start = start.clone();
+        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products: HashMap::new() }
+            .maximise()
+    };
+    let best = fields.iter().map(best).max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(best.map(|(_, components)| components))
+}
+
+/// Plausible sizes of variance components: standard deviations of half-normal priors.
+#[derive(Clone, Copy)]
+struct Scales {
+    /// Slow misfit of a trial, in units of the noise.
+    slow: f64,
+}
+
+/// Slow misfit: as a share of the extent of the data, and in units of the noise.
+const SLOW_OF_EXTENT: f64 = 0.002;
+const SLOW_OF_NOISE: f64 = 0.5;
+/// Random accelerations of a trial, in the sizes that effects declare.
+const PUSH: f64 = 1.0;
+/// Strength of an effect between trials, as a share of it.
+const STRENGTH: f64 = 0.1;
+/// Errors of impacts, as a share of the approach speed.
+const LEAP: f64 = 0.03;
+
+impl Scales {
+    fn of(fitter: &Fitter) -> Scales {
+        let [x0, y0, x1, y1] = fitter.range.area;
+        let noise = fitter.data.sd.iter().copied().filter(|s| s.is_finite()).fold(f64::INFINITY, f64::min);
+        Scales { slow: (SLOW_OF_EXTENT * (x1 - x0).max(y1 - y0) / noise).hypot(SLOW_OF_NOISE) }
+    }
+
+    /// Where a search starts.
+    fn start(&self) -> Components {
+        Components {
+            slow: 0.3 * self.slow,
+            leap: 0.3 * LEAP,
+            strength: 0.3 * STRENGTH,
+            push: vec![0.3 * PUSH; pushes().len()],
+            spread: Vec::new(),
+        }
+    }
+
+    fn log_prior(&self, c: &Components) -> f64 {
+        let pushes = c.push.iter().map(|p| p / PUSH);
+        let all = [c.slow / self.slow, c.leap / LEAP, c.strength / STRENGTH].into_iter().chain(pushes);
+        -0.5 * all.map(|v| v * v).sum::<f64>()
+    }
+}
+
+/// Log marginal likelihood of a model by the logarithms of its components.
+struct Objective<'a> {
+    parts: &'a [Part],
+    prior: &'a Prior,
+    broad: f64,
+    start: Components,
+    scales: Scales,
+    /// By the slow misfit.
+    cross_products: HashMap<u64, Vec<Weighed>>,
+}
+
+impl Objective<'_> {
+    /// The largest value and where it is.
+    fn maximise(&mut self) -> (f64, Components) {
+        let mut logs = self.start.logs();
+        let mut best = self.at(&logs);
+        let mut steps = vec![-FIRST_STEP; logs.len()];
+        let least: Vec<f64> = logs.iter().map(|l| l - SMALLEST).collect();
+        while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
+            for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
+                let mut moved = |way: f64| {
+                    let mut moved = logs.clone();
+                    moved[k] = (moved[k] + way).max(least[k]);
+                    let value = self.at(&moved);
+                    (value > best).then_some((value, moved, way))
+                };
+                match moved(steps[k]).or_else(|| moved(-steps[k])) {
+                    Some((value, moved, way)) => {
+                        (best, logs) = (value, moved);
+                        steps[k] = (LONGER * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
+                    }
+                    None => steps[k] *= SHORTER,
+                }
+            }
+        }
+        (best, self.start.with(&logs))
+    }
+
+    fn at(&mut self, logs: &[f64]) -> f64 {
+        let components = self.start.with(logs);
+        let columns: Vec<usize> =
+            (0..self.parts.first().map_or(0, |p| p.blocks[0].columns.ncols())).collect();
+        let (parts, slow) = (self.parts, components.slow);
+        let products = self.cross_products.entry(slow.to_bits());
+        let products =
+            products.or_insert_with(|| parts.iter().map(|p| Weighed::of(p, &columns, slow)).collect());
+        let told = products.iter().zip(parts).map(|(w, p)| w.told(p, &columns, &components));
+        let told: Option<Vec<Told>> = told.collect();
+        let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
+        evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::thrown;
+
+    /// Balls that all have one drag differ by nothing but noise, though the base model lacks the drag.
+    #[test]
+    fn a_missing_effect_is_no_variance_component() {
+        thrown::fitted(&[0.4; 10], &[], 12, |fitter, base| {
+            let found = context(fitter, base, &[]).unwrap();
+            let c = &found.components;
+            assert!(c.push.iter().all(|p| *p < 0.6) && c.slow < 1.0, "{c:?}");
+            assert!(
+                (0.09..0.5).contains(&found.discrepancy.acceleration),
+                "{}",
+                found.discrepancy.acceleration
+            );
+            assert!(found.discrepancy.count > 0);
+        });
+    }
+}

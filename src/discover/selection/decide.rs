@@ -1,0 +1,150 @@
+//! From the posterior over sets of effects to a verdict.
+//!
+//! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
+//! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
+//! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
+//! little of the predictable misfit, or remove too little of the error on held-out trials: `unknown`.
+//!
+//! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
+//! models that are set aside because a simpler one is as probable.
+
+use super::explained::{Explained, explained};
+use super::settings::SETTINGS;
+use crate::discover::field::{self, FieldFit};
+use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::report::Verdict;
+use crate::discover::search::Found;
+use crate::error::Result;
+use crate::estimate::sampler::log_sum_exp;
+use crate::world::effect::Effect;
+
+/// A verdict with what it follows from.
+pub struct Decision {
+    pub verdict: Verdict,
+    /// Index of the set that is reported; none if no set is.
+    pub champion: Option<usize>,
+    /// Indices of the sets in the credible set, most probable first.
+    pub rivals: Vec<usize>,
+    /// Posterior probability by fit, and of the base model.
+    pub probabilities: Vec<f64>,
+    pub base_probability: f64,
+    pub explained: Option<Explained>,
+    /// The most probable field beside the reported model.
+    pub field: Option<FieldFit>,
+    /// Log evidence of that field beside the reported model, relative to the model alone, nats.
+    pub unnamed: Option<f64>,
+}
+
+impl Decision {
+    /// Posterior probability that an effect acts.
+    pub fn inclusion(&self, found: &Found, name: &str) -> f64 {
+        let holds = |fit: &Fitted| fit.set.iter().any(|e| e.name == name);
+        let sets = found.fits.iter().zip(&self.probabilities).filter(|(fit, _)| holds(fit));
+        sets.map(|(_, p)| p).sum()
+    }
+}
+
+/// Decides what a search found; `gain`: the share of the excess error on held-out trials that a set removes, `None` without
+/// excess.
+pub fn decide(
+    fitter: &Fitter,
+    found: &Found,
+    seed: u64,
+    gain: impl Fn(&Fitted) -> Option<f64>,
+) -> Result<Decision> {
+    let all = log_sum_exp(found.log_posterior.iter().chain([&found.base_log_posterior]).copied());
+    let probability = |l: f64| libm::exp(l - all);
+    let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
+    let base_probability = probability(found.base_log_posterior);
+    let credible = credible(&probabilities, base_probability);
+    let decision = |verdict, rivals: Vec<usize>, explained, field: Option<FieldFit>, unnamed| Decision {
+        verdict,
+        champion: rivals.first().copied(),
+        rivals,
+        probabilities: probabilities.clone(),
+        base_probability,
+        explained,
+        field,
+        unnamed,
+    };
+    if credible.contains(&None) {
+        let field = field::fit(fitter, &found.base)?;
+        let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        let verdict = if unnamed.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
+        return Ok(decision(verdict, Vec::new(), None, field, unnamed));
+    }
+    let sets: Vec<usize> = credible.into_iter().flatten().collect();
+    let rivals = simplest(found, &sets);
+    let champion = &found.fits[rivals[0]];
+    let field = field::fit(fitter, champion)?;
+    let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let explained = explained(fitter, &found.base, champion, seed)?;
+    let explains = explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share);
+    let gains = gain(champion).is_some_and(|g| g >= SETTINGS.held_out_gain);
+    let verdict = match rivals.len() {
+        _ if !explains || !gains => Verdict::Unknown,
+        1 => Verdict::Named,
+        _ => Verdict::Ambiguous,
+    };
+    Ok(decision(verdict, rivals, explained, field, unnamed))
+}
+
+/// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.
+fn is_certain(nats: f64) -> bool {
+    let (p, c) = (SETTINGS.inclusion, SETTINGS.confidence);
+    nats + (p / (1.0 - p)).ln() > (c / (1.0 - c)).ln()
+}
+
+/// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
+fn credible(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
+    let mut order: Vec<(f64, Option<usize>)> =
+        probabilities.iter().enumerate().map(|(i, p)| (*p, Some(i))).collect();
+    order.push((base, None));
+    order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut mass = 0.0;
+    let mut out = Vec::new();
+    for (p, model) in order {
+        out.push(model);
+        mass += p;
+        if mass >= SETTINGS.credible_mass {
+            break;
+        }
+    }
+    out
+}
+
+/// Those of some sets that contain no other of them as a special case, in their order.
+fn simplest(found: &Found, sets: &[usize]) -> Vec<usize> {
+    let kept = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
+    sets.iter().copied().filter(kept).collect()
+}
+
+/// Whether a set is another, or more than it, for some of its values.
+fn contains(large: &Fitted, small: &Fitted) -> bool {
+    large.parameters() > small.parameters()
+        && small.set.iter().all(|s| large.set.iter().any(|l| l.name == s.name || has_case(l, s)))
+}
+
+/// Whether an effect is another for some of its values, or by way of one that is.
+fn has_case(large: &Effect, small: &Effect) -> bool {
+    large.special_cases.iter().any(|h| h.name == small.name || has_case(h, small))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::effect::find;
+
+    #[test]
+    fn special_cases_are_transitive() {
+        let case = |l: &str, s: &str| has_case(find(l).unwrap(), find(s).unwrap());
+        assert!(case("gust", "wind") && case("moving_air", "quadratic_drag"));
+        assert!(!case("wind", "gust") && !case("lift", "linear_drag"));
+    }
+
+    #[test]
+    fn the_credible_set_holds_its_mass() {
+        assert_eq!(credible(&[0.9, 0.03, 0.02], 0.05), [Some(0), None]);
+        assert_eq!(credible(&[0.5, 0.47, 0.01], 0.02), [Some(0), Some(1)]);
+    }
+}

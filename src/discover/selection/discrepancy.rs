@@ -1,0 +1,306 @@
+//! Model discrepancy that all trials share: a small acceleration field over position and velocity, and small errors of impacts
+//! over approach and slip speed.
+//!
+//! No set-up follows a textbook law exactly, and what is wrong (lens, air in the room, a drag coefficient that is not quite
+//! constant) is wrong alike in all trials. Models therefore predict y = f(theta) + F w + ..., w ~ N(0, s^2 I), with the same w
+//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, scaled so that s = 1 is the
+//! largest discrepancy that is plausible without further cause: see [`Settings`].
+//!
+//! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007.
+//!
+//! Differences from the sources: basis functions of fixed widths replace a Gaussian process; responses are computed once,
+//! along the paths of the richest model, and are the same for every set of effects.
+
+use nalgebra::DMatrix;
+
+use super::settings::Settings;
+use crate::discover::launch::Part;
+use crate::discover::model::{self, Data, Layout, State};
+use crate::discover::path::Impact;
+use crate::discover::stats::median;
+use crate::discover::window::{Kind, Window};
+use crate::error::Result;
+use crate::world::effect::gaussian;
+
+/// Numbers of bumps over position (x, y), velocity (x, y) and impacts (approach, slip).
+const POSITION_BUMPS: [usize; 2] = [5, 4];
+const VELOCITY_BUMPS: [usize; 2] = [4, 3];
+const IMPACT_BUMPS: [usize; 2] = [4, 3];
+
+/// Responses of observations to the shared discrepancy.
+#[derive(Clone)]
+pub struct SharedDiscrepancy {
+    /// By segment: response of the points, two rows each, to every basis function at its largest plausible size, m.
+    pub columns: Vec<DMatrix<f64>>,
+    /// Number of basis functions.
+    pub count: usize,
+    /// Ratio of a broad field (as large as the acceleration beyond gravity) to the largest plausible discrepancy.
+    pub broad: f64,
+    /// Largest plausible discrepancy, m/s^2.
+    pub acceleration: f64,
+}
+
+impl SharedDiscrepancy {
+    /// Along the paths of the richest model.
+    pub fn along(data: &Data, layout: &Layout, state: &State, settings: &Settings) -> Result<Self> {
+        let paths = model::paths(data, layout, state)?;
+        let impacts = (data.windows.iter().enumerate())
+            .map(|(w, window)| match window.kind {
+                Kind::Contact => model::impact(window, w, layout, state),
+                _ => None,
+            })
+            .collect::<Vec<_>>();
+        let typical = typical_acceleration(data, layout, state, &paths);
+        let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
+        let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
+        let fields = Fields::over(data.windows, &paths, &impacts);
+        let column = |(w, window): (usize, &Window)| {
+            fields.responses(window, &paths[w], impacts[w].as_ref(), acceleration, settings)
+        };
+        let columns: Vec<DMatrix<f64>> = data.windows.iter().enumerate().map(column).collect();
+        let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
+        let broad = (typical / acceleration).max(3.0 * base / acceleration).max(1.0);
+        Ok(SharedDiscrepancy { columns, count, broad, acceleration })
+    }
+}
+
+/// Least information of a direction of the basis, and the most directions that are kept.
+const MIN_INFORMATION: f64 = 0.01;
+const MAX_DIRECTIONS: usize = 40;
+
+impl SharedDiscrepancy {
+    /// The same in the directions of which the data say most: a prior that is alike in all directions stays so. `parts` have the
+    /// basis after the first `parameters` columns.
+    pub fn reduced(&self, parts: &[Part], parameters: usize) -> SharedDiscrepancy {
+        if self.count == 0 {
+            return self.clone();
+        }
+        let mut information = DMatrix::zeros(self.count, self.count);
+        for block in parts.iter().flat_map(|p| &p.blocks) {
+            let own = block.columns.columns(parameters, self.count);
+            information += own.tr_mul(&own);
+        }
+        let eigen = information.symmetric_eigen();
+        let mut order: Vec<usize> =
+            (0..self.count).filter(|k| eigen.eigenvalues[*k] > MIN_INFORMATION).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
+        order.truncate(MAX_DIRECTIONS);
+        let directions = eigen.eigenvectors.select_columns(&order);
+        let columns = self.columns.iter().map(|c| c * &directions).collect();
+        SharedDiscrepancy { columns, count: order.len(), ..*self }
+    }
+}
+
+/// Whether a segment's path is integrated from a free initial state.
+fn is_measured(window: &Window) -> bool {
+    matches!(window.kind, Kind::Flight | Kind::Contact | Kind::Roll)
+}
+
+/// Median over flights of the root mean square acceleration beyond gravity, m/s^2; 0 without flights.
+fn typical_acceleration(data: &Data, layout: &Layout, state: &State, paths: &[Vec<[f64; 4]>]) -> f64 {
+    let of = |(w, window): (usize, &Window)| {
+        let values = state.values_in(w);
+        let all = model::pushes(window, layout, &values, &paths[w]);
+        let g = window.scene.gravity;
+        let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
+        let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
+        (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
+    };
+    let flights =
+        data.windows.iter().enumerate().filter(|(_, w)| matches!(w.kind, Kind::Flight | Kind::Roll));
+    median(&flights.map(of).collect::<Vec<_>>())
+}
+
+/// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
+fn acceleration_scale(data: &Data, paths: &[Vec<[f64; 4]>]) -> f64 {
+    let gravity =
+        data.windows.iter().map(|w| w.scene.gravity[0].hypot(w.scene.gravity[1])).fold(0.0, f64::max);
+    if gravity > 0.0 {
+        return gravity;
+    }
+    let states = || paths.iter().flatten().filter(|s| s.iter().all(|v| v.is_finite()));
+    let speed = median(&states().map(|s| s[2].hypot(s[3])).collect::<Vec<_>>());
+    let extent = |k: usize| {
+        let [low, high] = quantiles(states().map(|s| s[k]).collect());
+        high - low
+    };
+    speed * speed / extent(0).max(extent(1)).max(1e-9)
+}
+
+/// A Gaussian bump.
+struct Bump {
+    centre: [f64; 2],
+    width: [f64; 2],
+}
+
+impl Bump {
+    fn at(&self, at: [f64; 2]) -> f64 {
+        gaussian([0, 1].map(|k| (at[k] - self.centre[k]) / self.width[k]))
+    }
+}
+
+/// All basis functions with their normalisation.
+struct Fields {
+    position: Vec<Bump>,
+    velocity: Vec<Bump>,
+    impact: Vec<Bump>,
+    /// Root mean square of the sum of squares over visited states and over impacts.
+    state_norm: f64,
+    impact_norm: f64,
+}
+
+impl Fields {
+    fn over(windows: &[Window], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> Fields {
+        let states: Vec<[f64; 4]> = (windows.iter().zip(paths))
+            .filter(|(w, _)| is_measured(w))
+            .flat_map(|(_, path)| path.iter().copied())
+            .filter(|s| s.iter().all(|v| v.is_finite()))
+            .collect();
+        let range = |k: usize| quantiles(states.iter().map(|s| s[k]).collect());
+        let hits: Vec<[f64; 2]> = impacts.iter().flatten().map(|i| [i.approach, i.slip]).collect();
+        let hit_range = |k: usize| quantiles(hits.iter().map(|h| h[k]).collect());
+        let position = grid([range(0), range(1)], POSITION_BUMPS);
+        let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
+        let impact =
+            if hits.is_empty() { Vec::new() } else { grid([hit_range(0), hit_range(1)], IMPACT_BUMPS) };
+        let mut fields = Fields { position, velocity, impact, state_norm: 1.0, impact_norm: 1.0 };
+        let norm =
+            |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
+        fields.state_norm =
+            norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
+        fields.impact_norm =
+            norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
+        fields
+    }
+
+    fn count(&self) -> usize {
+        2 * (self.position.len() + self.velocity.len() + self.impact.len())
+    }
+
+    fn at_state(&self, [x, y, vx, vy]: [f64; 4]) -> Vec<f64> {
+        let position = self.position.iter().map(|b| b.at([x, y]));
+        position.chain(self.velocity.iter().map(|b| b.at([vx, vy]))).collect()
+    }
+
+    /// Response of a segment's points to fields of `acceleration`, m/s^2, and of the plausible error of impacts: two rows a
+    /// point, x and y of every function in turn.
+    fn responses(
+        &self,
+        window: &Window,
+        path: &[[f64; 4]],
+        impact: Option<&Impact>,
+        acceleration: f64,
+        settings: &Settings,
+    ) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(2 * window.points.len(), self.count());
+        if !is_measured(window) || path.iter().flatten().any(|v| !v.is_finite()) {
+            return out;
+        }
+        self.integrate(window, path, acceleration / self.state_norm, &mut out);
+        if let (Some(impact), Some(surface)) = (impact, &window.surface) {
+            let size = settings.discrepancy_of_impact * impact.approach / self.impact_norm;
+            let [nx, ny] = surface.normal;
+            let first = 2 * (self.position.len() + self.velocity.len());
+            for (k, bump) in self.impact.iter().enumerate() {
+                let size = size * bump.at([impact.approach, impact.slip]);
+                for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
+                    for (i, point) in window.points.iter().enumerate() {
+                        let since = (point.time - impact.time).max(0.0);
+                        (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Integrates every function twice along a path; along the surface where the body rolls.
+    fn integrate(&self, window: &Window, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
+        let tangent = match (&window.surface, window.kind) {
+            (Some(surface), Kind::Roll) => Some([surface.normal[1], -surface.normal[0]]),
+            _ => None,
+        };
+        let count = self.position.len() + self.velocity.len();
+        let (mut speed, mut moved) = (vec![0.0; count], vec![0.0; count]);
+        let mut before: Option<(f64, Vec<f64>)> = None;
+        for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
+            let now = self.at_state(*state);
+            if let Some((time, last)) = before {
+                let dt = point.time - time;
+                for k in 0..count {
+                    let a = 0.5 * size * (last[k] + now[k]);
+                    moved[k] += speed[k] * dt + 0.5 * a * dt * dt;
+                    speed[k] += a * dt;
+                    for axis in 0..2 {
+                        match tangent {
+                            None => out[(2 * i + axis, 2 * k + axis)] = moved[k],
+                            Some(t) => (0..2).for_each(|row| {
+                                out[(2 * i + row, 2 * k + axis)] = moved[k] * t[axis] * t[row];
+                            }),
+                        }
+                    }
+                }
+            }
+            before = Some((point.time, now));
+        }
+    }
+}
+
+/// Bumps on a grid between the ends, as wide as it is spaced.
+fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
+    let width = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
+    let at = |i: usize, j: usize| [ends[0][0] + width[0] * i as f64, ends[1][0] + width[1] * j as f64];
+    let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
+    places.map(|(i, j)| Bump { centre: at(i, j), width }).collect()
+}
+
+/// The 2 % and 98 % quantiles; zeros of nothing.
+fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let at =
+        |share: f64| values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0);
+    [at(0.02), at(0.98)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{bounces, flights, leaps};
+    use crate::discover::selection::SETTINGS;
+    use crate::world::Engine;
+
+    fn along(windows: &[Window], settings: &[usize]) -> SharedDiscrepancy {
+        let data = Data::new(windows, settings, vec![1e-3; windows.len()], Engine::Auto);
+        let state = State::new(Vec::new(), windows.iter().map(|w| w.nuisances.clone()).collect());
+        SharedDiscrepancy::along(&data, &Layout::new(&[], Vec::new(), 1), &state, &SETTINGS).unwrap()
+    }
+
+    /// Without further accelerations the largest plausible discrepancy is a hundredth of gravity, which moves a ball by about
+    /// a t^2 / 2.
+    #[test]
+    fn a_hundredth_of_gravity_is_plausible() {
+        let (windows, settings) = flights([0.0; 2], 4);
+        let found = along(&windows, &settings);
+        assert!((found.acceleration - 0.0981).abs() < 1e-6, "{}", found.acceleration);
+        let rows = |c: &DMatrix<f64>| c.row(c.nrows() - 2).norm();
+        let time = windows[0].points[19].time;
+        let expected = 0.5 * found.acceleration * time * time;
+        let moved = rows(&found.columns[0]);
+        assert!((0.3 * expected..1.5 * expected).contains(&moved), "{moved} and {expected}");
+        assert!(found.columns.iter().all(|c| c.row(0).norm() == 0.0), "a path begins where it begins");
+    }
+
+    /// An impact's error shows after the impact alone; a segment from a state seen whole has no discrepancy.
+    #[test]
+    fn impacts_err_after_they_happen() {
+        let (windows, settings) = bounces(0.8, 3);
+        let found = along(&windows, &settings);
+        let first = found.count - 2 * IMPACT_BUMPS[0] * IMPACT_BUMPS[1];
+        let (w, contact) = windows.iter().enumerate().find(|(_, w)| w.kind == Kind::Contact).unwrap();
+        let own = found.columns[w].columns(first, found.count - first).into_owned();
+        let last = own.nrows() - 1;
+        assert!(own.row(1).norm() == 0.0 && own.row(last).norm() > 0.0, "{} points", contact.points.len());
+        let (windows, settings) = leaps(0.0);
+        assert_eq!(along(&windows, &settings).count, 0);
+    }
+}

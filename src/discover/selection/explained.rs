@@ -1,0 +1,147 @@
+//! Share of the predictable misfit that a set of effects explains.
+//!
+//! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
+//! projected out, share = (m0 - m1) / (m0 - m2). What differs between trials in the set's own effects is at its conditional
+//! mode in m1 and m2. m2 is not taken below what noise and random effects leave. Trials weigh at most a multiple of the usual
+//! one, and the bootstrap over trials gives the share's uncertainty.
+//!
+//! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
+
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, Exp1};
+
+use crate::discover::columns::{Own, pushes};
+use crate::discover::field;
+use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::launch::Part;
+use crate::discover::stats::median;
+use crate::error::Result;
+use crate::rng;
+
+/// Multiple of the usual trial's squared residual beyond which a trial counts for no more.
+const CLIP: f64 = 9.0;
+/// Bootstrap draws.
+const DRAWS: usize = 1000;
+/// Excess of the base model over the floor, as a share of it, below which there is nothing to explain.
+const MIN_EXCESS: f64 = 0.2;
+
+/// Explained share with its bootstrap distribution.
+#[derive(Clone, Copy, Debug)]
+pub struct Explained {
+    pub share: f64,
+    /// 5 % and 95 % quantiles.
+    pub interval: [f64; 2],
+}
+
+/// The share that `model` explains of what `base` leaves; `None` where the base model leaves no more than the
+/// floor.
+pub fn explained(fitter: &Fitter, base: &Fitted, model: &Fitted, seed: u64) -> Result<Option<Explained>> {
+    let of = |m: &Fitted| fitter.parts(&m.layout, &m.state, &[]);
+    let (Some((_, base_parts)), Some((_, parts))) = (of(base)?, of(model)?) else { return Ok(None) };
+    let none = residuals(base, &base_parts, None);
+    let own = residuals(model, &parts, None);
+    let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad * c.discrepancy.acceleration);
+    let broad = field::broad(fitter, model, sd)?;
+    let broad = broad.map_or_else(|| own.clone(), |(parts, step)| residuals(model, &parts, Some(&step)));
+    let floor = floor(fitter, base, &base_parts);
+    let most = CLIP * median(&none);
+    let clipped = |v: &[f64], i: usize| v[i].min(most);
+    let gone: Vec<f64> = (0..none.len()).map(|i| clipped(&none, i) - clipped(&own, i)).collect();
+    let all: Vec<f64> = (0..none.len())
+        .map(|i| {
+            clipped(&none, i) - clipped(&own, i).min(clipped(&broad, i)).max(floor[i].min(clipped(&none, i)))
+        })
+        .collect();
+    if none.iter().sum::<f64>() < (1.0 + MIN_EXCESS) * floor.iter().sum::<f64>() {
+        return Ok(None);
+    }
+    let share = |weights: &[f64]| {
+        let sum = |v: &[f64]| v.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
+        let all = sum(&all);
+        if all > 0.0 { (sum(&gone) / all).clamp(0.0, 1.0) } else { 1.0 }
+    };
+    let mut stream = rng::stream(seed, "explained share");
+    let mut draws: Vec<f64> = (0..DRAWS)
+        .map(|_| share(&(0..gone.len()).map(|_| Exp1.sample(&mut stream)).collect::<Vec<f64>>()))
+        .collect();
+    draws.sort_by(f64::total_cmp);
+    let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
+    Ok(Some(Explained { share: share(&vec![1.0; gone.len()]), interval: [at(0.05), at(0.95)] }))
+}
+
+/// Squared residuals by trial where the model stands, or after a step, with its own random effects at their modes.
+fn residuals(model: &Fitted, parts: &[Part], step: Option<&DVector<f64>>) -> Vec<f64> {
+    let count = parts.first().map_or(0, |p| p.blocks[0].columns.ncols());
+    let here = DVector::zeros(count);
+    let mut out = vec![0.0; model.held.len()];
+    for part in parts {
+        out[part.launch] += with_random_effects(model, part, step.unwrap_or(&here));
+    }
+    out
+}
+
+/// Squared residual of a part with the random effects of the model's own terms at their conditional modes.
+fn with_random_effects(model: &Fitted, part: &Part, step: &DVector<f64>) -> f64 {
+    let all = pushes();
+    let belongs = |own: &Own| match own {
+        Own::Push(place) => model.set.iter().any(|e| e.name == all[*place].effect.name),
+        Own::Strength | Own::Leap | Own::Renewed(_) => false,
+    };
+    let kinds = part.blocks.first().map_or(&[][..], |b| &b.alike_of);
+    let chosen: Vec<usize> = (0..kinds.len()).filter(|k| part.differs && belongs(&kinds[*k])).collect();
+    let slow = model.components.slow;
+    let n = chosen.len();
+    let mut precision =
+        DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| model.components.of(kinds[chosen[k]]).powi(-2)));
+    let mut score = DVector::zeros(n);
+    let usable = chosen.iter().all(|k| model.components.of(kinds[*k]) > 0.0);
+    for block in &part.blocks {
+        let root = block.slow.map(|s| (1.0 + slow * slow * s).sqrt().recip());
+        let left = block.residual_at(step).component_mul(&root);
+        let z = DMatrix::from_fn(left.len(), n, |i, k| root[i] * block.alike[(i, chosen[k])]);
+        precision += z.tr_mul(&z);
+        score += z.tr_mul(&left);
+    }
+    let mode = if usable { precision.cholesky().map(|f| f.solve(&score)) } else { None };
+    let mode = mode.unwrap_or_else(|| DVector::zeros(n));
+    (part.blocks.iter())
+        .map(|block| {
+            let z = block.alike.select_columns(&chosen);
+            (block.residual_at(step) - z * &mode).norm_squared()
+        })
+        .sum()
+}
+
+/// By trial: what noise and slow misfit leave of the base model, expected.
+fn floor(fitter: &Fitter, base: &Fitted, parts: &[Part]) -> Vec<f64> {
+    let mut out = vec![0.0; fitter.data.trials];
+    let c = &base.components;
+    for part in parts {
+        for block in &part.blocks {
+            let own = block.slow.iter().map(|s| 1.0 + c.slow * c.slow * s).sum::<f64>();
+            out[part.launch] += own;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::selection::context;
+    use crate::discover::thrown;
+
+    /// The drag that balls were thrown with explains all of what the scene misses; no effect explains nothing.
+    #[test]
+    fn the_true_effect_explains_everything() {
+        thrown::fitted(&[0.4; 8], &[], 11, |fitter, base| {
+            thrown::fitted(&[0.4; 8], &["linear_drag"], 11, |_, model| {
+                let own = Fitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
+                let share = |m: &Fitted| explained(&own, base, m, 3).unwrap().expect("a misfit");
+                let (right, none) = (share(model), share(base));
+                assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
+                assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");
+            });
+        });
+    }
+}

@@ -1,0 +1,35 @@
+//! The constants that decide: every number that separates one verdict from another. Each stands here once; the figures that
+//! chose them are in `docs/explanation/diagnosis.md`.
+
+/// Settings of model selection.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Prior probability that a given effect acts.
+    pub inclusion: f64,
+    /// Posterior probability of the credible set of models.
+    pub credible_mass: f64,
+    /// Least share of the predictable misfit that the reported effects explain; below it the verdict is `unknown`.
+    pub explained_share: f64,
+    /// Confidence with which the explained share is below its limit before the verdict is `unknown`.
+    pub confidence: f64,
+    /// Least share of the excess error on held-out trials that a reported set removes.
+    pub held_out_gain: f64,
+    /// Shared discrepancy: standard deviation in units of gravity, whatever the effects.
+    pub discrepancy_of_gravity: f64,
+    /// Shared discrepancy: standard deviation as a share of the typical acceleration beyond gravity.
+    pub discrepancy_of_acceleration: f64,
+    /// Shared discrepancy of impacts: standard deviation of the impulse as a share of the approach speed.
+    pub discrepancy_of_impact: f64,
+}
+
+/// The settings of every diagnosis.
+pub const SETTINGS: Settings = Settings {
+    inclusion: 0.1,
+    credible_mass: 0.95,
+    explained_share: 0.9,
+    confidence: 0.95,
+    held_out_gain: 0.5,
+    discrepancy_of_gravity: 0.01,
+    discrepancy_of_acceleration: 0.06,
+    discrepancy_of_impact: 0.02,
+};
