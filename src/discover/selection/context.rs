@@ -195,13 +195,13 @@ mod tests {
     use super::*;
     use crate::discover::thrown;
 
-    /// Balls that all have one drag differ by nothing but noise, though the base model lacks the drag.
+    /// Of balls that all have one drag, which the base model lacks, none differs by more than effects declare for any trial.
     #[test]
     fn a_missing_effect_is_no_variance_component() {
         thrown::fitted(&[0.4; 10], &[], 12, |fitter, base| {
             let found = context(fitter, base, &[]).unwrap();
             let c = &found.components;
-            assert!(c.push.iter().all(|p| *p < 0.6) && c.slow < 1.0, "{c:?}");
+            assert!(c.push.iter().all(|p| *p < 1.0) && c.slow < 1.0 && c.strength < 0.1, "{c:?}");
             assert!(
                 (0.09..0.5).contains(&found.discrepancy.acceleration),
                 "{}",
