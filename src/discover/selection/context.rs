@@ -23,8 +23,6 @@ use crate::discover::window::Kind;
 use crate::error::Result;
 use crate::world::effect::{Effect, EffectTarget};
 
-/// Effects in flight of the richest model.
-const RICHEST: [&str; 3] = ["lift", "quadratic_drag", "wind"];
 /// Standard deviation of a field's coefficients, m/s^2.
 const FIELD_SD: f64 = 2.0;
 /// Steps of least squares to the richest model.
@@ -63,7 +61,7 @@ fn richest(
     base: &Fitted,
     candidates: &[(&'static Effect, Vec<Term>)],
 ) -> Result<Option<Fitted>> {
-    let belongs = |e: &Effect| RICHEST.contains(&e.name) || e.target() == EffectTarget::Contact;
+    let belongs = |e: &Effect| e.in_richest_model || e.target() == EffectTarget::Contact;
     let terms =
         candidates.iter().filter(|(e, _)| belongs(e)).filter_map(|(_, starts)| starts.first().cloned());
     let (layout, start) = base.joined(terms, fitter.data.setting_count());

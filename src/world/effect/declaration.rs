@@ -28,6 +28,8 @@ pub struct Effect {
     /// cause (a ball's spin, air movements); empty where it has none. Between-trial variation up to this
     /// size is not evidence for the effect.
     pub between_trial_sd: &'static [f64],
+    /// Whether the richest model of a recording, from which variance components are estimated, includes it.
+    pub in_richest_model: bool,
     /// Whether a contact changes what its amplitude depends on (a ball's spin), so that it is independent
     /// before and after a contact.
     pub reset_by_contact: bool,
@@ -143,6 +145,7 @@ pub(super) const fn effect(kind: EffectKind) -> Effect {
         special_cases: &[],
         opposes_motion: false,
         between_trial_sd: &[],
+        in_richest_model: false,
         reset_by_contact: false,
         instrument_check: None,
         search: SearchStrategy::FromNeutral,

@@ -24,6 +24,7 @@ pub static EFFECT: Effect = Effect {
     parameters: &[parameter("s", "1/s", [-100.0, 100.0], amplitude(0.5, 0.7, 2e-3))],
     // A table-tennis ball whose spin differs by three revolutions per second.
     between_trial_sd: &[0.2],
+    in_richest_model: true,
     reset_by_contact: true,
     ..effect(EffectKind::Motion(&Lift))
 };

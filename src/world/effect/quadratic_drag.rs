@@ -23,6 +23,7 @@ pub static EFFECT: Effect = Effect {
     equation: "a = -k |v| v",
     parameters: &[parameter("k", "1/m", [0.0, 1000.0], amplitude(0.03, 0.2, 2e-3))],
     opposes_motion: true,
+    in_richest_model: true,
     ..effect(EffectKind::Motion(&QuadraticDrag))
 };
 

@@ -28,6 +28,7 @@ pub static EFFECT: Effect = Effect {
     ],
     special_cases: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
     between_trial_sd: &[0.1, 0.1],
+    in_richest_model: true,
     ..effect(EffectKind::Motion(&Wind))
 };
 
