@@ -40,7 +40,9 @@ PAGES: dict[str, tuple[str, str]] = {
     "diagnosis": (
         "Benchmarks: diagnosis",
         "Effects are hidden in generated worlds; the diagnosis sees only trajectories. Terms such as *credible set* are in the\n"
-        "[glossary](../glossary.md). Earlier runs and the history of the method are in [full runs](runs/discovery/score.md).",
+        "[glossary](../glossary.md). Earlier runs and the history of the method are in [full runs](runs/discovery/score.md).\n\n"
+        "**All figures on this page are of the decision by held-out predictions** (up to commit 4c38836). The present decision, by evidence with a\n"
+        "shared discrepancy, has not been measured at this size; see [how the diagnosis decides](../explanation/diagnosis.md).",
     ),
     "posterior": (
         "Benchmarks: posteriors",

@@ -86,7 +86,7 @@ impl Components {
         [f64::INFINITY; 2].into_iter().chain(pushes).chain(strength).chain(spreads).collect()
     }
 
-    pub fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
+    fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
         let strength = [STRENGTH].into_iter().filter(|_| self.strength > 0.0);
         let pushes = self.push.iter().map(|_| PUSH);

@@ -1,5 +1,6 @@
-//! What no set of effects explains, as an empirical law beside the reported model: a formula (`law`), or a field of bumps
-//! (`bumps`). Either is fitted as effects are and compared by its log posterior, its terms chosen from many.
+//! Empirical law for the acceleration that no set of effects explains: a formula (`law`) or a force field of Gaussian bumps
+//! (`bumps`). Either is fitted in the same way as effects. The log evidence, less the logarithm of the number of ways to choose
+//! the terms, ranks the two.
 
 use std::collections::BTreeMap;
 
@@ -35,7 +36,7 @@ struct Form {
     among: usize,
 }
 
-/// What a model leaves.
+/// A reported model and the field beside it, for which a law is fitted.
 pub struct Rest<'a, 'b, 'c> {
     pub fitter: &'c Fitter<'a, 'b>,
     pub base: &'c Fitted,
@@ -50,7 +51,7 @@ impl Rest<'_, '_, '_> {
         let formula = self.fitted(law::law(self.fitter.data, self.model, noise)?, form)?;
         let field = match &self.field {
             Some(field) => {
-                // What is to be simulated is chosen among all functions.
+                // Bumps are chosen from all inputs, whichever kind of field is most probable.
                 let of = field::Form { over: field::Over::All, ..field.form };
                 let form = Form { text: bumps::words, among: field::BUMPS };
                 self.fitted(bumps::bumps(self.fitter, self.model, of)?, form)?

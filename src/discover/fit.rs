@@ -30,7 +30,7 @@ const SLIGHT: f64 = 1.0;
 /// Share of a step below which none helps.
 const SHORTEST: f64 = 0.2;
 
-/// What is estimated once for a recording and held for every set of effects.
+/// Estimates of a recording that are the same for every set of effects.
 #[derive(Clone)]
 pub struct Context {
     pub discrepancy: SharedDiscrepancy,
@@ -56,7 +56,7 @@ pub struct Fitted {
     pub components: Components,
     /// Posterior covariance of the parameters.
     pub covariance: DMatrix<f64>,
-    /// What each part says of the parameters at the components.
+    /// Statistics of every group of observations about the parameters, at the variance components.
     pub told: Vec<Told>,
     /// Prior of the parameters, about where they stand.
     pub prior: Prior,
@@ -91,7 +91,7 @@ pub struct Fitter<'a, 'b> {
     /// What a window's residuals, in units of its own scale, are in units of the noise.
     pub scales: Vec<f64>,
     pub folds: Vec<usize>,
-    /// What the data span.
+    /// Ranges of position, speed and time in the data.
     pub range: DataRange,
     pub context: Option<Context>,
 }
@@ -183,7 +183,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let Stand { quality, state, prior, looks, parts, told, components, laplace } = stand;
         let q = layout.slots.len();
         // Where the fit has not converged the linearisation promises what no value keeps.
-        let excess = promise(&told, &prior, &laplace) - quality - SLIGHT;
+        let excess = laplace.log_joint - quality - SLIGHT;
         let log_evidence = laplace.log_evidence - excess.max(0.0);
         let mut step = laplace.step.clone();
         step.rows_mut(q, laplace.step.len() - q).fill(0.0);
@@ -256,15 +256,6 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let columns = Columns::of(layout, &state.values);
         launch::parts(self.data.windows, &self.frames, looks, &columns, &self.scales)
     }
-}
-
-/// Log posterior density that the linearisation promises at its mode.
-fn promise(told: &[Told], prior: &Prior, laplace: &Laplace) -> f64 {
-    let q = prior.off.len();
-    let density: f64 = told.iter().map(|t| t.density_at(t.square_after(&laplace.step))).sum();
-    let off = &prior.off - laplace.step.rows(0, q);
-    let field = laplace.step.rows(q, laplace.step.len() - q).norm_squared() / laplace.scale.powi(2);
-    density - 0.5 * off.dot(&(&prior.precision * &off)) - 0.5 * field
 }
 
 /// A step as far as bounds allow it.

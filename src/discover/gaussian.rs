@@ -41,6 +41,17 @@ pub struct Prior {
 }
 
 impl Prior {
+    /// Of no parameters.
+    pub fn none() -> Prior {
+        Prior {
+            precision: DMatrix::zeros(0, 0),
+            off: DVector::zeros(0),
+            plausible: Vec::new(),
+            reason: Vec::new(),
+            by_setting: Vec::new(),
+        }
+    }
+
     /// The same with independent coefficients of standard deviation `scale` after the parameters, `all` in total.
     pub fn with_discrepancy(&self, all: usize, scale: f64) -> Prior {
         let q = self.off.len();
@@ -260,9 +271,18 @@ impl Told {
 
     /// The statistics of the first `count` parameters, the others fixed where the model stands.
     pub fn of_first(&self, count: usize) -> Told {
+        self.of_range(0, count)
+    }
+
+    /// The statistics of the parameters after the first `count`, which are fixed where the model stands.
+    pub fn without_first(&self, count: usize) -> Told {
+        self.of_range(count, self.score.len() - count)
+    }
+
+    fn of_range(&self, first: usize, count: usize) -> Told {
         Told {
-            gram: self.gram.view((0, 0), (count, count)).into_owned(),
-            score: self.score.rows(0, count).into_owned(),
+            gram: self.gram.view((first, first), (count, count)).into_owned(),
+            score: self.score.rows(first, count).into_owned(),
             ..self.clone()
         }
     }

@@ -86,8 +86,9 @@ pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, l
             format!("trials share an error that no set in the library explains; {left}")
         }
         _ => format!(
-            "no set of effects predicts trials better than the base model ({} trials, {} sets tried)",
-            launches,
+            "the scene without further effects is credible: its probability among the sets tried is {:.0} % ({launches} trials, \
+             {} sets tried)",
+            100.0 * decision.base_probability,
             found.fits.len()
         ),
     }

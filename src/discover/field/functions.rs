@@ -44,13 +44,14 @@ pub struct Functions {
 }
 
 /// Where a bump stands and how wide it is; the second axis is nothing to the clock.
-struct Bump {
+pub struct Bump {
     centre: [f64; 2],
     width: [f64; 2],
 }
 
 impl Bump {
-    fn at(&self, at: [f64; 2]) -> f64 {
+    /// Value at a point, at most 1.
+    pub fn at(&self, at: [f64; 2]) -> f64 {
         gaussian([0, 1].map(|a| (at[a] - self.centre[a]) / self.width[a]))
     }
 }
@@ -62,13 +63,6 @@ impl Functions {
         let flights = || (0..windows.len()).filter(|w| !flew || windows[*w].kind == Kind::Flight);
         let all = |k: usize| -> Vec<f64> {
             flights().flat_map(|w| paths[w].iter().map(move |s| s[k])).filter(|v| v.is_finite()).collect()
-        };
-        let ends = |mut values: Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            let at = |share: f64| {
-                values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0)
-            };
-            [at(0.02), at(0.98)]
         };
         let clock = flights().flat_map(|w| windows[w].points.iter().map(move |p| windows[w].start + p.time));
         Functions {
@@ -146,8 +140,16 @@ impl Functions {
     }
 }
 
-/// Bumps on a grid between the ends, as wide as it is spaced.
-fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
+/// The 2 % and 98 % quantiles; zeros if there are no values.
+pub fn ends(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let at =
+        |share: f64| values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0);
+    [at(0.02), at(0.98)]
+}
+
+/// Bumps on a regular grid between the ends; the width of each is the distance to its neighbour.
+pub fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
     let width = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
     let at = |i: usize, j: usize| [ends[0][0] + width[0] * i as f64, ends[1][0] + width[1] * j as f64];
     let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));

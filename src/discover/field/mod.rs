@@ -16,7 +16,7 @@ use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
-pub use functions::{BUMPS, Functions, OVERS, Over};
+pub use functions::{BUMPS, Bump, Functions, OVERS, Over, ends, grid};
 
 /// Standard deviations of coefficients that are tried, m/s^2.
 const STRENGTHS: [f64; 4] = [0.2, 0.6, 2.0, 6.0];

@@ -1,9 +1,9 @@
-//! What is estimated once for a recording: the shared discrepancy's responses and the variance components, both from the
-//! richest model.
+//! Estimates that every set of effects shares: the responses to the shared discrepancy and the variance components, both
+//! from the richest model.
 //!
 //! Variance components that every set estimates anew would let a wrong set call its misfit noise. They are those at which the
-//! richest model (lift, quadratic drag, wind, every contact law, and a discrepancy field as broad as the acceleration beyond
-//! gravity) is most probable: the pure error of the recording.
+//! richest model is most probable: lift, quadratic drag, wind, every contact law, and the most probable kind of force field
+//! (without flights, a discrepancy as broad as the acceleration beyond gravity). This is the pure error of the recording.
 //!
 //! Source: pattern search: Hooke and Jeeves, J. ACM 8 (1961) 212; pure error: Box and Draper, Empirical Model-Building and
 //! Response Surfaces (1987), 3.4.
@@ -45,7 +45,7 @@ pub fn context(
         fitter.data.windows.iter().any(|w| matches!(w.kind, Kind::Flight | Kind::Contact | Kind::Roll));
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
-    let discrepancy = SharedDiscrepancy::along(fitter.data, &model.layout, &model.state, &SETTINGS)?;
+    let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;
     let whole = Context { discrepancy, components: model.components.clone() };
     let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
     let Some(parts) = parts(&own, model)? else { return Ok(whole) };

@@ -14,13 +14,13 @@
 use nalgebra::DMatrix;
 
 use super::settings::Settings;
+use crate::discover::field::{Bump, ends, grid};
 use crate::discover::launch::Part;
 use crate::discover::model::{self, Data, Layout, State};
 use crate::discover::path::Impact;
 use crate::discover::stats::median;
 use crate::discover::window::{Kind, Window};
 use crate::error::Result;
-use crate::world::effect::gaussian;
 
 /// Numbers of bumps over position (x, y), velocity (x, y) and impacts (approach, slip).
 const POSITION_BUMPS: [usize; 2] = [5, 4];
@@ -41,8 +41,8 @@ pub struct SharedDiscrepancy {
 }
 
 impl SharedDiscrepancy {
-    /// Along the paths of the richest model.
-    pub fn along(data: &Data, layout: &Layout, state: &State, settings: &Settings) -> Result<Self> {
+    /// Responses along the paths of a model, the richest one.
+    pub fn from_model(data: &Data, layout: &Layout, state: &State, settings: &Settings) -> Result<Self> {
         let paths = model::paths(data, layout, state)?;
         let impacts = (data.windows.iter().enumerate())
             .map(|(w, window)| match window.kind {
@@ -121,22 +121,10 @@ fn acceleration_scale(data: &Data, paths: &[Vec<[f64; 4]>]) -> f64 {
     let states = || paths.iter().flatten().filter(|s| s.iter().all(|v| v.is_finite()));
     let speed = median(&states().map(|s| s[2].hypot(s[3])).collect::<Vec<_>>());
     let extent = |k: usize| {
-        let [low, high] = quantiles(states().map(|s| s[k]).collect());
+        let [low, high] = ends(states().map(|s| s[k]).collect());
         high - low
     };
     speed * speed / extent(0).max(extent(1)).max(1e-9)
-}
-
-/// A Gaussian bump.
-struct Bump {
-    centre: [f64; 2],
-    width: [f64; 2],
-}
-
-impl Bump {
-    fn at(&self, at: [f64; 2]) -> f64 {
-        gaussian([0, 1].map(|k| (at[k] - self.centre[k]) / self.width[k]))
-    }
 }
 
 /// All basis functions with their normalisation.
@@ -156,9 +144,9 @@ impl Fields {
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
             .collect();
-        let range = |k: usize| quantiles(states.iter().map(|s| s[k]).collect());
+        let range = |k: usize| ends(states.iter().map(|s| s[k]).collect());
         let hits: Vec<[f64; 2]> = impacts.iter().flatten().map(|i| [i.approach, i.slip]).collect();
-        let hit_range = |k: usize| quantiles(hits.iter().map(|h| h[k]).collect());
+        let hit_range = |k: usize| ends(hits.iter().map(|h| h[k]).collect());
         let position = grid([range(0), range(1)], POSITION_BUMPS);
         let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
         let impact =
@@ -246,22 +234,6 @@ impl Fields {
     }
 }
 
-/// Bumps on a grid between the ends, as wide as it is spaced.
-fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
-    let width = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
-    let at = |i: usize, j: usize| [ends[0][0] + width[0] * i as f64, ends[1][0] + width[1] * j as f64];
-    let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
-    places.map(|(i, j)| Bump { centre: at(i, j), width }).collect()
-}
-
-/// The 2 % and 98 % quantiles; zeros of nothing.
-fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
-    values.sort_by(f64::total_cmp);
-    let at =
-        |share: f64| values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0);
-    [at(0.02), at(0.98)]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,10 +241,10 @@ mod tests {
     use crate::discover::selection::SETTINGS;
     use crate::world::Engine;
 
-    fn along(windows: &[Window], settings: &[usize]) -> SharedDiscrepancy {
+    fn discrepancy_of(windows: &[Window], settings: &[usize]) -> SharedDiscrepancy {
         let data = Data::new(windows, settings, vec![1e-3; windows.len()], Engine::Auto);
         let state = State::new(Vec::new(), windows.iter().map(|w| w.nuisances.clone()).collect());
-        SharedDiscrepancy::along(&data, &Layout::new(&[], Vec::new(), 1), &state, &SETTINGS).unwrap()
+        SharedDiscrepancy::from_model(&data, &Layout::new(&[], Vec::new(), 1), &state, &SETTINGS).unwrap()
     }
 
     /// Without further accelerations the largest plausible discrepancy is a hundredth of gravity, which moves a ball by about
@@ -280,7 +252,7 @@ mod tests {
     #[test]
     fn a_hundredth_of_gravity_is_plausible() {
         let (windows, settings) = flights([0.0; 2], 4);
-        let found = along(&windows, &settings);
+        let found = discrepancy_of(&windows, &settings);
         assert!((found.acceleration - 0.0981).abs() < 1e-6, "{}", found.acceleration);
         let rows = |c: &DMatrix<f64>| c.row(c.nrows() - 2).norm();
         let time = windows[0].points[19].time;
@@ -294,13 +266,13 @@ mod tests {
     #[test]
     fn impacts_err_after_they_happen() {
         let (windows, settings) = bounces(0.8, 3);
-        let found = along(&windows, &settings);
+        let found = discrepancy_of(&windows, &settings);
         let first = found.count - 2 * IMPACT_BUMPS[0] * IMPACT_BUMPS[1];
         let (w, contact) = windows.iter().enumerate().find(|(_, w)| w.kind == Kind::Contact).unwrap();
         let own = found.columns[w].columns(first, found.count - first).into_owned();
         let last = own.nrows() - 1;
         assert!(own.row(1).norm() == 0.0 && own.row(last).norm() > 0.0, "{} points", contact.points.len());
         let (windows, settings) = leaps(0.0);
-        assert_eq!(along(&windows, &settings).count, 0);
+        assert_eq!(discrepancy_of(&windows, &settings).count, 0);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
 //! projected out, share = (m0 - m1) / (m0 - m2). What differs between trials in the set's own effects is at its conditional
-//! mode in m1 and m2. m2 is not taken below what noise and random effects leave. Trials weigh at most a multiple of the usual
+//! mode in m1 and m2. m2 is not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual
 //! one, and the bootstrap over trials gives the share's uncertainty.
 //!
 //! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
@@ -10,6 +10,7 @@
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
+use super::settings::SETTINGS;
 use crate::discover::columns::{Own, pushes};
 use crate::discover::field;
 use crate::discover::fit::{Fitted, Fitter};
@@ -29,7 +30,7 @@ const MIN_EXCESS: f64 = 0.2;
 #[derive(Clone, Copy, Debug)]
 pub struct Explained {
     pub share: f64,
-    /// 5 % and 95 % quantiles.
+    /// Quantiles at the confidence of the settings and its complement: 5 % and 95 %.
     pub interval: [f64; 2],
 }
 
@@ -66,7 +67,10 @@ pub fn explained(fitter: &Fitter, base: &Fitted, model: &Fitted, seed: u64) -> R
         .collect();
     draws.sort_by(f64::total_cmp);
     let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
-    Ok(Some(Explained { share: share(&vec![1.0; gone.len()]), interval: [at(0.05), at(0.95)] }))
+    Ok(Some(Explained {
+        share: share(&vec![1.0; gone.len()]),
+        interval: [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)],
+    }))
 }
 
 /// Squared residuals by trial where the model stands, or after a step, with its own random effects at their modes.

@@ -29,6 +29,8 @@ const TOLERANCE: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct Laplace {
     pub log_evidence: f64,
+    /// Log of likelihood times prior density at the mode by the linearisation, up to the prior's constant.
+    pub log_joint: f64,
     /// Step from the point of linearisation to the mode: parameters, then discrepancy.
     pub step: DVector<f64>,
     /// Posterior covariance of the parameters, the discrepancy integrated out.
@@ -91,14 +93,14 @@ fn from_squares(groups: &[Told], prior: &Prior, scale: f64, squares: &mut [f64])
     let factor = factor?;
     let log_det = |l: &DMatrix<f64>| 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let off = &step - &mean;
-    let log_evidence = groups.iter().zip(squares.iter()).map(|(g, s)| g.density_at(*s)).sum::<f64>()
-        - 0.5 * off.dot(&(&precision * &off))
-        + 0.5 * log_det(precision.cholesky()?.l_dirty())
-        - 0.5 * log_det(factor.l_dirty());
+    let log_joint = groups.iter().zip(squares.iter()).map(|(g, s)| g.density_at(*s)).sum::<f64>()
+        - 0.5 * off.dot(&(&precision * &off));
+    let log_evidence =
+        log_joint + 0.5 * log_det(precision.cholesky()?.l_dirty()) - 0.5 * log_det(factor.l_dirty());
     let mut unit = DMatrix::zeros(all, parameters);
     (0..parameters).for_each(|k| unit[(k, k)] = 1.0);
     let covariance = factor.solve(&unit).rows(0, parameters).into_owned();
-    log_evidence.is_finite().then_some(Laplace { log_evidence, step, covariance, scale })
+    log_evidence.is_finite().then_some(Laplace { log_evidence, log_joint, step, covariance, scale })
 }
 
 /// Adds a multiple of some numbers to others.
@@ -106,36 +108,12 @@ fn add_times(to: &mut [f64], from: &[f64], times: f64) {
     to.iter_mut().zip(from).for_each(|(to, from)| *to += times * from);
 }
 
-/// Log posterior density where the model stands, the discrepancy at its mode there.
+/// Log of likelihood times prior density where the model stands, the discrepancy at its mode there.
 pub fn profile(groups: &[Told], prior: &Prior, scale: f64) -> f64 {
     let q = prior.off.len();
-    let own = -0.5 * prior.off.dot(&(&prior.precision * &prior.off));
-    let count = groups.first().map_or(0, |g| g.gram.ncols() - q);
-    let mut w = DVector::<f64>::zeros(count);
-    let after = |g: &Told, w: &DVector<f64>| {
-        g.square - 2.0 * g.score.rows(q, count).dot(w) + w.dot(&(g.gram.view((q, q), (count, count)) * w))
-    };
-    let mut squares: Vec<f64> = groups.iter().map(|g| g.square).collect();
-    for _ in 0..if count == 0 { 0 } else { MAX_ROUNDS } {
-        let mut h = DMatrix::from_diagonal_element(count, count, scale.powi(-2));
-        let mut score = DVector::zeros(count);
-        for (g, square) in groups.iter().zip(&squares) {
-            let weight = g.weight_at(*square);
-            h += g.gram.view((q, q), (count, count)) * weight;
-            score.axpy(weight, &g.score.rows(q, count), 1.0);
-        }
-        let Some(factor) = h.cholesky() else { return f64::NEG_INFINITY };
-        w = factor.solve(&score);
-        let now: Vec<f64> = groups.iter().map(|g| after(g, &w)).collect();
-        let change =
-            now.iter().zip(&squares).map(|(a, b)| (a - b).abs() / (1.0 + b.abs())).fold(0.0, f64::max);
-        squares = now;
-        if change < TOLERANCE {
-            break;
-        }
-    }
-    groups.iter().zip(&squares).map(|(g, s)| g.density_at(*s)).sum::<f64>() + own
-        - 0.5 * w.norm_squared() / scale.powi(2)
+    let own: Vec<Told> = groups.iter().map(|g| g.without_first(q)).collect();
+    let fixed = -0.5 * prior.off.dot(&(&prior.precision * &prior.off));
+    at_scale(&own, &Prior::none(), scale).map_or(f64::NEG_INFINITY, |mode| mode.log_joint + fixed)
 }
 
 #[cfg(test)]
