@@ -26,7 +26,7 @@ pub fn bands(
     known: &DMatrix<f64>,
     noise: &Noise,
 ) -> Vec<Vec<[f64; 2]>> {
-    let columns = Columns::of(model.layout, &model.state.values);
+    let columns = Columns::of(model.layout, &model.state.values, fitter.gravity);
     let windows = fitter.data.windows;
     let of = |(w, window): (usize, &Window)| {
         let scale = fitter.scales[w];
@@ -72,8 +72,6 @@ fn shared(
         *variance += own.component_mul(&own);
     };
     if !window.kind.simulated() {
-        let spread = components.spread.iter().enumerate().take(columns.slots);
-        spread.filter(|(_, sd)| **sd > 0.0).for_each(|(k, sd)| add(&[(k, 1.0)], *sd));
         columns.strengths.iter().for_each(|sizes| add(sizes, components.strength));
     }
     if flies {

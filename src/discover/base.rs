@@ -166,8 +166,8 @@ fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass)
     }
     let laws = library::candidates(scene, &library::ground(data.windows)).into_iter();
     let terms: Vec<model::Term> = laws
-        .filter(|(e, _)| e.target() == EffectTarget::Contact)
-        .filter_map(|(_, starts)| starts.into_iter().next())
+        .filter(|c| c.effect.target() == EffectTarget::Contact)
+        .filter_map(|c| c.starts.into_iter().next())
         .collect();
     let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
     let layout = Layout::new(&latents, terms, data.setting_count());

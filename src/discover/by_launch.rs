@@ -86,7 +86,7 @@ fn without_own(model: &Fitted) -> Components {
     let own = |push: &Extra| model.set.iter().any(|e| e.name == push.effect.name);
     let push =
         pushes().iter().zip(&model.components.push).map(|(p, sd)| if own(p) { 0.0 } else { *sd }).collect();
-    Components { push, strength: 0.0, spread: Vec::new(), ..model.components.clone() }
+    Components { push, strength: 0.0, ..model.components.clone() }
 }
 
 /// Covariance of the slots' values between trials: what their effect declares, and those of an effect by its strength.
@@ -95,7 +95,7 @@ fn differing(model: &Fitted) -> DMatrix<f64> {
     let mut out = DMatrix::zeros(q, q);
     (0..q).for_each(|i| out[(i, i)] = model.declared_spread(i).powi(2));
     let strength = model.components.strength.powi(2);
-    for sizes in model.layout.strengths(&model.state.values) {
+    for sizes in model.layout.strengths(&model.state.values, model.gravity) {
         for (i, j) in sizes.iter().flat_map(|i| sizes.iter().map(move |j| (i, j))) {
             out[(i.0, j.0)] += strength * i.1 * j.1;
         }

@@ -78,7 +78,7 @@ fn summary(launches: Vec<TrialPredictiveCheck>) -> PredictiveCheck {
 }
 
 /// One probability for several that are independent and uniform.
-fn joined(all: &[f64]) -> f64 {
+pub fn joined(all: &[f64]) -> f64 {
     if all.len() == 1 {
         return all[0];
     }

@@ -38,8 +38,8 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Those of a layout whose slots have some values.
-    pub fn of(layout: &Layout, values: &[f64]) -> Columns {
+    /// Those of a layout whose slots have some values; `gravity`: of the scene, m/s^2.
+    pub fn of(layout: &Layout, values: &[f64], gravity: f64) -> Columns {
         let pushes = pushes();
         let slots = layout.slots.len();
         let push = |(k, extra): (usize, &Extra)| {
@@ -50,7 +50,7 @@ impl Columns {
         };
         let of = pushes.iter().map(|p| p.effect.reset_by_contact).enumerate().collect();
         let renewed = pushes.iter().enumerate().filter_map(push).collect();
-        Columns { slots, pushes: pushes.len(), of, renewed, strengths: layout.strengths(values) }
+        Columns { slots, pushes: pushes.len(), of, renewed, strengths: layout.strengths(values, gravity) }
     }
 }
 

@@ -12,7 +12,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::columns::{Own, pushes};
-use super::gaussian::{Components, Prior, Summed, Weighed};
+use super::gaussian::{Components, Summed, Weighed};
 use super::launch::Part;
 use crate::rng::Stream;
 
@@ -34,14 +34,10 @@ const PUSH: [f64; 2] = [-1.2, 1.2];
 const LEAP: [f64; 2] = [-4.6, 1.0];
 /// The same of the strength of effects of several amplitudes: about a seventh.
 const STRENGTH: [f64; 2] = [-1.9, 1.2];
-/// The same of a size's spread, its centre as a share of what is plausible.
-const SPREAD: [f64; 2] = [0.05, 1.5];
 /// Share of its size by which anything may differ from launch to launch, and how many of the deviations that effects declare:
 /// a model that needs more leaves something that it does not name.
 pub const SIZES: f64 = 0.2;
 pub const DECLARED: f64 = 2.0;
-/// Least bound of a spread, as a share of what is plausible: so small that it is none.
-const LEAST: f64 = 1e-4;
 /// Gain (nats) of a search below which it is the last, and most searches.
 const SETTLED: f64 = 0.05;
 const SEARCHES: usize = 4;
@@ -53,15 +49,14 @@ const STRIDES: [f64; 2] = [0.2, 2.0];
 
 impl Components {
     /// Where a fit starts; `strengths`: whether the model has effects whose strength may differ as a whole.
-    pub fn start(prior: &Prior, strengths: bool) -> Components {
-        let spread = prior.plausible.iter().map(|p| SPREAD[0] * p).collect();
+    pub fn start(strengths: bool) -> Components {
         let strength = if strengths { STRENGTH[0].exp() } else { 0.0 };
-        Components { slow: 1.0, leap: 0.01, strength, push: vec![0.3; pushes().len()], spread }
+        Components { slow: 1.0, leap: 0.01, strength, push: vec![0.3; pushes().len()] }
     }
 
     pub fn logs(&self) -> Vec<f64> {
         let own = [self.slow, self.leap];
-        let free = [self.strength].into_iter().chain(self.spread.iter().copied()).filter(|s| *s > 0.0);
+        let free = [self.strength].into_iter().filter(|s| *s > 0.0);
         own.iter().chain(&self.push).copied().chain(free).map(f64::ln).collect()
     }
 
@@ -73,24 +68,20 @@ impl Components {
             leap: next(),
             push: self.push.iter().map(|_| next()).collect(),
             strength: if self.strength > 0.0 { next() } else { 0.0 },
-            spread: self.spread.iter().map(|s| if *s > 0.0 { next() } else { 0.0 }).collect(),
         }
     }
 
     /// The most that launches have reason to differ by, logarithms.
-    fn most(&self, prior: &Prior) -> Vec<f64> {
-        let reasons = prior.plausible.iter().zip(&prior.reason).filter(|(p, _)| **p > 0.0);
-        let spreads = reasons.map(|(p, reason)| reason.max(LEAST * p).ln());
+    fn most(&self) -> Vec<f64> {
         let strength = [SIZES.ln()].into_iter().filter(|_| self.strength > 0.0);
         let pushes = self.push.iter().map(|_| DECLARED.ln());
-        [f64::INFINITY; 2].into_iter().chain(pushes).chain(strength).chain(spreads).collect()
+        [f64::INFINITY; 2].into_iter().chain(pushes).chain(strength).collect()
     }
 
-    fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
-        let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
+    fn log_prior(&self, logs: &[f64]) -> f64 {
         let strength = [STRENGTH].into_iter().filter(|_| self.strength > 0.0);
         let pushes = self.push.iter().map(|_| PUSH);
-        let all = [SLOW, LEAP].into_iter().chain(pushes).chain(strength).chain(spreads);
+        let all = [SLOW, LEAP].into_iter().chain(pushes).chain(strength);
         -0.5 * logs.iter().zip(all).map(|(l, [centre, sd])| ((l - centre) / sd).powi(2)).sum::<f64>()
     }
 }
@@ -99,8 +90,6 @@ impl Components {
 pub struct Likelihood<'a> {
     parts: &'a [Part],
     from: Components,
-    /// Columns whose sizes differ by launch: where the model stands no size moves, so no others matter.
-    wide: Vec<usize>,
     /// By the slow misfit; and by what else windows have of their own.
     weighed: HashMap<u64, Vec<Weighed>>,
     kinds: Vec<Own>,
@@ -111,7 +100,6 @@ pub struct Likelihood<'a> {
 impl<'a> Likelihood<'a> {
     /// `from`: components from which searches start.
     pub fn new(parts: &'a [Part], from: &Components) -> Likelihood<'a> {
-        let wide = (0..from.spread.len()).filter(|k| from.spread[*k] > 0.0).collect();
         let mut kinds: Vec<Own> = Vec::new();
         for kind in parts.iter().flat_map(|p| &p.blocks).flat_map(|b| &b.kinds) {
             if !kinds.contains(kind) {
@@ -119,27 +107,27 @@ impl<'a> Likelihood<'a> {
             }
         }
         let (weighed, summed, densities) = (HashMap::new(), HashMap::new(), HashMap::new());
-        Likelihood { parts, from: from.clone(), wide, weighed, kinds, summed, densities }
+        Likelihood { parts, from: from.clone(), weighed, kinds, summed, densities }
     }
 
-    /// Components that make those parts most likely that count, sought in steps of `first` at first, launches differing by no more
-    /// than they have reason to.
-    pub fn most(&mut self, prior: &Prior, first: f64, counts: impl Fn(&Part) -> bool) -> Components {
-        let most = self.from.most(prior);
-        self.climbed(prior, &most, first, counts)
+    /// Components that make the parts most likely, sought in steps of `first` at first, launches differing by no more than they
+    /// have reason to.
+    pub fn most(&mut self, first: f64) -> Components {
+        let most = self.from.most();
+        self.climbed(&most, first)
     }
 
     /// Components as they may be where the model stands, beginning where the search did; launches differ by no more than they have
     /// reason to. Steps are multiples of the shortest of a search, so that a walk comes by the same places again.
-    pub fn drawn(&mut self, prior: &Prior, count: usize, stream: &mut Stream) -> Vec<Components> {
+    pub fn drawn(&mut self, count: usize, stream: &mut Stream) -> Vec<Components> {
         let (from, matter) = (self.from.clone(), self.matter());
-        let most = from.most(prior);
+        let most = from.most();
         let begun: Vec<f64> = from.logs().iter().zip(&most).map(|(l, most)| l.min(*most)).collect();
         let mut steps = vec![0.0; begun.len()];
         let at =
             |steps: &[f64]| -> Vec<f64> { begun.iter().zip(steps).map(|(l, n)| l + FINEST * n).collect() };
         let quality = |own: &mut Likelihood, logs: &[f64]| {
-            own.densities(logs).iter().sum::<f64>() + from.log_prior(logs, prior)
+            own.densities(logs).iter().sum::<f64>() + from.log_prior(logs)
         };
         let mut here = quality(self, &begun);
         let mut out = Vec::with_capacity(count);
@@ -175,20 +163,11 @@ impl<'a> Likelihood<'a> {
         self.parts.iter().any(|part| part.differs || own(part))
     }
 
-    fn climbed(
-        &mut self,
-        prior: &Prior,
-        most: &[f64],
-        first: f64,
-        counts: impl Fn(&Part) -> bool,
-    ) -> Components {
-        let (parts, from) = (self.parts, self.from.clone());
+    fn climbed(&mut self, most: &[f64], first: f64) -> Components {
+        let from = self.from.clone();
         let matter = self.matter();
-        let mut quality = |logs: &[f64]| {
-            let densities = self.densities(logs);
-            let own = parts.iter().zip(densities).filter(|(p, _)| counts(p)).map(|(_, d)| d);
-            own.sum::<f64>() + from.log_prior(logs, prior)
-        };
+        let mut quality =
+            |logs: &[f64]| self.densities(logs).iter().sum::<f64>() + from.log_prior(logs);
         let mut logs: Vec<f64> = from.logs().iter().zip(most).map(|(l, most)| l.min(*most)).collect();
         let mut best = quality(&logs);
         let mut first = first;
@@ -236,17 +215,17 @@ impl<'a> Likelihood<'a> {
     /// Log densities of all parts.
     fn densities(&mut self, logs: &[f64]) -> &[f64] {
         let key: Vec<u64> = logs.iter().map(|l| l.to_bits()).collect();
-        let (parts, wide) = (self.parts, &self.wide);
+        let parts = self.parts;
         self.densities.entry(key).or_insert_with(|| {
             let own = self.from.with(logs);
-            let of = |p| Weighed::of(p, wide, own.slow);
+            let of = |p| Weighed::of(p, &[], own.slow);
             let weighed = self.weighed.entry(own.slow.to_bits());
             let weighed = weighed.or_insert_with(|| parts.iter().map(of).collect());
             let kinds = self.kinds.iter().map(|kind| own.of(*kind)).chain([own.slow]);
             let with_own = |(w, p): (&Weighed, &Part)| w.with_own(p, &own);
             let summed = self.summed.entry(kinds.map(f64::to_bits).collect());
             let summed = summed.or_insert_with(|| weighed.iter().zip(parts).map(with_own).collect());
-            let density = |(s, p): (&Option<Summed>, &Part)| s.as_ref()?.likelihood(p, wide, &own);
+            let density = |(s, p): (&Option<Summed>, &Part)| s.as_ref()?.likelihood(p, &own);
             summed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
         })
     }
@@ -259,17 +238,7 @@ mod tests {
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
 
-    fn prior() -> Prior {
-        Prior {
-            precision: DMatrix::identity(2, 2),
-            off: DVector::zeros(2),
-            plausible: vec![0.4, 0.0],
-            reason: vec![0.1, 0.0],
-            by_setting: vec![false; 2],
-        }
-    }
-
-    /// Launches of a block each, whose first size differs.
+    /// Launches of a block each, with a push of its own.
     fn parts() -> Vec<Part> {
         let wave = |k: usize| libm::sin(1.7 * k as f64 + 0.3);
         let part = |launch: usize| {
@@ -277,11 +246,11 @@ mod tests {
             let noise = DVector::from_fn(8, |i, _| 1.4 * wave(5 * i * i + 97 * launch));
             let block = Block {
                 window: launch,
-                left: noise + columns.column(0) * (3.0 * wave(11 * launch)),
+                left: noise + columns.column(0) * wave(11 * launch),
                 slow: DVector::zeros(8),
+                alike: columns.columns(0, 1).into_owned(),
+                alike_of: vec![Own::Push(0)],
                 columns,
-                alike: DMatrix::zeros(8, 0),
-                alike_of: Vec::new(),
                 own: DMatrix::zeros(8, 0),
                 kinds: Vec::new(),
                 log_white: 0.0,
@@ -291,21 +260,14 @@ mod tests {
         (0..8).map(part).collect()
     }
 
-    /// A spread is drawn as a sum over the walk's lattice says, and what nothing tells as it is believed.
+    /// A push's deviation is drawn as a sum over the walk's lattice says, and what nothing tells as it is believed.
     #[test]
     fn components_are_drawn_as_they_may_be() {
-        // Launches that may differ as they do, and such as have no reason to.
-        for (reason, told) in [(9.0, 0.5), (0.8, 0.3)] {
-            spread_is_drawn(reason, told);
-        }
-    }
-
-    fn spread_is_drawn(reason: f64, told: f64) {
-        let (parts, prior) = (parts(), Prior { reason: vec![reason, 0.0], ..prior() });
-        let start = Components::start(&prior, false);
+        let parts = parts();
+        let start = Components::start(false);
         let mut likely = Likelihood::new(&parts, &start);
         assert!(likely.depend());
-        let drawn = likely.drawn(&prior, 4000, &mut rng::stream(2, "test"));
+        let drawn = likely.drawn(4000, &mut rng::stream(2, "test"));
         let moments = |values: &[f64], weights: &[f64]| {
             let all: f64 = weights.iter().sum();
             let mean = values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / all;
@@ -313,19 +275,22 @@ mod tests {
             [mean, (square / all).sqrt()]
         };
         let even = vec![1.0; drawn.len()];
-        let found = moments(&drawn.iter().map(|c| c.spread[0].ln()).collect::<Vec<_>>(), &even);
+        let found = moments(&drawn.iter().map(|c| c.push[0].ln()).collect::<Vec<_>>(), &even);
         // Where the walk comes by.
-        let begun = start.spread[0].ln();
-        let grid = (-60..60).map(|i| begun + FINEST * f64::from(i));
-        let grid: Vec<f64> = grid.filter(|l| *l <= libm::log(reason)).collect();
-        let at = |l: f64| [&start.logs()[..start.logs().len() - 1], &[l]].concat();
-        let of = |l: &f64| likely.densities(&at(*l)).iter().sum::<f64>() + start.log_prior(&at(*l), &prior);
+        let begun = start.push[0].ln();
+        let grid: Vec<f64> = (-60..60).map(|i| begun + FINEST * f64::from(i)).filter(|l| *l <= DECLARED.ln()).collect();
+        let at = |l: f64| {
+            let mut logs = start.logs();
+            logs[2] = l;
+            logs
+        };
+        let of = |l: &f64| likely.densities(&at(*l)).iter().sum::<f64>() + start.log_prior(&at(*l));
         let logs: Vec<f64> = grid.iter().map(of).collect();
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let wanted = moments(&grid, &logs.iter().map(|l| (l - most).exp()).collect::<Vec<_>>());
         assert!((found[0] - wanted[0]).abs() < 0.1 * wanted[1], "{found:?} for {wanted:?}");
         assert!((found[1] / wanted[1] - 1.0).abs() < 0.1, "{found:?} for {wanted:?}");
-        assert!(wanted[1] < told, "the parts tell the spread: {wanted:?}");
+        assert!(wanted[1] < 0.5, "the parts tell the push: {wanted:?}");
         let slow = moments(&drawn.iter().map(|c| c.slow.ln()).collect::<Vec<_>>(), &even);
         assert!((slow[0] - SLOW[0]).abs() < 0.3 && (slow[1] - SLOW[1]).abs() < 0.3, "{slow:?}");
     }
@@ -334,23 +299,23 @@ mod tests {
     #[test]
     fn what_does_not_differ_depends_on_none() {
         let alike: Vec<Part> = parts().into_iter().map(|p| Part { differs: false, ..p }).collect();
-        assert!(!Likelihood::new(&alike, &Components::start(&prior(), false)).depend());
+        assert!(!Likelihood::new(&alike, &Components::start(false)).depend());
     }
 
     /// What a search steps along is what the components are, and a model without strengths has no step for one.
     #[test]
     fn components_go_through_their_logarithms() {
-        for (strengths, count) in [(false, 2 + pushes().len() + 1), (true, 2 + pushes().len() + 2)] {
-            let start = Components::start(&prior(), strengths);
+        for (strengths, count) in [(false, 2 + pushes().len()), (true, 3 + pushes().len())] {
+            let start = Components::start(strengths);
             let mut logs = start.logs();
             assert_eq!(logs.len(), count);
             assert!(
-                (start.log_prior(&logs, &prior()) - start.log_prior(&start.logs(), &prior())).abs() < 1e-12
+                (start.log_prior(&logs) - start.log_prior(&start.logs())).abs() < 1e-12
             );
             (0..count).for_each(|k| logs[k] += 0.1 * (1 + k) as f64);
             let moved = start.with(&logs);
             assert!(moved.logs().iter().zip(&logs).all(|(a, b)| (a - b).abs() < 1e-12));
-            assert_eq!((moved.strength > 0.0, moved.spread[1]), (strengths, 0.0));
+            assert_eq!(moved.strength > 0.0, strengths);
         }
     }
 }

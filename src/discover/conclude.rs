@@ -71,7 +71,10 @@ pub fn conclude(
     // The extended scene is never worse than the scene on held-out trials.
     let extension = if held(model) <= held(base) { model.shown() } else { base.shown() };
     let shown = law.as_ref().filter(|l| l.offered).map_or(extension, Law::shown);
-    let gain = gain::gain(base, best, settings, names.len(), scale);
+    let mut gain = gain::gain(base, best, settings, names.len(), scale);
+    if let (Some(held_out), Some(_)) = (&mut gain.held_out, decision.gain) {
+        held_out.excess_removed = decision.gain;
+    }
     let next = advise::next(scene, windows, fits, &decision.rivals, verdict, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].names());
     let unlike = unlike::unlike(model);
@@ -107,6 +110,7 @@ pub fn conclude(
         predictive,
         field,
         paths: paths::paths(&evidence, kept),
+        odd_trials: Vec::new(),
         failed: found.failed.iter().map(|n| strings(n)).collect(),
         seed: config.seed,
     };
@@ -168,6 +172,7 @@ pub fn insufficient(
         unexplained_share: None,
         residual_law: None,
         remainder: None,
+        odd_trials: Vec::new(),
         failed: Vec::new(),
         next_experiment: Some(RecommendedExperiment {
             why: reason.to_string(),

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::columns::{Columns, pushes};
 use super::components::{Likelihood, NEAR, WIDE};
-use super::gaussian::{self, Components, Prior, Told};
+use super::gaussian::{self, Components, Told};
 use super::launch::{self, Frame, Part};
 use super::leave_out::leave_out;
 use super::library;
@@ -16,7 +16,7 @@ use super::model::{self, Data, Extra, Layout, Look, Mode, Pass, Slot, State, Ter
 use super::modes;
 use super::noise::Noise;
 use super::score;
-use super::selection::{Laplace, SharedDiscrepancy, marginal, profile};
+use super::selection::{Laplace, Prior, SharedDiscrepancy, marginal, profile};
 use super::window::Kind;
 use crate::distribution::t_quantile;
 use crate::error::{Error, Result};
@@ -35,6 +35,26 @@ const SHORTEST: f64 = 0.2;
 pub struct Context {
     pub discrepancy: SharedDiscrepancy,
     pub components: Components,
+    /// Size of the response to each random acceleration in the richest model.
+    pub responses: Vec<f64>,
+}
+
+impl Context {
+    /// The components of a model whose random accelerations have some responses: what is observed of them is the same for every
+    /// model, also for one whose clock runs at another rate.
+    fn components_at(&self, responses: &[f64]) -> Components {
+        let mut out = self.components.clone();
+        for (push, (richest, own)) in out.push.iter_mut().zip(self.responses.iter().zip(responses)) {
+            *push *= if *own > 0.0 && *richest > 0.0 { richest / own } else { 1.0 };
+        }
+        out
+    }
+}
+
+/// Sizes of the responses to random accelerations, whose columns follow those of `slots`.
+pub fn responses(looks: &[Look], slots: usize) -> Vec<f64> {
+    let of = |k: usize| looks.iter().map(|l| l.columns.column(slots + k).norm_squared()).sum::<f64>().sqrt();
+    (0..pushes().len()).map(of).collect()
 }
 
 /// A model fitted to all trials.
@@ -60,6 +80,8 @@ pub struct Fitted {
     pub told: Vec<Told>,
     /// Prior of the parameters, about where they stand.
     pub prior: Prior,
+    /// Of the scene, m/s^2.
+    pub gravity: f64,
 }
 
 /// Where a fit stands.
@@ -93,6 +115,8 @@ pub struct Fitter<'a, 'b> {
     pub folds: Vec<usize>,
     /// Ranges of position, speed and time in the data.
     pub range: DataRange,
+    /// m/s^2
+    pub gravity: f64,
     pub context: Option<Context>,
 }
 
@@ -110,6 +134,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             scales: data.windows.iter().zip(&data.sd).map(scale).collect(),
             folds: score::folds(data.settings),
             range: library::span(data.windows),
+            gravity: library::gravity(data.windows),
             context: None,
         }
     }
@@ -124,7 +149,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
 
     /// Generalised least squares from a state nearby. A step that makes the data less likely is taken half as far.
     pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
-        let first = Components::start(&self.prior(&layout, &state), !layout.terms.is_empty());
+        let first = Components::start(!layout.terms.is_empty());
         let Some(mut best) = self.stands(&layout, state, &first, WIDE)? else { return Ok(None) };
         let mut share = 1.0;
         for _ in 0..ROUNDS {
@@ -152,8 +177,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let prior = self.prior(layout, &state);
         let Some(parts) = self.with_discrepancy(layout, &state, &looks) else { return Ok(None) };
         let components = match &self.context {
-            Some(context) => context.components.clone(),
-            None => Likelihood::new(&parts, from).most(&prior, first, |_| true),
+            Some(context) => context.components_at(&responses(&looks, layout.slots.len())),
+            None => Likelihood::new(&parts, from).most(first),
         };
         let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
         let Some(laplace) = marginal(&told, &prior) else { return Ok(None) };
@@ -164,7 +189,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
     /// The state that a share of the step from where a fit stands leads to, trials at their conditional modes.
     fn onwards(&self, layout: &Layout, stand: &Stand, share: f64) -> State {
         let mut state = stand.state.clone();
-        let columns = Columns::of(layout, &state.values);
+        let columns = Columns::of(layout, &state.values, self.gravity);
         let step = stand.laplace.step.rows(0, layout.slots.len()).into_owned();
         let taken = allowed(layout, &state.values, &(&step * share));
         let (parts, looks) = (&stand.parts, &stand.looks);
@@ -207,6 +232,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             components,
             covariance: laplace.covariance,
             prior,
+            gravity: self.gravity,
         })
     }
 
@@ -253,7 +279,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 
     fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
-        let columns = Columns::of(layout, &state.values);
+        let columns = Columns::of(layout, &state.values, self.gravity);
         launch::parts(self.data.windows, &self.frames, looks, &columns, &self.scales)
     }
 }
@@ -280,47 +306,10 @@ fn move_by(state: &mut State, looks: &[Look], taken: &DVector<f64>, modes: Vec<M
     state.modes = modes;
 }
 
-/// Share of a size's prior variance that settings have in common.
-const COMMON: f64 = 0.5;
-
 impl Fitter<'_, '_> {
-    /// Prior of a layout's parameters about where it stands: amplitudes as their effects declare, in several settings half of
-    /// the variance in common; shapes over what the data span, centred where they stand.
+    /// Prior of a layout's parameters about where it stands.
     pub fn prior(&self, layout: &Layout, state: &State) -> Prior {
-        let q = layout.slots.len();
-        let mut out = Prior {
-            precision: DMatrix::zeros(q, q),
-            off: DVector::zeros(q),
-            plausible: vec![0.0; q],
-            reason: vec![0.0; q],
-            by_setting: layout.slots.iter().map(|s| s.setting.is_some()).collect(),
-        };
-        for (i, slot) in layout.slots.iter().enumerate() {
-            let What::Parameter(t, p) = slot.what else {
-                out.precision[(i, i)] = slot.ridge();
-                continue;
-            };
-            let parameter = &layout.terms[t].effect.parameters[p];
-            let sd = match parameter.prior_sd.is_finite() {
-                true => {
-                    out.off[i] = parameter.neutral - state.values[i];
-                    parameter.prior_sd
-                }
-                false => library::shape_sd(parameter, &self.range),
-            };
-            let alike: Vec<usize> = (0..q).filter(|j| layout.slots[*j].what == slot.what).collect();
-            if alike.len() < 2 {
-                out.precision[(i, i)] = sd.powi(-2);
-            } else if alike[0] == i {
-                // Inverse of sd^2 ((1 - c) I + c J).
-                let own = sd * sd * (1.0 - COMMON);
-                let shared = COMMON / (1.0 - COMMON + COMMON * alike.len() as f64);
-                for (j, k) in alike.iter().flat_map(|j| alike.iter().map(move |k| (*j, *k))) {
-                    out.precision[(j, k)] = (f64::from(j == k) - shared) / own;
-                }
-            }
-        }
-        out
+        Prior::of(layout, &state.values, &self.range, self.gravity)
     }
 }
 
@@ -385,7 +374,7 @@ impl Fitted {
     /// Standard deviation of a slot's value between trials: of its effect as a whole, and what its effect declares; `None` where
     /// it does not differ.
     pub fn spread(&self, slot: usize) -> Option<f64> {
-        let strengths = self.layout.strengths(&self.state.values);
+        let strengths = self.layout.strengths(&self.state.values, self.gravity);
         let size = strengths.iter().flatten().find(|(i, _)| *i == slot).map_or(0.0, |(_, size)| *size);
         Some(self.declared_spread(slot).hypot(self.components.strength * size)).filter(|s| *s > 0.0)
     }
@@ -426,7 +415,7 @@ pub fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
             return term.start[p];
         }
         let value = parameter.neutral + sizes.next().copied().unwrap_or(0.0);
-        let [low, high] = library::bounds(term.effect, parameter);
+        let [low, high] = parameter.bounds;
         // Off the bound, where nothing could be told.
         let hair = 1e-3 * parameter.fd_step;
         value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
@@ -444,22 +433,5 @@ mod tests {
         let layout = Layout::new(&[], vec![term("quadratic_drag"), term("lift")], 1);
         let step = DVector::from_vec(vec![-0.5, -0.5]);
         assert_eq!(allowed(&layout, &[0.1, 0.1], &step).as_slice(), [-0.1, -0.5]);
-    }
-
-    /// Sizes in several settings have half of their variance in common.
-    #[test]
-    fn sizes_by_setting_are_correlated() {
-        let lift = Term { per_setting: true, ..term("lift") };
-        let layout = Layout::new(&[], vec![lift, term("quadratic_drag")], 2);
-        let (windows, settings) = crate::discover::fixture::flights([0.0; 2], 2);
-        let data = Data::new(&windows, &settings, vec![1e-3; 2], crate::world::Engine::Auto);
-        let fitter = Fitter::new(&data, &Noise { sd: 1e-3, rho: 0.0, freedom: 1e3 });
-        let prior = fitter.prior(&layout, &State::new(vec![0.5, 0.3, 0.1], Vec::new()));
-        let covariance = prior.precision.try_inverse().unwrap();
-        let sd = term("lift").effect.parameters[0].prior_sd;
-        assert!(
-            (covariance[(0, 0)] - sd * sd).abs() < 1e-9 && (covariance[(0, 1)] - 0.5 * sd * sd).abs() < 1e-9
-        );
-        assert_eq!(covariance[(0, 2)], 0.0);
     }
 }

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::columns::Own;
 use super::launch::{Block, Part};
+use super::selection::Prior;
 
 /// Degrees of freedom of a launch's scale: one launch in a hundred is three times as wide as the usual one.
 pub const FREEDOM: f64 = 4.0;
@@ -22,48 +23,6 @@ pub struct Components {
     pub leap: f64,
     /// Of the strength of effects of several amplitudes, as a share of it; 0 where a model has none.
     pub strength: f64,
-    /// Of each slot's value from launch to launch; 0 for those that do not differ.
-    pub spread: Vec<f64>,
-}
-
-/// What is believed of the slots before anything is seen.
-#[derive(Clone, Debug)]
-pub struct Prior {
-    /// Precision of the slots, and how far their centres are from where the model stands.
-    pub precision: DMatrix<f64>,
-    pub off: DVector<f64>,
-    /// What is plausible of each slot that may differ from launch to launch; 0 of others.
-    pub plausible: Vec<f64>,
-    /// How far each of those has reason to.
-    pub reason: Vec<f64>,
-    /// Whether each is of one setting.
-    pub by_setting: Vec<bool>,
-}
-
-impl Prior {
-    /// Of no parameters.
-    pub fn none() -> Prior {
-        Prior {
-            precision: DMatrix::zeros(0, 0),
-            off: DVector::zeros(0),
-            plausible: Vec::new(),
-            reason: Vec::new(),
-            by_setting: Vec::new(),
-        }
-    }
-
-    /// The same with independent coefficients of standard deviation `scale` after the parameters, `all` in total.
-    pub fn with_discrepancy(&self, all: usize, scale: f64) -> Prior {
-        let q = self.off.len();
-        let mut precision = DMatrix::from_diagonal_element(all, all, scale.powi(-2));
-        precision.view_mut((0, 0), (q, q)).copy_from(&self.precision);
-        let mut prior = Prior { precision, off: DVector::zeros(all), ..self.clone() };
-        prior.off.rows_mut(0, q).copy_from(&self.off);
-        prior.plausible.resize(all, 0.0);
-        prior.reason.resize(all, 0.0);
-        prior.by_setting.resize(all, false);
-        prior
-    }
 }
 
 /// A part under some components: everything that densities need.
@@ -166,20 +125,18 @@ impl Summed {
     }
 
     /// The part's log density where the model stands.
-    pub fn likelihood(&self, part: &Part, columns: &[usize], components: &Components) -> Option<f64> {
-        let Summed { products, log_det, count } = self.clone().widened(part, columns, components)?;
+    pub fn likelihood(&self, part: &Part, components: &Components) -> Option<f64> {
+        let Summed { products, log_det, count } = self.clone().widened(part, &[], components)?;
         let left = products.ncols() - 1;
         Some(student(products[(left, left)], log_det, count))
     }
 
-    /// With variances of what differs from launch to launch, sizes and strengths: C + Z T^2 Z' with what Z'C^-1 Z is already.
+    /// With variances of what differs from launch to launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
     fn widened(mut self, part: &Part, columns: &[usize], components: &Components) -> Option<Summed> {
-        let spread = |k: usize| match columns.get(k) {
-            Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
-            None => components.of(part.blocks[0].alike_of[k - columns.len()]),
-        };
-        for k in (0..self.products.ncols() - 1).filter(|_| part.differs) {
-            self.log_det += widen(&mut self.products, k, spread(k))?;
+        let first = columns.len();
+        for k in (first..self.products.ncols() - 1).filter(|_| part.differs) {
+            let scale = components.of(part.blocks[0].alike_of[k - first]);
+            self.log_det += widen(&mut self.products, k, scale)?;
         }
         Some(self)
     }
@@ -357,7 +314,7 @@ mod tests {
     }
 
     fn components_of_it() -> Components {
-        Components { slow: 1.3, leap: 0.01, strength: 0.25, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
+        Components { slow: 1.3, leap: 0.01, strength: 0.25, push: vec![0.7, 0.4] }
     }
 
     /// Of what starts from states seen whole a smaller square than is allowed predicts no better; of what was measured it does.
@@ -388,8 +345,7 @@ mod tests {
         let left = rows(&|p| DMatrix::from_column_slice(6, 1, p.left.as_slice())).column(0).into_owned();
         let alike = rows(&|p| p.alike.clone());
         let alike = alike * DMatrix::from_diagonal(&DVector::from_vec(vec![c.push[1], c.strength]));
-        let spread = columns.column(0) * c.spread[0];
-        let mut all = &alike * alike.transpose() + &spread * spread.transpose();
+        let mut all = &alike * alike.transpose();
         for (b, block) in part.blocks.iter().enumerate() {
             let own = &block.own * c.push[0];
             let diagonal = DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + c.slow * c.slow * s));
@@ -430,13 +386,11 @@ mod tests {
     fn a_spoilt_launch_has_bounded_say() {
         let mut spoilt = part();
         spoilt.blocks.iter_mut().for_each(|b| b.left *= 1000.0);
-        let c = Components { spread: vec![0.0; 2], ..components_of_it() };
+        let c = components_of_it();
         let prior = Prior {
             precision: DMatrix::identity(2, 2),
             off: DVector::zeros(2),
-            plausible: vec![0.0; 2],
-            reason: vec![0.0; 2],
-            by_setting: vec![false; 2],
+            log_weight: 0.0,
         };
         let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
         let usual: Vec<Part> = vec![part(); 10];

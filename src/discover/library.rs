@@ -4,7 +4,6 @@
 //! it should start (`Search`), of which parameters they vanish and which only shape them (`Role`).
 
 use super::model::Term;
-pub use super::model::bounds;
 use super::window::{Kind, Window};
 use crate::task::Scene;
 use crate::world::effect::{
@@ -22,8 +21,17 @@ pub struct Ground {
     pub runs: bool,
 }
 
-/// Where to start fitting each candidate: for every effect at least one start.
-pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<(&'static Effect, Vec<Term>)> {
+/// An effect that a search may try.
+pub struct Candidate {
+    pub effect: &'static Effect,
+    /// Where searches start, whose amplitudes the linearisation at nothing gives; at least one.
+    pub starts: Vec<Term>,
+    /// A start at a size that the linearisation does not lead to, and how much better it is than the base model, nats.
+    pub strong: Option<(Term, f64)>,
+}
+
+/// Candidates of a scene's recording.
+pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<Candidate> {
     let told = |e: &&'static Effect| match e.target() {
         EffectTarget::Contact => ground.contacts,
         // A free start takes up whatever a placement does, and one that was seen holds it.
@@ -39,7 +47,7 @@ pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<(&'static Effect, Vec<T
         let per_setting = scene.per_setting.iter().any(|n| n == e.name);
         let free = vec![true; e.parameters.len()];
         let term = |start| Term { effect: e, per_setting, start, free: free.clone(), difference: None };
-        Some((e, starts.into_iter().map(term).collect()))
+        Some(Candidate { effect: e, starts: starts.into_iter().map(term).collect(), strong: None })
     };
     REGISTRY.iter().copied().filter(told).filter_map(of).collect()
 }
@@ -66,6 +74,11 @@ pub fn ground(windows: &[Window]) -> Ground {
         contacts: windows.iter().any(|w| w.kind != Kind::Flight),
         runs: windows.iter().any(|w| w.kind == Kind::Run),
     }
+}
+
+/// Strongest gravity of some segments' scenes, m/s^2.
+pub fn gravity(windows: &[Window]) -> f64 {
+    windows.iter().map(|w| w.scene.gravity[0].hypot(w.scene.gravity[1])).fold(0.0, f64::max)
 }
 
 /// What a recording spans.
@@ -104,7 +117,7 @@ mod tests {
     use crate::discover::fixture::{ball, bounces, flights, leaps};
 
     fn names(windows: &[Window]) -> Vec<&'static str> {
-        candidates(&ball(), &ground(windows)).iter().map(|(e, _)| e.name).collect()
+        candidates(&ball(), &ground(windows)).iter().map(|c| c.effect.name).collect()
     }
 
     /// What acts at contacts is a candidate where something touches; what is off in placing, where a start is the scene's.

@@ -53,6 +53,7 @@ mod library;
 mod model;
 mod modes;
 mod noise;
+mod odd;
 mod parting;
 mod path;
 mod paths;
@@ -67,6 +68,7 @@ mod search;
 mod selection;
 mod sizes;
 mod smooth;
+mod start_grid;
 mod stats;
 mod steps;
 mod survey;
@@ -88,7 +90,7 @@ use conclude::{Given, conclude, insufficient};
 pub use config::{DiagnosisConfig, DiagnosisResult};
 pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use expected::expected;
-use fit::{Fitted, Fitter, held};
+use fit::Fitter;
 use gain::Scale;
 use model::{Data, Layout, State};
 use prepare::{RUN, Ready, prepare};
@@ -107,8 +109,32 @@ pub fn diagnose(
     progress: &dyn Progress,
 ) -> Result<DiagnosisResult> {
     scene.validate()?;
+    let found = diagnose_without(scene, trials, &[], config, progress)?;
+    let suspects = odd::suspects(&found.diagnosis);
+    if suspects.is_empty() {
+        return Ok(found);
+    }
+    progress.report("trying without trials that are unlike the others", 0, 1)?;
+    let mut rest = diagnose_without(scene, trials, &suspects, config, progress)?;
+    let odd = std::mem::take(&mut rest.diagnosis.odd_trials);
+    if odd.len() < suspects.len() {
+        return Ok(found);
+    }
+    rest.diagnosis.reason += &odd::text(&odd);
+    rest.diagnosis.odd_trials = odd;
+    Ok(rest)
+}
+
+/// Diagnoses a scene from all trials but those at some indices.
+fn diagnose_without(
+    scene: &Scene,
+    trials: &[Trial],
+    left_out: &[usize],
+    config: &DiagnosisConfig,
+    progress: &dyn Progress,
+) -> Result<DiagnosisResult> {
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
-    let ready = match prepare(scene, trials, config.engine, RUN)? {
+    let ready = match prepare(scene, trials, config.engine, RUN, left_out)? {
         Ok(ready) => ready,
         Err(lack) => {
             let mut finding = insufficient(scene, trials, &lack.reason, config);
@@ -128,15 +154,16 @@ pub fn diagnose(
         let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
         let first = fitter.refined(layout.clone(), state)?.ok_or_else(failed)?;
         progress.report("estimating variance components", 0, 1)?;
-        fitter.context = Some(selection::context(&fitter, &first, &search::candidates(scene, &fitter))?);
+        let mut candidates = library::candidates(scene, &library::ground(data.windows));
+        start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
+        fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
         let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
-        let found = search::Hunt::new(scene, &fitter, &latents, config.seed).search(
+        let found = search::Hunt::new(&fitter, candidates, &latents, config.seed).search(
             base,
             config.max_effects,
             progress,
         )?;
-        let gain = |f: &Fitted| scale.gain(held(&found.base), held(f)).excess_removed;
-        let decision = selection::decide(&fitter, &found, config.seed, gain)?;
+        let decision = selection::decide(&fitter, &found, config.seed)?;
         Ok((fitter.context, found, decision))
     };
     let (mut context, mut found, mut decision) = seek(&data, &layout, state)?;
@@ -150,7 +177,16 @@ pub fn diagnose(
     }
     let given =
         Given { scene, trials, data: &data, kept, names, noise, expected: &expected, scale: &scale, context };
+    let odd = match left_out {
+        [] => Vec::new(),
+        _ => {
+            let model = decision.champion.map_or(&found.base, |c| &found.fits[c]);
+            let all = prepare(scene, trials, config.engine, RUN, &[])?;
+            all.map_or(Ok(Vec::new()), |all| odd::odd(trials, left_out, &all, model, (noise, config.engine)))?
+        }
+    };
     let mut finding = conclude(&given, found, &decision, config)?;
+    finding.diagnosis.odd_trials = odd;
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }

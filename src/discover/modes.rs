@@ -65,7 +65,6 @@ struct Differing {
 
 #[derive(Clone, Copy)]
 enum Which {
-    Slot(usize),
     Alike(usize),
     Own(usize),
 }
@@ -75,13 +74,6 @@ fn differing(part: &Part, columns: &Columns, components: &Components) -> Vec<Dif
         let at = columns.of.iter().position(|(own, _)| *own == place);
         at.map(|k| (columns.slots + k, 1.0)).into_iter().collect::<Vec<_>>()
     };
-    let spread = |k: usize| components.spread.get(k).copied().unwrap_or(0.0);
-    let slots = (0..columns.slots).map(|k| Differing {
-        block: None,
-        column: Which::Slot(k),
-        sd: spread(k),
-        moves: vec![(k, 1.0)],
-    });
     let mut strengths = columns.strengths.iter();
     let mut moves = |own: Own| match own {
         Own::Push(place) => push(place),
@@ -89,7 +81,7 @@ fn differing(part: &Part, columns: &Columns, components: &Components) -> Vec<Dif
         Own::Renewed(k) => vec![columns.renewed[k]],
         Own::Leap => Vec::new(),
     };
-    let mut all: Vec<Differing> = slots.collect();
+    let mut all: Vec<Differing> = Vec::new();
     for (k, own) in part.blocks.first().map_or(&[][..], |b| &b.alike_of).iter().enumerate() {
         all.push(Differing {
             block: None,
@@ -118,7 +110,6 @@ fn most_likely(part: &Part, all: &[Differing], slow: f64, step: &DVector<f64>) -
         let left = (&block.left - &block.columns * step).component_mul(&root);
         let column = |d: &Differing, i: usize| match (d.block.is_none_or(|own| own == b), d.column) {
             (false, _) => 0.0,
-            (_, Which::Slot(k)) => block.columns[(i, k)],
             (_, Which::Alike(k)) => block.alike[(i, k)],
             (_, Which::Own(k)) => block.own[(i, k)],
         };

@@ -59,15 +59,17 @@ pub struct Lack {
 /// Most intervals of a trial's beginning where a law is looked for.
 pub const RUN: usize = 8;
 
-/// Trials of a scene made ready, beginnings of `run` intervals at most; or what they lack.
+/// Trials of a scene made ready, but for those at indices `left_out`, beginnings of `run` intervals at most; or what they lack.
 pub fn prepare(
     scene: &Scene,
     trials: &[Trial],
     engine: Engine,
     run: usize,
+    left_out: &[usize],
 ) -> Result<std::result::Result<Ready, Lack>> {
     let (names, settings) = settings_of(trials);
     let mut windows = window::cut(scene, trials, &settings, run);
+    windows.retain(|w| !left_out.contains(&w.trial));
     let stepping = phase::align(&mut windows, trials, engine)?;
     let tells = |i: &usize| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact);
     let telling = (0..trials.len()).filter(tells).count();

@@ -64,6 +64,8 @@ pub struct Diagnosis {
     pub field: Option<ResidualField>,
     /// Residuals along trials by the base and the extended model, with predictive standard deviations.
     pub paths: TrajectoryResiduals,
+    /// Trials that are unlike what the others predict of them and were left out.
+    pub odd_trials: Vec<OddTrial>,
     /// Sets whose fit failed; they are not ruled out.
     pub failed: Vec<Vec<String>>,
     pub seed: u64,
@@ -268,6 +270,16 @@ pub struct TrialPredictiveCheck {
     /// number of coordinates, its expectation.
     pub squares: f64,
     pub count: usize,
+}
+
+/// A trial that is unlike the others.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OddTrial {
+    /// Index of the trial, from 0.
+    pub trial: usize,
+    pub name: String,
+    /// Probability of a larger deviation from what the other trials predict of it.
+    pub p: f64,
 }
 
 /// Residual force field of the reported model.

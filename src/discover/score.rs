@@ -1,6 +1,7 @@
 //! Trials held out by fold: what the others predict of each.
 
-use super::gaussian::{Pooled, Prior, Told, pooled};
+use super::gaussian::{Pooled, Told, pooled};
+use super::selection::Prior;
 
 /// Most folds: each leaves out a share of the trials.
 const FOLDS: usize = 10;

@@ -10,14 +10,13 @@ use rayon::prelude::*;
 
 use super::fit::{Fitted, Fitter, sized};
 use super::gaussian::{self, FREEDOM};
-use super::library;
+use super::library::Candidate;
 use super::model::{Extra, Layout, State, Term};
 use super::selection::SETTINGS;
 use super::survey;
 use super::window;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::task::Scene;
 use crate::world::effect::{Effect, EffectTarget, REGISTRY};
 
 /// Sets of the size before from which larger ones are made, and how many of those are fitted.
@@ -50,20 +49,18 @@ pub struct Found {
 pub struct Hunt<'a, 'b, 'c> {
     pub fitter: &'c Fitter<'a, 'b>,
     /// Candidates with their starts.
-    library: Vec<(&'static Effect, Vec<Term>)>,
+    library: Vec<Candidate>,
     latents: &'c [usize],
     seed: u64,
-}
-
-/// Candidates of a scene's recording, with the starts of each.
-pub fn candidates(scene: &Scene, fitter: &Fitter) -> Vec<(&'static Effect, Vec<Term>)> {
-    library::candidates(scene, &library::ground(fitter.data.windows))
 }
 
 /// Log prior probability of a set of so many effects, relative to the empty set.
 pub fn log_prior(size: usize) -> f64 {
     size as f64 * (SETTINGS.inclusion / (1.0 - SETTINGS.inclusion)).ln()
 }
+
+/// Log density that a candidate promises beside a fit from one of its starts, and sizes of its amplitudes there.
+type Promise = (f64, usize, Vec<f64>);
 
 /// A set to be fitted.
 struct Union {
@@ -74,8 +71,8 @@ struct Union {
 }
 
 impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
-    pub fn new(scene: &Scene, fitter: &'c Fitter<'a, 'b>, latents: &'c [usize], seed: u64) -> Self {
-        Hunt { fitter, library: candidates(scene, fitter), latents, seed }
+    pub fn new(fitter: &'c Fitter<'a, 'b>, library: Vec<Candidate>, latents: &'c [usize], seed: u64) -> Self {
+        Hunt { fitter, library, latents, seed }
     }
 
     /// Searches sets of up to `most` effects.
@@ -123,11 +120,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let layout = Layout::new(self.latents, Vec::new(), self.fitter.data.setting_count());
         let Some(mut fit) = self.fitter.refined(layout, base.state.clone())? else { return Ok(None) };
         for name in names {
-            let Some(c) = self.library.iter().position(|(e, _)| e.name == *name) else { return Ok(None) };
+            let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
             let Some(told) = self.promises(&fit)? else { return Ok(None) };
-            let starts = told[c].iter().take(STARTS);
-            let starts = starts.map(|(_, s, sizes)| self.starting(&fit, c, *s, sizes)).collect::<Vec<_>>();
-            let union = Union { names: Vec::new(), promise: 0.0, starts };
+            let union = Union { names: Vec::new(), promise: 0.0, starts: self.starts(&fit, c, &told[c], STARTS) };
             match self.fit(union)? {
                 Some(found) => fit = found,
                 None => return Ok(None),
@@ -136,11 +131,22 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         Ok(Some(fit))
     }
 
-    /// A fit with a candidate beside it, at one of its starts with amplitudes of some sizes.
-    fn starting(&self, fit: &Fitted, candidate: usize, start: usize, sizes: &[f64]) -> (Layout, State) {
-        let term = &self.library[candidate].1[start];
-        let term = Term { start: sized(term, sizes), ..term.clone() };
-        fit.joined([term], self.fitter.data.setting_count())
+    /// A fit with a candidate beside it, at `most` of its starts with amplitudes as promised, and beside the base model where it
+    /// is strong.
+    fn starts(&self, fit: &Fitted, candidate: usize, promised: &[Promise], most: usize) -> Vec<(Layout, State)> {
+        let Candidate { starts, strong, .. } = &self.library[candidate];
+        let linear = promised.iter().take(most).map(|(_, start, sizes)| {
+            let term = &starts[*start];
+            Term { start: sized(term, sizes), ..term.clone() }
+        });
+        let joined = |term: Term| fit.joined([term], self.fitter.data.setting_count());
+        let strong = strong.iter().filter(|_| fit.set.is_empty()).map(|(term, _)| {
+            let (layout, state) = joined(term.clone());
+            let windows = self.fitter.data.windows.iter().zip(state.nuisances);
+            let nuisances = windows.map(|(w, n)| w.start_whatever_acts().unwrap_or(n)).collect();
+            (layout, State::new(state.values, nuisances))
+        });
+        linear.map(joined).chain(strong).collect()
     }
 
     fn join(&self, found: &mut Found, unions: Vec<Union>) -> Result<()> {
@@ -214,7 +220,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let mut all: Vec<Union> = Vec::new();
         for fit in parents {
             let Some(told) = self.promises(fit)? else { continue };
-            for (c, (effect, _)) in self.library.iter().enumerate() {
+            for (c, Candidate { effect, .. }) in self.library.iter().enumerate() {
                 let mut names = fit.names();
                 names.push(effect.name);
                 names.sort_unstable();
@@ -224,11 +230,10 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 // What chance gives a parameter, and what the choice costs.
                 let own = fit.parameters() + effect.parameters.len();
                 let promise = told[c][0].0 - own as f64 + log_prior(names.len());
-                let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| self.starting(fit, c, *s, sizes);
                 // A survey frames regions by itself.
                 let framed =
                     effect.target() == EffectTarget::Region && window::leaping(self.fitter.data.windows);
-                let starts = told[c].iter().take(if framed { 1 } else { STARTS }).map(start).collect();
+                let starts = self.starts(fit, c, &told[c], if framed { 1 } else { STARTS });
                 let union = Union { names, promise, starts };
                 match all.iter_mut().find(|u| u.names == union.names) {
                     Some(known) if known.promise >= promise => {}
@@ -241,7 +246,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         // No set stands where a plainer one was never tried.
         let shaped = |e: &Effect| e.parameters.iter().any(|p| !p.is_amplitude());
         let plain = |u: &Union| {
-            u.names.len() == 2 && !self.library.iter().any(|c| u.names.contains(&c.0.name) && shaped(c.0))
+            u.names.len() == 2 && !self.library.iter().any(|c| u.names.contains(&c.effect.name) && shaped(c.effect))
         };
         let (mut place, mut plainer) = (0, 0);
         all.retain(|u| {
@@ -261,11 +266,10 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// By candidate: what its starts promise (log density, start, sizes of amplitudes), best first; empty for what is in the set.
-    #[allow(clippy::type_complexity)]
-    fn promises(&self, fit: &Fitted) -> Result<Option<Vec<Vec<(f64, usize, Vec<f64>)>>>> {
+    fn promises(&self, fit: &Fitted) -> Result<Option<Vec<Vec<Promise>>>> {
         let mut extras = Vec::new();
         let mut of = Vec::new();
-        for (c, (effect, terms)) in self.library.iter().enumerate() {
+        for (c, Candidate { effect, starts: terms, .. }) in self.library.iter().enumerate() {
             if fit.set.iter().any(|e| e.name == effect.name) {
                 continue;
             }
@@ -282,14 +286,13 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let mut components = fit.components.clone();
         components.slow = components.slow.min(SCREENED);
         components.push.iter_mut().for_each(|p| *p = p.min(SCREENED));
-        components.spread.resize(q + extras.len(), 0.0);
         let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
         let (own, here) = (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
         let before: f64 = told.iter().map(|t| t.density(&here)).sum();
         let settings = self.fitter.data.settings;
-        let mut out: Vec<Vec<(f64, usize, Vec<f64>)>> = self.library.iter().map(|_| Vec::new()).collect();
+        let mut out: Vec<Vec<Promise>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
-            let term = &self.library[c].1[s];
+            let term = &self.library[c].starts[s];
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
             let weak = weak(term);
             let tells = |k: usize| {
@@ -338,9 +341,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             for (large, small) in
                 REGISTRY.iter().flat_map(|e| e.special_cases.iter().map(move |h| (e.name, h.name)))
             {
-                let candidate = self.library.iter().find(|c| c.0.name == small);
+                let candidate = self.library.iter().find(|c| c.effect.name == small);
                 let (Some(at), Some(term)) =
-                    (own.iter().position(|t| t.effect.name == large), candidate.and_then(|c| c.1.first()))
+                    (own.iter().position(|t| t.effect.name == large), candidate.and_then(|c| c.starts.first()))
                 else {
                     continue;
                 };

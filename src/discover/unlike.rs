@@ -8,12 +8,15 @@ use super::columns::pushes;
 use super::fit::Fitted;
 use super::report::{BetweenTrialVariation, round_to_six_digits};
 
+/// Spread from which it is reported, in what effects declare.
+const REPORTED: f64 = 0.5;
+
 /// Largest spreads first, in what their effects declare.
 pub fn unlike(model: &Fitted) -> Vec<BetweenTrialVariation> {
     let own = pushes().into_iter().zip(&model.components.push);
     let beside = own.filter(|(push, _)| model.set.iter().all(|e| e.name != push.effect.name));
     let mut out: Vec<(f64, BetweenTrialVariation)> = Vec::new();
-    for (push, usual) in beside.filter(|(_, times)| **times > 1.0) {
+    for (push, usual) in beside.filter(|(_, times)| **times > REPORTED) {
         let moved = |p: &usize| push.values[*p] != push.effect.parameters[*p].neutral;
         let Some(p) = (0..push.values.len()).find(moved) else { continue };
         let parameter = &push.effect.parameters[p];

@@ -8,7 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::components::{Likelihood, WIDE};
 use super::fit::{Fitted, Fitter};
-use super::gaussian::{self, Components, Pooled, Prior, Told};
+use super::gaussian::{self, Components, Pooled, Told};
+use super::selection::Prior;
 use super::launch::Part;
 use super::model;
 use super::selection::{Laplace, at_scale};
@@ -48,7 +49,7 @@ pub fn fit(fitter: &Fitter, model: &Fitted) -> Result<Option<FieldFit>> {
     let mut evidences = Vec::new();
     for over in OVERS {
         let With { parts, .. } = every.of(over);
-        let Some(told) = components(model, &parts).and_then(|own| gaussian::all_told(&parts, &own)) else {
+        let Some(told) = gaussian::all_told(&parts, &model.components) else {
             continue;
         };
         for strength in STRENGTHS {
@@ -158,13 +159,6 @@ impl Every {
     }
 }
 
-/// A model's components beside a field: none of its coefficients differ by launch.
-fn components(model: &Fitted, parts: &[Part]) -> Option<Components> {
-    let mut components = model.components.clone();
-    components.spread.resize(parts.first()?.blocks[0].columns.ncols(), 0.0);
-    Some(components)
-}
-
 /// What all launches together say of the field's functions beside a model.
 pub struct Said {
     /// Information of the model's slots, with what is believed of them, then of the functions; and what goes with it.
@@ -182,11 +176,11 @@ pub fn said(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Said>>
     let Some(every) = Every::beside(fitter, model)? else { return Ok(None) };
     let (parts, range) = (every.only(form.over), every.functions.range(form.over));
     let said = || {
-        let own = components(model, &parts)?;
-        let prior = model.prior.with_discrepancy(own.spread.len(), form.strength);
-        let (step, components) = beside(&parts, &own, &prior)?;
+        let all = parts.first()?.blocks[0].columns.ncols();
+        let prior = model.prior.with_discrepancy(all, form.strength);
+        let (step, components) = beside(&parts, &model.components, &prior)?;
         let told = gaussian::all_told(&parts, &components)?;
-        let (all, q) = (prior.off.len(), model.layout.slots.len());
+        let q = model.layout.slots.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
         gram.view_mut((0, 0), (q, q)).copy_from(&prior.precision.view((0, 0), (q, q)));
         score.rows_mut(0, q).copy_from(&(&prior.precision * &prior.off).rows(0, q));
@@ -210,7 +204,7 @@ pub fn beside(parts: &[Part], own: &Components, prior: &Prior) -> Option<(DVecto
     for block in beside.iter_mut().flat_map(|p| &mut p.blocks) {
         block.left -= &block.columns * &step;
     }
-    let components = Likelihood::new(&beside, own).most(prior, WIDE, |_| true);
+    let components = Likelihood::new(&beside, own).most(WIDE);
     Some((step, components))
 }
 
@@ -228,8 +222,7 @@ pub fn left(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Left>>
     let With { parts, turn } = every.of(form.over);
     let functions = every.functions;
     let told = || {
-        let components = components(model, &parts)?;
-        let prior = model.prior.with_discrepancy(components.spread.len(), form.strength);
+        let prior = model.prior.with_discrepancy(parts.first()?.blocks[0].columns.ncols(), form.strength);
         let (q, count) = (model.layout.slots.len(), turn.ncols());
         // What the model's sizes could take up is left as long as they stand where they do.
         let only = |t: Told| Told {
@@ -237,14 +230,12 @@ pub fn left(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Left>>
             score: t.score.rows(q, count).into_owned(),
             ..t
         };
-        let all: Vec<Told> = gaussian::all_told(&parts, &components)?.into_iter().map(only).collect();
+        let all: Vec<Told> = gaussian::all_told(&parts, &model.components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
         let prior = Prior {
             precision,
             off: DVector::zeros(count),
-            plausible: vec![0.0; count],
-            reason: vec![0.0; count],
-            by_setting: vec![false; count],
+            log_weight: 0.0,
         };
         gaussian::pooled(all.iter(), &prior)
     };

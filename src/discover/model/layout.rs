@@ -4,7 +4,7 @@ use crate::discover::path::Physics;
 use crate::discover::window::Window;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
-use crate::world::effect::{Effect, EffectTarget, ParameterDeclaration};
+use crate::world::effect::{Effect, ParameterDeclaration};
 use crate::world::latent::FACTORS;
 
 /// Difference for derivatives by a latent.
@@ -70,7 +70,7 @@ impl Layout {
                 let slot = |setting| Slot {
                     what: What::Parameter(t, p),
                     setting,
-                    bounds: bounds(term.effect, parameter),
+                    bounds: parameter.bounds,
                     step: term.difference.unwrap_or(parameter.fd_step),
                     belief: 0.0,
                 };
@@ -127,11 +127,15 @@ impl Layout {
             .collect()
     }
 
-    /// Of every term with amplitudes, their slots and how far each is from its neutral value.
-    pub fn strengths(&self, values: &[f64]) -> Vec<Vec<(usize, f64)>> {
+    /// Of every term with amplitudes, their slots and by how much each changes if its deviation in the prior's coordinate grows
+    /// by all of itself. `gravity`: of the scene, m/s^2.
+    pub fn strengths(&self, values: &[f64], gravity: f64) -> Vec<Vec<(usize, f64)>> {
         let of = |t: usize| {
             let amplitudes = self.of_term(t).into_iter().filter(|i| !self.shapes(*i));
-            let size = |i: usize| (i, values[i] - self.parameter(i).map_or(0.0, |p| p.neutral));
+            let size = |i: usize| {
+                let deviation = self.parameter(i).map(|p| p.prior_deviation(values[i], gravity));
+                (i, deviation.map_or(0.0, |[size, slope]| size / slope))
+            };
             let mut free = (0..self.terms[t].free.len())
                 .filter(|p| self.terms[t].free[*p] && self.terms[t].effect.parameters[*p].is_amplitude());
             free.next().map(|_| amplitudes.map(size).collect())
@@ -197,16 +201,6 @@ impl Slot {
     }
 }
 
-/// Values that a search may try: a sensor that is off by more than a fifth (or a fifth of a second or radian) is not an
-/// error to discover but another sensor.
-pub fn bounds(effect: &Effect, parameter: &ParameterDeclaration) -> [f64; 2] {
-    let [low, high] = parameter.bounds;
-    if effect.target() == EffectTarget::Sensor {
-        return [low.max(parameter.neutral - 0.2), high.min(parameter.neutral + 0.2)];
-    }
-    [low, high]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -244,11 +238,11 @@ mod tests {
         let terms = vec![term("quadratic_drag", false, &[true]), term("gust", false, &[true; 4])];
         let layout = Layout::new(&[], terms, 1);
         assert_eq!(
-            layout.strengths(&[0.1, 0.4, -0.3, 2.0, 0.5]),
+            layout.strengths(&[0.1, 0.4, -0.3, 2.0, 0.5], 9.81),
             [vec![(0, 0.1)], vec![(1, 0.4), (2, -0.3)]]
         );
         let layout = Layout::new(&[], vec![term("quadratic_drag", false, &[false])], 1);
-        assert!(layout.strengths(&[]).is_empty());
+        assert!(layout.strengths(&[], 9.81).is_empty());
     }
 
     /// A clock that starts later shifts a gust's phase as far as it has blown by then.
@@ -258,16 +252,5 @@ mod tests {
         let phase = |clock: f64| layout.physics(&[1.0, 0.0, 2.0, 0.5], 0, clock).0[0].parameters["phase"];
         assert!((phase(0.0) - 0.5).abs() < 1e-12);
         assert!((phase(0.5) - (0.5 + std::f64::consts::FRAC_PI_2)).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_sensor_that_is_off_by_more_is_another_sensor() {
-        let of = |name: &str| {
-            let effect = find(name).unwrap();
-            bounds(effect, &effect.parameters[0])
-        };
-        assert_eq!(of("position_scale"), [0.8, 1.2]);
-        let wind = &find("wind").unwrap().parameters[0];
-        assert_eq!(of("wind"), wind.bounds);
     }
 }

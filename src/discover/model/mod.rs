@@ -20,7 +20,7 @@ mod state;
 pub use along::{impact, paths, pushes};
 pub use data::{Data, Frozen};
 pub use engine::{freeze, placed, predicted};
-pub use layout::{Layout, Slot, Term, What, bounds};
+pub use layout::{Layout, Slot, Term, What};
 pub use least_squares::{Pass, Sums, fit, summed, total};
 pub use look::{Look, looks};
 pub use loss::losses;

@@ -30,9 +30,10 @@ pub type Start<'a, 'b> = (&'b Physics<'a>, &'b [f64]);
 /// paths are of one window, and either none has an edge or all may.
 pub fn fly(paths: &[Start], mut visit: impl FnMut(usize, usize, Body)) -> Vec<Option<Impact>> {
     let mut steps = [None; 2];
+    let longest = paths.first().map_or(f64::INFINITY, |(physics, start)| physics.step_from(&body_of(start)));
     let mut impacts = Vec::with_capacity(paths.len());
     for (first, group) in paths.chunks(LANES).enumerate().map(|(g, group)| (g * LANES, group)) {
-        let (flight, met) = Fan::of(group).flight(&mut steps);
+        let (flight, met) = Fan::of(group, longest).flight(&mut steps);
         for (lane, (physics, _)) in group.iter().enumerate() {
             let mut places = [0; 2];
             for (i, point) in physics.window.points.iter().enumerate() {
@@ -44,11 +45,21 @@ pub fn fly(paths: &[Start], mut visit: impl FnMut(usize, usize, Body)) -> Vec<Op
     impacts
 }
 
+/// The body that nuisances start from.
+fn body_of(nuisances: &[f64]) -> Body {
+    match nuisances {
+        [x, y, vx, vy, rest @ ..] => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
+        _ => [f64::NAN; 5],
+    }
+}
+
 /// Up to as many paths as there are lanes; those left over go as the first.
 struct Fan<'a, 'b> {
     paths: [Start<'a, 'b>; LANES],
     laws: Vec<(&'static dyn MotionLaw, [Lanes; MAX_PARAMETERS])>,
     gravity: [f64; 2],
+    /// Longest step, s.
+    longest: f64,
 }
 
 /// All of a flight: up to the surface, if one is met, and beyond it.
@@ -85,7 +96,7 @@ struct Piece {
 }
 
 impl<'a, 'b> Fan<'a, 'b> {
-    fn of(group: &[Start<'a, 'b>]) -> Fan<'a, 'b> {
+    fn of(group: &[Start<'a, 'b>], longest: f64) -> Fan<'a, 'b> {
         let paths: [Start; LANES] = from_fn(|lane| *group.get(lane).unwrap_or(&group[0]));
         let gravity = paths[0].0.window.scene.gravity;
         // A law that some lanes have not acts on those with neutral values, which changes nothing.
@@ -113,16 +124,13 @@ impl<'a, 'b> Fan<'a, 'b> {
             let constants: [_; LANES] = from_fn(|lane| own(&paths[lane]));
             Some((law, from_fn(|c| from_fn(|lane| constants[lane][c]))))
         };
-        Fan { paths, laws: known.into_iter().filter_map(law).collect(), gravity }
+        Fan { paths, laws: known.into_iter().filter_map(law).collect(), gravity, longest }
     }
 
     /// The flight, and what happens where its surface is met. `steps`: how many before and after it, once that is known.
     fn flight(&self, steps: &mut [Option<usize>; 2]) -> (Flight, [Option<Impact>; LANES]) {
         let window = self.paths[0].0.window;
-        let start: [Body; LANES] = from_fn(|lane| match self.paths[lane].1 {
-            [x, y, vx, vy, rest @ ..] => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
-            _ => [f64::NAN; 5],
-        });
+        let start: [Body; LANES] = from_fn(|lane| body_of(self.paths[lane].1));
         let mut off: [Off; LANES] = [None; LANES];
         let surface = window.surface.as_ref().filter(|_| window.kind == Kind::Contact);
         let from = self.stamps(window.points.first().map_or(0.0, |p| p.time));
@@ -154,7 +162,7 @@ impl<'a, 'b> Fan<'a, 'b> {
     fn times(&self, from: &Lanes, steps: &mut Option<usize>) -> Vec<Lanes> {
         let lead = self.paths[0].0;
         let points = &lead.window.points;
-        let count = |from: f64, until: f64| ((until - from) / lead.step).ceil().max(1.0) as usize;
+        let count = |from: f64, until: f64| ((until - from) / self.longest).ceil().max(1.0) as usize;
         let mut out = vec![*from];
         let mut on = |until: &Lanes, count: usize| {
             let last = out[out.len() - 1];

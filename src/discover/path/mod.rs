@@ -57,9 +57,10 @@ impl Physics<'_> {
         };
         let resists = (!self.touches.is_empty()).then_some(resists);
         let mut time = self.stamp(first.time);
+        let longest = self.step_from(&rolling.body());
         for (i, point) in points.iter().enumerate() {
             let until = self.stamp(point.time);
-            let count = ((until - time) / self.step).ceil().max(1.0);
+            let count = ((until - time) / longest).ceil().max(1.0);
             let h = (until - time) / count;
             for k in (0..count as usize).filter(|_| h > 1e-12) {
                 let now = time + h * k as f64;

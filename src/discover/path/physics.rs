@@ -12,6 +12,13 @@ use crate::world::effect::{
 pub const INSTANT: f64 = 1e-6;
 /// Longest step of integration, s, and the longest where a law has edges in space.
 pub(super) const STEP: [f64; 2] = [0.03, 0.007];
+/// Steps in relaxation times: for accuracy, and for stability where that would be more than `MANY_STEPS`; and the most at all.
+const ACCURATE: f64 = 0.4;
+const STABLE: f64 = 2.0;
+const MANY_STEPS: f64 = 2000.0;
+const MOST_STEPS: f64 = 10_000.0;
+/// m/s: difference for the rate of relaxation.
+const SMALL_SPEED: f64 = 1e-3;
 
 /// What acts in a window.
 pub struct Physics<'a> {
@@ -99,6 +106,32 @@ impl<'a> Physics<'a> {
         let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
         let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
         if fine { [shown.x, shown.y] } else { [f64::NAN; 2] }
+    }
+
+    /// Longest step of integration of a path from a body's state, s: short against the time in which velocities relax there, and
+    /// at the typical observed velocity.
+    pub(super) fn step_from(&self, body: &Body) -> f64 {
+        let points = &self.window.points;
+        let (Some(first), Some(last)) = (points.first(), points.last()) else { return self.step };
+        let duration = (last.time - first.time).max(1e-9);
+        let usual = [0, 1].map(|k| (last.seen[k] - first.seen[k]) / duration);
+        let velocities = [[body[2], body[3]], usual].into_iter().filter(|v| v.iter().all(|v| v.is_finite()));
+        let rate = velocities.map(|[vx, vy]| self.relaxation_rate(&[body[0], body[1], vx, vy, body[4]]));
+        let rate = rate.fold(0.0, f64::max);
+        let stable = (duration / MANY_STEPS).min(STABLE / rate).max(duration / MOST_STEPS);
+        self.step.min((ACCURATE / rate).max(stable))
+    }
+
+    /// Largest rate at which an acceleration changes with a velocity, 1/s.
+    fn relaxation_rate(&self, body: &Body) -> f64 {
+        let here = self.acceleration(self.clock[1], body);
+        let by = |k: usize| {
+            let mut moved = *body;
+            moved[k] += SMALL_SPEED;
+            let there = self.acceleration(self.clock[1], &moved);
+            (there[0] - here[0]).hypot(there[1] - here[1]) / SMALL_SPEED
+        };
+        by(2).max(by(3))
     }
 
     /// Whether nothing that acts has an edge: then steps need not end where observations are.

@@ -95,7 +95,6 @@ impl ConditionalLikelihood {
 mod tests {
     use super::*;
     use crate::discover::components;
-    use crate::discover::gaussian::Prior;
     use crate::discover::launch::Block;
     use crate::estimate::sampler::log_sum_exp;
     use crate::rng;
@@ -125,7 +124,7 @@ mod tests {
     }
 
     fn components_with(slow: f64) -> Components {
-        Components { slow, push: Vec::new(), leap: 0.01, strength: 0.0, spread: vec![0.0] }
+        Components { slow, push: Vec::new(), leap: 0.01, strength: 0.0 }
     }
 
     /// The second segment of the first group.
@@ -158,9 +157,9 @@ mod tests {
     /// relative to the fit.
     #[test]
     fn mean_over_draws_matches_integral() {
-        let (groups, prior) = (synthetic_groups(), prior());
+        let groups = synthetic_groups();
         let mut likely = components::Likelihood::new(&groups, &components_with(1.0));
-        let drawn = likely.drawn(&prior, 1500, &mut rng::stream(5, "test"));
+        let drawn = likely.drawn(1500, &mut rng::stream(5, "test"));
         let first = conditional(1.0, None);
         let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);
         let at = |under: &ConditionalLikelihood, share: f64| {
@@ -186,15 +185,5 @@ mod tests {
             "{conditional_likelihood} for {wanted}, {plugged} at the fit"
         );
         assert!((plugged - wanted).abs() > 0.05, "{plugged} at the fit for {wanted}");
-    }
-
-    fn prior() -> Prior {
-        Prior {
-            precision: DMatrix::identity(1, 1),
-            off: DVector::zeros(1),
-            plausible: vec![0.0],
-            reason: vec![0.0],
-            by_setting: vec![false],
-        }
     }
 }

@@ -9,10 +9,12 @@ use super::horizon::{
 use super::log_likelihood::{LogLikelihood, REFERENCE_INFLATION};
 use super::prior::{self, ParameterPrior, parameter_priors};
 use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::library;
 use crate::discover::model::Data;
 use crate::discover::open;
 use crate::discover::prepare::{Ready, prepare};
 use crate::discover::search::Hunt;
+use crate::discover::start_grid::add_strong_starts;
 use crate::discover::window::Kind;
 use crate::error::{Error, Result};
 use crate::estimate::sampler::{ReferenceDensity, Target as _, log_sum_exp};
@@ -44,7 +46,7 @@ pub fn fit_models<T>(
             "latents in the scene's calibrate list, or sets of effects; otherwise there are no parameters";
         return Err(Error::input("calibrate", "none", allowed));
     }
-    let ready = match prepare(scene, trials, config.engine, MAX_HORIZON)? {
+    let ready = match prepare(scene, trials, config.engine, MAX_HORIZON, &[])? {
         Ok(ready) => ready,
         Err(lack) => return Err(Error::input("trials", lack.reason, lack.action)),
     };
@@ -61,7 +63,9 @@ pub fn fit_models<T>(
     let opened = open(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
     let fitter = Fitter::new(&opened.data, &ready.noise);
     let base = fitter.refined(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
-    let hunt = Hunt::new(scene, &fitter, &latents, config.seed);
+    let mut candidates = library::candidates(scene, &library::ground(fitter.data.windows));
+    add_strong_starts(&fitter, &base, &mut candidates)?;
+    let hunt = Hunt::new(&fitter, candidates, &latents, config.seed);
     let grounds =
         FitData { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
     let (mut models, mut log_evidences) = (Vec::new(), Vec::new());

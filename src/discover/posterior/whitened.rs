@@ -26,11 +26,9 @@ pub fn whiten(
     let basis_count = group.blocks.first()?.columns.ncols() - parameter_count;
     let (mut covariance, mut log_det) = (DMatrix::zeros(n, n), 0.0);
     let (mut residual, mut columns) = (DVector::zeros(n), DMatrix::zeros(n, parameter_count + basis_count));
-    // Random effects shared by the segments of a trial: between-trial sizes, nuisance accelerations, scales.
-    let spread = |k: usize| components.spread.get(k).copied().filter(|s| group.differs && *s > 0.0);
-    let sizes: Vec<(usize, f64)> = (0..parameter_count).filter_map(|k| spread(k).map(|s| (k, s))).collect();
+    // Random effects shared by the segments of a trial: nuisance accelerations and scales.
     let shared_columns = if group.differs { group.blocks[0].alike.ncols() } else { 0 };
-    let mut shared = DMatrix::zeros(n, sizes.len() + shared_columns);
+    let mut shared = DMatrix::zeros(n, shared_columns);
     let mut row = 0;
     for block in &group.blocks {
         let m = block.left.len();
@@ -44,12 +42,9 @@ pub fn whiten(
             block_covariance += &column * column.transpose();
         }
         covariance.view_mut((row, row), (m, m)).copy_from(&block_covariance);
-        for (k, (slot, sd)) in sizes.iter().enumerate() {
-            shared.view_mut((row, k), (m, 1)).copy_from(&(block.columns.column(*slot) * *sd));
-        }
         for k in 0..shared_columns {
             let sd = components.of(block.alike_of[k]);
-            shared.view_mut((row, sizes.len() + k), (m, 1)).copy_from(&(block.alike.column(k) * sd));
+            shared.view_mut((row, k), (m, 1)).copy_from(&(block.alike.column(k) * sd));
         }
         row += m;
     }

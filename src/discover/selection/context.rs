@@ -15,13 +15,15 @@ use super::laplace::at_scale;
 use super::settings::SETTINGS;
 use crate::discover::columns::pushes;
 use crate::discover::field;
-use crate::discover::fit::{Context, Fitted, Fitter};
-use crate::discover::gaussian::{Components, Prior, Told, Weighed};
+use crate::discover::fit::{Context, Fitted, Fitter, responses};
+use crate::discover::gaussian::{Components, Told, Weighed};
+use super::prior::Prior;
 use crate::discover::launch::Part;
+use crate::discover::library::Candidate;
 use crate::discover::model::{self, Term};
 use crate::discover::window::Kind;
 use crate::error::Result;
-use crate::world::effect::{Effect, EffectTarget};
+use crate::world::effect::EffectTarget;
 
 /// Standard deviation of a field's coefficients, m/s^2.
 const FIELD_SD: f64 = 2.0;
@@ -39,31 +41,40 @@ const SHORTER: f64 = 0.4;
 pub fn context(
     fitter: &Fitter,
     base: &Fitted,
-    candidates: &[(&'static Effect, Vec<Term>)],
+    candidates: &[Candidate],
 ) -> Result<Context> {
     let measured =
         fitter.data.windows.iter().any(|w| matches!(w.kind, Kind::Flight | Kind::Contact | Kind::Roll));
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;
-    let whole = Context { discrepancy, components: model.components.clone() };
+    let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
+    let responses = responses(&looks, model.layout.slots.len());
+    let whole = Context { discrepancy, components: model.components.clone(), responses };
     let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(parts) = parts(&own, model)? else { return Ok(whole) };
+    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks) else { return Ok(whole) };
     let start = Context { discrepancy: whole.discrepancy.reduced(&parts, model.layout.slots.len()), ..whole };
     let own = Fitter { context: Some(start.clone()), ..own };
     let components = components(&own, model, start.discrepancy.broad)?;
     Ok(Context { components: components.unwrap_or_else(|| start.components.clone()), ..start })
 }
 
-/// The richest model, fitted from the base model.
+/// The richest model, fitted from the base model, with the strongest effect that a linearisation does not lead to.
 fn richest(
     fitter: &Fitter,
     base: &Fitted,
-    candidates: &[(&'static Effect, Vec<Term>)],
+    candidates: &[Candidate],
 ) -> Result<Option<Fitted>> {
-    let belongs = |e: &Effect| e.in_richest_model || e.target() == EffectTarget::Contact;
-    let terms =
-        candidates.iter().filter(|(e, _)| belongs(e)).filter_map(|(_, starts)| starts.first().cloned());
+    let strong = |c: &&Candidate| c.strong.is_some();
+    let gain = |c: &Candidate| c.strong.as_ref().map_or(0.0, |(_, gain)| *gain);
+    let strongest =
+        candidates.iter().filter(strong).max_by(|a, b| gain(a).total_cmp(&gain(b))).map(|c| c.effect.name);
+    let start = |c: &Candidate| match &c.strong {
+        Some((term, _)) if strongest == Some(c.effect.name) => Some(term.clone()),
+        _ if c.effect.in_richest_model || c.effect.target() == EffectTarget::Contact => c.starts.first().cloned(),
+        _ => None,
+    };
+    let terms: Vec<Term> = candidates.iter().filter_map(start).collect();
     let (layout, start) = base.joined(terms, fitter.data.setting_count());
     fitter.fit(layout, start, STEPS)
 }
@@ -124,7 +135,6 @@ impl Scales {
             leap: 0.3 * LEAP,
             strength: 0.3 * STRENGTH,
             push: vec![0.3 * PUSH; pushes().len()],
-            spread: Vec::new(),
         }
     }
 

@@ -8,7 +8,7 @@
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
 
-use super::explained::{Explained, explained};
+use super::explained::{Explained, explained, held_out_gain};
 use super::settings::SETTINGS;
 use crate::discover::field::{self, FieldFit};
 use crate::discover::fit::{Fitted, Fitter};
@@ -29,6 +29,8 @@ pub struct Decision {
     pub probabilities: Vec<f64>,
     pub base_probability: f64,
     pub explained: Option<Explained>,
+    /// Share of the excess error on held-out trials that the reported model removes; `None` without excess or model.
+    pub gain: Option<f64>,
     /// The most probable field beside the reported model.
     pub field: Option<FieldFit>,
     /// Log evidence of that field beside the reported model, relative to the model alone, nats.
@@ -44,26 +46,21 @@ impl Decision {
     }
 }
 
-/// Decides what a search found; `gain`: the share of the excess error on held-out trials that a set removes, `None` without
-/// excess.
-pub fn decide(
-    fitter: &Fitter,
-    found: &Found,
-    seed: u64,
-    gain: impl Fn(&Fitted) -> Option<f64>,
-) -> Result<Decision> {
+/// Decides what a search found.
+pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let all = log_sum_exp(found.log_posterior.iter().chain([&found.base_log_posterior]).copied());
     let probability = |l: f64| libm::exp(l - all);
     let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
     let base_probability = probability(found.base_log_posterior);
     let credible = credible(&probabilities, base_probability);
-    let decision = |verdict, rivals: Vec<usize>, explained, field: Option<FieldFit>, unnamed| Decision {
+    let decision = |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, unnamed| Decision {
         verdict,
         champion: rivals.first().copied(),
         rivals,
         probabilities: probabilities.clone(),
         base_probability,
         explained,
+        gain,
         field,
         unnamed,
     };
@@ -71,7 +68,7 @@ pub fn decide(
         let field = field::fit(fitter, &found.base)?;
         let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
         let verdict = if unnamed.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
-        return Ok(decision(verdict, Vec::new(), None, field, unnamed));
+        return Ok(decision(verdict, Vec::new(), (None, None), field, unnamed));
     }
     let sets: Vec<usize> = credible.into_iter().flatten().collect();
     let rivals = simplest(found, &sets);
@@ -80,13 +77,14 @@ pub fn decide(
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let explained = explained(fitter, &found.base, champion, seed)?;
     let explains = explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share);
-    let gains = gain(champion).is_some_and(|g| g >= SETTINGS.held_out_gain);
+    let gain = held_out_gain(fitter, &found.base, champion)?;
+    let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
     let verdict = match rivals.len() {
         _ if !explains || !gains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
-    Ok(decision(verdict, rivals, explained, field, unnamed))
+    Ok(decision(verdict, rivals, (explained, gain), field, unnamed))
 }
 
 /// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.

@@ -16,6 +16,7 @@ use nalgebra::DMatrix;
 use super::settings::Settings;
 use crate::discover::field::{Bump, ends, grid};
 use crate::discover::launch::Part;
+use crate::discover::library;
 use crate::discover::model::{self, Data, Layout, State};
 use crate::discover::path::Impact;
 use crate::discover::stats::median;
@@ -113,8 +114,7 @@ fn typical_acceleration(data: &Data, layout: &Layout, state: &State, paths: &[Ve
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
 fn acceleration_scale(data: &Data, paths: &[Vec<[f64; 4]>]) -> f64 {
-    let gravity =
-        data.windows.iter().map(|w| w.scene.gravity[0].hypot(w.scene.gravity[1])).fold(0.0, f64::max);
+    let gravity = library::gravity(data.windows);
     if gravity > 0.0 {
         return gravity;
     }

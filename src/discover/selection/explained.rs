@@ -1,8 +1,7 @@
 //! Share of the predictable misfit that a set of effects explains.
 //!
 //! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
-//! projected out, share = (m0 - m1) / (m0 - m2). What differs between trials in the set's own effects is at its conditional
-//! mode in m1 and m2. m2 is not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual
+//! projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are at their conditional modes. m2 is not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual
 //! one, and the bootstrap over trials gives the share's uncertainty.
 //!
 //! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
@@ -11,15 +10,16 @@ use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
 use super::settings::SETTINGS;
-use crate::discover::columns::{Own, pushes};
+use crate::discover::columns::Own;
 use crate::discover::field;
 use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::gaussian;
 use crate::discover::launch::Part;
 use crate::discover::stats::median;
 use crate::error::Result;
 use crate::rng;
 
-/// Multiple of the usual trial's squared residual beyond which a trial counts for no more.
+/// Multiple of the usual trial's squared residual of the base model beyond which a trial counts for no more.
 const CLIP: f64 = 9.0;
 /// Bootstrap draws.
 const DRAWS: usize = 1000;
@@ -45,14 +45,10 @@ pub fn explained(fitter: &Fitter, base: &Fitted, model: &Fitted, seed: u64) -> R
     let broad = field::broad(fitter, model, sd)?;
     let broad = broad.map_or_else(|| own.clone(), |(parts, step)| residuals(model, &parts, Some(&step)));
     let floor = floor(fitter, base, &base_parts);
-    let most = CLIP * median(&none);
-    let clipped = |v: &[f64], i: usize| v[i].min(most);
-    let gone: Vec<f64> = (0..none.len()).map(|i| clipped(&none, i) - clipped(&own, i)).collect();
-    let all: Vec<f64> = (0..none.len())
-        .map(|i| {
-            clipped(&none, i) - clipped(&own, i).min(clipped(&broad, i)).max(floor[i].min(clipped(&none, i)))
-        })
-        .collect();
+    let weights = trial_weights(&none);
+    let gone: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - own[i])).collect();
+    let least = |i: usize| own[i].min(broad[i]).max(floor[i].min(none[i]));
+    let all: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - least(i))).collect();
     if none.iter().sum::<f64>() < (1.0 + MIN_EXCESS) * floor.iter().sum::<f64>() {
         return Ok(None);
     }
@@ -84,36 +80,78 @@ fn residuals(model: &Fitted, parts: &[Part], step: Option<&DVector<f64>>) -> Vec
     out
 }
 
-/// Squared residual of a part with the random effects of the model's own terms at their conditional modes.
-fn with_random_effects(model: &Fitted, part: &Part, step: &DVector<f64>) -> f64 {
-    let all = pushes();
-    let belongs = |own: &Own| match own {
-        Own::Push(place) => model.set.iter().any(|e| e.name == all[*place].effect.name),
-        Own::Strength | Own::Leap | Own::Renewed(_) => false,
+/// The share of the excess squared error on held-out trials, random accelerations at their conditional modes, that a model removes;
+/// `None` where the base model leaves no more than the floor.
+pub fn held_out_gain(fitter: &Fitter, base: &Fitted, model: &Fitted) -> Result<Option<f64>> {
+    let of = |m: &Fitted| fitter.parts(&m.layout, &m.state, &[]);
+    let (Some((_, base_parts)), Some((_, parts))) = (of(base)?, of(model)?) else { return Ok(None) };
+    let floor = floor(fitter, base, &base_parts).iter().sum::<f64>();
+    let (Some(before), Some(after)) = (held_out(fitter, base, &base_parts), held_out(fitter, model, &parts)) else {
+        return Ok(None);
     };
-    let kinds = part.blocks.first().map_or(&[][..], |b| &b.alike_of);
-    let chosen: Vec<usize> = (0..kinds.len()).filter(|k| part.differs && belongs(&kinds[*k])).collect();
-    let slow = model.components.slow;
-    let n = chosen.len();
-    let mut precision =
-        DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| model.components.of(kinds[chosen[k]]).powi(-2)));
-    let mut score = DVector::zeros(n);
-    let usable = chosen.iter().all(|k| model.components.of(kinds[*k]) > 0.0);
-    for block in &part.blocks {
-        let root = block.slow.map(|s| (1.0 + slow * slow * s).sqrt().recip());
-        let left = block.residual_at(step).component_mul(&root);
-        let z = DMatrix::from_fn(left.len(), n, |i, k| root[i] * block.alike[(i, chosen[k])]);
-        precision += z.tr_mul(&z);
-        score += z.tr_mul(&left);
+    let weights = trial_weights(&before);
+    let sum = |v: &[f64]| v.iter().zip(&weights).map(|(v, w)| v * w).sum::<f64>();
+    let (before, after) = (sum(&before), sum(&after));
+    Ok((before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor)))
+}
+
+/// Weights of trials by what the base model leaves of them.
+fn trial_weights(base: &[f64]) -> Vec<f64> {
+    let most = CLIP * median(base);
+    base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
+}
+
+/// Squared residuals by trial, the parameters as the other folds say.
+fn held_out(fitter: &Fitter, model: &Fitted, parts: &[Part]) -> Option<Vec<f64>> {
+    let told = gaussian::all_told(parts, &model.components)?;
+    let mut out = vec![0.0; fitter.data.trials];
+    for fold in 0..=fitter.folds.iter().copied().max()? {
+        let others = told.iter().filter(|t| fitter.folds[t.launch] != fold);
+        let step = gaussian::pooled(others, &model.prior)?.step;
+        for part in parts.iter().filter(|p| fitter.folds[p.launch] == fold) {
+            out[part.launch] += with_random_effects(model, part, &step);
+        }
     }
-    let mode = if usable { precision.cholesky().map(|f| f.solve(&score)) } else { None };
-    let mode = mode.unwrap_or_else(|| DVector::zeros(n));
-    (part.blocks.iter())
-        .map(|block| {
-            let z = block.alike.select_columns(&chosen);
-            (block.residual_at(step) - z * &mode).norm_squared()
-        })
-        .sum()
+    Some(out)
+}
+
+/// Squared residual of a part with its random accelerations at their conditional modes.
+fn with_random_effects(model: &Fitted, part: &Part, step: &DVector<f64>) -> f64 {
+    let belongs = |own: &&Own| matches!(own, Own::Push(_));
+    let alike: Vec<usize> = part.blocks.first().map_or(Vec::new(), |b| places(&b.alike_of, belongs));
+    let own: Vec<Vec<usize>> = part.blocks.iter().map(|b| places(&b.kinds, belongs)).collect();
+    let n = if part.differs { alike.len() + own.iter().map(Vec::len).sum::<usize>() } else { 0 };
+    let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
+    let mut columns: Vec<DMatrix<f64>> = Vec::new();
+    let slow = model.components.slow;
+    let mut first = alike.len();
+    for (block, own) in part.blocks.iter().zip(&own) {
+        let mut z = DMatrix::zeros(block.left.len(), n);
+        let mut put = |at: usize, column: DVector<f64>| z.set_column(at, &column);
+        if n > 0 {
+            let scaled = |of: Own, column: DVector<f64>| column * model.components.of(of);
+            for (k, c) in alike.iter().enumerate() {
+                put(k, scaled(block.alike_of[*c], block.alike.column(*c).into_owned()));
+            }
+            for (k, c) in own.iter().enumerate() {
+                put(first + k, scaled(block.kinds[*c], block.own.column(*c).into_owned()));
+            }
+            first += own.len();
+        }
+        let weights = block.slow.map(|s| (1.0 + slow * slow * s).recip());
+        let weighed = DMatrix::from_fn(z.nrows(), n, |i, k| weights[i] * z[(i, k)]);
+        precision += z.tr_mul(&weighed);
+        score += weighed.tr_mul(&block.residual_at(step));
+        columns.push(z);
+    }
+    let mode = precision.cholesky().map_or_else(|| DVector::zeros(n), |f| f.solve(&score));
+    let left = part.blocks.iter().zip(&columns).map(|(block, z)| block.residual_at(step) - z * &mode);
+    left.map(|left| left.norm_squared()).sum()
+}
+
+/// Places of some of the kinds.
+fn places(kinds: &[Own], which: impl Fn(&&Own) -> bool) -> Vec<usize> {
+    kinds.iter().enumerate().filter(|(_, own)| which(own)).map(|(k, _)| k).collect()
 }
 
 /// By trial: what noise and slow misfit leave of the base model, expected.

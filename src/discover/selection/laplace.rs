@@ -16,7 +16,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::discover::gaussian::{Prior, Told};
+use super::prior::Prior;
+use crate::discover::gaussian::Told;
 use crate::estimate::sampler::log_sum_exp;
 
 /// Standard deviations of the discrepancy, in its largest plausible size.
@@ -29,7 +30,7 @@ const TOLERANCE: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct Laplace {
     pub log_evidence: f64,
-    /// Log of likelihood times prior density at the mode by the linearisation, up to the prior's constant.
+    /// Log of likelihood times prior density at the mode by the linearisation.
     pub log_joint: f64,
     /// Step from the point of linearisation to the mode: parameters, then discrepancy.
     pub step: DVector<f64>,
@@ -94,9 +95,10 @@ fn from_squares(groups: &[Told], prior: &Prior, scale: f64, squares: &mut [f64])
     let log_det = |l: &DMatrix<f64>| 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let off = &step - &mean;
     let log_joint = groups.iter().zip(squares.iter()).map(|(g, s)| g.density_at(*s)).sum::<f64>()
-        - 0.5 * off.dot(&(&precision * &off));
-    let log_evidence =
-        log_joint + 0.5 * log_det(precision.cholesky()?.l_dirty()) - 0.5 * log_det(factor.l_dirty());
+        - 0.5 * off.dot(&(&precision * &off))
+        + prior.log_weight
+        + 0.5 * log_det(precision.cholesky()?.l_dirty());
+    let log_evidence = log_joint - 0.5 * log_det(factor.l_dirty());
     let mut unit = DMatrix::zeros(all, parameters);
     (0..parameters).for_each(|k| unit[(k, k)] = 1.0);
     let covariance = factor.solve(&unit).rows(0, parameters).into_owned();
@@ -112,7 +114,9 @@ fn add_times(to: &mut [f64], from: &[f64], times: f64) {
 pub fn profile(groups: &[Told], prior: &Prior, scale: f64) -> f64 {
     let q = prior.off.len();
     let own: Vec<Told> = groups.iter().map(|g| g.without_first(q)).collect();
-    let fixed = -0.5 * prior.off.dot(&(&prior.precision * &prior.off));
+    let Some(factor) = prior.precision.clone().cholesky() else { return f64::NEG_INFINITY };
+    let fixed = prior.log_weight + factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()
+        - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
     at_scale(&own, &Prior::none(), scale).map_or(f64::NEG_INFINITY, |mode| mode.log_joint + fixed)
 }
 
@@ -142,9 +146,7 @@ mod tests {
         Prior {
             precision: DMatrix::from_element(1, 1, sd.powi(-2)),
             off: DVector::from_element(1, -0.2),
-            plausible: vec![0.0],
-            reason: vec![0.0],
-            by_setting: vec![false],
+            log_weight: 0.0,
         }
     }
 

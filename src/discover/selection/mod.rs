@@ -1,7 +1,7 @@
 //! Bayesian selection among sets of effects.
 //!
 //! Every set is a mixed-effects model with a discrepancy that all trials share (`discrepancy`). Its evidence is computed by
-//! Laplace's method (`laplace`); variance components are estimated once, from the richest model (`context`). `explained`: the
+//! Laplace's method (`laplace`), parameters having heavy-tailed priors (`prior`); variance components are estimated once, from the richest model (`context`). `explained`: the
 //! share of the predictable misfit that a set explains; `decide`: from the posterior over sets to a verdict; `settings`: the
 //! constants that decide.
 
@@ -10,10 +10,12 @@ mod decide;
 mod discrepancy;
 mod explained;
 mod laplace;
+mod prior;
 mod settings;
 
 pub use context::context;
 pub use decide::{Decision, decide};
 pub use discrepancy::SharedDiscrepancy;
 pub use laplace::{Laplace, at_scale, marginal, profile};
+pub use prior::Prior;
 pub use settings::SETTINGS;

@@ -6,6 +6,8 @@
 pub struct Settings {
     /// Prior probability that a given effect acts.
     pub inclusion: f64,
+    /// Prior probability that an effect that acts is stronger than its declared standard deviation allows.
+    pub strong_effect: f64,
     /// Posterior probability of the credible set of models.
     pub credible_mass: f64,
     /// Least share of the predictable misfit that the reported effects explain; below it the verdict is `unknown`.
@@ -14,6 +16,8 @@ pub struct Settings {
     pub confidence: f64,
     /// Least share of the excess error on held-out trials that a reported set removes.
     pub held_out_gain: f64,
+    /// Expected number of trials as unlike the others by chance, below which a trial is left out as odd.
+    pub odd_trial: f64,
     /// Shared discrepancy: standard deviation in units of gravity, whatever the effects.
     pub discrepancy_of_gravity: f64,
     /// Shared discrepancy: standard deviation as a share of the typical acceleration beyond gravity.
@@ -25,10 +29,12 @@ pub struct Settings {
 /// The settings of every diagnosis.
 pub const SETTINGS: Settings = Settings {
     inclusion: 0.1,
+    strong_effect: 0.5,
     credible_mass: 0.95,
     explained_share: 0.9,
     confidence: 0.95,
     held_out_gain: 0.5,
+    odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
     discrepancy_of_acceleration: 0.06,
     discrepancy_of_impact: 0.02,

@@ -1,6 +1,9 @@
 //! Windows of one body: its flights, the bounces between them, and where it rolls.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::kind::{FLIGHT, Kind, Point, Surface, Window, seen};
+use super::hold::without_holds;
 use super::touch::{Touch, rolls, touches};
 use crate::discover::smooth::{Row, smooth};
 use crate::discover::stats::{median, slope};
@@ -30,7 +33,9 @@ pub fn flights(trial: &Trial, body: usize) -> Vec<Window> {
     let touches = touches(trial, body, &rows);
     let usual = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
     let seen = Seen { trial, body, rows, touches, usual };
-    let pieces = seen.pieces();
+    let [gx, gy] = trial.scene.gravity;
+    let of = |piece: (usize, usize)| without_holds(&seen.rows, piece, gx.hypot(gy));
+    let pieces: Vec<(usize, usize)> = seen.pieces().into_iter().map(of).collect();
     let flights = pieces.iter().filter(|(a, b)| b - a >= FLIGHT).map(|piece| seen.flight(*piece));
     let contacts = pieces.windows(2).filter_map(|pair| seen.contact(pair[0], pair[1]));
     let rolls = rolls(&seen.touches, &seen.rows);
@@ -165,6 +170,24 @@ fn smoothed(rows: &[Row], mut window: Window) -> Window {
 /// Steps that cover a time and a twentieth more: a sensor's clock may run ahead.
 fn steps(time: f64, step: f64) -> u32 {
     (1.05 * time / step + 1e-9).ceil().max(1.0) as u32 + 1
+}
+
+impl Window {
+    /// Initial state of a flight from its first observations alone, whatever acts: position and velocity by least squares on
+    /// parabolas; `None` for other segments.
+    pub fn start_whatever_acts(&self) -> Option<Vec<f64>> {
+        let points: Vec<&Point> = self.points.iter().filter(|p| p.weight > 0.0).take(FIRST).collect();
+        if self.kind != Kind::Flight || points.len() < 4 {
+            return None;
+        }
+        let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].time.powi(k as i32));
+        let fit = |axis: usize| {
+            let seen = DVector::from_fn(points.len(), |i, _| points[i].seen[axis]);
+            basis.clone().svd(true, true).solve(&seen, 1e-12).ok()
+        };
+        let (x, y) = (fit(0)?, fit(1)?);
+        Some(vec![x[0], y[0], x[1], y[1]])
+    }
 }
 
 /// Position and velocity at the first of some rows: least squares on a parabola with the scene's gravity.

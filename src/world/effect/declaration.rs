@@ -56,6 +56,8 @@ pub struct ParameterDeclaration {
     /// Prior standard deviation about the neutral value: weak, but excludes for example a wind as strong
     /// as gravity. Infinite for shape parameters without prior information.
     pub prior_sd: f64,
+    /// The coordinate in which the prior is symmetric.
+    pub prior_coordinate: PriorCoordinate,
     /// Finite-difference step: far above rounding errors and far below the scale of the effect; for edges
     /// of a region wide enough that some trajectory crosses the strip in between.
     pub fd_step: f64,
@@ -68,6 +70,18 @@ pub enum ParameterRole {
     Amplitude,
     /// Shapes the effect without scaling it.
     Shape(ShapeParameter),
+}
+
+/// The coordinate of a parameter in which its prior is symmetric about the neutral value. Effects with the same trajectories
+/// declare coordinates that make them as probable at every size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PriorCoordinate {
+    /// The value.
+    Value,
+    /// The logarithm of the value's ratio to the neutral one.
+    LogRatio,
+    /// The logarithm of the ratio of the gravity that the value is added to before and after.
+    LogGravity,
 }
 
 /// The quantity that a shape parameter stands for.
@@ -173,6 +187,7 @@ pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> Paramet
         role: ParameterRole::Amplitude,
         typical_size: size,
         prior_sd,
+        prior_coordinate: PriorCoordinate::Value,
         fd_step,
     }
 }
@@ -227,6 +242,8 @@ impl Effect {
     }
 }
 
+/// Ratio below which a logarithm continues as its tangent.
+const LEAST_RATIO: f64 = 0.02;
 /// Standard deviation of a parameter's weak prior, in typical sizes; for linear drag 0.3 +- 0.3 /s.
 const PRIOR_SD_PER_TYPICAL_SIZE: f64 = 0.6;
 
@@ -234,6 +251,35 @@ impl ParameterDeclaration {
     /// The same with another neutral value.
     pub(super) const fn neutral_at(self, neutral: f64) -> ParameterDeclaration {
         ParameterDeclaration { neutral, ..self }
+    }
+
+    /// The value with a deviation of the prior's coordinate: [`Self::prior_deviation`] backwards, without its tangent.
+    pub fn at_prior_deviation(&self, deviation: f64, gravity: f64) -> f64 {
+        match self.prior_coordinate {
+            PriorCoordinate::LogRatio => self.neutral * libm::exp(deviation / self.neutral),
+            PriorCoordinate::LogGravity if gravity > 0.0 => gravity * libm::expm1(deviation / gravity),
+            PriorCoordinate::Value | PriorCoordinate::LogGravity => self.neutral + deviation,
+        }
+    }
+
+    /// The same with its prior symmetric in another coordinate.
+    pub(super) const fn symmetric_in(self, prior_coordinate: PriorCoordinate) -> ParameterDeclaration {
+        ParameterDeclaration { prior_coordinate, ..self }
+    }
+
+    /// Deviation of a value from the neutral one in the prior's coordinate, in the parameter's unit, and its derivative by
+    /// the value, which is 1 at the neutral one. `gravity`: of the scene, m/s^2.
+    pub fn prior_deviation(&self, value: f64, gravity: f64) -> [f64; 2] {
+        let logarithm = |scale: f64, ratio: f64| match ratio > LEAST_RATIO {
+            true => [scale * ratio.ln(), ratio.recip()],
+            // The tangent: gravity may be reversed.
+            false => [scale * (LEAST_RATIO.ln() + ratio / LEAST_RATIO - 1.0), LEAST_RATIO.recip()],
+        };
+        match self.prior_coordinate {
+            PriorCoordinate::LogRatio => logarithm(self.neutral, value / self.neutral),
+            PriorCoordinate::LogGravity if gravity > 0.0 => logarithm(gravity, 1.0 + value / gravity),
+            PriorCoordinate::Value | PriorCoordinate::LogGravity => [value - self.neutral, 1.0],
+        }
     }
 
     /// Whether it scales the effect, rather than shaping it.

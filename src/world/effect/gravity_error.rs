@@ -9,7 +9,7 @@
 
 use super::{
     ConstantLanes, Constants, Effect, EffectKind, LANES, MotionLaw, MotionState, MotionStateLanes,
-    SimulationContext, amplitude, constants, effect, parameter,
+    PriorCoordinate, SimulationContext, amplitude, constants, effect, parameter,
 };
 
 /// The effect's row in the registry.
@@ -21,7 +21,12 @@ pub static EFFECT: Effect = Effect {
         stops sliding objects sooner). An error of the length scale also changes the curvature, but \
         sideways motion as well.",
     equation: "a = dg g/|g|, g being the scene's gravity: dg > 0 pulls harder",
-    parameters: &[parameter("dg", "m/s^2", [-100.0, 100.0], amplitude(1.0, 0.5, 1e-2))],
+    parameters: &[parameter(
+        "dg",
+        "m/s^2",
+        [-100.0, 100.0],
+        amplitude(1.0, 0.5, 1e-2).symmetric_in(PriorCoordinate::LogGravity),
+    )],
     ..effect(EffectKind::Motion(&GravityError))
 };
 

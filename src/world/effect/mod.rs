@@ -39,7 +39,8 @@ use std::fmt::Display;
 use crate::error::{Error, Result, check_range};
 use crate::task::scene::{EffectTerm, Scene};
 pub use declaration::{
-    DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, SearchStrategy, ShapeParameter,
+    DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, PriorCoordinate, SearchStrategy,
+    ShapeParameter,
 };
 use declaration::{amplitude, edge, effect, parameter, shape};
 use law::constants;

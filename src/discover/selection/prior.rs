@@ -1,0 +1,156 @@
+//! Prior distribution of a model's parameters.
+//!
+//! An effect's amplitudes are symmetric about their neutral values in the coordinates that they declare, and heavy-tailed: a
+//! mixture of normals whose standard deviations are the declared one and multiples of it, so that a strong effect costs the
+//! logarithm of its size and not its square. Where a model stands the most probable component of the mixture counts. In
+//! several settings half of the variance is common. Shapes are normal over the range of the data.
+//!
+//! Source: scale mixtures of normals: Andrews and Mallows, J. R. Stat. Soc. B 36 (1974) 99.
+//!
+//! Differences from the source: the mixture is discrete, and its most probable component replaces it.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::settings::SETTINGS;
+use crate::discover::library;
+use crate::discover::model::Layout;
+use crate::world::effect::DataRange;
+
+/// Normal prior about where a model stands.
+#[derive(Clone, Debug)]
+pub struct Prior {
+    pub precision: DMatrix<f64>,
+    /// The mean, relative to where the model stands.
+    pub off: DVector<f64>,
+    /// Logarithm of the mixture's weight of the normal.
+    pub log_weight: f64,
+}
+
+/// Standard deviations of the mixture, in the declared one. The first has all of the probability but the tail's, which the
+/// others share alike.
+const MULTIPLES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4];
+/// Share of a size's prior variance that settings have in common.
+const COMMON: f64 = 0.5;
+
+impl Prior {
+    /// Of a layout's parameters where it has some `values`; `gravity`: of the scene, m/s^2.
+    pub fn of(layout: &Layout, values: &[f64], range: &DataRange, gravity: f64) -> Prior {
+        let q = layout.slots.len();
+        let mut out = Prior { precision: DMatrix::zeros(q, q), off: DVector::zeros(q), log_weight: 0.0 };
+        for (i, slot) in layout.slots.iter().enumerate() {
+            out.precision[(i, i)] = match layout.parameter(i) {
+                None => slot.ridge(),
+                Some(shape) if !shape.is_amplitude() => library::shape_sd(shape, range).powi(-2),
+                Some(_) => 0.0,
+            };
+        }
+        for t in 0..layout.terms.len() {
+            let amplitudes: Vec<usize> =
+                layout.of_term(t).into_iter().filter(|i| !layout.shapes(*i)).collect();
+            out.add_amplitudes(layout, values, &amplitudes, gravity);
+        }
+        out
+    }
+
+    /// Of no parameters.
+    pub fn none() -> Prior {
+        Prior { precision: DMatrix::zeros(0, 0), off: DVector::zeros(0), log_weight: 0.0 }
+    }
+
+    /// The same with independent coefficients of standard deviation `scale` after the parameters, `all` in total.
+    pub fn with_discrepancy(&self, all: usize, scale: f64) -> Prior {
+        let q = self.off.len();
+        let mut precision = DMatrix::from_diagonal_element(all, all, scale.powi(-2));
+        precision.view_mut((0, 0), (q, q)).copy_from(&self.precision);
+        let mut off = DVector::zeros(all);
+        off.rows_mut(0, q).copy_from(&self.off);
+        Prior { precision, off, ..*self }
+    }
+
+    /// The amplitudes of a term, in all settings.
+    fn add_amplitudes(&mut self, layout: &Layout, values: &[f64], amplitudes: &[usize], gravity: f64) {
+        let n = amplitudes.len();
+        let (mut deviation, mut slope) = (DVector::zeros(n), DVector::zeros(n));
+        let mut precision = DMatrix::zeros(n, n);
+        for (a, i) in amplitudes.iter().enumerate() {
+            let Some(parameter) = layout.parameter(*i) else { continue };
+            [deviation[a], slope[a]] = parameter.prior_deviation(values[*i], gravity);
+            let alike = |j: &usize| layout.slots[*j].what == layout.slots[*i].what;
+            let settings = amplitudes.iter().filter(|j| alike(j)).count();
+            for (b, j) in amplitudes.iter().enumerate().filter(|(_, j)| alike(j)) {
+                precision[(a, b)] = common_precision(i == j, settings) / (parameter.prior_sd * parameter.prior_sd);
+            }
+        }
+        let square = deviation.dot(&(&precision * &deviation));
+        let tail = SETTINGS.strong_effect / (MULTIPLES.len() - 1) as f64;
+        let weight = |k: usize| if k == 0 { 1.0 - SETTINGS.strong_effect } else { tail }.ln();
+        let density = |k: &usize| {
+            weight(*k) - n as f64 * MULTIPLES[*k].ln() - 0.5 * square / (MULTIPLES[*k] * MULTIPLES[*k])
+        };
+        let best = (0..MULTIPLES.len()).max_by(|a, b| density(a).total_cmp(&density(b))).unwrap_or(0);
+        self.log_weight += weight(best);
+        for (a, i) in amplitudes.iter().enumerate() {
+            self.off[*i] = -deviation[a] / slope[a];
+            for (b, j) in amplitudes.iter().enumerate() {
+                self.precision[(*i, *j)] = precision[(a, b)] * slope[a] * slope[b] / MULTIPLES[best].powi(2);
+            }
+        }
+    }
+}
+
+/// An entry of the inverse of (1 - c) I + c J over so many settings, c the common share.
+fn common_precision(is_diagonal: bool, settings: usize) -> f64 {
+    let c = if settings > 1 { COMMON } else { 0.0 };
+    (f64::from(is_diagonal) - c / (1.0 - c + c * settings as f64)) / (1.0 - c)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::term;
+    use crate::discover::model::Term;
+
+    const RANGE: DataRange = DataRange { area: [0.0, 0.0, 2.0, 1.0], duration: 1.0, speed: 3.0, interval: 0.02 };
+
+    /// Log density of a layout's values, up to a constant that is the same for layouts of as many parameters.
+    fn log_density(layout: &Layout, values: &[f64]) -> f64 {
+        let prior = Prior::of(layout, values, &RANGE, 9.81);
+        prior.log_weight + 0.5 * prior.precision.determinant().ln()
+            - 0.5 * prior.off.dot(&(&prior.precision * &prior.off))
+    }
+
+    /// Sizes in several settings have half of their variance in common.
+    #[test]
+    fn sizes_by_setting_are_correlated() {
+        let lift = Term { per_setting: true, ..term("lift") };
+        let layout = Layout::new(&[], vec![lift, term("quadratic_drag")], 2);
+        let covariance = Prior::of(&layout, &[0.5, 0.3, 0.1], &RANGE, 9.81).precision.try_inverse().unwrap();
+        let square = term("lift").effect.parameters[0].prior_sd.powi(2);
+        assert!((covariance[(0, 0)] - square).abs() < 1e-9 && (covariance[(0, 1)] - 0.5 * square).abs() < 1e-9);
+        assert_eq!(covariance[(0, 2)], 0.0);
+    }
+
+    /// A clock, a length scale and gravity that change the curvature of flights alike are as probable at every size: densities
+    /// in the logarithm of the curvature's ratio.
+    #[test]
+    fn twins_are_equally_probable() {
+        for ratio in [0.0625, 0.25, 0.9, 1.02, 1.5, 4.0f64] {
+            let of = |name: &str, value: f64, by_log: f64| {
+                log_density(&Layout::new(&[], vec![term(name)], 1), &[value]) + by_log.abs().ln()
+            };
+            // Values and their derivatives by the logarithm of the ratio.
+            let scale = of("position_scale", ratio, ratio);
+            let clock = of("time_scale", ratio.powf(-0.5), 0.5 * ratio.powf(-0.5));
+            let gravity = of("gravity_error", 9.81 * (ratio - 1.0), 9.81 * ratio);
+            assert!((scale - clock).abs() < 1e-6 && (scale - gravity).abs() < 0.1, "{scale} {clock} {gravity}");
+        }
+    }
+
+    /// A thousand times the declared size costs nats in tens, not in hundreds of thousands.
+    #[test]
+    fn strong_effects_are_possible() {
+        let layout = Layout::new(&[], vec![term("linear_drag")], 1);
+        let cost = log_density(&layout, &[0.1]) - log_density(&layout, &[700.0]);
+        assert!((7.0..12.0).contains(&cost), "{cost}");
+    }
+}
