@@ -166,8 +166,7 @@ impl<'a> Likelihood<'a> {
     fn climbed(&mut self, most: &[f64], first: f64) -> Components {
         let from = self.from.clone();
         let matter = self.matter();
-        let mut quality =
-            |logs: &[f64]| self.densities(logs).iter().sum::<f64>() + from.log_prior(logs);
+        let mut quality = |logs: &[f64]| self.densities(logs).iter().sum::<f64>() + from.log_prior(logs);
         let mut logs: Vec<f64> = from.logs().iter().zip(most).map(|(l, most)| l.min(*most)).collect();
         let mut best = quality(&logs);
         let mut first = first;
@@ -278,7 +277,8 @@ mod tests {
         let found = moments(&drawn.iter().map(|c| c.push[0].ln()).collect::<Vec<_>>(), &even);
         // Where the walk comes by.
         let begun = start.push[0].ln();
-        let grid: Vec<f64> = (-60..60).map(|i| begun + FINEST * f64::from(i)).filter(|l| *l <= DECLARED.ln()).collect();
+        let grid: Vec<f64> =
+            (-60..60).map(|i| begun + FINEST * f64::from(i)).filter(|l| *l <= DECLARED.ln()).collect();
         let at = |l: f64| {
             let mut logs = start.logs();
             logs[2] = l;
@@ -309,9 +309,7 @@ mod tests {
             let start = Components::start(strengths);
             let mut logs = start.logs();
             assert_eq!(logs.len(), count);
-            assert!(
-                (start.log_prior(&logs) - start.log_prior(&start.logs())).abs() < 1e-12
-            );
+            assert!((start.log_prior(&logs) - start.log_prior(&start.logs())).abs() < 1e-12);
             (0..count).for_each(|k| logs[k] += 0.1 * (1 + k) as f64);
             let moved = start.with(&logs);
             assert!(moved.logs().iter().zip(&logs).all(|(a, b)| (a - b).abs() < 1e-12));

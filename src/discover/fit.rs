@@ -66,6 +66,8 @@ pub struct Fitted {
     pub pass: Pass,
     /// Held-out squares by trial, units of the noise: the errors that gains are computed from.
     pub held: Vec<f64>,
+    /// By trial: the step of the parameters without it.
+    pub held_out_steps: Vec<DVector<f64>>,
     /// Log evidence, nats.
     pub log_evidence: f64,
     /// Most probable size of the shared discrepancy, in its largest plausible one.
@@ -218,7 +220,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         }
         let pass = model::summed(self.data, looks, q);
         let groups: Vec<usize> = (0..pass.trials.len()).collect();
-        let (held, _) = leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
+        let (held, held_out_steps) =
+            leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
         Some(Fitted {
             set: layout.terms.iter().map(|t| t.effect).collect(),
             told: told.iter().map(|t| t.of_first(q)).collect(),
@@ -226,6 +229,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             state,
             pass,
             held,
+            held_out_steps,
             log_evidence,
             discrepancy_scale: laplace.scale,
             squares,

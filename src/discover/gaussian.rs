@@ -387,11 +387,7 @@ mod tests {
         let mut spoilt = part();
         spoilt.blocks.iter_mut().for_each(|b| b.left *= 1000.0);
         let c = components_of_it();
-        let prior = Prior {
-            precision: DMatrix::identity(2, 2),
-            off: DVector::zeros(2),
-            log_weight: 0.0,
-        };
+        let prior = Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), log_weight: 0.0 };
         let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
         let usual: Vec<Part> = vec![part(); 10];
         let all: Vec<Part> = usual.iter().cloned().chain([spoilt]).collect();

@@ -177,14 +177,8 @@ fn diagnose_without(
     }
     let given =
         Given { scene, trials, data: &data, kept, names, noise, expected: &expected, scale: &scale, context };
-    let odd = match left_out {
-        [] => Vec::new(),
-        _ => {
-            let model = decision.champion.map_or(&found.base, |c| &found.fits[c]);
-            let all = prepare(scene, trials, config.engine, RUN, &[])?;
-            all.map_or(Ok(Vec::new()), |all| odd::odd(trials, left_out, &all, model, (noise, config.engine)))?
-        }
-    };
+    let model = decision.champion.map_or(&found.base, |c| &found.fits[c]);
+    let odd = odd::odd(scene, trials, left_out, model, (noise, config.engine))?;
     let mut finding = conclude(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
     if stepping.is_some() {

@@ -13,13 +13,14 @@ use super::fit::{Fitted, Fitter, simulated};
 use super::gaussian::{self, FREEDOM, Pooled};
 use super::model::{self, Data, State};
 use super::noise::Noise;
-use super::prepare::Ready;
+use super::prepare::{RUN, prepare};
 use super::report::{Diagnosis, OddTrial};
 use super::selection::SETTINGS;
 use super::window::Window;
 use crate::distribution::f_survival;
 use crate::error::Result;
 use crate::reality::Trial;
+use crate::task::Scene;
 use crate::world::Engine;
 
 /// Most odd trials, as a share of all: one in eight.
@@ -39,15 +40,19 @@ pub fn suspects(diagnosis: &Diagnosis) -> Vec<usize> {
     found
 }
 
-/// Those of the trials left out that the model of the rest makes improbable, with their probabilities. `ready`: all trials.
+/// Those of the trials left out that the model of the rest makes improbable, with their probabilities.
 pub fn odd(
+    scene: &Scene,
     trials: &[Trial],
     left_out: &[usize],
-    ready: &Ready,
     model: &Fitted,
     (noise, engine): (&Noise, Engine),
 ) -> Result<Vec<OddTrial>> {
     let mut out = Vec::new();
+    if left_out.is_empty() {
+        return Ok(out);
+    }
+    let Ok(ready) = prepare(scene, trials, engine, RUN, &[])? else { return Ok(out) };
     for trial in left_out {
         let Some(place) = ready.kept.iter().position(|k| k == trial) else { continue };
         let own = |w: &&Window| w.trial == place && !w.kind.simulated();
@@ -62,7 +67,13 @@ pub fn odd(
 }
 
 /// Probability that a trial is as far from what a model of other trials predicts of it; 1 where that cannot be told.
-fn probability(windows: &[Window], setting: usize, model: &Fitted, noise: &Noise, engine: Engine) -> Result<f64> {
+fn probability(
+    windows: &[Window],
+    setting: usize,
+    model: &Fitted,
+    noise: &Noise,
+    engine: Engine,
+) -> Result<f64> {
     let settings = [setting];
     let data = Data::new(windows, &settings, vec![noise.sd; windows.len()], engine);
     // The model stays as it is: only initial states move.
@@ -73,7 +84,8 @@ fn probability(windows: &[Window], setting: usize, model: &Fitted, noise: &Noise
     let Some((state, _)) = simulated(model::fit(&data, &layout, start, STEPS))? else { return Ok(1.0) };
     let fitter = Fitter::new(&data, noise);
     let Some((_, parts)) = fitter.parts(&model.layout, &state, &[])? else { return Ok(1.0) };
-    let others = Pooled { step: DVector::zeros(model.layout.slots.len()), covariance: model.covariance.clone() };
+    let others =
+        Pooled { step: DVector::zeros(model.layout.slots.len()), covariance: model.covariance.clone() };
     let told = gaussian::all_told(&parts, &model.components).unwrap_or_default();
     let survival = |t: &gaussian::Told| {
         let (square, _) = t.predictive(&others)?;

@@ -170,7 +170,8 @@ pub struct HeldOutError {
     pub extended_rmse: f64,
     /// m
     pub floor_rmse: f64,
-    /// 1 - (extended^2 - floor^2) / (base^2 - floor^2)
+    /// 1 - (extended^2 - floor^2) / (base^2 - floor^2); of a reported set with the random accelerations of each trial at
+    /// their conditional modes.
     pub excess_removed: Option<f64>,
 }
 

@@ -122,7 +122,8 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         for name in names {
             let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
             let Some(told) = self.promises(&fit)? else { return Ok(None) };
-            let union = Union { names: Vec::new(), promise: 0.0, starts: self.starts(&fit, c, &told[c], STARTS) };
+            let union =
+                Union { names: Vec::new(), promise: 0.0, starts: self.starts(&fit, c, &told[c], STARTS) };
             match self.fit(union)? {
                 Some(found) => fit = found,
                 None => return Ok(None),
@@ -133,7 +134,13 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
 
     /// A fit with a candidate beside it, at `most` of its starts with amplitudes as promised, and beside the base model where it
     /// is strong.
-    fn starts(&self, fit: &Fitted, candidate: usize, promised: &[Promise], most: usize) -> Vec<(Layout, State)> {
+    fn starts(
+        &self,
+        fit: &Fitted,
+        candidate: usize,
+        promised: &[Promise],
+        most: usize,
+    ) -> Vec<(Layout, State)> {
         let Candidate { starts, strong, .. } = &self.library[candidate];
         let linear = promised.iter().take(most).map(|(_, start, sizes)| {
             let term = &starts[*start];
@@ -246,7 +253,8 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         // No set stands where a plainer one was never tried.
         let shaped = |e: &Effect| e.parameters.iter().any(|p| !p.is_amplitude());
         let plain = |u: &Union| {
-            u.names.len() == 2 && !self.library.iter().any(|c| u.names.contains(&c.effect.name) && shaped(c.effect))
+            u.names.len() == 2
+                && !self.library.iter().any(|c| u.names.contains(&c.effect.name) && shaped(c.effect))
         };
         let (mut place, mut plainer) = (0, 0);
         all.retain(|u| {
@@ -342,9 +350,10 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 REGISTRY.iter().flat_map(|e| e.special_cases.iter().map(move |h| (e.name, h.name)))
             {
                 let candidate = self.library.iter().find(|c| c.effect.name == small);
-                let (Some(at), Some(term)) =
-                    (own.iter().position(|t| t.effect.name == large), candidate.and_then(|c| c.starts.first()))
-                else {
+                let (Some(at), Some(term)) = (
+                    own.iter().position(|t| t.effect.name == large),
+                    candidate.and_then(|c| c.starts.first()),
+                ) else {
                     continue;
                 };
                 let mut terms = own.clone();

@@ -1,7 +1,7 @@
 //! Starts for strong effects: sizes on a logarithmic grid over an effect's bounds.
 //!
-//! A linearisation at nothing finds no clock that runs at half the rate and no drag of 60 per second. Every effect of one
-//! amplitude is therefore tried at sizes up to its bounds, from small to large, the initial states of a few trials following;
+//! A linearisation at nothing finds no clock that runs at half the rate and no drag of 60 per second. Every effect whose
+//! prior is heavy-tailed is therefore tried at sizes up to its bounds, from small to large, the initial states of a few trials following;
 //! the size that leaves least is a start, where it leaves less than what the linearisation leads to.
 //!
 //! Source: numerical continuation (Allgower and Georg, Introduction to Numerical Continuation Methods, 2003, chapter 2).
@@ -36,12 +36,13 @@ pub fn add_strong_starts(fitter: &Fitter, base: &Fitted, candidates: &mut [Candi
     if loss - grid.expected() < MIN_GAIN {
         return Ok(());
     }
+    let may_be_strong = |c: &&mut Candidate| c.effect.parameters.iter().any(|p| p.heavy_tailed);
     let strong = |c: &mut Candidate| {
         let found = grid.strongest(c.effect, &c.starts)?;
         c.strong = found.map(|(term, with)| (term, loss - with));
         Ok(())
     };
-    candidates.par_iter_mut().try_for_each(strong)
+    candidates.par_iter_mut().filter(may_be_strong).try_for_each(strong)
 }
 
 /// A few trials, with the base model fitted to them.
@@ -64,7 +65,9 @@ impl<'a> Grid<'a> {
             measured && window.trial.is_multiple_of(step) && data.sd[*w].is_finite()
         };
         let chosen: Vec<usize> = (0..data.windows.len()).filter(chosen).collect();
-        let of = |w: &usize| data.windows[*w].start_whatever_acts().unwrap_or_else(|| base.state.nuisances[*w].clone());
+        let of = |w: &usize| {
+            data.windows[*w].start_whatever_acts().unwrap_or_else(|| base.state.nuisances[*w].clone())
+        };
         (!chosen.is_empty()).then(|| Grid {
             fitter,
             windows: chosen.iter().map(|w| data.windows[*w].clone()).collect(),
@@ -76,7 +79,8 @@ impl<'a> Grid<'a> {
 
     /// The best start of the grid for an effect of one amplitude, if it is better than the linearisation's.
     fn strongest(&self, effect: &'static Effect, starts: &[Term]) -> Result<Option<(Term, f64)>> {
-        let ([parameter], [term], SearchStrategy::FromNeutral) = (effect.parameters, starts, effect.search) else {
+        let ([parameter], [term], SearchStrategy::FromNeutral) = (effect.parameters, starts, effect.search)
+        else {
             return Ok(None);
         };
         let Some(linear) = self.linearised(term)? else { return Ok(None) };
@@ -112,7 +116,11 @@ impl<'a> Grid<'a> {
     }
 
     /// Loss with a term as it starts, or with none, from some initial states or those of the base model.
-    fn loss_from(&self, term: Option<&Term>, nuisances: Option<Vec<Vec<f64>>>) -> Result<Option<(f64, State)>> {
+    fn loss_from(
+        &self,
+        term: Option<&Term>,
+        nuisances: Option<Vec<Vec<f64>>>,
+    ) -> Result<Option<(f64, State)>> {
         let fixed = term.map(|t| Term { free: vec![false; t.free.len()], ..t.clone() });
         let layout = Layout::new(&self.latents, fixed.into_iter().collect(), self.settings());
         let nuisances = nuisances.unwrap_or_else(|| self.start.nuisances.clone());
@@ -127,7 +135,9 @@ impl<'a> Grid<'a> {
     fn fitted(&self, layout: &Layout, start: State) -> Result<Option<(f64, State)>> {
         let data = self.fitter.data;
         let data = Data::new(&self.windows, data.settings, self.sd.clone(), data.engine);
-        let Some((state, pass)) = simulated(model::fit(&data, layout, start, STEPS))? else { return Ok(None) };
+        let Some((state, pass)) = simulated(model::fit(&data, layout, start, STEPS))? else {
+            return Ok(None);
+        };
         let of = |(trial, count): (usize, f64)| {
             0.5 * (FREEDOM + count) * (pass.trials[trial].square.max(0.0) / FREEDOM).ln_1p()
         };

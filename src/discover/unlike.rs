@@ -9,7 +9,7 @@ use super::fit::Fitted;
 use super::report::{BetweenTrialVariation, round_to_six_digits};
 
 /// Spread from which it is reported, in what effects declare.
-const REPORTED: f64 = 0.5;
+pub const REPORTED: f64 = 0.5;
 
 /// Largest spreads first, in what their effects declare.
 pub fn unlike(model: &Fitted) -> Vec<BetweenTrialVariation> {

@@ -9,9 +9,9 @@ use nalgebra::{DMatrix, DVector};
 use super::components::{Likelihood, WIDE};
 use super::fit::{Fitted, Fitter};
 use super::gaussian::{self, Components, Pooled, Told};
-use super::selection::Prior;
 use super::launch::Part;
 use super::model;
+use super::selection::Prior;
 use super::selection::{Laplace, at_scale};
 use super::window::{Kind, Window};
 use crate::error::Result;
@@ -232,11 +232,7 @@ pub fn left(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Left>>
         };
         let all: Vec<Told> = gaussian::all_told(&parts, &model.components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
-        let prior = Prior {
-            precision,
-            off: DVector::zeros(count),
-            log_weight: 0.0,
-        };
+        let prior = Prior { precision, off: DVector::zeros(count), log_weight: 0.0 };
         gaussian::pooled(all.iter(), &prior)
     };
     Ok(told().map(|told| Left { functions, turn, told }))

@@ -24,6 +24,8 @@ const DIVERGED: f64 = 1e3;
 const SPIN: f64 = 3.0;
 const HEIGHT: f64 = 0.01;
 const SLOPE: f64 = 0.005;
+/// m/s: speed along an axis in which nothing is seen to move.
+const STILL: f64 = 0.01;
 
 /// What is left of a window, how it depends on the slots, and on extras.
 #[derive(Clone)]
@@ -228,6 +230,11 @@ fn weights(window: &Window, sd: f64, residual: &DVector<f64>) -> Vec<f64> {
     window.points.iter().enumerate().map(|(i, p)| (p.weight * counts(i)).sqrt() / sd).collect()
 }
 
+/// Whether nothing is seen to move along an axis.
+fn is_still(window: &Window, axis: usize) -> bool {
+    window.points.iter().all(|p| p.seen[axis] == window.points[0].seen[axis])
+}
+
 /// The nuisances that are no state, which bounces and rolls need besides, and by how much they may plausibly differ from where
 /// they start. A shot's spins are held where they stand.
 fn held(window: &Window) -> Vec<(usize, f64)> {
@@ -238,7 +245,9 @@ fn held(window: &Window) -> Vec<(usize, f64)> {
         Kind::Roll => vec![(2, HEIGHT), (3, SLOPE)],
         // Every body's fifth nuisance.
         Kind::Shot => (4..count).step_by(NUDGE.len()).map(|k| (k, SPIN)).collect(),
-        Kind::Flight | Kind::Run | Kind::Leap => Vec::new(),
+        // Along an axis in which nothing is seen to move nothing does: a lift would turn any speed there into a push.
+        Kind::Flight => (0..2).filter(|a| is_still(window, *a)).map(|a| (2 + a, STILL)).collect(),
+        Kind::Run | Kind::Leap => Vec::new(),
     };
     all.into_iter().filter(|(k, _)| *k < count).collect()
 }

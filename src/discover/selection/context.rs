@@ -12,12 +12,12 @@ use std::collections::HashMap;
 
 use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
+use super::prior::Prior;
 use super::settings::SETTINGS;
 use crate::discover::columns::pushes;
 use crate::discover::field;
 use crate::discover::fit::{Context, Fitted, Fitter, responses};
 use crate::discover::gaussian::{Components, Told, Weighed};
-use super::prior::Prior;
 use crate::discover::launch::Part;
 use crate::discover::library::Candidate;
 use crate::discover::model::{self, Term};
@@ -38,11 +38,7 @@ const LONGER: f64 = 1.4;
 const SHORTER: f64 = 0.4;
 
 /// The context of a recording whose base model is fitted; `candidates`: every effect with its starts.
-pub fn context(
-    fitter: &Fitter,
-    base: &Fitted,
-    candidates: &[Candidate],
-) -> Result<Context> {
+pub fn context(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<Context> {
     let measured =
         fitter.data.windows.iter().any(|w| matches!(w.kind, Kind::Flight | Kind::Contact | Kind::Roll));
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
@@ -60,18 +56,16 @@ pub fn context(
 }
 
 /// The richest model, fitted from the base model, with the strongest effect that a linearisation does not lead to.
-fn richest(
-    fitter: &Fitter,
-    base: &Fitted,
-    candidates: &[Candidate],
-) -> Result<Option<Fitted>> {
+fn richest(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<Option<Fitted>> {
     let strong = |c: &&Candidate| c.strong.is_some();
     let gain = |c: &Candidate| c.strong.as_ref().map_or(0.0, |(_, gain)| *gain);
     let strongest =
         candidates.iter().filter(strong).max_by(|a, b| gain(a).total_cmp(&gain(b))).map(|c| c.effect.name);
     let start = |c: &Candidate| match &c.strong {
         Some((term, _)) if strongest == Some(c.effect.name) => Some(term.clone()),
-        _ if c.effect.in_richest_model || c.effect.target() == EffectTarget::Contact => c.starts.first().cloned(),
+        _ if c.effect.in_richest_model || c.effect.target() == EffectTarget::Contact => {
+            c.starts.first().cloned()
+        }
         _ => None,
     };
     let terms: Vec<Term> = candidates.iter().filter_map(start).collect();

@@ -3,7 +3,8 @@
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or remove too little of the error on held-out trials: `unknown`.
+//! little of the predictable misfit, or remove too little of the error on held-out trials, or are less probable, with or
+//! without a force field that has no name, than that field alone: `unknown`.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
@@ -13,7 +14,8 @@ use super::settings::SETTINGS;
 use crate::discover::field::{self, FieldFit};
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::report::Verdict;
-use crate::discover::search::Found;
+use crate::discover::search::{Found, log_prior};
+use crate::discover::unlike::REPORTED;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
@@ -53,17 +55,18 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
     let base_probability = probability(found.base_log_posterior);
     let credible = credible(&probabilities, base_probability);
-    let decision = |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, unnamed| Decision {
-        verdict,
-        champion: rivals.first().copied(),
-        rivals,
-        probabilities: probabilities.clone(),
-        base_probability,
-        explained,
-        gain,
-        field,
-        unnamed,
-    };
+    let decision =
+        |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, unnamed| Decision {
+            verdict,
+            champion: rivals.first().copied(),
+            rivals,
+            probabilities: probabilities.clone(),
+            base_probability,
+            explained,
+            gain,
+            field,
+            unnamed,
+        };
     if credible.contains(&None) {
         let field = field::fit(fitter, &found.base)?;
         let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
@@ -76,8 +79,17 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let explained = explained(fitter, &found.base, champion, seed)?;
-    let explains = explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share);
-    let gain = held_out_gain(fitter, &found.base, champion)?;
+    let least = if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
+    let alone = field::fit(fitter, &found.base)?.map(|f| f.log_evidence + log_prior(1));
+    let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
+    if alone.is_some_and(|alone| alone > named) {
+        let field = field::fit(fitter, &found.base)?;
+        let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), field, unnamed));
+    }
+    let explains = explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= least);
+    let differ = champion.components.push.iter().any(|sd| *sd > REPORTED);
+    let gain = held_out_gain(fitter, &found.base, champion, differ)?;
     let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
     let verdict = match rivals.len() {
         _ if !explains || !gains => Verdict::Unknown,

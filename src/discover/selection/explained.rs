@@ -13,7 +13,6 @@ use super::settings::SETTINGS;
 use crate::discover::columns::Own;
 use crate::discover::field;
 use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::gaussian;
 use crate::discover::launch::Part;
 use crate::discover::stats::median;
 use crate::error::Result;
@@ -80,15 +79,13 @@ fn residuals(model: &Fitted, parts: &[Part], step: Option<&DVector<f64>>) -> Vec
     out
 }
 
-/// The share of the excess squared error on held-out trials, random accelerations at their conditional modes, that a model removes;
-/// `None` where the base model leaves no more than the floor.
-pub fn held_out_gain(fitter: &Fitter, base: &Fitted, model: &Fitted) -> Result<Option<f64>> {
+/// The share of the excess squared error on held-out trials that a model removes; `differ`: whether trials differ by random
+/// accelerations, which then are at their conditional modes. `None` where the base model leaves no more than the floor.
+pub fn held_out_gain(fitter: &Fitter, base: &Fitted, model: &Fitted, differ: bool) -> Result<Option<f64>> {
     let of = |m: &Fitted| fitter.parts(&m.layout, &m.state, &[]);
     let (Some((_, base_parts)), Some((_, parts))) = (of(base)?, of(model)?) else { return Ok(None) };
     let floor = floor(fitter, base, &base_parts).iter().sum::<f64>();
-    let (Some(before), Some(after)) = (held_out(fitter, base, &base_parts), held_out(fitter, model, &parts)) else {
-        return Ok(None);
-    };
+    let (before, after) = (held_out(base, &base_parts, differ), held_out(model, &parts, differ));
     let weights = trial_weights(&before);
     let sum = |v: &[f64]| v.iter().zip(&weights).map(|(v, w)| v * w).sum::<f64>();
     let (before, after) = (sum(&before), sum(&after));
@@ -101,18 +98,15 @@ fn trial_weights(base: &[f64]) -> Vec<f64> {
     base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
 }
 
-/// Squared residuals by trial, the parameters as the other folds say.
-fn held_out(fitter: &Fitter, model: &Fitted, parts: &[Part]) -> Option<Vec<f64>> {
-    let told = gaussian::all_told(parts, &model.components)?;
-    let mut out = vec![0.0; fitter.data.trials];
-    for fold in 0..=fitter.folds.iter().copied().max()? {
-        let others = told.iter().filter(|t| fitter.folds[t.launch] != fold);
-        let step = gaussian::pooled(others, &model.prior)?.step;
-        for part in parts.iter().filter(|p| fitter.folds[p.launch] == fold) {
-            out[part.launch] += with_random_effects(model, part, &step);
-        }
+/// Squared residuals by trial, the parameters as the other trials say.
+fn held_out(model: &Fitted, parts: &[Part], differ: bool) -> Vec<f64> {
+    let mut out = vec![0.0; model.held.len()];
+    for part in parts {
+        let step = &model.held_out_steps[part.launch];
+        out[part.launch] +=
+            if differ { with_random_effects(model, part, step) } else { part.square_at(step) };
     }
-    Some(out)
+    out
 }
 
 /// Squared residual of a part with its random accelerations at their conditional modes.

@@ -1,8 +1,8 @@
 //! Prior distribution of a model's parameters.
 //!
-//! An effect's amplitudes are symmetric about their neutral values in the coordinates that they declare, and heavy-tailed: a
-//! mixture of normals whose standard deviations are the declared one and multiples of it, so that a strong effect costs the
-//! logarithm of its size and not its square. Where a model stands the most probable component of the mixture counts. In
+//! An effect's amplitudes are symmetric about their neutral values in the coordinates that they declare: normal, or
+//! heavy-tailed, a mixture of normals whose standard deviations are the declared one and multiples of it, so that a strong
+//! effect costs the logarithm of its size and not its square. Where a model stands the most probable component of the mixture counts. In
 //! several settings half of the variance is common. Shapes are normal over the range of the data.
 //!
 //! Source: scale mixtures of normals: Andrews and Mallows, J. R. Stat. Soc. B 36 (1974) 99.
@@ -78,12 +78,17 @@ impl Prior {
             let alike = |j: &usize| layout.slots[*j].what == layout.slots[*i].what;
             let settings = amplitudes.iter().filter(|j| alike(j)).count();
             for (b, j) in amplitudes.iter().enumerate().filter(|(_, j)| alike(j)) {
-                precision[(a, b)] = common_precision(i == j, settings) / (parameter.prior_sd * parameter.prior_sd);
+                precision[(a, b)] =
+                    common_precision(i == j, settings) / (parameter.prior_sd * parameter.prior_sd);
             }
         }
         let square = deviation.dot(&(&precision * &deviation));
-        let tail = SETTINGS.strong_effect / (MULTIPLES.len() - 1) as f64;
-        let weight = |k: usize| if k == 0 { 1.0 - SETTINGS.strong_effect } else { tail }.ln();
+        let heavy = amplitudes.iter().any(|i| layout.parameter(*i).is_some_and(|p| p.heavy_tailed));
+        let strong = if heavy { SETTINGS.strong_effect } else { 0.0 };
+        let weight = |k: usize| match k {
+            0 => (1.0 - strong).ln(),
+            _ => (strong / (MULTIPLES.len() - 1) as f64).ln(),
+        };
         let density = |k: &usize| {
             weight(*k) - n as f64 * MULTIPLES[*k].ln() - 0.5 * square / (MULTIPLES[*k] * MULTIPLES[*k])
         };
@@ -110,7 +115,8 @@ mod tests {
     use crate::discover::fixture::term;
     use crate::discover::model::Term;
 
-    const RANGE: DataRange = DataRange { area: [0.0, 0.0, 2.0, 1.0], duration: 1.0, speed: 3.0, interval: 0.02 };
+    const RANGE: DataRange =
+        DataRange { area: [0.0, 0.0, 2.0, 1.0], duration: 1.0, speed: 3.0, interval: 0.02 };
 
     /// Log density of a layout's values, up to a constant that is the same for layouts of as many parameters.
     fn log_density(layout: &Layout, values: &[f64]) -> f64 {
@@ -126,7 +132,9 @@ mod tests {
         let layout = Layout::new(&[], vec![lift, term("quadratic_drag")], 2);
         let covariance = Prior::of(&layout, &[0.5, 0.3, 0.1], &RANGE, 9.81).precision.try_inverse().unwrap();
         let square = term("lift").effect.parameters[0].prior_sd.powi(2);
-        assert!((covariance[(0, 0)] - square).abs() < 1e-9 && (covariance[(0, 1)] - 0.5 * square).abs() < 1e-9);
+        assert!(
+            (covariance[(0, 0)] - square).abs() < 1e-9 && (covariance[(0, 1)] - 0.5 * square).abs() < 1e-9
+        );
         assert_eq!(covariance[(0, 2)], 0.0);
     }
 
@@ -142,7 +150,10 @@ mod tests {
             let scale = of("position_scale", ratio, ratio);
             let clock = of("time_scale", ratio.powf(-0.5), 0.5 * ratio.powf(-0.5));
             let gravity = of("gravity_error", 9.81 * (ratio - 1.0), 9.81 * ratio);
-            assert!((scale - clock).abs() < 1e-6 && (scale - gravity).abs() < 0.1, "{scale} {clock} {gravity}");
+            assert!(
+                (scale - clock).abs() < 1e-6 && (scale - gravity).abs() < 0.1,
+                "{scale} {clock} {gravity}"
+            );
         }
     }
 

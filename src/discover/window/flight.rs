@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::kind::{FLIGHT, Kind, Point, Surface, Window, seen};
 use super::hold::without_holds;
+use super::kind::{FLIGHT, Kind, Point, Surface, Window, seen};
 use super::touch::{Touch, rolls, touches};
 use crate::discover::smooth::{Row, smooth};
 use crate::discover::stats::{median, slope};

@@ -56,6 +56,8 @@ pub struct ParameterDeclaration {
     /// Prior standard deviation about the neutral value: weak, but excludes for example a wind as strong
     /// as gravity. Infinite for shape parameters without prior information.
     pub prior_sd: f64,
+    /// Whether sizes far beyond `prior_sd` are plausible too: of media and instruments of any kind.
+    pub heavy_tailed: bool,
     /// The coordinate in which the prior is symmetric.
     pub prior_coordinate: PriorCoordinate,
     /// Finite-difference step: far above rounding errors and far below the scale of the effect; for edges
@@ -187,6 +189,7 @@ pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> Paramet
         role: ParameterRole::Amplitude,
         typical_size: size,
         prior_sd,
+        heavy_tailed: false,
         prior_coordinate: PriorCoordinate::Value,
         fd_step,
     }
@@ -262,9 +265,9 @@ impl ParameterDeclaration {
         }
     }
 
-    /// The same with its prior symmetric in another coordinate.
-    pub(super) const fn symmetric_in(self, prior_coordinate: PriorCoordinate) -> ParameterDeclaration {
-        ParameterDeclaration { prior_coordinate, ..self }
+    /// The same with a heavy-tailed prior that is symmetric in a coordinate.
+    pub(super) const fn heavy_tailed(self, prior_coordinate: PriorCoordinate) -> ParameterDeclaration {
+        ParameterDeclaration { heavy_tailed: true, prior_coordinate, ..self }
     }
 
     /// Deviation of a value from the neutral one in the prior's coordinate, in the parameter's unit, and its derivative by

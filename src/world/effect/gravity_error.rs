@@ -25,7 +25,7 @@ pub static EFFECT: Effect = Effect {
         "dg",
         "m/s^2",
         [-100.0, 100.0],
-        amplitude(1.0, 0.5, 1e-2).symmetric_in(PriorCoordinate::LogGravity),
+        amplitude(1.0, 0.5, 1e-2).heavy_tailed(PriorCoordinate::LogGravity),
     )],
     ..effect(EffectKind::Motion(&GravityError))
 };

@@ -9,7 +9,7 @@
 //! Differences from the source: none.
 
 use super::{
-    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
+    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes, PriorCoordinate,
     SimulationContext, amplitude, constants, effect, parameter,
 };
 
@@ -21,7 +21,12 @@ pub static EFFECT: Effect = Effect {
         speeds distinguish it from quadratic drag. Spin decays at the same rate. It acts in flight \
         and in rolling.",
     equation: "a = -c v, and the same for spin",
-    parameters: &[parameter("c", "1/s", [0.0, 1e4], amplitude(0.5, 0.7, 2e-3))],
+    parameters: &[parameter(
+        "c",
+        "1/s",
+        [0.0, 1e4],
+        amplitude(0.5, 0.7, 2e-3).heavy_tailed(PriorCoordinate::Value),
+    )],
     opposes_motion: true,
     ..effect(EffectKind::Motion(&LinearDrag))
 };

@@ -8,14 +8,15 @@
 //! common shift.
 
 use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude, effect, parameter,
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude,
+    effect, parameter,
 };
 
 const SCALE: ParameterDeclaration = parameter(
     "s",
     "1",
     [0.1, 10.0],
-    amplitude(0.1, 0.05, 2e-3).neutral_at(1.0).symmetric_in(PriorCoordinate::LogRatio),
+    amplitude(0.1, 0.05, 2e-3).neutral_at(1.0).heavy_tailed(PriorCoordinate::LogRatio),
 );
 
 /// The effect's row in the registry.

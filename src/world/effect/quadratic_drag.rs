@@ -9,7 +9,7 @@
 //! Differences from the source: spin is unaffected.
 
 use super::{
-    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes,
+    ConstantLanes, Constants, Effect, EffectKind, MotionLaw, MotionState, MotionStateLanes, PriorCoordinate,
     SimulationContext, amplitude, constants, effect, parameter,
 };
 
@@ -21,7 +21,12 @@ pub static EFFECT: Effect = Effect {
         exponentially, and there is a terminal speed sqrt(g / k). Only trials of different speeds \
         distinguish it from linear drag, and trials in opposite directions from wind.",
     equation: "a = -k |v| v",
-    parameters: &[parameter("k", "1/m", [0.0, 1000.0], amplitude(0.03, 0.2, 2e-3))],
+    parameters: &[parameter(
+        "k",
+        "1/m",
+        [0.0, 1000.0],
+        amplitude(0.03, 0.2, 2e-3).heavy_tailed(PriorCoordinate::Value),
+    )],
     opposes_motion: true,
     in_richest_model: true,
     ..effect(EffectKind::Motion(&QuadraticDrag))

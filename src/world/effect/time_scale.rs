@@ -6,7 +6,8 @@
 //! Differences from the source: none. The record ends when the end of the rollout is measured.
 
 use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude, effect, parameter,
+    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude,
+    effect, parameter,
 };
 
 /// Half as wide as that of a length scale, whose square root it changes accelerations by.
@@ -14,7 +15,7 @@ const SCALE: ParameterDeclaration = parameter(
     "s",
     "1",
     [0.1, 10.0],
-    amplitude(0.1, 0.025, 2e-3).neutral_at(1.0).symmetric_in(PriorCoordinate::LogRatio),
+    amplitude(0.1, 0.025, 2e-3).neutral_at(1.0).heavy_tailed(PriorCoordinate::LogRatio),
 );
 
 /// The effect's row in the registry.
