@@ -156,8 +156,7 @@ mod tests {
     #[test]
     fn a_start_takes_up_four_coordinates() {
         thrown::fitted(&[1e-6; 6], &[], 8, |fitter, f| {
-            let none =
-                Components { slow: 0.0, leap: 0.0, strength: 0.0, push: vec![0.0; 3], spread: Vec::new() };
+            let none = Components { slow: 0.0, leap: 0.0, strength: 0.0, push: vec![0.0; 3] };
             for (window, band) in fitter.data.windows.iter().zip(of(fitter, f, &none)) {
                 let all: f64 = band.iter().flatten().map(|sd| (sd / NOISE).powi(2)).sum();
                 assert!((all - (2.0 * window.points.len() as f64 - 4.0)).abs() < 1e-3, "{all}");

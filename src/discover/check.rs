@@ -142,8 +142,7 @@ mod tests {
     fn probabilities_of_what_is_drawn_are_uniform() {
         let mut stream = rng::stream(7, "predictive check");
         let mut normal = || -> f64 { StandardNormal.sample(&mut stream) };
-        let components =
-            Components { slow: 1.5, leap: 0.01, strength: 0.0, push: vec![0.0; 3], spread: vec![0.4] };
+        let components = Components { slow: 1.5, leap: 0.01, strength: 0.0, push: vec![0.0; 3] };
         let others =
             Pooled { step: DVector::from_vec(vec![0.7]), covariance: DMatrix::from_element(1, 1, 0.2) };
         let column = DMatrix::from_fn(9, 1, |i, _| libm::sin(1.0 + i as f64));

@@ -182,7 +182,7 @@ mod tests {
     }
 
     fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<Ready, Lack> {
-        prepare(&ball(), &seen(trials), Engine::Auto, RUN).unwrap()
+        prepare(&ball(), &seen(trials), Engine::Auto, RUN, &[]).unwrap()
     }
 
     #[test]

@@ -412,6 +412,14 @@ impl Found {
         order
     }
 
+    /// The base model, and the fits of a set's effects but one.
+    pub fn with_one_fewer(&self, fit: &Fitted) -> Vec<&Fitted> {
+        let fewer = |f: &&Fitted| {
+            f.set.len() + 1 == fit.set.len() && f.set.iter().all(|e| fit.set.iter().any(|o| o.name == e.name))
+        };
+        [&self.base].into_iter().chain(self.fits.iter().filter(fewer)).collect()
+    }
+
     /// The largest log posterior, the base model's among them.
     pub fn best_total(&self) -> f64 {
         self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)

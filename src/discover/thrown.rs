@@ -69,6 +69,7 @@ pub fn decision(verdict: Verdict) -> Decision {
         probabilities: Vec::new(),
         base_probability: 1.0,
         explained: None,
+        gain: None,
         field: None,
         unnamed: None,
     }

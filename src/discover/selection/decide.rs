@@ -78,7 +78,7 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let explained = explained(fitter, &found.base, champion, seed)?;
+    let explained = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
     let least = if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
     let alone = field::fit(fitter, &found.base)?.map(|f| f.log_evidence + log_prior(1));
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));

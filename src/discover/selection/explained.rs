@@ -33,23 +33,36 @@ pub struct Explained {
     pub interval: [f64; 2],
 }
 
-/// The share that `model` explains of what `base` leaves; `None` where the base model leaves no more than the
-/// floor.
-pub fn explained(fitter: &Fitter, base: &Fitted, model: &Fitted, seed: u64) -> Result<Option<Explained>> {
-    let of = |m: &Fitted| fitter.parts(&m.layout, &m.state, &[]);
-    let (Some((_, base_parts)), Some((_, parts))) = (of(base)?, of(model)?) else { return Ok(None) };
-    let none = residuals(base, &base_parts, None);
+/// The share that `model` explains of what the base model leaves, and of what models with one of its effects less leave
+/// (`fewer`): the least of them, so that a strong effect does not speak for a weak one. `None` where no model but `model` leaves more than
+/// the floor.
+pub fn explained(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64) -> Result<Option<Explained>> {
+    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(None) };
     let own = residuals(model, &parts, None);
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad * c.discrepancy.acceleration);
     let broad = field::broad(fitter, model, sd)?;
     let broad = broad.map_or_else(|| own.clone(), |(parts, step)| residuals(model, &parts, Some(&step)));
-    let floor = floor(fitter, base, &base_parts);
-    let weights = trial_weights(&none);
+    let mut least: Option<Explained> = None;
+    for base in fewer {
+        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else { continue };
+        let none = residuals(base, &parts, None);
+        let share = share(&none, &own, &broad, &floor(fitter, base, &parts), seed);
+        least = match (least, share) {
+            (Some(known), Some(new)) if known.share <= new.share => Some(known),
+            (known, new) => new.or(known),
+        };
+    }
+    Ok(least)
+}
+
+/// The share of what is left of trials without effects (`none`) that goes with them (`own`), in that of what can go.
+fn share(none: &[f64], own: &[f64], broad: &[f64], floor: &[f64], seed: u64) -> Option<Explained> {
+    let weights = trial_weights(none);
     let gone: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - own[i])).collect();
     let least = |i: usize| own[i].min(broad[i]).max(floor[i].min(none[i]));
     let all: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - least(i))).collect();
     if none.iter().sum::<f64>() < (1.0 + MIN_EXCESS) * floor.iter().sum::<f64>() {
-        return Ok(None);
+        return None;
     }
     let share = |weights: &[f64]| {
         let sum = |v: &[f64]| v.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
@@ -62,10 +75,10 @@ pub fn explained(fitter: &Fitter, base: &Fitted, model: &Fitted, seed: u64) -> R
         .collect();
     draws.sort_by(f64::total_cmp);
     let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
-    Ok(Some(Explained {
+    Some(Explained {
         share: share(&vec![1.0; gone.len()]),
         interval: [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)],
-    }))
+    })
 }
 
 /// Squared residuals by trial where the model stands, or after a step, with its own random effects at their modes.
@@ -173,7 +186,7 @@ mod tests {
         thrown::fitted(&[0.4; 8], &[], 11, |fitter, base| {
             thrown::fitted(&[0.4; 8], &["linear_drag"], 11, |_, model| {
                 let own = Fitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
-                let share = |m: &Fitted| explained(&own, base, m, 3).unwrap().expect("a misfit");
+                let share = |m: &Fitted| explained(&own, &[base], m, 3).unwrap().expect("a misfit");
                 let (right, none) = (share(model), share(base));
                 assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
                 assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");
