@@ -152,7 +152,7 @@ mod tests {
                 .map(|_| {
                     // The scale: an inverse Gamma of half its degrees of freedom.
                     let scale = (FREEDOM / (0..4).map(|_| normal().powi(2)).sum::<f64>()).sqrt();
-                    let own = 0.2f64.sqrt() * normal() + 0.4 * normal();
+                    let own = 0.2f64.sqrt() * normal();
                     let noise = DVector::from_fn(9, |i, _| (1.0 + 1.5 * 1.5 * slow[i]).sqrt() * normal());
                     let left = &column * 0.7 + (&column * own + noise) * (scale * wider);
                     let block = Block {

@@ -290,7 +290,7 @@ mod tests {
         let wanted = moments(&grid, &logs.iter().map(|l| (l - most).exp()).collect::<Vec<_>>());
         assert!((found[0] - wanted[0]).abs() < 0.1 * wanted[1], "{found:?} for {wanted:?}");
         assert!((found[1] / wanted[1] - 1.0).abs() < 0.1, "{found:?} for {wanted:?}");
-        assert!(wanted[1] < 0.5, "the parts tell the push: {wanted:?}");
+        assert!(wanted[1] < 0.8, "the parts tell the push: {wanted:?}");
         let slow = moments(&drawn.iter().map(|c| c.slow.ln()).collect::<Vec<_>>(), &even);
         assert!((slow[0] - SLOW[0]).abs() < 0.3 && (slow[1] - SLOW[1]).abs() < 0.3, "{slow:?}");
     }

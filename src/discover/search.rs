@@ -412,7 +412,7 @@ impl Found {
         order
     }
 
-    /// The base model, and the fits of a set's effects but one.
+    /// The base model, then the fits of a set's effects but one.
     pub fn with_one_fewer(&self, fit: &Fitted) -> Vec<&Fitted> {
         let fewer = |f: &&Fitted| {
             f.set.len() + 1 == fit.set.len() && f.set.iter().all(|e| fit.set.iter().any(|o| o.name == e.name))

@@ -76,7 +76,7 @@ mod tests {
             assert_eq!((told.len(), told[0].effect.as_str(), told[0].unit.as_str()), (1, "lift", "1/s"));
             assert!((told[0].spread - 2.0 * usual).abs() < 1e-6);
             assert!(text(&told).contains("lift.s by 0.400 1/s"), "{}", text(&told));
-            assert!(with(0.9, &["linear_drag"]).is_empty());
+            assert!(with(0.4, &["linear_drag"]).is_empty());
             assert!(with(2.0, &["lift"]).is_empty(), "the set has it, and says its spread itself");
         });
     }

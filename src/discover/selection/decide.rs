@@ -78,21 +78,24 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let explained = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
-    let least = if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
-    let alone = field::fit(fitter, &found.base)?.map(|f| f.log_evidence + log_prior(1));
+    let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
-    if alone.is_some_and(|alone| alone > named) {
-        let field = field::fit(fitter, &found.base)?;
-        let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
-        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), field, unnamed));
+    if alone.as_ref().is_some_and(|alone| alone.log_evidence + log_prior(1) > named) {
+        let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
     }
-    let explains = explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= least);
+    let shares = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
+    let explained = shares.first().copied().flatten();
+    let beside_field =
+        if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
+    let explains =
+        explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= beside_field);
+    let earned = shares.iter().skip(1).flatten().all(|e| e.interval[1] >= SETTINGS.earned_share);
     let differ = champion.components.push.iter().any(|sd| *sd > REPORTED);
     let gain = held_out_gain(fitter, &found.base, champion, differ)?;
     let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
     let verdict = match rivals.len() {
-        _ if !explains || !gains => Verdict::Unknown,
+        _ if !explains || !earned || !gains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };

@@ -33,26 +33,25 @@ pub struct Explained {
     pub interval: [f64; 2],
 }
 
-/// The share that `model` explains of what the base model leaves, and of what models with one of its effects less leave
-/// (`fewer`): the least of them, so that a strong effect does not speak for a weak one. `None` where no model but `model` leaves more than
-/// the floor.
-pub fn explained(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64) -> Result<Option<Explained>> {
-    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(None) };
+/// The share that `model` explains of what each of some models with fewer effects leaves; `None` where one leaves no more than the
+/// floor.
+pub fn explained(
+    fitter: &Fitter,
+    fewer: &[&Fitted],
+    model: &Fitted,
+    seed: u64,
+) -> Result<Vec<Option<Explained>>> {
+    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(Vec::new()) };
     let own = residuals(model, &parts, None);
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad * c.discrepancy.acceleration);
     let broad = field::broad(fitter, model, sd)?;
     let broad = broad.map_or_else(|| own.clone(), |(parts, step)| residuals(model, &parts, Some(&step)));
-    let mut least: Option<Explained> = None;
-    for base in fewer {
-        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else { continue };
+    let of = |base: &&Fitted| {
+        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else { return Ok(None) };
         let none = residuals(base, &parts, None);
-        let share = share(&none, &own, &broad, &floor(fitter, base, &parts), seed);
-        least = match (least, share) {
-            (Some(known), Some(new)) if known.share <= new.share => Some(known),
-            (known, new) => new.or(known),
-        };
-    }
-    Ok(least)
+        Ok(share(&none, &own, &broad, &floor(fitter, base, &parts), seed))
+    };
+    fewer.iter().map(of).collect()
 }
 
 /// The share of what is left of trials without effects (`none`) that goes with them (`own`), in that of what can go.
@@ -186,7 +185,7 @@ mod tests {
         thrown::fitted(&[0.4; 8], &[], 11, |fitter, base| {
             thrown::fitted(&[0.4; 8], &["linear_drag"], 11, |_, model| {
                 let own = Fitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
-                let share = |m: &Fitted| explained(&own, &[base], m, 3).unwrap().expect("a misfit");
+                let share = |m: &Fitted| explained(&own, &[base], m, 3).unwrap()[0].expect("a misfit");
                 let (right, none) = (share(model), share(base));
                 assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
                 assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");

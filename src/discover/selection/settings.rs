@@ -14,6 +14,9 @@ pub struct Settings {
     pub explained_share: f64,
     /// The same where an unnamed force field beside the set is certain, for the share itself.
     pub explained_share_beside_field: f64,
+    /// Least share of what a set without one of its effects leaves that the effect explains: a strong effect does not speak for a
+    /// weak one.
+    pub earned_share: f64,
     /// Confidence with which the explained share is below its limit before the verdict is `unknown`.
     pub confidence: f64,
     /// Least share of the excess error on held-out trials that a reported set removes.
@@ -35,6 +38,7 @@ pub const SETTINGS: Settings = Settings {
     credible_mass: 0.95,
     explained_share: 0.9,
     explained_share_beside_field: 0.95,
+    earned_share: 0.5,
     confidence: 0.95,
     held_out_gain: 0.5,
     odd_trial: 0.01,
