@@ -26,7 +26,7 @@ use crate::world::Engine;
 /// Most odd trials, as a share of all: one in eight.
 const MAX_SHARE: f64 = 0.125;
 /// Expected number of trials that are as far off by chance, below which trials are suspect.
-const SUSPECT: f64 = 0.5;
+const SUSPECT: f64 = 0.1;
 /// Steps of least squares to the initial states of trials that are judged.
 const STEPS: usize = 6;
 
