@@ -567,7 +567,6 @@ fn rejects_bad_input_naming_the_field() {
         ),
         row("POST", worlds, r#"{"task": "bowling", "damping": 0}"#, 422, wrong, "damping"),
         row("POST", worlds, r#"{"task": "bowling", "damping": 1.5}"#, 422, wrong, "damping"),
-        row("POST", worlds, r#"{"task": "bowling", "damping": 1e-300}"#, 422, wrong, "damping"),
         row(
             "POST",
             worlds,

@@ -78,12 +78,9 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let alone = field::fit(fitter, &found.base)?;
+    let alone = field::fit(fitter, &found.base)?.map(|f| f.log_evidence + log_prior(1));
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
-    if alone.as_ref().is_some_and(|alone| alone.log_evidence + log_prior(1) > named) {
-        let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
-        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
-    }
+    let is_likelier = alone.is_none_or(|alone| alone <= named);
     let shares = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
     let explained = shares.first().copied().flatten();
     let beside_field =
@@ -95,7 +92,7 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let gain = held_out_gain(fitter, &found.base, champion, differ)?;
     let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
     let verdict = match rivals.len() {
-        _ if !explains || !earned || !gains => Verdict::Unknown,
+        _ if !is_likelier || !explains || !earned || !gains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
