@@ -114,12 +114,47 @@ impl<'a> Likelihood<'a> {
     /// have reason to.
     pub fn most(&mut self, first: f64) -> Components {
         let most = self.from.most();
-        self.climbed(&most, first)
+        let from = self.from.clone();
+        let matter = self.matter();
+        let mut quality = |logs: &[f64]| self.densities(logs).iter().sum::<f64>() + from.log_prior(logs);
+        let mut logs: Vec<f64> = from.logs().iter().zip(&most).map(|(l, most)| l.min(*most)).collect();
+        let mut best = quality(&logs);
+        let mut first = first;
+        for _ in 0..SEARCHES {
+            let before = best;
+            let mut steps = vec![first; logs.len()];
+            while steps.iter().zip(&matter).any(|(s, matters)| *matters && s.abs() >= FINEST) {
+                for k in (0..logs.len()).filter(|k| matter[*k]) {
+                    let step = steps[k];
+                    let mut better = |way: f64| {
+                        let mut moved = logs.clone();
+                        moved[k] = (moved[k] + way).min(most[k]);
+                        let value = if moved[k] == logs[k] { f64::NEG_INFINITY } else { quality(&moved) };
+                        (value > best).then_some((value, moved, way))
+                    };
+                    if step.abs() < FINEST {
+                        continue;
+                    }
+                    match better(step).or_else(|| better(-step)) {
+                        Some((value, moved, way)) => {
+                            (best, logs) = (value, moved);
+                            steps[k] = (LONGER * way).clamp(-LONGEST, LONGEST);
+                        }
+                        None => steps[k] *= SHORTER,
+                    }
+                }
+            }
+            if best - before < SETTLED {
+                break;
+            }
+            first = HELD;
+        }
+        from.with(&logs)
     }
 
     /// Components as they may be where the model stands, beginning where the search did; launches differ by no more than they have
     /// reason to. Steps are multiples of the shortest of a search, so that a walk comes by the same places again.
-    pub fn drawn(&mut self, count: usize, stream: &mut Stream) -> Vec<Components> {
+    pub fn draw(&mut self, count: usize, stream: &mut Stream) -> Vec<Components> {
         let (from, matter) = (self.from.clone(), self.matter());
         let most = from.most();
         let begun: Vec<f64> = from.logs().iter().zip(&most).map(|(l, most)| l.min(*most)).collect();
@@ -161,45 +196,6 @@ impl<'a> Likelihood<'a> {
             part.blocks.iter().any(|b| !b.kinds.is_empty() || b.slow.iter().any(|slow| *slow > 0.0))
         };
         self.parts.iter().any(|part| part.differs || own(part))
-    }
-
-    fn climbed(&mut self, most: &[f64], first: f64) -> Components {
-        let from = self.from.clone();
-        let matter = self.matter();
-        let mut quality = |logs: &[f64]| self.densities(logs).iter().sum::<f64>() + from.log_prior(logs);
-        let mut logs: Vec<f64> = from.logs().iter().zip(most).map(|(l, most)| l.min(*most)).collect();
-        let mut best = quality(&logs);
-        let mut first = first;
-        for _ in 0..SEARCHES {
-            let before = best;
-            let mut steps = vec![first; logs.len()];
-            while steps.iter().zip(&matter).any(|(s, matters)| *matters && s.abs() >= FINEST) {
-                for k in (0..logs.len()).filter(|k| matter[*k]) {
-                    let step = steps[k];
-                    let mut better = |way: f64| {
-                        let mut moved = logs.clone();
-                        moved[k] = (moved[k] + way).min(most[k]);
-                        let value = if moved[k] == logs[k] { f64::NEG_INFINITY } else { quality(&moved) };
-                        (value > best).then_some((value, moved, way))
-                    };
-                    if step.abs() < FINEST {
-                        continue;
-                    }
-                    match better(step).or_else(|| better(-step)) {
-                        Some((value, moved, way)) => {
-                            (best, logs) = (value, moved);
-                            steps[k] = (LONGER * way).clamp(-LONGEST, LONGEST);
-                        }
-                        None => steps[k] *= SHORTER,
-                    }
-                }
-            }
-            if best - before < SETTLED {
-                break;
-            }
-            first = HELD;
-        }
-        from.with(&logs)
     }
 
     /// Which of the logarithms the parts depend on.
@@ -259,14 +255,15 @@ mod tests {
         (0..8).map(part).collect()
     }
 
-    /// A push's deviation is drawn as a sum over the walk's lattice says, and what nothing tells as it is believed.
+    /// The walk's draws of a component that the data determine match a sum over its grid; those of one that they do not match
+    /// its prior.
     #[test]
     fn components_are_drawn_as_they_may_be() {
         let parts = parts();
         let start = Components::start(false);
         let mut likely = Likelihood::new(&parts, &start);
         assert!(likely.depend());
-        let drawn = likely.drawn(4000, &mut rng::stream(2, "test"));
+        let drawn = likely.draw(4000, &mut rng::stream(2, "test"));
         let moments = |values: &[f64], weights: &[f64]| {
             let all: f64 = weights.iter().sum();
             let mean = values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / all;

@@ -76,7 +76,7 @@ fn probability(
 ) -> Result<f64> {
     let settings = [setting];
     let data = Data::new(windows, &settings, vec![noise.sd; windows.len()], engine);
-    // The model stays as it is: only initial states move.
+    // Only initial states are fitted: bounds hold the parameters at the model's values.
     let mut layout = model.layout.clone();
     layout.slots.iter_mut().zip(&model.state.values).for_each(|(slot, v)| slot.bounds = [*v; 2]);
     let nuisances = windows.iter().map(|w| w.start_whatever_acts().unwrap_or_else(|| w.nuisances.clone()));
@@ -95,7 +95,7 @@ fn probability(
     Ok(if all.is_empty() { 1.0 } else { joined(&all) })
 }
 
-/// What a reason says of odd trials.
+/// Sentence about odd trials for the report's reason.
 pub fn text(odd: &[OddTrial]) -> String {
     let names: Vec<String> = odd.iter().map(|o| format!("{:?} (p = {:.1e})", o.name, o.p)).collect();
     let (noun, are) = if odd.len() == 1 { ("trial", "is") } else { ("trials", "are") };

@@ -570,6 +570,14 @@ fn rejects_bad_input_naming_the_field() {
         row(
             "POST",
             worlds,
+            r#"{"task": "bowling", "effects": [{"name": "linear_drag", "parameters": {"c": 1e5}}]}"#,
+            422,
+            wrong,
+            "effects[0].parameters.c",
+        ),
+        row(
+            "POST",
+            worlds,
             r#"{"task": "bowling", "effects": [{"name": "magic"}]}"#,
             422,
             wrong,

@@ -159,7 +159,7 @@ mod tests {
     fn mean_over_draws_matches_integral() {
         let groups = synthetic_groups();
         let mut likely = components::Likelihood::new(&groups, &components_with(1.0));
-        let drawn = likely.drawn(1500, &mut rng::stream(5, "test"));
+        let drawn = likely.draw(1500, &mut rng::stream(5, "test"));
         let first = conditional(1.0, None);
         let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);
         let at = |under: &ConditionalLikelihood, share: f64| {

@@ -132,7 +132,7 @@ impl LogLikelihood {
         let mut objective = components::Likelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
         if objective.depend() {
-            let drawn = objective.drawn(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
+            let drawn = objective.draw(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
             conditional =
                 drawn.par_iter().filter_map(|c| Some(new(c, Some(&at_fit))?.drop_jacobians())).collect();
         }

@@ -54,7 +54,8 @@ pub fn explained(
     fewer.iter().map(of).collect()
 }
 
-/// The share of what is left of trials without effects (`none`) that goes with them (`own`), in that of what can go.
+/// Explained share from squared residuals by trial: of the model with fewer effects (`none`), of the model (`own`), of the
+/// model beside a broad field, and of noise alone (`floor`).
 fn share(none: &[f64], own: &[f64], broad: &[f64], floor: &[f64], seed: u64) -> Option<Explained> {
     let weights = trial_weights(none);
     let gone: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - own[i])).collect();

@@ -4,8 +4,8 @@
 use crate::discover::smooth::Row;
 use crate::discover::stats::median;
 
-/// Fewest observations of a hold.
-const FEWEST: usize = 5;
+/// Minimum number of observations of a hold, and of what remains without it.
+const MIN_OBSERVATIONS: usize = 5;
 /// Noise scales within which a body at rest stays, and beyond which gravity would have moved it.
 const REST: f64 = 4.0;
 const FALLEN: f64 = 8.0;
@@ -18,7 +18,11 @@ pub fn without_holds(rows: &[Row], (from, to): (usize, usize), g: f64) -> (usize
     }
     let forwards = held(rows[from..to].iter(), noise, g);
     let backwards = held(rows[from..to].iter().rev(), noise, g);
-    if forwards + backwards + FEWEST > to - from { (from, to) } else { (from + forwards, to - backwards) }
+    if forwards + backwards + MIN_OBSERVATIONS > to - from {
+        (from, to)
+    } else {
+        (from + forwards, to - backwards)
+    }
 }
 
 /// Number of the first rows in which the body is held.
@@ -36,7 +40,7 @@ fn held<'a>(rows: impl Iterator<Item = &'a Row>, noise: f64, g: f64) -> usize {
     }
     let duration = (last - first.unwrap_or(last)).abs();
     // A parabola leaves the line through its ends by g T^2 / 8.
-    if count >= FEWEST && g * duration * duration / 8.0 > FALLEN * noise { count } else { 0 }
+    if count >= MIN_OBSERVATIONS && g * duration * duration / 8.0 > FALLEN * noise { count } else { 0 }
 }
 
 /// Noise from second differences of the coordinate that moves least, m.

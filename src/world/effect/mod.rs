@@ -42,7 +42,7 @@ pub use declaration::{
     DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, PriorCoordinate, SearchStrategy,
     ShapeParameter,
 };
-use declaration::{amplitude, edge, effect, parameter, shape};
+use declaration::{amplitude, edge, effect, parameter, scale_factor, shape};
 use law::constants;
 pub use law::{
     ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,

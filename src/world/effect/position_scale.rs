@@ -7,17 +7,7 @@
 //! Differences from the source: scaling about the scene's origin, not the image centre; the difference is a
 //! common shift.
 
-use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude,
-    effect, parameter,
-};
-
-const SCALE: ParameterDeclaration = parameter(
-    "s",
-    "1",
-    [0.1, 10.0],
-    amplitude(0.1, 0.05, 2e-3).neutral_at(1.0).heavy_tailed(PriorCoordinate::LogRatio),
-);
+use super::{Constants, Effect, EffectKind, Measurement, Sensor, effect, scale_factor};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -27,7 +17,7 @@ pub static EFFECT: Effect = Effect {
         too far apart when they touch. Vertical motion alone cannot distinguish it from an error of \
         gravity; sideways motion and known sizes can.",
     equation: "measured position = s * true position; velocities likewise",
-    parameters: &[SCALE],
+    parameters: &[scale_factor(0.05)],
     instrument_check: Some("measure a known length in the picture"),
     ..effect(EffectKind::Sensor(&PositionScale))
 };

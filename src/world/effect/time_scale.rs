@@ -5,18 +5,7 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is measured.
 
-use super::{
-    Constants, Effect, EffectKind, Measurement, ParameterDeclaration, PriorCoordinate, Sensor, amplitude,
-    effect, parameter,
-};
-
-/// Half as wide as that of a length scale, whose square root it changes accelerations by.
-const SCALE: ParameterDeclaration = parameter(
-    "s",
-    "1",
-    [0.1, 10.0],
-    amplitude(0.1, 0.025, 2e-3).neutral_at(1.0).heavy_tailed(PriorCoordinate::LogRatio),
-);
+use super::{Constants, Effect, EffectKind, Measurement, Sensor, effect, scale_factor};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -26,7 +15,8 @@ pub static EFFECT: Effect = Effect {
         accelerations by 1/s^2, exponential decays by 1/s. An error of gravity changes free flights \
         in the same way, but not the speed that an action sets or that rolling preserves.",
     equation: "measured at t = true at t / s: the clock runs s times",
-    parameters: &[SCALE],
+    // Accelerations change by its square: as probable as a length scale that changes them alike.
+    parameters: &[scale_factor(0.025)],
     instrument_check: Some("film a clock"),
     ..effect(EffectKind::Sensor(&TimeScale))
 };
