@@ -4,13 +4,13 @@
 use crate::discover::smooth::Row;
 use crate::discover::stats::median;
 
-/// Minimum number of observations of a hold, and of what remains without it.
+/// Minimum number of observations of a hold.
 const MIN_OBSERVATIONS: usize = 5;
 /// Noise scales within which a body at rest stays, and beyond which gravity would have moved it.
 const REST: f64 = 4.0;
 const FALLEN: f64 = 8.0;
 
-/// The rows among `from..to` in which a body under gravity `g`, m/s^2, is not held.
+/// The rows among `from..to` in which a body under gravity `g`, m/s^2, is not held; none where it always is.
 pub fn without_holds(rows: &[Row], (from, to): (usize, usize), g: f64) -> (usize, usize) {
     let noise = noise(&rows[from..to]);
     if g <= 0.0 || noise <= 0.0 {
@@ -18,11 +18,8 @@ pub fn without_holds(rows: &[Row], (from, to): (usize, usize), g: f64) -> (usize
     }
     let forwards = held(rows[from..to].iter(), noise, g);
     let backwards = held(rows[from..to].iter().rev(), noise, g);
-    if forwards + backwards + MIN_OBSERVATIONS > to - from {
-        (from, to)
-    } else {
-        (from + forwards, to - backwards)
-    }
+    let first = from + forwards;
+    (first, first.max(to - backwards))
 }
 
 /// Number of the first rows in which the body is held.
@@ -70,6 +67,7 @@ mod tests {
         let (from, to) = without_holds(&rows, (0, 50), 9.81);
         assert!((10..13).contains(&from) && (38..42).contains(&to), "{from} {to}");
         assert_eq!(without_holds(&rows, (12, 38), 9.81), (12, 38), "a flight is none");
+        assert_eq!(without_holds(&rows[..10], (0, 10), 100.0), (10, 10), "never released");
         assert_eq!(without_holds(&rows, (0, 50), 0.0), (0, 50), "without gravity anything may rest");
     }
 }
