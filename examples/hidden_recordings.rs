@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example hidden_recordings -- --worlds 400 --out rates.md`: 400 worlds, cycling through the kinds
 //! (`--only KIND`: only kinds whose name contains KIND). `--seed` selects other worlds, `--threads` runs several in parallel,
-//! each on one thread. Each result is appended to `recordings.csv` next to the table, and an interrupted run resumes.
+//! each on one thread; `--shared` adds errors that all trials share. Each result is appended to `recordings.csv` next to the table, and an interrupted run resumes.
 //!
 //! The limit of identifiability is the result of the same method on the same trials without noise and outliers (the clean
 //! twin). Sets that such data cannot distinguish count as one: gravity, scale and clock in free flight; a tilted camera and
@@ -40,7 +40,7 @@ fn main() -> std::io::Result<()> {
     }
     let log = run.log("recordings.csv", run.worlds, |i, id| {
         let kind = kinds[i as usize % kinds.len()].name();
-        kind.contains(&run.only).then(|| format!("{id},{}\n", study(&world(i, run.seed), id, i, run.talk)))
+        kind.contains(&run.only).then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, run.talk)))
     })?;
     let lines: Vec<ResultRow> = log.lines().filter_map(ResultRow::read).collect();
     run.tell(&table(&lines))

@@ -13,6 +13,7 @@ use iplw::picture::report::{Block, HtmlReport, Section};
 use iplw::progress::Progress;
 use iplw::reality::LoadedTrials;
 use iplw::task::Scene;
+use iplw::world::effect;
 
 use super::compact_json::compact_json;
 use super::residual_plots::{PlotFile, plots};
@@ -90,10 +91,8 @@ fn figure_blocks(plots: &[PlotFile]) -> Vec<Block> {
 fn summary(d: &Diagnosis, out: &Path) -> String {
     let mut text = format!("verdict: {}\n{}\n", d.verdict.name(), d.reason);
     for effect in &d.effects {
-        text += &format!(
-            "  {} (acts on {}), probability {:.2}\n",
-            effect.name, effect.acts_on, effect.probability
-        );
+        let law = effect::find(&effect.name).map_or(String::new(), |e| format!(": {}", e.equation));
+        text += &format!("  {}{law} (probability {:.2})\n", effect.name, effect.probability);
         for p in &effect.parameters {
             text += &format!("    {}\n", parameter(p));
         }
@@ -107,10 +106,12 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
             if c.identifiable { interval(&c.ci95) } else { "not identifiable from these trials".into() };
         text += &format!("  {} = {:.4} ({range})\n", c.name, c.value);
     }
-    text += &format!(
-        "error {:.5} m, measurement noise {:.5} m; probability of this error if the model were right: {:.1e}\n",
-        d.residual.base_rmse, d.residual.floor_rmse, d.residual.lack_of_fit_p
-    );
+    if let Some(r) = &d.residual {
+        text += &format!(
+            "error {:.5} m, measurement noise {:.5} m; probability of this error if the model were right: {:.1e}\n",
+            r.base_rmse, r.floor_rmse, r.lack_of_fit_p
+        );
+    }
     for (what, gain) in [("held-out trials", &d.gain.held_out), ("a held-out setting", &d.gain.extrapolation)]
     {
         if let Some(g) = gain {
@@ -212,22 +213,22 @@ fn number(v: f64) -> String {
 }
 
 fn finding_blocks(d: &Diagnosis) -> Vec<Block> {
-    let mut blocks = vec![Block::KeyValues(vec![
-        ("verdict".into(), d.verdict.name().into()),
-        ("why".into(), d.reason.clone()),
-        ("error of the base model, m".into(), number(d.residual.base_rmse)),
-        ("noise floor, m".into(), number(d.residual.floor_rmse)),
-        (
-            "probability of this error if the model were right".into(),
-            format!("{:.2e}", d.residual.lack_of_fit_p),
-        ),
-        ("p-value of the hypothesis of white residuals".into(), format!("{:.2e}", d.residual.whiteness_p)),
-        ("correlation of the noise".into(), format!("{:.2}", d.residual.noise_correlation)),
-        (
-            "unexplained share of the excess error".into(),
-            d.unexplained_share.map_or("no excess error".into(), |s| format!("{s:.3}")),
-        ),
-    ])];
+    let mut facts: Vec<(String, String)> =
+        vec![("verdict".into(), d.verdict.name().into()), ("why".into(), d.reason.clone())];
+    if let Some(r) = &d.residual {
+        facts.extend([
+            ("error of the base model, m".into(), number(r.base_rmse)),
+            ("noise floor, m".into(), number(r.floor_rmse)),
+            ("probability of this error if the model were right".into(), format!("{:.2e}", r.lack_of_fit_p)),
+            ("p-value of the hypothesis of white residuals".into(), format!("{:.2e}", r.whiteness_p)),
+            ("correlation of the noise".into(), format!("{:.2}", r.noise_correlation)),
+            (
+                "unexplained share of the excess error".into(),
+                d.unexplained_share.map_or("no excess error".into(), |s| format!("{s:.3}")),
+            ),
+        ]);
+    }
+    let mut blocks = vec![Block::KeyValues(facts)];
     if let Some(law) = &d.residual_law {
         let text = match law.offered {
             true => "Empirical acceleration law for the residual; it is part of the extended scene:",

@@ -14,7 +14,7 @@ use super::noise::Noise;
 use super::paths;
 use super::picture;
 use super::report::{
-    self, BaseMisfit, Diagnosis, PredictionGain, PredictiveCheck, RecommendedExperiment, TrialEffectEstimate,
+    self, Diagnosis, PredictionGain, PredictiveCheck, RecommendedExperiment, TrialEffectEstimate,
     TrialEffects, Verdict,
 };
 use super::search::Found;
@@ -94,8 +94,8 @@ pub fn conclude(
         reason: reason(&found, decision, &remainder, kept.len()) + &described + &unlike::text(&unlike),
         effects: effects(model, names, |name| decision.inclusion(&found, name)),
         rivals: decision.rivals.iter().map(rival_names).collect(),
-        calibrated: calibrated(model, base.layout.latents()),
-        residual: gain::residual(base, windows, expected, noise, scale),
+        calibrated: calibrated(&fitter, model, base.layout.latents())?,
+        residual: Some(gain::residual(base, windows, expected, noise, scale)),
         gain,
         unexplained_share: match verdict {
             Verdict::None => Some(0.0),
@@ -111,6 +111,7 @@ pub fn conclude(
         field,
         paths: paths::paths(&evidence, kept),
         odd_trials: Vec::new(),
+        surface_offsets: Vec::new(),
         failed: found.failed.iter().map(|n| strings(n)).collect(),
         seed: config.seed,
     };
@@ -160,19 +161,13 @@ pub fn insufficient(
         effects: Vec::new(),
         rivals: Vec::new(),
         calibrated: Vec::new(),
-        residual: BaseMisfit {
-            base_rmse: 0.0,
-            floor_rmse: 0.0,
-            lack_of_fit_p: 1.0,
-            whiteness_p: 1.0,
-            autocorrelation: 0.0,
-            noise_correlation: 0.0,
-        },
+        residual: None,
         gain: PredictionGain::default(),
         unexplained_share: None,
         residual_law: None,
         remainder: None,
         odd_trials: Vec::new(),
+        surface_offsets: Vec::new(),
         failed: Vec::new(),
         next_experiment: Some(RecommendedExperiment {
             why: reason.to_string(),

@@ -70,6 +70,8 @@ pub struct Fitted {
     pub held_out_steps: Vec<DVector<f64>>,
     /// Log evidence, nats.
     pub log_evidence: f64,
+    /// Log of likelihood times prior density where the fit ended, the shared discrepancy at its mode.
+    pub log_joint: f64,
     /// Most probable size of the shared discrepancy, in its largest plausible one.
     pub discrepancy_scale: f64,
     /// Squared residuals by trial at the mode, in units of the noise, the shared discrepancy not subtracted.
@@ -151,12 +153,25 @@ impl<'a, 'b> Fitter<'a, 'b> {
 
     /// Generalised least squares from a state nearby. A step that makes the data less likely is taken half as far.
     pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
+        let best = self.best_stand(&layout, state)?;
+        Ok(best.and_then(|best| self.scored(layout, best)))
+    }
+
+    /// Log of likelihood times prior density of a fitted model that has another value of one parameter, all others at their mode.
+    pub fn log_joint_with(&self, fit: &Fitted, slot: usize, value: f64) -> Result<Option<f64>> {
+        let (mut layout, mut state) = (fit.layout.clone(), fit.state.clone());
+        layout.slots[slot].is_fixed = true;
+        state.values[slot] = value;
+        Ok(self.best_stand(&layout, state)?.map(|stand| stand.quality))
+    }
+
+    fn best_stand(&self, layout: &Layout, state: State) -> Result<Option<Stand>> {
         let first = Components::start(!layout.terms.is_empty());
-        let Some(mut best) = self.stands(&layout, state, &first, WIDE)? else { return Ok(None) };
+        let Some(mut best) = self.stands(layout, state, &first, WIDE)? else { return Ok(None) };
         let mut share = 1.0;
         for _ in 0..ROUNDS {
-            let next = self.onwards(&layout, &best, share);
-            let Some(there) = self.stands(&layout, next, &best.components, NEAR)? else { break };
+            let next = self.onwards(layout, &best, share);
+            let Some(there) = self.stands(layout, next, &best.components, NEAR)? else { break };
             let gained = there.quality - best.quality;
             if gained > 0.0 {
                 best = there;
@@ -168,7 +183,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
                 break;
             }
         }
-        Ok(self.scored(layout, best))
+        Ok(Some(best))
     }
 
     /// The iterate at a state; `None` where it cannot be simulated or its covariance fails.
@@ -231,6 +246,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             held,
             held_out_steps,
             log_evidence,
+            log_joint: quality,
             discrepancy_scale: laplace.scale,
             squares,
             components,

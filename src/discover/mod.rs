@@ -3,7 +3,7 @@
 //!
 //! 1. Data. Trials are cut into segments with unknown initial states (`window`); the noise is estimated
 //!    (`smooth`, `noise`), velocity offsets are aligned (`phase`), and segments are truncated at the
-//!    predictability horizon and cleaned of outliers (`trust`).
+//!    predictability horizon and cleaned of outliers (`trust`); surfaces are moved to where bodies bounce (`geometry`).
 //! 2. Models. `path` and the engines simulate segments; `model` computes residuals and Jacobians; latents are
 //!    fitted with every candidate. `base`: fit of the base model; `steps`: noise inflation for the
 //!    discretisation of another engine.
@@ -46,6 +46,7 @@ mod fit;
 mod fixture;
 mod gain;
 mod gaussian;
+mod geometry;
 mod launch;
 mod law;
 mod leave_out;
@@ -146,8 +147,15 @@ fn diagnose_without(
     let expected = expected(&ready.windows, &ready.sd, ready.kept.len(), &ready.noise);
     let scale = Scale::new(&expected, &ready.noise, ready.kept.len());
     progress.report("fitting the base model", 0, 1)?;
-    let Opened { mut data, layout, state, observed } =
-        open(scene, trials, &ready, &ready.windows, &latents, (config.engine, config.seed))?;
+    let base = (config.engine, config.seed);
+    let opened = open(scene, trials, &ready, &ready.windows, &latents, base)?;
+    let offsets = geometry::offsets(&ready.windows, &opened.state);
+    let moved = geometry::shifted(&ready.windows, &offsets);
+    let opened = match &moved {
+        Some(windows) => open(scene, trials, &ready, windows, &latents, base)?,
+        None => opened,
+    };
+    let Opened { mut data, layout, state, observed } = opened;
     let Ready { kept, names, noise, sd, stepping, .. } = &ready;
     let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
         let mut fitter = Fitter::new(data, noise);
@@ -181,6 +189,8 @@ fn diagnose_without(
     let odd = odd::odd(scene, trials, left_out, model, (noise, config.engine))?;
     let mut finding = conclude(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
+    finding.diagnosis.surface_offsets = geometry::report(scene, &offsets);
+    finding.diagnosis.reason += &geometry::text(&finding.diagnosis.surface_offsets);
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }

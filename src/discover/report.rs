@@ -43,7 +43,8 @@ pub struct Diagnosis {
     /// Sets that the data do not distinguish from the best, by effect names.
     pub rivals: Vec<Vec<String>>,
     pub calibrated: Vec<CalibratedLatent>,
-    pub residual: BaseMisfit,
+    /// Misfit of the base model; `null` where too little data were measured to tell.
+    pub residual: Option<BaseMisfit>,
     pub gain: PredictionGain,
     /// Share of the excess mean squared error that the effects do not explain.
     pub unexplained_share: Option<f64>,
@@ -66,6 +67,8 @@ pub struct Diagnosis {
     pub paths: TrajectoryResiduals,
     /// Trials that are unlike what the others predict of them and were left out.
     pub odd_trials: Vec<OddTrial>,
+    /// Surfaces that are not where the scene has them.
+    pub surface_offsets: Vec<SurfaceOffset>,
     /// Sets whose fit failed; they are not ruled out.
     pub failed: Vec<Vec<String>>,
     pub seed: u64,
@@ -281,6 +284,19 @@ pub struct OddTrial {
     pub name: String,
     /// Probability of a larger deviation from what the other trials predict of it.
     pub p: f64,
+}
+
+/// Where a surface is, relative to where the scene has it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SurfaceOffset {
+    /// Name of the static.
+    pub name: String,
+    /// Outward normal of the face.
+    pub normal: [f64; 2],
+    /// Offset along the normal, from all bounces off the face, m.
+    pub offset: f64,
+    /// Its standard error, m.
+    pub sd: f64,
 }
 
 /// Residual force field of the reported model.

@@ -1,10 +1,11 @@
 //! Sizes of effects and latents with their intervals, and how sets compare.
 
-use super::fit::Fitted;
+use super::fit::{Fitted, Fitter};
 use super::model;
 use super::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
 use super::search::Found;
 use super::selection::Decision;
+use crate::error::Result;
 use crate::world::latent::FACTORS;
 
 /// The effects of a fit; `probability`: the posterior probability that an effect acts, by name.
@@ -44,19 +45,28 @@ pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) 
         .collect()
 }
 
-/// The first `count` slots of a fit: its latents.
-pub fn calibrated(f: &Fitted, count: usize) -> Vec<CalibratedLatent> {
+/// Nats below its mode at which the density of one parameter excludes a value: 95 % of a chi-squared of one degree of freedom.
+const EXCLUDED: f64 = 1.92;
+
+/// The first `count` slots of a fit: its latents. A latent is identifiable if its interval is short and the data exclude the
+/// bounds outside it; a friction that grips at every impact has no upper limit, whatever the curvature says.
+pub fn calibrated(fitter: &Fitter, f: &Fitted, count: usize) -> Result<Vec<CalibratedLatent>> {
     let of = |i: usize| {
         let slot = &f.layout.slots[i];
         let latent = slot.latent().expect("latents come first in a layout");
         let half = f.half_width(i);
         let told: f64 = f.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
         let width = slot.bounds[1] - slot.bounds[0];
-        let identifiable = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
         let value = f.state.values[i];
+        let excludes = |bound: &f64| -> Result<bool> {
+            let at = if (bound - value).abs() > half { fitter.log_joint_with(f, i, *bound)? } else { None };
+            Ok(at.is_none_or(|at| at < f.log_joint - EXCLUDED))
+        };
+        let is_short = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
+        let identifiable = is_short && excludes(&slot.bounds[0])? && excludes(&slot.bounds[1])?;
         let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
         let ci95 = [end(value - half), end(value + half)];
-        CalibratedLatent { name: FACTORS[latent].name.into(), value, ci95, identifiable }
+        Ok(CalibratedLatent { name: FACTORS[latent].name.into(), value, ci95, identifiable })
     };
     (0..count).map(of).collect()
 }
@@ -96,7 +106,7 @@ mod tests {
 
     #[test]
     fn an_effect_is_told_with_its_interval_and_unit() {
-        thrown::fitted(&[0.4; 8], &["linear_drag"], 3, |_, f| {
+        thrown::fitted(&[0.4; 8], &["linear_drag"], 3, |fitter, f| {
             let found = effects(f, &[String::new()], |_| 1.0);
             assert_eq!(
                 (found.len(), found[0].name.as_str(), found[0].acts_on.as_str()),
@@ -106,7 +116,7 @@ mod tests {
             let [Some(low), Some(high)] = c.ci95 else { panic!("{c:?}") };
             assert!(low < 0.4 && 0.4 < high && low < c.value && c.value < high, "{c:?}");
             assert_eq!((c.unit.as_str(), &c.setting), ("1/s", &None));
-            assert!(calibrated(f, 0).is_empty());
+            assert!(calibrated(fitter, f, 0).unwrap().is_empty());
         });
     }
 }

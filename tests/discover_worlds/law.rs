@@ -5,6 +5,7 @@
 //! bouncing slides and rolls.
 
 use super::Force;
+use super::shared::through_lens;
 
 /// Radius of the ball, m.
 pub const RADIUS: f64 = 0.05;
@@ -36,6 +37,9 @@ pub struct Law {
     pub clock: f64,
     pub scale: f64,
     pub turn: f64,
+    /// Radial distortion of the lens, 1/m^2, and by how much the floor is higher than thought, m.
+    pub lens: f64,
+    pub height: f64,
     /// The floor's restitution at zero speed and its decrease with impact speed, s/m.
     pub restitution: f64,
     pub slope: f64,
@@ -55,6 +59,8 @@ impl Law {
             clock: 1.0,
             scale: 1.0,
             turn: 0.0,
+            lens: 0.0,
+            height: 0.0,
             restitution,
             slope: 0.0,
             friction,
@@ -75,8 +81,9 @@ impl Law {
                 state = self.advance(motion, from + h * k as f64, state, h, &mut bounces);
             }
             now = until;
-            let [x, y] = [self.scale * state[0], self.scale * state[1]];
-            [x * cos - y * sin, y * cos + x * sin, state[5] + self.turn]
+            let [x, y] = [self.scale * state[0], self.scale * (state[1] + self.height)];
+            let [x, y] = through_lens(self.lens, [x * cos - y * sin, y * cos + x * sin]);
+            [x, y, state[5] + self.turn]
         };
         times.iter().map(&mut see).collect()
     }

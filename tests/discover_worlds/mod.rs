@@ -13,6 +13,8 @@ mod hidden_effects;
 pub mod law;
 #[allow(dead_code, reason = "not every program uses recorded worlds")]
 pub mod recorded;
+#[allow(dead_code, reason = "not every program uses recorded worlds")]
+pub mod shared;
 #[allow(dead_code, reason = "not every program studies worlds")]
 pub mod study;
 

@@ -2,13 +2,14 @@
 //!
 //! Drawn for each trial: the size of the hidden effect, a small lift of either sign (for each flight of a
 //! bouncing ball: a bounce changes the spin), the camera tilt; then correlated noise, outliers and missing
-//! points. None of it is shared between trials. Each world has a clean twin with the same initial states and
+//! points. None of it is shared between trials; worlds with shared dirt have errors besides that are alike in all trials. Each world has a clean twin with the same initial states and
 //! effect and without any of this: an effect that cannot be identified there is unidentifiable.
 
 use super::camera::Camera;
 use super::hidden_effects::{HiddenEffect, hidden};
 pub use super::hidden_effects::{Kind, Size, kinds};
 use super::law::{Law, Motion, RADIUS, State, distinguishable_shift};
+use super::shared::{RATIO, SharedDirt};
 use super::{Launch, floor, launches, normal, scene};
 use iplw::reality::Trial;
 use iplw::rng;
@@ -57,15 +58,20 @@ pub struct World {
     pub clean: Vec<Trial>,
 }
 
-/// World `i`: kinds in turn, with similar and different launches alternating.
-pub fn world(i: u64, seed: u64) -> World {
+/// World `i`: kinds in turn, with similar and different launches alternating; `shared`: with shared dirt.
+pub fn world(i: u64, seed: u64, shared: bool) -> World {
     let (kinds, own) = (kinds(), rng::derive_seed(seed, "recorded world", i));
     let (round, k) = (i as usize / kinds.len(), i as usize % kinds.len());
-    of_kind(kinds[k], (round + k) % 2 == 1, own)
+    with_dirt(kinds[k], (round + k) % 2 == 1, own, shared.then(|| SharedDirt::draw(own)))
 }
 
-/// A world of a kind.
+/// A world of a kind without shared dirt.
 pub fn of_kind(kind: Kind, alike: bool, seed: u64) -> World {
+    with_dirt(kind, alike, seed, None)
+}
+
+/// A world of a kind, its effect at least [`RATIO`] times as strong as the dirt.
+pub fn with_dirt(kind: Kind, alike: bool, seed: u64, dirt: Option<SharedDirt>) -> World {
     let mut r = rng::stream(seed, "recorded");
     let (motion, mut hidden_effects) = hidden(kind, seed);
     let drawn = LAUNCHES[0] * (LAUNCHES[1] / LAUNCHES[0]).powf(r.random_range(0.0..1.0));
@@ -80,7 +86,13 @@ pub fn of_kind(kind: Kind, alike: bool, seed: u64) -> World {
     let variation = apart(&Law { lifts: vec![LIFT_SPREAD], turn: TURN_SPREAD, ..base.clone() });
     let variation = variation / (count as f64).sqrt();
     let fixed = matches!(kind, Kind::Spin | Kind::Nothing(_));
-    let (noise, shift) = strength(if fixed { 0.0 } else { MARGIN * variation }, seed);
+    let shared = dirt.as_ref().map_or(0.0, |dirt| {
+        let mut law = base.clone();
+        dirt.act(&mut law, false);
+        apart(&law)
+    });
+    let least = (MARGIN * variation).max(RATIO * shared);
+    let (noise, shift) = strength(if fixed { 0.0 } else { least }, seed);
     let mut shift_m = f64::INFINITY;
     for part in &mut hidden_effects {
         shift_m = shift_m.min(part.fit((!fixed).then_some(noise * shift), &base, &apart));
@@ -89,7 +101,14 @@ pub fn of_kind(kind: Kind, alike: bool, seed: u64) -> World {
     // An effect of limited strength is observed with a better camera.
     let noise = if fixed { noise } else { noise.min(shift_m / SHIFT[0]).max(NOISE[0]) };
     let spin = (kind == Kind::Spin).then(|| [0.05 * normal(&mut r), 0.3]);
-    let laws = drawn_laws(&base, &hidden_effects, count, spin, seed);
+    let mut laws = drawn_laws(&base, &hidden_effects, count, spin, seed);
+    if let Some(dirt) = &dirt {
+        // An effect of limited strength is beside less dirt.
+        let share = if hidden_effects.is_empty() { 1.0 } else { (shift_m / (RATIO * shared)).min(1.0) };
+        let dirt = dirt.scaled(share);
+        let is_drag = hidden_effects.iter().all(|e| e.name.ends_with("drag"));
+        laws.iter_mut().for_each(|law| dirt.act(law, is_drag));
+    }
     let mut even = base.clone();
     hidden_effects.iter().for_each(|p| p.act(&mut even, p.size));
     let scene = if motion == Motion::Flies { scene() } else { floor() };

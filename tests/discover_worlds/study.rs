@@ -29,6 +29,9 @@ pub struct Run {
     /// Only kinds whose name contains this
     #[arg(long, default_value = "")]
     pub only: String,
+    /// Errors that all trials share, besides those that differ by trial
+    #[arg(long)]
+    pub shared: bool,
     /// Print the candidate models of each diagnosis
     #[arg(long = "show")]
     pub talk: bool,

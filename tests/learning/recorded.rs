@@ -33,7 +33,7 @@ fn recorded_worlds_repeat_by_seed() {
 fn recorded_effects_have_documented_strength() {
     let kinds = recorded::kinds();
     for (i, kind) in kinds.iter().enumerate() {
-        let world = recorded::world(i as u64, 11);
+        let world = recorded::world(i as u64, 11, false);
         assert!((14..=80).contains(&world.trials.len()) && world.trials.len() == world.clean.len());
         assert!((5e-4..=3e-3).contains(&world.noise), "{kind:?}: {}", world.noise);
         match kind {

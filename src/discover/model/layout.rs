@@ -41,6 +41,8 @@ pub struct Slot {
     pub bounds: [f64; 2],
     /// Difference for derivatives.
     pub step: f64,
+    /// Whether the value stays as it is.
+    pub is_fixed: bool,
     /// Precision by which the value is believed to be about nothing, in fits by least squares; 0 where nothing is believed.
     pub belief: f64,
 }
@@ -62,6 +64,7 @@ impl Layout {
             setting: None,
             bounds: FACTORS[*l].bounds,
             step: LATENT_STEP,
+            is_fixed: false,
             belief: 0.0,
         };
         let mut slots: Vec<Slot> = latents.iter().map(latent).collect();
@@ -72,7 +75,8 @@ impl Layout {
                     setting,
                     bounds: parameter.bounds,
                     step: term.difference.unwrap_or(parameter.fd_step),
-                    belief: 0.0,
+                    is_fixed: false,
+            belief: 0.0,
                 };
                 match term.per_setting {
                     true => slots.extend((0..settings).map(|s| slot(Some(s)))),

@@ -32,11 +32,12 @@ pub struct Shared {
     pub high: f64,
 }
 
-/// The slots that concern a window: all but other settings' and, where nothing is met, latents.
+/// The slots that concern a window: all but other settings', those that are fixed and, where nothing is met, latents.
 pub fn shared(layout: &Layout, values: &[f64], window: &Window) -> Vec<Shared> {
     let concerns = |slot: &Slot| {
         let latent = matches!(slot.what, What::Latent(_));
         slot.setting.is_none_or(|s| s == window.setting)
+            && !slot.is_fixed
             && !(latent && matches!(window.kind, Kind::Flight | Kind::Roll))
     };
     let slots = (0..layout.slots.len()).filter(|i| concerns(&layout.slots[*i]));

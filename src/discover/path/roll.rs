@@ -86,6 +86,7 @@ mod tests {
     /// A disc of inertia 1/2 on a slope whose tangent is 3/4.
     fn disc(speed: f64) -> Rolling {
         let surface = Surface {
+            fixed: 0,
             normal: [0.6, 0.8],
             level: 0.0,
             friction: [1.0; 2],

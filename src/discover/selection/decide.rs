@@ -3,8 +3,8 @@
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or remove too little of the error on held-out trials, or are less probable, with or
-//! without a force field that has no name, than that field alone: `unknown`.
+//! little of the predictable misfit, or are less probable, with or without a force field that has no name, than that field
+//! alone: `unknown`. So are sets that remove too little of the error on held-out trials, and of those none is reported.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
@@ -78,9 +78,9 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let alone = field::fit(fitter, &found.base)?.map(|f| f.log_evidence + log_prior(1));
+    let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
-    let is_likelier = alone.is_none_or(|alone| alone <= named);
+    let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
     let shares = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
     let explained = shares.first().copied().flatten();
     let beside_field =
@@ -91,8 +91,12 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let differ = champion.components.push.iter().any(|sd| *sd > REPORTED);
     let gain = held_out_gain(fitter, &found.base, champion, differ)?;
     let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
+    if !gains {
+        let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
+    }
     let verdict = match rivals.len() {
-        _ if !is_likelier || !explains || !earned || !gains => Verdict::Unknown,
+        _ if !is_likelier || !explains || !earned => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };

@@ -186,12 +186,15 @@ impl Fields {
         }
         self.integrate(window, path, acceleration / self.state_norm, &mut out);
         if let (Some(impact), Some(surface)) = (impact, &window.surface) {
-            let size = settings.discrepancy_of_impact * impact.approach / self.impact_norm;
+            let [of_approach, of_tangent] = settings.discrepancy_of_impact;
+            let normal = of_approach * impact.approach;
+            let sizes = [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
             let [nx, ny] = surface.normal;
             let first = 2 * (self.position.len() + self.velocity.len());
             for (k, bump) in self.impact.iter().enumerate() {
-                let size = size * bump.at([impact.approach, impact.slip]);
+                let here = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
+                    let size = sizes[way] * here;
                     for (i, point) in window.points.iter().enumerate() {
                         let since = (point.time - impact.time).max(0.0);
                         (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);

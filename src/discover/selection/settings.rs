@@ -27,8 +27,9 @@ pub struct Settings {
     pub discrepancy_of_gravity: f64,
     /// Shared discrepancy: standard deviation as a share of the typical acceleration beyond gravity.
     pub discrepancy_of_acceleration: f64,
-    /// Shared discrepancy of impacts: standard deviation of the impulse as a share of the approach speed.
-    pub discrepancy_of_impact: f64,
+    /// Shared discrepancy of impacts: standard deviation of the impulse along the normal as a share of the approach speed, and
+    /// besides that of the impulse along the surface as a share of itself: moments of inertia are seldom known better.
+    pub discrepancy_of_impact: [f64; 2],
 }
 
 /// The settings of every diagnosis.
@@ -44,5 +45,5 @@ pub const SETTINGS: Settings = Settings {
     odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
     discrepancy_of_acceleration: 0.06,
-    discrepancy_of_impact: 0.02,
+    discrepancy_of_impact: [0.02, 0.1],
 };

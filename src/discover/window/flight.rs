@@ -130,10 +130,12 @@ impl Seen<'_> {
     /// What a disc touches; `None` for other shapes, which turn as they touch, and for what is no static.
     fn surface(&self, touch: Touch) -> Option<Surface> {
         let scene = &self.trial.scene;
-        let (own, other) = (&scene.bodies[self.body], &scene.statics[touch.fixed?]);
+        let fixed = touch.fixed?;
+        let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
         let radius = own.shape.disc_radius()?;
         let (mass, inertia) = own.mass_properties(None);
         Some(Surface {
+            fixed,
             normal: touch.normal,
             level: touch.level,
             friction: [own.friction, other.friction],

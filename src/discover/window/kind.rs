@@ -105,6 +105,8 @@ pub struct Point {
 /// The straight piece of a static that a disc bounces off or rolls along.
 #[derive(Clone, Debug)]
 pub struct Surface {
+    /// Index of the static.
+    pub fixed: usize,
     /// Away from the static.
     pub normal: [f64; 2],
     /// The disc's centre is at `normal . p = level` when it touches, m.

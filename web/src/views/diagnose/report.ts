@@ -73,7 +73,8 @@ export interface Report {
   effects: Effect[];
   rivals: string[][];
   calibrated: { name: string; value: number; ci95: Interval; identifiable: boolean }[];
-  residual: { base_rmse: number; floor_rmse: number; lack_of_fit_p: number; whiteness_p: number; autocorrelation: number; noise_correlation: number };
+  /** Misfit of the base model; missing with too little data. */
+  residual: { base_rmse: number; floor_rmse: number; lack_of_fit_p: number; whiteness_p: number; autocorrelation: number; noise_correlation: number } | null;
   gain: { held_out: HeldOut | null; extrapolation: HeldOut | null };
   unexplained_share: number | null;
   residual_law: { formula: string; held_out: HeldOut; offered: boolean } | null;
@@ -85,6 +86,8 @@ export interface Report {
   predictive: Predictive | null;
   field: Table | null;
   paths: { columns: string[]; launches: { trial: number; rows: (number | null)[][] }[] };
+  odd_trials: { trial: number; name: string; p: number }[];
+  surface_offsets: { name: string; normal: [number, number]; offset: number; sd: number }[];
   failed: string[][];
   seed: number;
   /** Fields of a job's result beyond those of the file; missing in results of earlier versions. */

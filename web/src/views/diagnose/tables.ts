@@ -73,16 +73,23 @@ export function latentsTable(report: Report): HTMLElement | null {
 
 /** Statistics behind the verdict. */
 export function factsList(report: Report): HTMLElement {
-  const { residual: r, unlike } = report;
+  const { residual: r, unlike, odd_trials: odd, surface_offsets: offsets } = report;
+  const misfit: [string, string][] = r
+    ? [
+        ["Error of the base model", metres(r.base_rmse)],
+        ["Noise floor", metres(r.floor_rmse)],
+        ["p-value, no misfit", probability(r.lack_of_fit_p)],
+        ["p-value, white residuals", probability(r.whiteness_p)],
+        ["Correlation of neighbouring residuals", r.autocorrelation.toFixed(2)],
+        ["Correlation of the noise", r.noise_correlation.toFixed(2)],
+      ]
+    : [];
   const rows: [string, string][] = [
-    ["Error of the base model", metres(r.base_rmse)],
-    ["Noise floor", metres(r.floor_rmse)],
-    ["p-value, no misfit", probability(r.lack_of_fit_p)],
-    ["p-value, white residuals", probability(r.whiteness_p)],
-    ["Correlation of neighbouring residuals", r.autocorrelation.toFixed(2)],
-    ["Correlation of the noise", r.noise_correlation.toFixed(2)],
+    ...misfit,
     ["Unexplained share of the excess error", report.unexplained_share === null ? "nothing to explain" : report.unexplained_share.toFixed(3)],
     ...(report.remainder ? [["Residual summary", report.remainder.text] as [string, string]] : []),
+    ...(odd ?? []).map((o): [string, string] => [`Trial ${o.name} left out as unlike the others`, `p = ${probability(o.p)}`]),
+    ...(offsets ?? []).map((o): [string, string] => [`Offset of ${o.name} from the scene, along its normal`, `${metres(o.offset)} (sd ${metres(o.sd)})`]),
     ...unlike.map((u): [string, string] => [`Between-trial variation of ${title(u.effect)} ${u.parameter}`, `${digits(u.spread)} ${symbol(u.unit)} (sd)`]),
   ];
   return h("dl", { class: "facts figures" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
