@@ -40,7 +40,8 @@ fn main() -> std::io::Result<()> {
     }
     let log = run.log("recordings.csv", run.worlds, |i, id| {
         let kind = kinds[i as usize % kinds.len()].name();
-        kind.contains(&run.only).then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, run.talk)))
+        kind.contains(&run.only)
+            .then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, run.talk)))
     })?;
     let lines: Vec<ResultRow> = log.lines().filter_map(ResultRow::read).collect();
     run.tell(&table(&lines))

@@ -346,6 +346,11 @@ impl Fitted {
         names
     }
 
+    /// Whether it has all effects of another.
+    pub fn holds(&self, other: &Fitted) -> bool {
+        other.set.iter().all(|e| self.set.iter().any(|own| own.name == e.name))
+    }
+
     /// This model with `more` terms: where they start, and the rest as it was fitted.
     pub fn joined(&self, more: impl IntoIterator<Item = Term>, settings: usize) -> (Layout, State) {
         let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();

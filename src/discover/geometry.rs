@@ -79,7 +79,10 @@ pub fn report(scene: &Scene, offsets: &[Offset]) -> Vec<SurfaceOffset> {
 pub fn text(all: &[SurfaceOffset]) -> String {
     let one = |o: &SurfaceOffset| {
         let (mm, sd) = (1e3 * o.offset, 1e3 * o.sd);
-        format!("; bounces are {mm:+.1} +- {sd:.1} mm from where the scene has \"{}\", along its normal", o.name)
+        format!(
+            "; bounces are {mm:+.1} +- {sd:.1} mm from where the scene has \"{}\", along its normal",
+            o.name
+        )
     };
     all.iter().map(one).collect()
 }

@@ -412,12 +412,11 @@ impl Found {
         order
     }
 
-    /// The base model, then the fits of a set's effects but one.
-    pub fn with_one_fewer(&self, fit: &Fitted) -> Vec<&Fitted> {
-        let fewer = |f: &&Fitted| {
-            f.set.len() + 1 == fit.set.len() && f.set.iter().all(|e| fit.set.iter().any(|o| o.name == e.name))
-        };
-        [&self.base].into_iter().chain(self.fits.iter().filter(fewer)).collect()
+    /// Indices of the fits of a set's effects but one.
+    pub fn with_one_fewer(&self, fit: usize) -> Vec<usize> {
+        let all = &self.fits[fit];
+        let fewer = |f: &usize| self.fits[*f].set.len() + 1 == all.set.len() && all.holds(&self.fits[*f]);
+        (0..self.fits.len()).filter(fewer).collect()
     }
 
     /// The largest log posterior, the base model's among them.

@@ -5,7 +5,7 @@ use super::gain::Scale;
 use super::noise::Noise;
 use super::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
 use super::search::Found;
-use super::selection::Decision;
+use super::selection::{Decision, SETTINGS};
 
 /// Error over the noise floor's up to which a model is said to reach it.
 const FLOOR: f64 = 1.1;
@@ -37,12 +37,13 @@ pub fn remainder(
 /// What is left, by the slow misfit before and after beside the noise, and by the error on held-out trials beside the noise
 /// floor; all m.
 fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
-    let slow = format!(
-        "systematic error per point {:.2} mm before, {:.2} mm after; measurement noise {:.2} mm",
-        1e3 * before,
-        1e3 * after,
-        1e3 * noise
-    );
+    let [before, after, noise] = [before, after, noise].map(|v| format!("{:.2} mm", 1e3 * v));
+    let slow = match before == after {
+        true => format!("systematic error per point {before}, measurement noise {noise}"),
+        false => {
+            format!("systematic error per point {before} before, {after} after; measurement noise {noise}")
+        }
+    };
     let held_out = match error <= FLOOR * floor {
         true => "on held-out trials the error is no larger than the noise".to_string(),
         false => {
@@ -56,10 +57,10 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
 pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, launches: usize) -> String {
     let names = |i: usize| found.fits[i].names().join(" + ");
     let left = &remainder.text;
-    let percent = |i: usize| 100.0 * decision.probabilities[i];
+    let percent = |i: usize| 100.0 * decision.with_all_of(found, i);
     match (decision.verdict, decision.champion) {
         (Verdict::Named, Some(c)) => format!(
-            "{} explains the data: its probability among the sets tried is {:.0} %, and no other set is credible; {left}",
+            "{} explains the data: sets with it have {:.0} % of the probability, and no other is credible; {left}",
             names(c),
             percent(c)
         ),
@@ -71,7 +72,7 @@ pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, l
             };
             let count = decision.rivals.len();
             format!(
-                "{against}{count} sets are credible; {} is the most probable ({:.0} %); {left}",
+                "{against}{count} sets are credible; {} comes first (sets with it: {:.0} %); {left}",
                 names(c),
                 percent(c)
             )
@@ -87,10 +88,26 @@ pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, l
         }
         _ => format!(
             "the scene without further effects is credible: its probability among the sets tried is {:.0} % ({launches} trials, \
-             {} sets tried)",
+             {} sets tried){}; {left}",
             100.0 * decision.base_probability,
-            found.fits.len()
+            found.fits.len(),
+            possible(found, decision)
         ),
+    }
+}
+
+/// Effects that are possible though the scene without any is credible, most probable first; nothing where there are none.
+fn possible(found: &Found, decision: &Decision) -> String {
+    let mut names: Vec<&str> = found.fits.iter().flat_map(|f| f.set.iter().map(|e| e.name)).collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut all: Vec<(f64, &str)> = names.into_iter().map(|n| (decision.inclusion(found, n), n)).collect();
+    all.retain(|(probability, _)| *probability > SETTINGS.inclusion);
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let one = |(probability, name): &(f64, &str)| format!("{name} ({:.0} %)", 100.0 * probability);
+    match all.is_empty() {
+        true => String::new(),
+        false => format!("; possible are {}", all.iter().map(one).collect::<Vec<_>>().join(", ")),
     }
 }
 

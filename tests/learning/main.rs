@@ -9,6 +9,7 @@ mod discover;
 mod estimate;
 mod posterior;
 mod recorded;
+mod setups;
 mod tracks;
 mod trials;
 

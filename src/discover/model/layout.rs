@@ -76,7 +76,7 @@ impl Layout {
                     bounds: parameter.bounds,
                     step: term.difference.unwrap_or(parameter.fd_step),
                     is_fixed: false,
-            belief: 0.0,
+                    belief: 0.0,
                 };
                 match term.per_setting {
                     true => slots.extend((0..settings).map(|s| slot(Some(s)))),

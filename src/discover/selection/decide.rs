@@ -9,13 +9,12 @@
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
 
-use super::explained::{Explained, explained, held_out_gain};
+use super::explained::{Explained, Explanation, explanation};
 use super::settings::SETTINGS;
 use crate::discover::field::{self, FieldFit};
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::report::Verdict;
 use crate::discover::search::{Found, log_prior};
-use crate::discover::unlike::REPORTED;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
@@ -40,6 +39,12 @@ pub struct Decision {
 }
 
 impl Decision {
+    /// Posterior probability of all sets that hold a fit's effects.
+    pub fn with_all_of(&self, found: &Found, fit: usize) -> f64 {
+        let sets = found.fits.iter().zip(&self.probabilities).filter(|(f, _)| f.holds(&found.fits[fit]));
+        sets.map(|(_, p)| p).sum()
+    }
+
     /// Posterior probability that an effect acts.
     pub fn inclusion(&self, found: &Found, name: &str) -> f64 {
         let holds = |fit: &Fitted| fit.set.iter().any(|e| e.name == name);
@@ -74,33 +79,52 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         return Ok(decision(verdict, Vec::new(), (None, None), field, unnamed));
     }
     let sets: Vec<usize> = credible.into_iter().flatten().collect();
-    let rivals = simplest(found, &sets);
+    let (rivals, Explanation { shares, gain }) = earned(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
-    let shares = explained(fitter, &found.with_one_fewer(champion), champion, seed)?;
     let explained = shares.first().copied().flatten();
     let beside_field =
         if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
     let explains =
         explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= beside_field);
-    let earned = shares.iter().skip(1).flatten().all(|e| e.interval[1] >= SETTINGS.earned_share);
-    let differ = champion.components.push.iter().any(|sd| *sd > REPORTED);
-    let gain = held_out_gain(fitter, &found.base, champion, differ)?;
-    let gains = gain.is_some_and(|g| g >= SETTINGS.held_out_gain);
+    let gains = gain.is_none_or(|g| g >= SETTINGS.held_out_gain);
     if !gains {
         let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
         return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
     }
     let verdict = match rivals.len() {
-        _ if !is_likelier || !explains || !earned => Verdict::Unknown,
+        _ if !is_likelier || !explains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
     Ok(decision(verdict, rivals, (explained, gain), field, unnamed))
+}
+
+/// Rivals, the first of which has only effects that each explain their share of what the set without them leaves, and what it
+/// explains: a small effect may stand for what trials share of no law.
+fn earned(
+    fitter: &Fitter,
+    found: &Found,
+    mut rivals: Vec<usize>,
+    seed: u64,
+) -> Result<(Vec<usize>, Explanation)> {
+    loop {
+        let smaller = found.with_one_fewer(rivals[0]);
+        let fewer: Vec<&Fitted> =
+            [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
+        let explanation = explanation(fitter, &fewer, &found.fits[rivals[0]], seed)?;
+        let shares = smaller.iter().zip(explanation.shares.iter().skip(1));
+        let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.earned_share));
+        let posterior = |s: &&usize| found.log_posterior[**s];
+        let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
+        let Some(smaller) = best.copied() else { return Ok((rivals, explanation)) };
+        let beside = rivals.iter().copied().filter(|r| !found.fits[*r].holds(&found.fits[smaller]));
+        rivals = [smaller].into_iter().chain(beside).collect();
+    }
 }
 
 /// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.

@@ -1,5 +1,5 @@
-//! Model discrepancy that all trials share: a small acceleration field over position and velocity, and small errors of impacts
-//! over approach and slip speed.
+//! Model discrepancy that all trials share: a small acceleration field over position and velocity, a small displacement of what is
+//! seen over position, and small errors of impacts over approach and slip speed.
 //!
 //! No set-up follows a textbook law exactly, and what is wrong (lens, air in the room, a drag coefficient that is not quite
 //! constant) is wrong alike in all trials. Models therefore predict y = f(theta) + F w + ..., w ~ N(0, s^2 I), with the same w
@@ -54,9 +54,11 @@ impl SharedDiscrepancy {
         let typical = typical_acceleration(data, layout, state, &paths);
         let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
         let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
+        let [x0, y0, x1, y1] = library::span(data.windows).area;
+        let position = settings.discrepancy_of_position * (x1 - x0).max(y1 - y0);
         let fields = Fields::over(data.windows, &paths, &impacts);
         let column = |(w, window): (usize, &Window)| {
-            fields.responses(window, &paths[w], impacts[w].as_ref(), acceleration, settings)
+            fields.responses(window, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
         };
         let columns: Vec<DMatrix<f64>> = data.windows.iter().enumerate().map(column).collect();
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
@@ -134,6 +136,7 @@ struct Fields {
     impact: Vec<Bump>,
     /// Root mean square of the sum of squares over visited states and over impacts.
     state_norm: f64,
+    place_norm: f64,
     impact_norm: f64,
 }
 
@@ -151,18 +154,25 @@ impl Fields {
         let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
         let impact =
             if hits.is_empty() { Vec::new() } else { grid([hit_range(0), hit_range(1)], IMPACT_BUMPS) };
-        let mut fields = Fields { position, velocity, impact, state_norm: 1.0, impact_norm: 1.0 };
+        let mut fields =
+            Fields { position, velocity, impact, state_norm: 1.0, place_norm: 1.0, impact_norm: 1.0 };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
         fields.state_norm =
             norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
+        fields.place_norm =
+            norm(states.iter().map(|s| fields.at_place(*s).iter().map(|f| f * f).sum()).collect());
         fields.impact_norm =
             norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
         fields
     }
 
     fn count(&self) -> usize {
-        2 * (self.position.len() + self.velocity.len() + self.impact.len())
+        2 * (2 * self.position.len() + self.velocity.len() + self.impact.len())
+    }
+
+    fn at_place(&self, [x, y, _, _]: [f64; 4]) -> Vec<f64> {
+        self.position.iter().map(|b| b.at([x, y])).collect()
     }
 
     fn at_state(&self, [x, y, vx, vy]: [f64; 4]) -> Vec<f64> {
@@ -170,14 +180,14 @@ impl Fields {
         position.chain(self.velocity.iter().map(|b| b.at([vx, vy]))).collect()
     }
 
-    /// Response of a segment's points to fields of `acceleration`, m/s^2, and of the plausible error of impacts: two rows a
-    /// point, x and y of every function in turn.
+    /// Response of a segment's points to fields of `acceleration`, m/s^2, and displacements of `position`, m, and to the plausible
+    /// error of impacts: two rows a point, x and y of every function in turn.
     fn responses(
         &self,
         window: &Window,
         path: &[[f64; 4]],
         impact: Option<&Impact>,
-        acceleration: f64,
+        [acceleration, position]: [f64; 2],
         settings: &Settings,
     ) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(2 * window.points.len(), self.count());
@@ -185,12 +195,20 @@ impl Fields {
             return out;
         }
         self.integrate(window, path, acceleration / self.state_norm, &mut out);
+        let first = 2 * (self.position.len() + self.velocity.len());
+        for (i, state) in path.iter().enumerate() {
+            for (k, f) in self.at_place(*state).into_iter().enumerate() {
+                let moved = position / self.place_norm * f;
+                (0..2).for_each(|axis| out[(2 * i + axis, first + 2 * k + axis)] = moved);
+            }
+        }
         if let (Some(impact), Some(surface)) = (impact, &window.surface) {
             let [of_approach, of_tangent] = settings.discrepancy_of_impact;
             let normal = of_approach * impact.approach;
-            let sizes = [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
+            let sizes =
+                [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
             let [nx, ny] = surface.normal;
-            let first = 2 * (self.position.len() + self.velocity.len());
+            let first = first + 2 * self.position.len();
             for (k, bump) in self.impact.iter().enumerate() {
                 let here = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {

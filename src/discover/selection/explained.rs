@@ -1,10 +1,14 @@
-//! Share of the predictable misfit that a set of effects explains.
+//! What a set of effects explains: the share of the predictable misfit, and of the error on held-out trials.
 //!
 //! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
-//! projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are at their conditional modes. m2 is not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual
-//! one, and the bootstrap over trials gives the share's uncertainty.
+//! projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are everywhere those at their conditional
+//! modes beside the field: what trials differ by is no error of a model, and no model takes up by them what trials share. m2 is
+//! not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual one, and the bootstrap over
+//! trials gives the share's uncertainty.
 //!
 //! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
+
+use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
@@ -13,7 +17,7 @@ use super::settings::SETTINGS;
 use crate::discover::columns::Own;
 use crate::discover::field;
 use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::launch::Part;
+use crate::discover::launch::{Block, Part};
 use crate::discover::stats::median;
 use crate::error::Result;
 use crate::rng;
@@ -33,25 +37,46 @@ pub struct Explained {
     pub interval: [f64; 2],
 }
 
-/// The share that `model` explains of what each of some models with fewer effects leaves; `None` where one leaves no more than the
-/// floor.
-pub fn explained(
-    fitter: &Fitter,
-    fewer: &[&Fitted],
-    model: &Fitted,
-    seed: u64,
-) -> Result<Vec<Option<Explained>>> {
-    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(Vec::new()) };
-    let own = residuals(model, &parts, None);
+/// What a model explains.
+pub struct Explanation {
+    /// Of what each of some models with fewer effects leaves; `None` where one leaves no more than the floor.
+    pub shares: Vec<Option<Explained>>,
+    /// Share of the excess squared error on held-out trials that the model removes; `None` where the base model leaves no more
+    /// than the floor.
+    pub gain: Option<f64>,
+}
+
+/// What `model` explains of what some models with fewer effects leave, of which the first is the base model.
+pub fn explanation(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64) -> Result<Explanation> {
+    let nothing = Explanation { shares: Vec::new(), gain: None };
+    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(nothing) };
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad * c.discrepancy.acceleration);
-    let broad = field::broad(fitter, model, sd)?;
-    let broad = broad.map_or_else(|| own.clone(), |(parts, step)| residuals(model, &parts, Some(&step)));
-    let of = |base: &&Fitted| {
-        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else { return Ok(None) };
-        let none = residuals(base, &parts, None);
-        Ok(share(&none, &own, &broad, &floor(fitter, base, &parts), seed))
+    let here = |part: &Part| DVector::zeros(part.blocks[0].columns.ncols());
+    let (modes, broad) = match field::broad(fitter, model, sd)? {
+        Some((parts, step)) => {
+            let modes = modes(model, &parts, |_| step.clone());
+            let left = squares(model, &parts, &modes, |_| step.clone());
+            (modes, Some(left))
+        }
+        None => (modes(model, &parts, here), None),
     };
-    fewer.iter().map(of).collect()
+    let own = squares(model, &parts, &modes, here);
+    let held_out =
+        |m: &Fitted, parts: &[Part]| squares(m, parts, &modes, |part| m.held_out_steps[part.launch].clone());
+    let after = held_out(model, &parts);
+    let mut out = nothing;
+    for (k, base) in fewer.iter().enumerate() {
+        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else {
+            out.shares.push(None);
+            continue;
+        };
+        let (none, floor) = (squares(base, &parts, &modes, here), floor(fitter, base, &parts));
+        out.shares.push(share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
+        if k == 0 {
+            out.gain = gain(&held_out(base, &parts), &after, floor.iter().sum());
+        }
+    }
+    Ok(out)
 }
 
 /// Explained share from squared residuals by trial: of the model with fewer effects (`none`), of the model (`own`), of the
@@ -81,28 +106,12 @@ fn share(none: &[f64], own: &[f64], broad: &[f64], floor: &[f64], seed: u64) -> 
     })
 }
 
-/// Squared residuals by trial where the model stands, or after a step, with its own random effects at their modes.
-fn residuals(model: &Fitted, parts: &[Part], step: Option<&DVector<f64>>) -> Vec<f64> {
-    let count = parts.first().map_or(0, |p| p.blocks[0].columns.ncols());
-    let here = DVector::zeros(count);
-    let mut out = vec![0.0; model.held.len()];
-    for part in parts {
-        out[part.launch] += with_random_effects(model, part, step.unwrap_or(&here));
-    }
-    out
-}
-
-/// The share of the excess squared error on held-out trials that a model removes; `differ`: whether trials differ by random
-/// accelerations, which then are at their conditional modes. `None` where the base model leaves no more than the floor.
-pub fn held_out_gain(fitter: &Fitter, base: &Fitted, model: &Fitted, differ: bool) -> Result<Option<f64>> {
-    let of = |m: &Fitted| fitter.parts(&m.layout, &m.state, &[]);
-    let (Some((_, base_parts)), Some((_, parts))) = (of(base)?, of(model)?) else { return Ok(None) };
-    let floor = floor(fitter, base, &base_parts).iter().sum::<f64>();
-    let (before, after) = (held_out(base, &base_parts, differ), held_out(model, &parts, differ));
-    let weights = trial_weights(&before);
+/// Share of the excess over the floor that a model removes.
+fn gain(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
+    let weights = trial_weights(before);
     let sum = |v: &[f64]| v.iter().zip(&weights).map(|(v, w)| v * w).sum::<f64>();
-    let (before, after) = (sum(&before), sum(&after));
-    Ok((before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor)))
+    let (before, after) = (sum(before), sum(after));
+    (before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor))
 }
 
 /// Weights of trials by what the base model leaves of them.
@@ -111,54 +120,78 @@ fn trial_weights(base: &[f64]) -> Vec<f64> {
     base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
 }
 
-/// Squared residuals by trial, the parameters as the other trials say.
-fn held_out(model: &Fitted, parts: &[Part], differ: bool) -> Vec<f64> {
-    let mut out = vec![0.0; model.held.len()];
-    for part in parts {
-        let step = &model.held_out_steps[part.launch];
-        out[part.launch] +=
-            if differ { with_random_effects(model, part, step) } else { part.square_at(step) };
+/// Random accelerations, in their standard deviations, by segment and place among them.
+type Modes = HashMap<(usize, usize), f64>;
+
+/// A block's columns of random accelerations, of one standard deviation: place, whether all segments of the trial have it alike,
+/// and the column.
+fn random_columns<'a>(
+    model: &'a Fitted,
+    block: &'a Block,
+) -> impl Iterator<Item = (usize, bool, DVector<f64>)> + 'a {
+    let of = |kinds: &'a [Own], columns: &'a DMatrix<f64>, alike: bool| {
+        kinds.iter().zip(columns.column_iter()).filter_map(move |(kind, column)| match kind {
+            Own::Push(place) => Some((*place, alike, column * model.components.of(*kind))),
+            _ => None,
+        })
+    };
+    of(&block.alike_of, &block.alike, true).chain(of(&block.kinds, &block.own, false))
+}
+
+/// Conditional modes of the random accelerations after a step of the parameters.
+fn modes(model: &Fitted, parts: &[Part], step: impl Fn(&Part) -> DVector<f64>) -> Modes {
+    let mut out = Modes::new();
+    let slow = model.components.slow;
+    for part in parts.iter().filter(|p| p.differs) {
+        // Unknowns: place, and the segment that has it of its own.
+        let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
+        let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
+        for (b, block) in part.blocks.iter().enumerate() {
+            for (place, alike, column) in random_columns(model, block) {
+                let unknown = (place, (!alike).then_some(block.window));
+                let at = unknowns.iter().position(|u| *u == unknown).unwrap_or(unknowns.len());
+                if at == unknowns.len() {
+                    unknowns.push(unknown);
+                }
+                columns.push((b, at, column));
+            }
+        }
+        let n = unknowns.len();
+        let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
+        let step = step(part);
+        for (b, block) in part.blocks.iter().enumerate() {
+            let weights = block.slow.map(|s| (1.0 + slow * slow * s).recip());
+            let left = block.residual_at(&step);
+            let own = || columns.iter().filter(|c| c.0 == b);
+            for (_, i, first) in own() {
+                let weighed = first.component_mul(&weights);
+                score[*i] += weighed.dot(&left);
+                own().for_each(|(_, j, second)| precision[(*i, *j)] += weighed.dot(second));
+            }
+        }
+        let Some(factor) = precision.cholesky() else { continue };
+        let solved = factor.solve(&score);
+        for (b, at, _) in &columns {
+            out.insert((part.blocks[*b].window, unknowns[*at].0), solved[*at]);
+        }
     }
     out
 }
 
-/// Squared residual of a part with its random accelerations at their conditional modes.
-fn with_random_effects(model: &Fitted, part: &Part, step: &DVector<f64>) -> f64 {
-    let belongs = |own: &&Own| matches!(own, Own::Push(_));
-    let alike: Vec<usize> = part.blocks.first().map_or(Vec::new(), |b| places(&b.alike_of, belongs));
-    let own: Vec<Vec<usize>> = part.blocks.iter().map(|b| places(&b.kinds, belongs)).collect();
-    let n = if part.differs { alike.len() + own.iter().map(Vec::len).sum::<usize>() } else { 0 };
-    let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
-    let mut columns: Vec<DMatrix<f64>> = Vec::new();
-    let slow = model.components.slow;
-    let mut first = alike.len();
-    for (block, own) in part.blocks.iter().zip(&own) {
-        let mut z = DMatrix::zeros(block.left.len(), n);
-        let mut put = |at: usize, column: DVector<f64>| z.set_column(at, &column);
-        if n > 0 {
-            let scaled = |of: Own, column: DVector<f64>| column * model.components.of(of);
-            for (k, c) in alike.iter().enumerate() {
-                put(k, scaled(block.alike_of[*c], block.alike.column(*c).into_owned()));
+/// Squared residuals by trial after a step of the parameters, random accelerations subtracted.
+fn squares(model: &Fitted, parts: &[Part], modes: &Modes, step: impl Fn(&Part) -> DVector<f64>) -> Vec<f64> {
+    let mut out = vec![0.0; model.held.len()];
+    for part in parts {
+        let step = step(part);
+        for block in &part.blocks {
+            let mut left = block.residual_at(&step);
+            for (place, _, column) in random_columns(model, block) {
+                left.axpy(-modes.get(&(block.window, place)).copied().unwrap_or(0.0), &column, 1.0);
             }
-            for (k, c) in own.iter().enumerate() {
-                put(first + k, scaled(block.kinds[*c], block.own.column(*c).into_owned()));
-            }
-            first += own.len();
+            out[part.launch] += left.norm_squared();
         }
-        let weights = block.slow.map(|s| (1.0 + slow * slow * s).recip());
-        let weighed = DMatrix::from_fn(z.nrows(), n, |i, k| weights[i] * z[(i, k)]);
-        precision += z.tr_mul(&weighed);
-        score += weighed.tr_mul(&block.residual_at(step));
-        columns.push(z);
     }
-    let mode = precision.cholesky().map_or_else(|| DVector::zeros(n), |f| f.solve(&score));
-    let left = part.blocks.iter().zip(&columns).map(|(block, z)| block.residual_at(step) - z * &mode);
-    left.map(|left| left.norm_squared()).sum()
-}
-
-/// Places of some of the kinds.
-fn places(kinds: &[Own], which: impl Fn(&&Own) -> bool) -> Vec<usize> {
-    kinds.iter().enumerate().filter(|(_, own)| which(own)).map(|(k, _)| k).collect()
+    out
 }
 
 /// By trial: what noise and slow misfit leave of the base model, expected.
@@ -186,7 +219,8 @@ mod tests {
         thrown::fitted(&[0.4; 8], &[], 11, |fitter, base| {
             thrown::fitted(&[0.4; 8], &["linear_drag"], 11, |_, model| {
                 let own = Fitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
-                let share = |m: &Fitted| explained(&own, &[base], m, 3).unwrap()[0].expect("a misfit");
+                let share =
+                    |m: &Fitted| explanation(&own, &[base], m, 3).unwrap().shares[0].expect("a misfit");
                 let (right, none) = (share(model), share(base));
                 assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
                 assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");

@@ -27,6 +27,8 @@ pub struct Settings {
     pub discrepancy_of_gravity: f64,
     /// Shared discrepancy: standard deviation as a share of the typical acceleration beyond gravity.
     pub discrepancy_of_acceleration: f64,
+    /// Shared discrepancy of observed positions: standard deviation as a share of the extent of the data.
+    pub discrepancy_of_position: f64,
     /// Shared discrepancy of impacts: standard deviation of the impulse along the normal as a share of the approach speed, and
     /// besides that of the impulse along the surface as a share of itself: moments of inertia are seldom known better.
     pub discrepancy_of_impact: [f64; 2],
@@ -44,6 +46,7 @@ pub const SETTINGS: Settings = Settings {
     held_out_gain: 0.5,
     odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
-    discrepancy_of_acceleration: 0.06,
+    discrepancy_of_acceleration: 0.15,
+    discrepancy_of_position: 0.003,
     discrepancy_of_impact: [0.02, 0.1],
 };
