@@ -91,7 +91,7 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
     let explains =
         explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= beside_field);
-    let gains = gain.is_none_or(|g| g >= SETTINGS.held_out_gain);
+    let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain);
     if !gains {
         let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
         return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
@@ -118,7 +118,7 @@ fn earned(
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
         let explanation = explanation(fitter, &fewer, &found.fits[rivals[0]], seed)?;
         let shares = smaller.iter().zip(explanation.shares.iter().skip(1));
-        let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.earned_share));
+        let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
         let posterior = |s: &&usize| found.log_posterior[**s];
         let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
         let Some(smaller) = best.copied() else { return Ok((rivals, explanation)) };

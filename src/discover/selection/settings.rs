@@ -14,13 +14,11 @@ pub struct Settings {
     pub explained_share: f64,
     /// The same where an unnamed force field beside the set is certain, for the share itself.
     pub explained_share_beside_field: f64,
-    /// Least share of what a set without one of its effects leaves that the effect explains: a strong effect does not speak for a
-    /// weak one.
-    pub earned_share: f64,
     /// Confidence with which the explained share is below its limit before the verdict is `unknown`.
     pub confidence: f64,
-    /// Least share of the excess error on held-out trials that a reported set removes.
-    pub held_out_gain: f64,
+    /// Least share of the excess error on held-out trials that a reported set removes, and of what a set without one of its effects
+    /// leaves that the effect explains: a strong effect does not speak for a weak one.
+    pub least_gain: f64,
     /// Expected number of trials as unlike the others by chance, below which a trial is left out as odd.
     pub odd_trial: f64,
     /// Shared discrepancy: standard deviation in units of gravity, whatever the effects.
@@ -41,9 +39,8 @@ pub const SETTINGS: Settings = Settings {
     credible_mass: 0.95,
     explained_share: 0.9,
     explained_share_beside_field: 0.95,
-    earned_share: 0.5,
     confidence: 0.95,
-    held_out_gain: 0.5,
+    least_gain: 0.5,
     odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
     discrepancy_of_acceleration: 0.15,
