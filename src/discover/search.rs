@@ -412,13 +412,6 @@ impl Found {
         order
     }
 
-    /// Indices of the fits of a set's effects but one.
-    pub fn with_one_fewer(&self, fit: usize) -> Vec<usize> {
-        let all = &self.fits[fit];
-        let fewer = |f: &usize| self.fits[*f].set.len() + 1 == all.set.len() && all.holds(&self.fits[*f]);
-        (0..self.fits.len()).filter(fewer).collect()
-    }
-
     /// The largest log posterior, the base model's among them.
     pub fn best_total(&self) -> f64 {
         self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)

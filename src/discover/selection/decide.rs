@@ -104,8 +104,18 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     Ok(decision(verdict, rivals, (explained, gain), field, unnamed))
 }
 
-/// Rivals, the first of which has only effects that each explain their share of what the set without them leaves, and what it
-/// explains: a small effect may stand for what trials share of no law.
+/// Indices of the fits of a set's effects but one, or with a special case of one in its place.
+fn simpler(found: &Found, fit: usize) -> Vec<usize> {
+    let all = &found.fits[fit];
+    let is_next = |f: &&Fitted| {
+        let kept = f.set.iter().filter(|e| all.set.iter().any(|own| own.name == e.name)).count();
+        contains(all, f) && kept + 1 == all.set.len()
+    };
+    (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
+}
+
+/// Rivals, the first of which has only effects that each explain their share of what the set without them, or with a special case
+/// in their place, leaves, and what it explains: a small or flexible effect may stand for what trials share of no law.
 fn earned(
     fitter: &Fitter,
     found: &Found,
@@ -113,7 +123,7 @@ fn earned(
     seed: u64,
 ) -> Result<(Vec<usize>, Explanation)> {
     loop {
-        let smaller = found.with_one_fewer(rivals[0]);
+        let smaller = simpler(found, rivals[0]);
         let fewer: Vec<&Fitted> =
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
         let explanation = explanation(fitter, &fewer, &found.fits[rivals[0]], seed)?;
@@ -122,7 +132,8 @@ fn earned(
         let posterior = |s: &&usize| found.log_posterior[**s];
         let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
         let Some(smaller) = best.copied() else { return Ok((rivals, explanation)) };
-        let beside = rivals.iter().copied().filter(|r| !found.fits[*r].holds(&found.fits[smaller]));
+        let beside =
+            rivals.iter().copied().filter(|r| *r != smaller && !contains(&found.fits[*r], &found.fits[smaller]));
         rivals = [smaller].into_iter().chain(beside).collect();
     }
 }
