@@ -346,6 +346,16 @@ impl Fitted {
         names
     }
 
+    /// Whether a strength stands at an end of its range, where nothing tells how large it is.
+    pub fn stands_at_bound(&self) -> bool {
+        let is_stuck = |(i, slot): (usize, &Slot)| {
+            let value = self.state.values[i];
+            let amplitude = self.layout.parameter(i).filter(|p| p.is_amplitude());
+            amplitude.is_some_and(|p| slot.bounds.iter().any(|b| *b == value && *b != p.neutral))
+        };
+        self.layout.slots.iter().enumerate().any(is_stuck)
+    }
+
     /// Whether it has all effects of another.
     pub fn holds(&self, other: &Fitted) -> bool {
         other.set.iter().all(|e| self.set.iter().any(|own| own.name == e.name))

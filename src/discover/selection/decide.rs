@@ -4,7 +4,8 @@
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
 //! little of the predictable misfit, or are less probable, with or without a force field that has no name, than that field
-//! alone: `unknown`. So are sets that remove too little of the error on held-out trials, and of those none is reported.
+//! alone, or whose strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of the error, and
+//! of those none is reported.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
@@ -91,13 +92,15 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
     let explains =
         explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= beside_field);
-    let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain);
+    let explains = explains && is_likelier && !champion.stands_at_bound();
+    let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain)
+        && (explains || explained.is_none_or(|e| e.interval[0] >= SETTINGS.least_gain));
     if !gains {
         let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
         return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
     }
     let verdict = match rivals.len() {
-        _ if !is_likelier || !explains => Verdict::Unknown,
+        _ if !explains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
@@ -132,8 +135,10 @@ fn earned(
         let posterior = |s: &&usize| found.log_posterior[**s];
         let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
         let Some(smaller) = best.copied() else { return Ok((rivals, explanation)) };
-        let beside =
-            rivals.iter().copied().filter(|r| *r != smaller && !contains(&found.fits[*r], &found.fits[smaller]));
+        let beside = rivals
+            .iter()
+            .copied()
+            .filter(|r| *r != smaller && !contains(&found.fits[*r], &found.fits[smaller]));
         rivals = [smaller].into_iter().chain(beside).collect();
     }
 }

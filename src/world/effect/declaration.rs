@@ -196,9 +196,9 @@ pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> Paramet
 }
 
 /// A factor `s` by which a measurement is off, neutral at 1, as likely too large as too small by the same ratio.
-pub(super) const fn scale_factor(prior_sd: f64) -> ParameterDeclaration {
+pub(super) const fn scale_factor(prior_sd: f64, bounds: [f64; 2]) -> ParameterDeclaration {
     let base = amplitude(0.1, prior_sd, 2e-3).neutral_at(1.0).heavy_tailed(PriorCoordinate::LogRatio);
-    parameter("s", "1", [0.01, 100.0], base)
+    parameter("s", "1", bounds, base)
 }
 
 /// As [`amplitude`], for a shape parameter with a flat prior.

@@ -17,7 +17,7 @@ pub static EFFECT: Effect = Effect {
         too far apart when they touch. Vertical motion alone cannot distinguish it from an error of \
         gravity; sideways motion and known sizes can.",
     equation: "measured position = s * true position; velocities likewise",
-    parameters: &[scale_factor(0.05)],
+    parameters: &[scale_factor(0.05, [0.01, 100.0])],
     instrument_check: Some("measure a known length in the picture"),
     ..effect(EffectKind::Sensor(&PositionScale))
 };

@@ -16,7 +16,7 @@ pub static EFFECT: Effect = Effect {
         in the same way, but not the speed that an action sets or that rolling preserves.",
     equation: "measured at t = true at t / s: the clock runs s times",
     // Accelerations change by its square: as probable as a length scale that changes them alike.
-    parameters: &[scale_factor(0.025)],
+    parameters: &[scale_factor(0.025, [0.1, 10.0])],
     instrument_check: Some("film a clock"),
     ..effect(EffectKind::Sensor(&TimeScale))
 };
