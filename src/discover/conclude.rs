@@ -79,7 +79,10 @@ pub fn conclude(
     let rival_names = |i: &usize| strings(&fits[*i].names());
     let unlike = unlike::unlike(model);
     let remainder = remainder(base, model, decision, noise, &gain, scale);
-    let (launches, predictive) = by_launch(given, model)?;
+    let launches = by_launch(given, model)?;
+    // Where no set is reported the most probable one says which trials are unlike the others.
+    let probable = found.ranked(|_| verdict == Verdict::Unknown).first().map(|i| &fits[*i]);
+    let predictive = predictive(given, best.or(probable).unwrap_or(base))?;
     let field = match &decision.field {
         Some(field) => picture::field(&fitter, model, field.form)?,
         None => None,
@@ -119,12 +122,18 @@ pub fn conclude(
     Ok(DiagnosisResult { diagnosis, extended, evidence })
 }
 
-/// What a model makes of every launch, and how those stand to what the others predict of them.
-fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<TrialEffects>, Option<PredictiveCheck>)> {
-    let Given { trials, data, kept, names, .. } = given;
+/// How trials stand to what a model of the others predicts of them.
+fn predictive(given: &Given, model: &Fitted) -> Result<Option<PredictiveCheck>> {
     let fitter = given.fitter();
-    let Some((looks, parts)) = fitter.parts(&model.layout, &model.state, &[])? else {
-        return Ok((Vec::new(), None));
+    let looks = fitter.parts(&model.layout, &model.state, &[])?;
+    Ok(looks.and_then(|(looks, _)| check::predictive(&fitter, model, &looks, given.kept)))
+}
+
+/// What a model makes of every trial.
+fn by_launch(given: &Given, model: &Fitted) -> Result<Vec<TrialEffects>> {
+    let Given { trials, data, kept, names, .. } = given;
+    let Some((_, parts)) = given.fitter().parts(&model.layout, &model.state, &[])? else {
+        return Ok(Vec::new());
     };
     let launch = |(sizes, (i, trial)): (Vec<TrialEffectEstimate>, (usize, &usize))| TrialEffects {
         trial: *trial,
@@ -133,8 +142,7 @@ fn by_launch(given: &Given, model: &Fitted) -> Result<(Vec<TrialEffects>, Option
         sizes,
     };
     let sizes = by_launch::sizes(model, &parts, data.settings);
-    let launches = sizes.into_iter().zip(kept.iter().enumerate()).map(launch).collect();
-    Ok((launches, check::predictive(&fitter, model, &looks, kept)))
+    Ok(sizes.into_iter().zip(kept.iter().enumerate()).map(launch).collect())
 }
 
 /// How wide residuals should be; `shown` may hold more than the model whose components they are.
