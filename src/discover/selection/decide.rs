@@ -80,7 +80,7 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         return Ok(decision(verdict, Vec::new(), (None, None), field, unnamed));
     }
     let sets: Vec<usize> = credible.into_iter().flatten().collect();
-    let (rivals, Explanation { shares, gain }) = earned(fitter, found, simplest(found, &sets), seed)?;
+    let (rivals, Explanation { shares, gain }, earned) = earned(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
@@ -90,9 +90,10 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let explained = shares.first().copied().flatten();
     let beside_field =
         if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
-    let explains =
-        explained.is_none_or(|e| e.interval[1] >= SETTINGS.explained_share && e.share >= beside_field);
-    let explains = explains && is_likelier && !champion.stands_at_bound();
+    let explains = explained.is_none_or(|e| e.explains_enough() && e.share >= beside_field)
+        && earned
+        && is_likelier
+        && !champion.stands_at_bound();
     let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain)
         && (explains || explained.is_none_or(|e| e.interval[0] >= SETTINGS.least_gain));
     if !gains {
@@ -117,29 +118,36 @@ fn simpler(found: &Found, fit: usize) -> Vec<usize> {
     (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
 }
 
-/// Rivals, the first of which has only effects that each explain their share of what the set without them, or with a special case
-/// in their place, leaves, and what it explains: a small or flexible effect may stand for what trials share of no law.
+/// Rivals with what the first of them explains, and whether each of its effects is needed: explains its share of what the set without
+/// it, or with a special case in its place, leaves. A small or flexible effect may stand for what trials share of no law. Where
+/// the smaller set explains enough it takes the place of the first.
 fn earned(
     fitter: &Fitter,
     found: &Found,
     mut rivals: Vec<usize>,
     seed: u64,
-) -> Result<(Vec<usize>, Explanation)> {
-    loop {
-        let smaller = simpler(found, rivals[0]);
+) -> Result<(Vec<usize>, Explanation, bool)> {
+    let explain = |fit: usize| {
+        let smaller = simpler(found, fit);
         let fewer: Vec<&Fitted> =
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
-        let explanation = explanation(fitter, &fewer, &found.fits[rivals[0]], seed)?;
-        let shares = smaller.iter().zip(explanation.shares.iter().skip(1));
+        explanation(fitter, &fewer, &found.fits[fit], seed)
+    };
+    let mut explanation = explain(rivals[0])?;
+    loop {
+        let smaller = simpler(found, rivals[0]);
+        let shares = smaller.into_iter().zip(explanation.shares.iter().skip(1));
         let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
-        let posterior = |s: &&usize| found.log_posterior[**s];
+        let posterior = |s: &usize| found.log_posterior[*s];
         let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
-        let Some(smaller) = best.copied() else { return Ok((rivals, explanation)) };
-        let beside = rivals
-            .iter()
-            .copied()
-            .filter(|r| *r != smaller && !contains(&found.fits[*r], &found.fits[smaller]));
-        rivals = [smaller].into_iter().chain(beside).collect();
+        let Some(smaller) = best else { return Ok((rivals, explanation, true)) };
+        let other = explain(smaller)?;
+        if !other.shares.first().copied().flatten().is_none_or(|e| e.explains_enough()) {
+            return Ok((rivals, explanation, false));
+        }
+        let holds = |r: &usize| *r == smaller || contains(&found.fits[*r], &found.fits[smaller]);
+        rivals = [smaller].into_iter().chain(rivals.into_iter().filter(|r| !holds(r))).collect();
+        explanation = other;
     }
 }
 

@@ -37,6 +37,13 @@ pub struct Explained {
     pub interval: [f64; 2],
 }
 
+impl Explained {
+    /// Whether it may be as much as a reported set must explain.
+    pub fn explains_enough(&self) -> bool {
+        self.interval[1] >= SETTINGS.explained_share
+    }
+}
+
 /// What a model explains.
 pub struct Explanation {
     /// Of what each of some models with fewer effects leaves; `None` where one leaves no more than the floor.

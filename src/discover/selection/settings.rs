@@ -43,7 +43,7 @@ pub const SETTINGS: Settings = Settings {
     least_gain: 0.5,
     odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
-    discrepancy_of_acceleration: 0.15,
+    discrepancy_of_acceleration: 0.06,
     discrepancy_of_position: 0.003,
     discrepancy_of_impact: [0.02, 0.1],
 };
