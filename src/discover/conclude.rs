@@ -80,9 +80,7 @@ pub fn conclude(
     let unlike = unlike::unlike(model);
     let remainder = remainder(base, model, decision, noise, &gain, scale);
     let launches = by_launch(given, model)?;
-    // Where no set is reported the most probable one says which trials are unlike the others.
-    let probable = found.ranked(|_| verdict == Verdict::Unknown).first().map(|i| &fits[*i]);
-    let predictive = predictive(given, best.or(probable).unwrap_or(base))?;
+    let predictive = predictive(given, &found, best, verdict)?;
     let field = match &decision.field {
         Some(field) => picture::field(&fitter, model, field.form)?,
         None => None,
@@ -122,8 +120,16 @@ pub fn conclude(
     Ok(DiagnosisResult { diagnosis, extended, evidence })
 }
 
-/// How trials stand to what a model of the others predicts of them.
-fn predictive(given: &Given, model: &Fitted) -> Result<Option<PredictiveCheck>> {
+/// How trials stand to what the reported model of the others predicts of them; where the verdict is `unknown` and no set is reported
+/// the most probable one.
+fn predictive(
+    given: &Given,
+    found: &Found,
+    best: Option<&Fitted>,
+    verdict: Verdict,
+) -> Result<Option<PredictiveCheck>> {
+    let probable = found.ranked(|_| verdict == Verdict::Unknown).first().map(|i| &found.fits[*i]);
+    let model = best.or(probable).unwrap_or(&found.base);
     let fitter = given.fitter();
     let looks = fitter.parts(&model.layout, &model.state, &[])?;
     Ok(looks.and_then(|(looks, _)| check::predictive(&fitter, model, &looks, given.kept)))
