@@ -3,9 +3,9 @@
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or are less probable, with or without a force field that has no name, than that field
-//! alone, or whose strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of the error, and
-//! of those none is reported.
+//! little of the predictable misfit, or beside which a force field without a name is certain, or which are less probable than that
+//! field alone, or of which a strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of
+//! the error, and of those none is reported.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
@@ -88,9 +88,8 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
     let explained = shares.first().copied().flatten();
-    let beside_field =
-        if unnamed.is_some_and(is_certain) { SETTINGS.explained_share_beside_field } else { 0.0 };
-    let explains = explained.is_none_or(|e| e.explains_enough() && e.share >= beside_field)
+    let explains = explained.is_none_or(|e| e.explains_enough())
+        && !unnamed.is_some_and(is_certain)
         && earned
         && is_likelier
         && !champion.stands_at_bound();

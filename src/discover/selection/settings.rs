@@ -12,8 +12,6 @@ pub struct Settings {
     pub credible_mass: f64,
     /// Least share of the predictable misfit that the reported effects explain; below it the verdict is `unknown`.
     pub explained_share: f64,
-    /// The same where an unnamed force field beside the set is certain, for the share itself.
-    pub explained_share_beside_field: f64,
     /// Confidence with which the explained share is below its limit before the verdict is `unknown`.
     pub confidence: f64,
     /// Least share of the excess error on held-out trials that a reported set removes, and of what a set without one of its effects
@@ -38,7 +36,6 @@ pub const SETTINGS: Settings = Settings {
     strong_effect: 0.5,
     credible_mass: 0.95,
     explained_share: 0.9,
-    explained_share_beside_field: 0.95,
     confidence: 0.95,
     least_gain: 0.5,
     odd_trial: 0.01,
