@@ -79,8 +79,7 @@ pub fn conclude(
     let rival_names = |i: &usize| strings(&fits[*i].names());
     let unlike = unlike::unlike(model);
     let remainder = remainder(base, model, decision, noise, &gain, scale);
-    let launches = by_launch(given, model)?;
-    let predictive = predictive(given, &found, best, verdict)?;
+    let (launches, predictive) = by_launch(given, model, checked(&found, best, verdict))?;
     let field = match &decision.field {
         Some(field) => picture::field(&fitter, model, field.form)?,
         None => None,
@@ -120,26 +119,23 @@ pub fn conclude(
     Ok(DiagnosisResult { diagnosis, extended, evidence })
 }
 
-/// How trials stand to what the reported model of the others predicts of them; where the verdict is `unknown` and no set is reported
-/// the most probable one.
-fn predictive(
-    given: &Given,
-    found: &Found,
-    best: Option<&Fitted>,
-    verdict: Verdict,
-) -> Result<Option<PredictiveCheck>> {
-    let probable = found.ranked(|_| verdict == Verdict::Unknown).first().map(|i| &found.fits[*i]);
-    let model = best.or(probable).unwrap_or(&found.base);
-    let fitter = given.fitter();
-    let looks = fitter.parts(&model.layout, &model.state, &[])?;
-    Ok(looks.and_then(|(looks, _)| check::predictive(&fitter, model, &looks, given.kept)))
+/// The model that trials are checked by: the reported one; where the verdict is `unknown` and no set is reported the most probable
+/// set, so that a single odd trial does not hide.
+fn checked<'f>(found: &'f Found, best: Option<&'f Fitted>, verdict: Verdict) -> &'f Fitted {
+    let probable = || found.ranked(|_| true).first().map(|i| &found.fits[*i]);
+    best.or_else(|| if verdict == Verdict::Unknown { probable() } else { None }).unwrap_or(&found.base)
 }
 
-/// What a model makes of every trial.
-fn by_launch(given: &Given, model: &Fitted) -> Result<Vec<TrialEffects>> {
+/// Estimates of a model by trial, and how trials compare with the predictions that the model `checked` makes from the others.
+fn by_launch(
+    given: &Given,
+    model: &Fitted,
+    checked: &Fitted,
+) -> Result<(Vec<TrialEffects>, Option<PredictiveCheck>)> {
     let Given { trials, data, kept, names, .. } = given;
-    let Some((_, parts)) = given.fitter().parts(&model.layout, &model.state, &[])? else {
-        return Ok(Vec::new());
+    let fitter = given.fitter();
+    let Some((mut looks, parts)) = fitter.parts(&model.layout, &model.state, &[])? else {
+        return Ok((Vec::new(), None));
     };
     let launch = |(sizes, (i, trial)): (Vec<TrialEffectEstimate>, (usize, &usize))| TrialEffects {
         trial: *trial,
@@ -148,7 +144,14 @@ fn by_launch(given: &Given, model: &Fitted) -> Result<Vec<TrialEffects>> {
         sizes,
     };
     let sizes = by_launch::sizes(model, &parts, data.settings);
-    Ok(sizes.into_iter().zip(kept.iter().enumerate()).map(launch).collect())
+    let launches = sizes.into_iter().zip(kept.iter().enumerate()).map(launch).collect();
+    if !std::ptr::eq(model, checked) {
+        let Some((others, _)) = fitter.parts(&checked.layout, &checked.state, &[])? else {
+            return Ok((launches, None));
+        };
+        looks = others;
+    }
+    Ok((launches, check::predictive(&fitter, checked, &looks, kept)))
 }
 
 /// How wide residuals should be; `shown` may hold more than the model whose components they are.

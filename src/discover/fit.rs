@@ -165,6 +165,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         Ok(self.best_stand(&layout, state)?.map(|stand| stand.quality))
     }
 
+    /// Where generalised least squares from a state nearby ends.
     fn best_stand(&self, layout: &Layout, state: State) -> Result<Option<Stand>> {
         let first = Components::start(!layout.terms.is_empty());
         let Some(mut best) = self.stands(layout, state, &first, WIDE)? else { return Ok(None) };
@@ -304,10 +305,13 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 }
 
-/// A step as far as bounds allow it.
+/// A step as far as bounds allow it; fixed values stay.
 fn allowed(layout: &Layout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
     let slots = layout.slots.iter().zip(values).zip(step.iter());
-    let taken = slots.map(|((slot, v), s)| (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v);
+    let taken = slots.map(|((slot, v), s)| match slot.is_fixed {
+        true => 0.0,
+        false => (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v,
+    });
     DVector::from_iterator(step.len(), taken)
 }
 

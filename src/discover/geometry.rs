@@ -11,8 +11,8 @@ use super::window::{Kind, Window};
 use crate::task::Scene;
 
 /// Standard errors from which an offset counts, and bounces that it needs.
-const ERRORS: f64 = 3.0;
-const FEWEST: usize = 4;
+const MIN_STANDARD_ERRORS: f64 = 3.0;
+const MIN_BOUNCES: usize = 4;
 /// Offsets that are plausible without a word, m, or as a share of the radius.
 const PLAUSIBLE: f64 = 2e-3;
 const PLAUSIBLE_OF_RADIUS: f64 = 0.01;
@@ -45,11 +45,12 @@ pub fn offsets(windows: &[Window], state: &State) -> Vec<Offset> {
             None => faces.push((Offset { fixed, normal, radius, mean: 0.0, error: 0.0 }, vec![*height])),
         }
     }
-    let measured = faces.into_iter().filter(|(_, heights)| heights.len() >= FEWEST).map(|(face, heights)| {
-        let (mean, error) = mean_error(&heights);
-        Offset { mean, error, ..face }
-    });
-    measured.filter(|o| o.mean.abs() > ERRORS * o.error).collect()
+    let measured =
+        faces.into_iter().filter(|(_, heights)| heights.len() >= MIN_BOUNCES).map(|(face, heights)| {
+            let (mean, error) = mean_error(&heights);
+            Offset { mean, error, ..face }
+        });
+    measured.filter(|o| o.mean.abs() > MIN_STANDARD_ERRORS * o.error).collect()
 }
 
 /// Windows whose surfaces are moved by their offsets; `None` without any.

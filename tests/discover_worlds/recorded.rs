@@ -2,8 +2,9 @@
 //!
 //! Drawn for each trial: the size of the hidden effect, a small lift of either sign (for each flight of a
 //! bouncing ball: a bounce changes the spin), the camera tilt; then correlated noise, outliers and missing
-//! points. None of it is shared between trials; worlds with shared dirt have errors besides that are alike in all trials. Each world has a clean twin with the same initial states and
-//! effect and without any of this: an effect that cannot be identified there is unidentifiable.
+//! points. None of it is shared between trials; worlds with shared dirt add errors that are alike in all trials. Each world
+//! has a clean twin with the same initial states and effect and without any of this: an effect that cannot be identified there is
+//! unidentifiable.
 
 use super::camera::Camera;
 use super::hidden_effects::{HiddenEffect, hidden};

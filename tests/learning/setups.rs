@@ -169,7 +169,7 @@ fn shared_errors_are_not_named_and_hide_nothing() {
         let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
         let holds =
             |set: &Vec<&str>| world.right.iter().any(|truth| truth.iter().all(|effect| set.contains(effect)));
-        let is_right = named && sets(&d).iter().any(holds);
+        let is_right = named && sets(&d).iter().all(holds);
         assert!(is_right || !named, "{kind:?}: {:?} for {:?}", sets(&d), world.right);
         found += usize::from(is_right);
     }

@@ -41,7 +41,7 @@ pub struct Slot {
     pub bounds: [f64; 2],
     /// Difference for derivatives.
     pub step: f64,
-    /// Whether the value stays as it is.
+    /// Whether the value is held and not fitted.
     pub is_fixed: bool,
     /// Precision by which the value is believed to be about nothing, in fits by least squares; 0 where nothing is believed.
     pub belief: f64,

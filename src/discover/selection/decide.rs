@@ -126,27 +126,26 @@ fn earned(
     mut rivals: Vec<usize>,
     seed: u64,
 ) -> Result<(Vec<usize>, Explanation, bool)> {
-    let explain = |fit: usize| {
+    let explain = |fit: usize| -> Result<(Vec<usize>, Explanation)> {
         let smaller = simpler(found, fit);
         let fewer: Vec<&Fitted> =
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
-        explanation(fitter, &fewer, &found.fits[fit], seed)
+        Ok((smaller, explanation(fitter, &fewer, &found.fits[fit], seed)?))
     };
-    let mut explanation = explain(rivals[0])?;
+    let (mut smaller, mut explanation) = explain(rivals[0])?;
     loop {
-        let smaller = simpler(found, rivals[0]);
         let shares = smaller.into_iter().zip(explanation.shares.iter().skip(1));
         let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
         let posterior = |s: &usize| found.log_posterior[*s];
         let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
-        let Some(smaller) = best else { return Ok((rivals, explanation, true)) };
-        let other = explain(smaller)?;
+        let Some(enough) = best else { return Ok((rivals, explanation, true)) };
+        let (next, other) = explain(enough)?;
         if !other.shares.first().copied().flatten().is_none_or(|e| e.explains_enough()) {
             return Ok((rivals, explanation, false));
         }
-        let holds = |r: &usize| *r == smaller || contains(&found.fits[*r], &found.fits[smaller]);
-        rivals = [smaller].into_iter().chain(rivals.into_iter().filter(|r| !holds(r))).collect();
-        explanation = other;
+        let holds = |r: &usize| *r == enough || contains(&found.fits[*r], &found.fits[enough]);
+        rivals = [enough].into_iter().chain(rivals.into_iter().filter(|r| !holds(r))).collect();
+        (smaller, explanation) = (next, other);
     }
 }
 

@@ -284,7 +284,7 @@ mod tests {
         assert!((0.3 * expected..1.5 * expected).contains(&moved), "{moved} and {expected}");
         let begins = |c: &DMatrix<f64>| c.columns(0, fields).row(0).norm() == 0.0;
         assert!(found.columns.iter().all(begins), "a path begins where it begins");
-        // What is seen is displaced by a few thousandths of the extent.
+        // The displacement of observed positions is a few thousandths of the extent.
         let [x0, y0, x1, y1] = library::span(&windows).area;
         let shown = found.columns[0].columns(fields, found.columns[0].ncols() - fields).row(0).norm();
         let plausible = SETTINGS.discrepancy_of_position * (x1 - x0).max(y1 - y0);

@@ -1,4 +1,4 @@
-//! What a set of effects explains: the share of the predictable misfit, and of the error on held-out trials.
+//! Explained share: how much of the predictable misfit a set of effects accounts for, and how much of the error on held-out trials.
 //!
 //! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
 //! projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are everywhere those at their conditional
@@ -44,16 +44,16 @@ impl Explained {
     }
 }
 
-/// What a model explains.
+/// How much of the misfit a model accounts for.
 pub struct Explanation {
-    /// Of what each of some models with fewer effects leaves; `None` where one leaves no more than the floor.
+    /// Share of the excess misfit of each simpler model; `None` where that model's misfit is no larger than the floor.
     pub shares: Vec<Option<Explained>>,
     /// Share of the excess squared error on held-out trials that the model removes; `None` where the base model leaves no more
     /// than the floor.
     pub gain: Option<f64>,
 }
 
-/// What `model` explains of what some models with fewer effects leave, of which the first is the base model.
+/// Compares `model` with simpler models (`fewer`), of which the first is the base model.
 pub fn explanation(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64) -> Result<Explanation> {
     let nothing = Explanation { shares: Vec::new(), gain: None };
     let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(nothing) };
