@@ -119,7 +119,7 @@ fn simpler(found: &Found, fit: usize) -> Vec<usize> {
 
 /// Rivals with what the first of them explains, and whether each of its effects is needed: explains its share of what the set without
 /// it, or with a special case in its place, leaves. A small or flexible effect may stand for what trials share of no law. Where
-/// the smaller set explains enough it takes the place of the first.
+/// the smaller set explains enough it becomes a rival: the data do not tell which of the two it is.
 fn earned(
     fitter: &Fitter,
     found: &Found,
@@ -132,21 +132,26 @@ fn earned(
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
         Ok((smaller, explanation(fitter, &fewer, &found.fits[fit], seed)?))
     };
-    let (mut smaller, mut explanation) = explain(rivals[0])?;
-    loop {
-        let shares = smaller.into_iter().zip(explanation.shares.iter().skip(1));
+    // The most probable of the smaller sets that leave little more than the larger one.
+    let sufficient = |smaller: &[usize], of: &Explanation| {
+        let shares = smaller.iter().zip(of.shares.iter().skip(1));
         let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
         let posterior = |s: &usize| found.log_posterior[*s];
-        let best = suffices.map(|(s, _)| s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)));
-        let Some(enough) = best else { return Ok((rivals, explanation, true)) };
-        let (next, other) = explain(enough)?;
+        suffices.map(|(s, _)| *s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)))
+    };
+    let (smaller, first) = explain(rivals[0])?;
+    let mut next = sufficient(&smaller, &first);
+    while let Some(enough) = next {
+        let (smaller, other) = explain(enough)?;
         if !other.shares.first().copied().flatten().is_none_or(|e| e.explains_enough()) {
-            return Ok((rivals, explanation, false));
+            return Ok((rivals, first, false));
         }
-        let holds = |r: &usize| *r == enough || contains(&found.fits[*r], &found.fits[enough]);
-        rivals = [enough].into_iter().chain(rivals.into_iter().filter(|r| !holds(r))).collect();
-        (smaller, explanation) = (next, other);
+        if !rivals.contains(&enough) {
+            rivals.push(enough);
+        }
+        next = sufficient(&smaller, &other);
     }
+    Ok((rivals, first, true))
 }
 
 /// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.
