@@ -2,11 +2,11 @@
 //! instrument where none does.
 
 use super::config::DiagnosisConfig;
-use super::fit::Fitted;
+use super::fit::FittedModel;
 use super::noise::Noise;
-use super::parting::{REPEATS, best_launch};
+use super::parting::{REPEATS, best_throw};
 use super::report::{RecommendedExperiment, Verdict};
-use super::window::{Kind, Window};
+use super::window::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::task::{Placement, Scene};
 use crate::trajectory::Trajectory;
@@ -14,15 +14,15 @@ use crate::world::effect::{Effect, REGISTRY};
 use crate::world::{Rollout, Simulator};
 
 /// Number of actions of a task that are compared.
-const ACTIONS: usize = 24;
+const MAX_ACTIONS: usize = 24;
 /// Rivals that are compared.
-const RIVALS: usize = 6;
+const MAX_RIVALS: usize = 6;
 
 /// The next experiment; `None` where nothing is left to separate.
-pub fn next(
+pub fn next_experiment(
     scene: &Scene,
-    windows: &[Window],
-    fits: &[Fitted],
+    windows: &[Segment],
+    fits: &[FittedModel],
     rivals: &[usize],
     verdict: Verdict,
     noise: &Noise,
@@ -42,29 +42,33 @@ pub fn next(
     if rivals.len() < 2 {
         return Ok(None);
     }
-    let own: Vec<&Fitted> = rivals.iter().take(RIVALS).map(|i| &fits[*i]).collect();
-    match windows.iter().position(|w| w.kind != Kind::Contact) {
-        Some(w) if matches!(windows[w].kind, Kind::Run | Kind::Leap) => {
-            act(scene, &windows[w], [own[0], own[1]], noise, config)
+    let own: Vec<&FittedModel> = rivals.iter().take(MAX_RIVALS).map(|i| &fits[*i]).collect();
+    match windows.iter().position(|w| w.kind != SegmentKind::Contact) {
+        Some(w) if matches!(windows[w].kind, SegmentKind::FromInitialState | SegmentKind::OneStep) => {
+            action_experiment(scene, &windows[w], [own[0], own[1]], noise, config)
         }
-        _ => Ok(fly(windows, &own, noise)),
+        _ => Ok(throw_experiment(windows, &own, noise)),
     }
 }
 
-fn label(fit: &Fitted) -> String {
-    fit.names().join(" + ")
+fn label(fit: &FittedModel) -> String {
+    fit.effect_names().join(" + ")
 }
 
-fn separates(fits: &[&Fitted]) -> Vec<String> {
-    let mut names: Vec<String> = fits.iter().flat_map(|f| f.names()).map(|n| n.to_string()).collect();
+fn effect_names(fits: &[&FittedModel]) -> Vec<String> {
+    let mut names: Vec<String> = fits.iter().flat_map(|f| f.effect_names()).map(|n| n.to_string()).collect();
     names.sort();
     names.dedup();
     names
 }
 
 /// A launch, and a look at the instruments where no launch can tell.
-fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<RecommendedExperiment> {
-    let found = best_launch(windows, rivals, noise);
+fn throw_experiment(
+    windows: &[Segment],
+    rivals: &[&FittedModel],
+    noise: &Noise,
+) -> Option<RecommendedExperiment> {
+    let found = best_throw(windows, rivals, noise);
     let apart = |i: usize, j: usize| {
         found.as_ref().is_some_and(|(_, _, clear)| clear.contains(&[i, j]) || clear.contains(&[j, i]))
     };
@@ -75,20 +79,20 @@ fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<Recommen
         }
     }
     // Each once, in the registry's order.
-    let shown = |e: &&&Effect| twins.iter().any(|i| rivals[*i].names().contains(&e.name));
+    let shown = |e: &&&Effect| twins.iter().any(|i| rivals[*i].effect_names().contains(&e.name));
     let checks: Vec<&str> = REGISTRY.iter().filter(shown).filter_map(|e| e.instrument_check).collect();
     let sets = rivals.iter().map(|f| label(f)).collect::<Vec<_>>().join(", ");
     let (mut actions, mut why, mut scene) = (Vec::new(), format!("{sets} tie"), None);
     if let Some((launch, least, clear)) = &found
         && !clear.is_empty()
     {
-        actions.push(format!("{}; {REPEATS:.0} times", launch.words));
+        actions.push(format!("{}; {REPEATS:.0} times", launch.description));
         why += &format!(
             "; this should part {} by {:.0} or more (square of what the wrong one leaves over the noise's)",
             if twins.is_empty() { "all of them" } else { "those that a flight can part" },
             least
         );
-        scene = Some(launch.window.scene.clone());
+        scene = Some(launch.segment.scene.clone());
     }
     if !checks.is_empty() {
         actions.push(checks.join("; "));
@@ -97,19 +101,24 @@ fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<Recommen
     if actions.is_empty() {
         actions.push("measure more trials, over as wide a range of speeds and places as can be".into());
     }
-    Some(RecommendedExperiment { why, action: actions.join("; and "), separates: separates(rivals), scene })
+    Some(RecommendedExperiment {
+        why,
+        action: actions.join("; and "),
+        separates: effect_names(rivals),
+        scene,
+    })
 }
 
 /// The action of a task about which two rivals disagree most.
-fn act(
+fn action_experiment(
     scene: &Scene,
-    window: &Window,
-    rivals: [&Fitted; 2],
+    window: &Segment,
+    rivals: [&FittedModel; 2],
     noise: &Noise,
     config: &DiagnosisConfig,
 ) -> Result<Option<RecommendedExperiment>> {
     let trials = actions(scene, window);
-    let physics = rivals.map(|f| f.layout.physics(&f.state.values, 0, 0.0));
+    let physics = rivals.map(|f| f.layout.effects_and_latents(&f.state.values, 0, 0.0));
     let mut rollouts = Vec::new();
     for (_, scene) in &trials {
         for (effects, latents) in &physics {
@@ -117,7 +126,7 @@ fn act(
         }
     }
     let paths = Simulator::new(config.engine).run(&rollouts)?;
-    let apart = |i: usize| furthest(&paths[2 * i], &paths[2 * i + 1]);
+    let apart = |i: usize| max_distance(&paths[2 * i], &paths[2 * i + 1]);
     let Some(best) = (0..trials.len()).max_by(|i, j| apart(*i).total_cmp(&apart(*j))) else {
         return Ok(None);
     };
@@ -130,13 +139,13 @@ fn act(
             apart(best) / noise.sd
         ),
         action: trials[best].0.clone(),
-        separates: separates(&rivals),
+        separates: effect_names(&rivals),
         scene: Some(trials[best].1.clone()),
     }))
 }
 
 /// Actions of a task, spread over its action space, on the scene of a run.
-fn actions(scene: &Scene, window: &Window) -> Vec<(String, Scene)> {
+fn actions(scene: &Scene, window: &Segment) -> Vec<(String, Scene)> {
     let Some(space) = &scene.action else {
         return vec![("repeat the trial for twice as long".into(), {
             let mut scene = window.scene.clone();
@@ -146,7 +155,7 @@ fn actions(scene: &Scene, window: &Window) -> Vec<(String, Scene)> {
     };
     let count = space.count();
     let mut out = Vec::new();
-    for k in 0..40 * ACTIONS {
+    for k in 0..40 * MAX_ACTIONS {
         let Ok(action) = space.at(k * 7919 % count) else { continue };
         if let Placement::Valid(placed) = space.place(&window.scene, &action) {
             let mut placed = *placed;
@@ -154,7 +163,7 @@ fn actions(scene: &Scene, window: &Window) -> Vec<(String, Scene)> {
             placed.observe_every = scene.observe_every;
             out.push((format!("action {:?}", action.values()), placed));
         }
-        if out.len() == ACTIONS {
+        if out.len() == MAX_ACTIONS {
             break;
         }
     }
@@ -162,7 +171,7 @@ fn actions(scene: &Scene, window: &Window) -> Vec<(String, Scene)> {
 }
 
 /// Largest distance between two paths, m.
-fn furthest(a: &Trajectory, b: &Trajectory) -> f64 {
+fn max_distance(a: &Trajectory, b: &Trajectory) -> f64 {
     let mut most = 0.0f64;
     for (p, q) in a.bodies.iter().zip(&b.bodies) {
         for i in 0..p.len().min(q.len()) {
@@ -176,13 +185,14 @@ fn furthest(a: &Trajectory, b: &Trajectory) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{ball, fitted};
+    use crate::discover::fixture::{ball, fitted_models};
 
     #[test]
     fn advice_is_a_launch_where_one_tells_and_a_look_where_none_does() {
-        let (windows, fits, noise) = fitted(&[&["gravity_error"], &["position_scale"], &[]]);
+        let (windows, fits, noise) = fitted_models(&[&["gravity_error"], &["position_scale"], &[]]);
         let ask = |rivals: &[usize], verdict| {
-            next(&ball(), &windows, &fits, rivals, verdict, &noise, &DiagnosisConfig::standard(0)).unwrap()
+            next_experiment(&ball(), &windows, &fits, rivals, verdict, &noise, &DiagnosisConfig::standard(0))
+                .unwrap()
         };
         let launch = ask(&[0, 2], Verdict::Ambiguous).unwrap();
         let start = &launch.scene.expect("it can be simulated").bodies[0];

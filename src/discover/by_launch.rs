@@ -13,35 +13,41 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::columns::pushes;
-use super::fit::Fitted;
-use super::gaussian::{self, Components, Pooled, Told};
-use super::launch::Part;
-use super::model::{Extra, What};
+use super::columns::nuisance_accelerations;
+use super::fit::FittedModel;
+use super::gaussian::{self, GlsEstimate, GroupStatistics, VarianceComponents};
+use super::launch::Group;
+use super::model::{ParameterKind, Perturbation};
 use super::report::{TrialEffectEstimate, round_to_six_digits};
 
 /// Sizes by launch: of every amplitude that concerns it; empty where launches say nothing. `settings`: of each launch.
-pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<TrialEffectEstimate>> {
-    let amplitude =
-        |k: &usize| matches!(model.layout.slots[*k].what, What::Parameter(..)) && !model.layout.shapes(*k);
-    let amplitudes: Vec<usize> = (0..model.layout.slots.len()).filter(amplitude).collect();
+pub fn trial_estimates(
+    model: &FittedModel,
+    parts: &[Group],
+    settings: &[usize],
+) -> Vec<Vec<TrialEffectEstimate>> {
+    let amplitude = |k: &usize| {
+        matches!(model.layout.parameters[*k].kind, ParameterKind::EffectParameter(..))
+            && !model.layout.is_shape(*k)
+    };
+    let amplitudes: Vec<usize> = (0..model.layout.parameters.len()).filter(amplitude).collect();
     let none = || vec![Vec::new(); settings.len()];
-    let alike = without_own(model);
+    let alike = without_amplitude_components(model);
     let prior = model.prior.clone();
-    let Some(told) = gaussian::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else {
+    let Some(told) = gaussian::group_statistics(parts, &alike).filter(|_| !amplitudes.is_empty()) else {
         return none();
     };
     // Latents and shapes are what the report says of them.
-    let here = DVector::zeros(model.layout.slots.len());
+    let here = DVector::zeros(model.layout.parameters.len());
     let of = |launch: usize| {
-        let own = of_launch(launch, model, parts, &told, &here);
-        let others = gaussian::pooled(model.told.iter().filter(|t| t.launch != launch), &prior)?;
-        let concerns = |k: &usize| model.layout.slots[*k].setting.is_none_or(|s| s == settings[launch]);
+        let own = trial_information(launch, model, parts, &told, &here);
+        let others = gaussian::gls(model.group_statistics.iter().filter(|t| t.trial != launch), &prior)?;
+        let concerns = |k: &usize| model.layout.parameters[*k].setting.is_none_or(|s| s == settings[launch]);
         let chosen: Vec<usize> = amplitudes.iter().copied().filter(concerns).collect();
-        let among = own.among(&chosen, &here, &others)?;
-        let alone = own.alone(&chosen, &here);
+        let among = own.blup(&chosen, &here, &others)?;
+        let alone = own.least_squares(&chosen, &here);
         let size = |(i, k): (usize, &usize)| {
-            let What::Parameter(t, p) = model.layout.slots[*k].what else { return None };
+            let ParameterKind::EffectParameter(t, p) = model.layout.parameters[*k].kind else { return None };
             let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
             // What is known less well than before anything was seen is not told.
             let told = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].prior_sd);
@@ -60,42 +66,55 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Tria
 
 /// What a launch says of the slots, about where the model stands, if no size differs from launch to launch; and how far they
 /// do (their covariance).
-struct Says {
+struct TrialInformation {
     gram: DMatrix<f64>,
     score: DVector<f64>,
-    spread: DMatrix<f64>,
+    covariance: DMatrix<f64>,
 }
 
 /// All parts of a launch, each weighing as its scale lets it with the slots `step` away.
-fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step: &DVector<f64>) -> Says {
+fn trial_information(
+    launch: usize,
+    model: &FittedModel,
+    parts: &[Group],
+    told: &[GroupStatistics],
+    step: &DVector<f64>,
+) -> TrialInformation {
     let q = step.len();
-    let mut out = Says { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), spread: DMatrix::zeros(q, q) };
-    for (p, part) in parts.iter().enumerate().filter(|(_, part)| part.launch == launch) {
-        let weight = model.told[p].weight(step);
+    let mut out = TrialInformation {
+        gram: DMatrix::zeros(q, q),
+        score: DVector::zeros(q),
+        covariance: DMatrix::zeros(q, q),
+    };
+    for (p, part) in parts.iter().enumerate().filter(|(_, part)| part.trial == launch) {
+        let weight = model.group_statistics[p].weight_after(step);
         out.gram += &told[p].gram * weight;
         out.score.axpy(weight, &told[p].score, 1.0);
-        if part.differs {
-            out.spread = differing(model) / weight;
+        if part.has_random_effects {
+            out.covariance = amplitude_covariance(model) / weight;
         }
     }
     out
 }
 
 /// The components without what the model's own amplitudes differ by.
-fn without_own(model: &Fitted) -> Components {
-    let own = |push: &Extra| model.set.iter().any(|e| e.name == push.effect.name);
-    let push =
-        pushes().iter().zip(&model.components.push).map(|(p, sd)| if own(p) { 0.0 } else { *sd }).collect();
-    Components { push, strength: 0.0, ..model.components.clone() }
+fn without_amplitude_components(model: &FittedModel) -> VarianceComponents {
+    let own = |push: &Perturbation| model.effects.iter().any(|e| e.name == push.effect.name);
+    let push = nuisance_accelerations()
+        .iter()
+        .zip(&model.components.accelerations)
+        .map(|(p, sd)| if own(p) { 0.0 } else { *sd })
+        .collect();
+    VarianceComponents { accelerations: push, scale: 0.0, ..model.components.clone() }
 }
 
 /// Covariance of the slots' values between trials: what their effect declares, and those of an effect by its strength.
-fn differing(model: &Fitted) -> DMatrix<f64> {
-    let q = model.layout.slots.len();
+fn amplitude_covariance(model: &FittedModel) -> DMatrix<f64> {
+    let q = model.layout.parameters.len();
     let mut out = DMatrix::zeros(q, q);
-    (0..q).for_each(|i| out[(i, i)] = model.declared_spread(i).powi(2));
-    let strength = model.components.strength.powi(2);
-    for sizes in model.layout.strengths(&model.state.values, model.gravity) {
+    (0..q).for_each(|i| out[(i, i)] = model.acceleration_sd(i).powi(2));
+    let strength = model.components.scale.powi(2);
+    for sizes in model.layout.amplitude_directions(&model.state.values, model.gravity) {
         for (i, j) in sizes.iter().flat_map(|i| sizes.iter().map(move |j| (i, j))) {
             out[(i.0, j.0)] += strength * i.1 * j.1;
         }
@@ -103,12 +122,12 @@ fn differing(model: &Fitted) -> DMatrix<f64> {
     out
 }
 
-impl Says {
+impl TrialInformation {
     /// `chosen` slots of the launch, the others being known, by best linear prediction: off where the model stands, and standard
     /// deviation of each. The rest of the slots are at `step`.
-    fn among(&self, chosen: &[usize], step: &DVector<f64>, others: &Pooled) -> Option<Vec<[f64; 2]>> {
+    fn blup(&self, chosen: &[usize], step: &DVector<f64>, others: &GlsEstimate) -> Option<Vec<[f64; 2]>> {
         let n = chosen.len();
-        let (gram, score) = self.of(chosen, step);
+        let (gram, score) = self.select(chosen, step);
         // What the others say of the chosen, the rest being known.
         let precision = others.covariance.clone().cholesky()?.inverse();
         let mut off = step - &others.step;
@@ -117,23 +136,23 @@ impl Says {
         let within = DMatrix::from_fn(n, n, |i, j| precision[(chosen[i], chosen[j])]).cholesky()?;
         let believed = DVector::from_fn(n, |i, _| others.step[chosen[i]])
             - within.solve(&DVector::from_fn(n, |i, _| moved[chosen[i]]));
-        let spread = DMatrix::from_fn(n, n, |i, j| self.spread[(chosen[i], chosen[j])]);
+        let spread = DMatrix::from_fn(n, n, |i, j| self.covariance[(chosen[i], chosen[j])]);
         let before = within.inverse() + spread;
         let inner = DMatrix::identity(n, n) + &gram * &before;
         let covariance = before * inner.try_inverse()?;
-        Some(told(&(&believed + &covariance * (score - gram * &believed)), &covariance))
+        Some(means_and_sds(&(&believed + &covariance * (score - gram * &believed)), &covariance))
     }
 
     /// By least squares of this launch alone, the same.
-    fn alone(&self, chosen: &[usize], step: &DVector<f64>) -> Option<Vec<[f64; 2]>> {
-        let (gram, score) = self.of(chosen, step);
+    fn least_squares(&self, chosen: &[usize], step: &DVector<f64>) -> Option<Vec<[f64; 2]>> {
+        let (gram, score) = self.select(chosen, step);
         let factor = gram.cholesky()?;
-        let all = told(&factor.solve(&score), &factor.inverse());
+        let all = means_and_sds(&factor.solve(&score), &factor.inverse());
         all.iter().flatten().all(|v| v.is_finite()).then_some(all)
     }
 
     /// What the launch says of some slots, the rest being at `step`.
-    fn of(&self, chosen: &[usize], step: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    fn select(&self, chosen: &[usize], step: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
         let mut rest = step.clone();
         chosen.iter().for_each(|k| rest[*k] = 0.0);
         let left = &self.score - &self.gram * rest;
@@ -144,7 +163,7 @@ impl Says {
 }
 
 /// Means with their standard deviations.
-fn told(mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Vec<[f64; 2]> {
+fn means_and_sds(mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Vec<[f64; 2]> {
     (0..mean.len()).map(|i| [mean[i], covariance[(i, i)].max(0.0).sqrt()]).collect()
 }
 
@@ -188,11 +207,11 @@ mod tests {
             score += columns[j].tr_mul(&(&apart * &seen[j]));
         }
         let covariance = precision.try_inverse().unwrap();
-        let others = Pooled { step: &covariance * score, covariance };
-        let says = Says {
+        let others = GlsEstimate { step: &covariance * score, covariance };
+        let says = TrialInformation {
             gram: columns[0].tr_mul(&columns[0]),
             score: columns[0].tr_mul(&seen[0]),
-            spread: DMatrix::from_diagonal(&DVector::from_vec(vec![spread * spread, 0.0])),
+            covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![spread * spread, 0.0])),
         };
         let close = |found: [f64; 2], mean: f64, variance: f64| {
             assert!(
@@ -201,14 +220,14 @@ mod tests {
             );
         };
         let none = DVector::zeros(2);
-        let own = says.among(&[0, 1], &none, &others).unwrap();
+        let own = says.blup(&[0, 1], &none, &others).unwrap();
         (0..2).for_each(|k| close(own[k], mean[k], left[(k, k)]));
         // The second known to be at some value: the conditional of the conditional.
-        let known = says.among(&[0], &DVector::from_vec(vec![9.0, 0.3]), &others).unwrap();
+        let known = says.blup(&[0], &DVector::from_vec(vec![9.0, 0.3]), &others).unwrap();
         let share = left[(0, 1)] / left[(1, 1)];
         close(known[0], mean[0] + share * (0.3 - mean[1]), left[(0, 0)] - share * left[(0, 1)]);
         // By itself: what least squares makes of its own five.
-        let alone = says.alone(&[0, 1], &none).unwrap();
+        let alone = says.least_squares(&[0, 1], &none).unwrap();
         let inverse = columns[0].tr_mul(&columns[0]).try_inverse().unwrap();
         let solved = &inverse * columns[0].tr_mul(&seen[0]);
         assert!((0..2).all(|k| (alone[k][0] - solved[k]).abs() < 1e-10));
@@ -219,18 +238,18 @@ mod tests {
     #[test]
     fn drags_that_differ_are_found_launch_by_launch() {
         let drags = [0.2, 0.5, 0.3, 0.6, 0.35, 0.25, 0.45, 0.55];
-        thrown::fitted(&drags, &["linear_drag"], 5, |fitter, f| {
-            let (_, parts) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
-            let found = sizes(f, &parts, &[0; 8]);
+        thrown::with_fit(&drags, &["linear_drag"], 5, |fitter, f| {
+            let (_, parts) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
+            let found = trial_estimates(f, &parts, &[0; 8]);
             for (one, truth) in found.iter().zip(drags) {
                 let (one, [alone, sd]) = (&one[0], one[0].alone.unwrap());
                 assert!((one.value - truth).abs() < 4.0 * one.sd && one.sd < 0.05, "{truth}: {one:?}");
                 assert!((alone - truth).abs() < 4.0 * sd, "{truth}: {one:?}");
             }
         });
-        thrown::fitted(&[0.4; 8], &[], 5, |fitter, f| {
-            let (_, parts) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
-            assert!(sizes(f, &parts, &[0; 8]).iter().all(Vec::is_empty), "no effect has no size");
+        thrown::with_fit(&[0.4; 8], &[], 5, |fitter, f| {
+            let (_, parts) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
+            assert!(trial_estimates(f, &parts, &[0; 8]).iter().all(Vec::is_empty), "no effect has no size");
         });
     }
 }

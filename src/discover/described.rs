@@ -6,73 +6,73 @@ use std::collections::BTreeMap;
 
 use super::bumps;
 use super::field::{self, FieldFit};
-use super::fit::{Fitted, Fitter, Shown, held};
-use super::gain::Scale;
+use super::fit::{FittedModel, ModelFitter, ModelView, held_out_square};
+use super::gain::ErrorScale;
 use super::law;
-use super::model::{Layout, Term, What};
+use super::model::{ParameterKind, ParameterLayout, Term};
 use super::noise::Noise;
 use super::report::{LawTerm, ResidualLaw};
 use crate::error::Result;
 
 /// Steps of least squares.
-const STEPS: usize = 12;
+const LEAST_SQUARES_STEPS: usize = 12;
 
 /// A model with an empirical law for what it leaves.
-pub struct Law {
-    fit: Fitted,
+pub struct FittedLaw {
+    fit: FittedModel,
     /// Whether the model with it predicts held-out trials better: then it is part of the extended scene.
     pub offered: bool,
     /// Log evidence less the penalty for choosing its terms.
     log_posterior: f64,
-    form: Form,
+    kind: LawKind,
 }
 
 /// A form that laws have.
 #[derive(Clone, Copy)]
-struct Form {
+struct LawKind {
     /// The terms of a layout from one on in words and symbols.
-    text: fn(&Layout, &[f64], usize) -> String,
+    text: fn(&ParameterLayout, &[f64], usize) -> String,
     /// How many terms there were to choose from.
-    among: usize,
+    choice_count: usize,
 }
 
 /// A reported model and the field beside it, for which a law is fitted.
-pub struct Rest<'a, 'b, 'c> {
-    pub fitter: &'c Fitter<'a, 'b>,
-    pub base: &'c Fitted,
-    pub model: &'c Fitted,
+pub struct LawProblem<'a, 'b, 'c> {
+    pub fitter: &'c ModelFitter<'a, 'b>,
+    pub base: &'c FittedModel,
+    pub model: &'c FittedModel,
     pub field: Option<&'c FieldFit>,
 }
 
-impl Rest<'_, '_, '_> {
+impl LawProblem<'_, '_, '_> {
     /// The more probable of a formula and a field; `None` where neither can be fitted.
-    pub fn law(&self, noise: &Noise) -> Result<Option<Law>> {
-        let form = Form { text: law::formula, among: law::FUNCTIONS };
-        let formula = self.fitted(law::law(self.fitter.data, self.model, noise)?, form)?;
+    pub fn law(&self, noise: &Noise) -> Result<Option<FittedLaw>> {
+        let form = LawKind { text: law::formula, choice_count: law::FUNCTION_COUNT };
+        let formula = self.fitted(law::formula_terms(self.fitter.data, self.model, noise)?, form)?;
         let field = match &self.field {
             Some(field) => {
                 // Bumps are chosen from all inputs, whichever kind of field is most probable.
-                let of = field::Form { over: field::Over::All, ..field.form };
-                let form = Form { text: bumps::words, among: field::BUMPS };
-                self.fitted(bumps::bumps(self.fitter, self.model, of)?, form)?
+                let of = field::FieldSpec { inputs: field::FieldInputs::All, ..field.spec };
+                let form = LawKind { text: bumps::describe, choice_count: field::BASIS_FUNCTION_COUNT };
+                self.fitted(bumps::radial_terms(self.fitter, self.model, of)?, form)?
             }
             None => None,
         };
-        let rank = |l: &Law| (l.offered, l.log_posterior);
+        let rank = |l: &FittedLaw| (l.offered, l.log_posterior);
         Ok([formula, field].into_iter().flatten().reduce(|a, b| if rank(&b) > rank(&a) { b } else { a }))
     }
 
     /// The model with some terms more, fitted; `None` without any, and where they cannot be.
-    fn fitted(&self, terms: Vec<Term>, form: Form) -> Result<Option<Law>> {
+    fn fitted(&self, terms: Vec<Term>, form: LawKind) -> Result<Option<FittedLaw>> {
         if terms.is_empty() {
             return Ok(None);
         }
-        let penalty = log_choices(terms.len(), form.among);
-        let (layout, start) = self.model.joined(terms, self.fitter.data.setting_count());
-        let Some(fit) = self.fitter.fit(layout, start, STEPS)? else { return Ok(None) };
+        let penalty = log_choices(terms.len(), form.choice_count);
+        let (layout, start) = self.model.with_terms(terms, self.fitter.data.setting_count());
+        let Some(fit) = self.fitter.fit(layout, start, LEAST_SQUARES_STEPS)? else { return Ok(None) };
         let log_posterior = fit.log_evidence - penalty;
-        let offered = held(&fit) < held(self.base).min(held(self.model));
-        Ok(Some(Law { fit, offered, log_posterior, form }))
+        let offered = held_out_square(&fit) < held_out_square(self.base).min(held_out_square(self.model));
+        Ok(Some(FittedLaw { fit, offered, log_posterior, kind: form }))
     }
 }
 
@@ -81,36 +81,37 @@ fn log_choices(size: usize, among: usize) -> f64 {
     (0..size.min(among)).map(|k| ((among - k) as f64 / (k + 1) as f64).ln()).sum()
 }
 
-impl Law {
+impl FittedLaw {
     /// What there is to show of the model with it.
-    pub fn shown(&self) -> Shown<'_> {
-        self.fit.shown()
+    pub fn view(&self) -> ModelView<'_> {
+        self.fit.view()
     }
 
     /// For the report.
-    pub fn report(&self, base: &Fitted, model: &Fitted, scale: &Scale) -> ResidualLaw {
-        let first = model.set.len();
+    pub fn report(&self, base: &FittedModel, model: &FittedModel, scale: &ErrorScale) -> ResidualLaw {
+        let first = model.effects.len();
         ResidualLaw {
-            formula: (self.form.text)(&self.fit.layout, &self.fit.state.values, first),
+            formula: (self.kind.text)(&self.fit.layout, &self.fit.state.values, first),
             terms: law_terms(&self.fit, first),
-            held_out: scale.gain(held(base), held(&self.fit)),
+            held_out: scale.gain(held_out_square(base), held_out_square(&self.fit)),
             offered: self.offered,
         }
     }
 }
 
 /// The terms of a law, those of a model from `first` on.
-fn law_terms(fit: &Fitted, first: usize) -> Vec<LawTerm> {
-    let (numbers, _) = fit.layout.numbers(&fit.state.values, 0);
+fn law_terms(fit: &FittedModel, first: usize) -> Vec<LawTerm> {
+    let (numbers, _) = fit.layout.values_by_term(&fit.state.values, 0);
     let of = |t: usize| {
         let effect = fit.layout.terms[t].effect;
         let interval = |slot: usize| {
-            let What::Parameter(_, p) = fit.layout.slots[slot].what else { return None };
-            let (value, half) = (fit.state.values[slot], fit.half_width(slot));
+            let ParameterKind::EffectParameter(_, p) = fit.layout.parameters[slot].kind else { return None };
+            let (value, half) = (fit.state.values[slot], fit.ci_half_width(slot));
             let ci95 = [value - half, value + half].map(|v| v.is_finite().then_some(v));
             Some((effect.parameters[p].name.to_string(), ci95))
         };
-        let ci95: BTreeMap<_, _> = fit.layout.of_term(t).into_iter().filter_map(interval).collect();
+        let ci95: BTreeMap<_, _> =
+            fit.layout.parameters_of_term(t).into_iter().filter_map(interval).collect();
         LawTerm { term: effect.term_at_clock(&numbers[t], 0.0), ci95 }
     };
     (first..fit.layout.terms.len()).map(of).collect()
@@ -121,21 +122,22 @@ mod tests {
     use super::*;
     use crate::discover::thrown;
 
-    const NOISE: Noise = Noise { sd: thrown::NOISE, rho: 0.0, freedom: 1e3 };
+    const NOISE: Noise = Noise { sd: thrown::NOISE, rho: 0.0, degrees_of_freedom: 1e3 };
 
     /// A drag that no effect names is described by a law that predicts held-out trials.
     #[test]
     fn a_law_describes_what_a_model_lacks() {
-        thrown::fitted(&[0.4; 10], &[], 4, |fitter, base| {
-            let law = Rest { fitter, base, model: base, field: None }.law(&NOISE).unwrap().expect("a law");
-            let scale = Scale { noise: NOISE.sd, coordinates: 600.0, floor: 525.0, trials: 10 };
+        thrown::with_fit(&[0.4; 10], &[], 4, |fitter, base| {
+            let law =
+                LawProblem { fitter, base, model: base, field: None }.law(&NOISE).unwrap().expect("a law");
+            let scale = ErrorScale { noise: NOISE.sd, coordinates: 600.0, floor: 525.0, trials: 10 };
             let report = law.report(base, base, &scale);
             assert!(report.offered && report.terms.len() == law.fit.layout.terms.len(), "{report:?}");
             assert!(report.held_out.extended_rmse < 0.5 * report.held_out.base_rmse, "{report:?}");
         });
-        thrown::fitted(&[0.4; 10], &["linear_drag"], 4, |fitter, model| {
+        thrown::with_fit(&[0.4; 10], &["linear_drag"], 4, |fitter, model| {
             assert!(
-                Rest { fitter, base: model, model, field: None }
+                LawProblem { fitter, base: model, model, field: None }
                     .law(&NOISE)
                     .unwrap()
                     .is_none_or(|l| !l.offered)

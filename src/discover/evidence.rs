@@ -1,10 +1,10 @@
 //! Evidence of a diagnosis for plots: residuals before and after, missing accelerations and bounces.
 
-use super::fit::Shown;
-use super::model::{self, Data};
+use super::fit::ModelView;
+use super::model::{self, SegmentData};
 use super::path::Impact;
 use super::stats::slope;
-use super::window::{Kind, Point, Window};
+use super::window::{Observation, Segment, SegmentKind};
 use crate::error::Result;
 
 /// Residuals, missing accelerations and bounces.
@@ -23,7 +23,7 @@ pub struct EvidencePoint {
     /// Index of the trial.
     pub trial: usize,
     /// Index of the window.
-    pub window: usize,
+    pub segment: usize,
     /// Index into the window's bodies.
     pub body: usize,
     /// Index into [`Evidence::settings`].
@@ -39,7 +39,7 @@ pub struct EvidencePoint {
     /// Observed minus simulated position by the extended model, m.
     pub after: [f64; 2],
     /// Predictive standard deviations of `before` and `after`, m; NaN if unknown.
-    pub bands: [[f64; 2]; 2],
+    pub predictive_sd: [[f64; 2]; 2],
 }
 
 /// Part of a flight and the acceleration that the base model lacks along it.
@@ -77,58 +77,58 @@ pub struct ImpactRecord {
 }
 
 /// Minimum number of observations per part of a flight, and maximum number of parts.
-const PIECE: usize = 7;
-const PIECES: usize = 4;
+const MIN_PIECE_OBSERVATIONS: usize = 7;
+const MAX_PIECES: usize = 4;
 
 /// Standard deviations of a model's residuals, m: by window and point.
-pub type Bands = Vec<Vec<[f64; 2]>>;
+pub type ResidualSds = Vec<Vec<[f64; 2]>>;
 
 /// Evidence from segments for a base and an extended model; `bands`: predictive standard deviations of either.
 pub fn evidence(
-    data: &Data,
-    [base, model]: [Shown; 2],
-    bands: [Option<Bands>; 2],
+    data: &SegmentData,
+    [base, model]: [ModelView; 2],
+    bands: [Option<ResidualSds>; 2],
     names: &[String],
 ) -> Result<Evidence> {
     let band = |k: usize, w: usize, i: usize| match &bands[k] {
         Some(bands) => bands[w][i],
         None => [f64::NAN; 2],
     };
-    let paths = model::paths(data, model.layout, model.state)?;
+    let paths = model::segment_states(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
-    for (w, window) in data.windows.iter().enumerate() {
-        if window.kind == Kind::Contact {
-            out.bounces.extend(bounce(window, w, base, model));
+    for (w, window) in data.segments.iter().enumerate() {
+        if window.kind == SegmentKind::Contact {
+            out.bounces.extend(bounce_record(window, w, base, model));
             continue;
         }
         let point = |i: usize| {
             let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
             let point = EvidencePoint {
                 trial: window.trial,
-                window: w,
-                body: window.points[i].body,
+                segment: w,
+                body: window.observations[i].body,
                 setting: window.setting,
-                time: window.start + window.points[i].time,
-                position: window.points[i].seen,
+                time: window.start + window.observations[i].time,
+                position: window.observations[i].position,
                 velocity: [paths[w][i][2], paths[w][i][3]],
-                before: pair(&base.pass.residuals[w]),
-                after: pair(&model.pass.residuals[w]),
-                bands: [band(0, w, i), band(1, w, i)],
+                before: pair(&base.evaluation.residuals[w]),
+                after: pair(&model.evaluation.residuals[w]),
+                predictive_sd: [band(0, w, i), band(1, w, i)],
             };
             let known = point.before.iter().chain(&point.after).all(|v| v.is_finite());
             known.then_some((i, point))
         };
-        let points: Vec<(usize, EvidencePoint)> = (0..window.points.len()).filter_map(point).collect();
-        if window.kind == Kind::Flight && points.len() >= PIECE {
-            let of = |f: &Shown| model::pushes(window, f.layout, &f.state.values, &paths[w]);
+        let points: Vec<(usize, EvidencePoint)> = (0..window.observations.len()).filter_map(point).collect();
+        if window.kind == SegmentKind::Flight && points.len() >= MIN_PIECE_OBSERVATIONS {
+            let of = |f: &ModelView| model::accelerations(window, f.layout, &f.state.values, &paths[w]);
             let (with, without) = (of(&model), of(&base));
             let added: Vec<[f64; 2]> =
                 points.iter().map(|(i, _)| [0, 1].map(|k| with[*i][k] - without[*i][k])).collect();
             let only: Vec<EvidencePoint> = points.iter().map(|p| p.1).collect();
-            let count = (points.len() / PIECE).min(PIECES);
+            let count = (points.len() / MIN_PIECE_OBSERVATIONS).min(MAX_PIECES);
             for k in 0..count {
                 let piece = k * points.len() / count..(k + 1) * points.len() / count;
-                out.accelerations.push(pushed(&only[piece.clone()], &added[piece]));
+                out.accelerations.push(missing_acceleration(&only[piece.clone()], &added[piece]));
             }
         }
         out.points.extend(points.into_iter().map(|p| p.1));
@@ -137,7 +137,7 @@ pub fn evidence(
 }
 
 /// The constant acceleration that a piece's base residuals are nearest to, its start and velocity being free.
-fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> MissingAcceleration {
+fn missing_acceleration(piece: &[EvidencePoint], added: &[[f64; 2]]) -> MissingAcceleration {
     let n = piece.len() as f64;
     let mean = |f: &dyn Fn(&EvidencePoint) -> f64| piece.iter().map(f).sum::<f64>() / n;
     let middle = mean(&|p| p.time);
@@ -159,11 +159,11 @@ fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> MissingAcceleration {
 }
 
 /// Impact kinematics: by the models, and by the extended model's residuals before and after.
-fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<BounceRecord> {
+fn bounce_record(window: &Segment, w: usize, base: ModelView, model: ModelView) -> Option<BounceRecord> {
     let [nx, ny] = window.surface.as_ref()?.normal;
-    let of = |f: &Shown| model::impact(window, w, f.layout, f.state);
+    let of = |f: &ModelView| model::impact(window, w, f.layout, f.state);
     let (base, extended) = (of(&base)?, of(&model)?);
-    let drift = |after: bool| drift(window, &model.pass.residuals[w], extended.time, after);
+    let drift = |after: bool| residual_velocity(window, &model.evaluation.residuals[w], extended.time, after);
     let (before, after) = (drift(false)?, drift(true)?);
     let along = |v: [f64; 2]| [v[0] * nx + v[1] * ny, v[1] * nx - v[0] * ny];
     let (before, kink) = (along(before), along([after[0] - before[0], after[1] - before[1]]));
@@ -182,11 +182,11 @@ fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<Bounce
 
 /// The residuals' velocity before or after a time since the window's start, m/s; `None` with observations at fewer than
 /// two times there.
-fn drift(window: &Window, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
+fn residual_velocity(window: &Segment, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
     let along = |axis: usize| {
-        let row = |(i, p): (usize, &Point)| (p.time, residual[2 * i + axis]);
+        let row = |(i, p): (usize, &Observation)| (p.time, residual[2 * i + axis]);
         let there = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
-        let rows: Vec<(f64, f64)> = window.points.iter().enumerate().map(row).filter(there).collect();
+        let rows: Vec<(f64, f64)> = window.observations.iter().enumerate().map(row).filter(there).collect();
         slope(&rows)
     };
     Some([along(0)?, along(1)?])
@@ -204,7 +204,7 @@ mod tests {
                 let t = 5.0 + 0.1 * f64::from(i) + 0.02 * f64::from(i % 3);
                 EvidencePoint {
                     trial: 0,
-                    window: 0,
+                    segment: 0,
                     body: 0,
                     setting: 0,
                     time: t,
@@ -212,12 +212,12 @@ mod tests {
                     velocity: [3.0, 4.0],
                     before: [0.7 + 0.2 * t + 1.5 * t * t, 0.1 - t - t * t],
                     after: [0.0; 2],
-                    bands: [[0.0; 2]; 2],
+                    predictive_sd: [[0.0; 2]; 2],
                 }
             })
             .collect();
         let added: Vec<[f64; 2]> = piece.iter().map(|p| [p.time, 0.0]).collect();
-        let push = pushed(&piece, &added);
+        let push = missing_acceleration(&piece, &added);
         assert!((push.observed[0] - 3.0).abs() < 1e-9 && (push.observed[1] + 2.0).abs() < 1e-9, "{push:?}");
         assert!((push.modelled[0] - push.position[0]).abs() < 1e-12 && push.speed == 5.0);
     }

@@ -1,7 +1,7 @@
 //! The scene extended by the selected effects and fitted latents.
 
-use super::fit::Shown;
-use super::window::{Kind, Window};
+use super::fit::ModelView;
+use super::window::{Segment, SegmentKind};
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -9,24 +9,31 @@ use crate::world::Latents;
 
 /// The scene with the selected effects, the estimated latents and an initial state, ready for rollouts. If
 /// settings differ, uses the first trial's setting.
-pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize], model: Shown) -> Scene {
+pub fn extend_scene(
+    scene: &Scene,
+    trials: &[Trial],
+    windows: &[Segment],
+    kept: &[usize],
+    model: ModelView,
+) -> Scene {
     let mut out = scene.clone();
-    let first = windows.iter().position(|w| w.kind != Kind::Contact).unwrap_or(0);
+    let first = windows.iter().position(|w| w.kind != SegmentKind::Contact).unwrap_or(0);
     let setting = windows[first].setting;
-    let (terms, latents): (Vec<EffectTerm>, _) = model.layout.physics(&model.state.values, setting, 0.0);
+    let (terms, latents): (Vec<EffectTerm>, _) =
+        model.layout.effects_and_latents(&model.state.values, setting, 0.0);
     out.effects.extend(terms);
-    ground(&mut out, &latents);
+    set_latents(&mut out, &latents);
     let trial = &trials[kept[windows[first].trial]];
     let window = &windows[first];
-    let fitted = (window.kind == Kind::Flight)
+    let fitted = (window.kind == SegmentKind::Flight)
         .then(|| (window.scene.bodies[0].name.as_str(), model.state.nuisances[first].as_slice()));
     // A task's scene needs the bodies that an action places: here, the first trial's.
-    place(&mut out, &trial.scene, fitted);
+    set_initial_states(&mut out, &trial.scene, fitted);
     out
 }
 
 /// Sets the fitted latents on everything that carries them.
-fn ground(scene: &mut Scene, latents: &Latents) {
+fn set_latents(scene: &mut Scene, latents: &Latents) {
     let bodies: Vec<bool> = scene.bodies.iter().map(|b| scene.carries_latents(&b.name)).collect();
     let statics: Vec<bool> = scene.statics.iter().map(|s| scene.carries_latents(&s.name)).collect();
     for (body, _) in scene.bodies.iter_mut().zip(bodies).filter(|(_, c)| *c) {
@@ -44,7 +51,7 @@ fn ground(scene: &mut Scene, latents: &Latents) {
 }
 
 /// Sets the initial state of every body: `from`'s, and for a segment's single body the fitted one.
-pub fn place(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
+pub fn set_initial_states(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
     for body in &mut scene.bodies {
         if let Some(start) = from.body(&body.name) {
             body.position = body.position.or(start.position).or(Some([0.0, 0.0]));
@@ -76,7 +83,7 @@ mod tests {
                 "statics": [{"name": "table", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
         )
         .unwrap();
-        ground(&mut scene, &Latents { density: Some(7.0), friction: None, restitution: Some(0.6) });
+        set_latents(&mut scene, &Latents { density: Some(7.0), friction: None, restitution: Some(0.6) });
         scene.validate().unwrap();
         assert_eq!((scene.bodies[0].mass, scene.bodies[0].density), (None, Some(7.0)));
         assert_eq!((scene.bodies[1].mass, scene.bodies[1].restitution), (Some(3.0), 0.5), "no carrier");
@@ -94,7 +101,7 @@ mod tests {
         };
         let from = scene(Some([1.0, 2.0]), [3.0, 4.0]);
         let starts = |mut own: Scene, fitted: Option<(&str, &[f64])>| {
-            place(&mut own, &from, fitted);
+            set_initial_states(&mut own, &from, fitted);
             own.bodies.iter().map(|b| (b.position.unwrap(), b.velocity)).collect::<Vec<_>>()
         };
         let (seen, fitted) = (([1.0, 2.0], [3.0, 4.0]), ([5.0, 6.0], [7.0, 8.0]));

@@ -6,45 +6,50 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::columns::{Columns, pushes};
-use super::components::{Likelihood, NEAR, WIDE};
-use super::gaussian::{self, Components, Told};
-use super::launch::{self, Frame, Part};
-use super::leave_out::leave_out;
+use super::columns::{RandomDesign, nuisance_accelerations};
+use super::components::{ComponentLikelihood, INITIAL_STEP, WARM_STEP};
+use super::gaussian::{self, GroupStatistics, VarianceComponents};
+use super::launch::{self, BasisCache, Group};
+use super::leave_out::leave_group_out;
 use super::library;
-use super::model::{self, Data, Extra, Layout, Look, Mode, Pass, Slot, State, Term, What};
+use super::model::{
+    self, FitEvaluation, FitState, Linearization, Parameter, ParameterKind, ParameterLayout, Perturbation,
+    RandomEffects, SegmentData, Term,
+};
 use super::modes;
 use super::noise::Noise;
 use super::score;
-use super::selection::{Laplace, Prior, SharedDiscrepancy, marginal, profile};
-use super::window::Kind;
+use super::selection::{
+    FixedEffectsPrior, Laplace, SharedDiscrepancy, marginal_evidence, profile_log_posterior,
+};
+use super::window::SegmentKind;
 use crate::distribution::t_quantile;
 use crate::error::{Error, Result};
 use crate::world::effect::{DataRange, Effect};
 
 /// Most rounds of generalised least squares, and nats of a round below which they end.
-const ROUNDS: usize = 8;
-const SETTLED: f64 = 0.05;
+const MAX_GLS_ROUNDS: usize = 8;
+const GLS_TOLERANCE: f64 = 0.05;
 /// Nats that the linearisation promises beyond the log posterior where a fit stands, above which it has not converged.
-const SLIGHT: f64 = 1.0;
+const LINEARISATION_TOLERANCE: f64 = 1.0;
 /// Share of a step below which none helps.
-const SHORTEST: f64 = 0.2;
+const MIN_STEP_SHARE: f64 = 0.2;
 
 /// Estimates of a recording that are the same for every set of effects.
 #[derive(Clone)]
-pub struct Context {
+pub struct RecordingContext {
     pub discrepancy: SharedDiscrepancy,
-    pub components: Components,
+    pub components: VarianceComponents,
     /// Size of the response to each random acceleration in the richest model.
     pub responses: Vec<f64>,
 }
 
-impl Context {
+impl RecordingContext {
     /// The components of a model whose random accelerations have some responses: what is observed of them is the same for every
     /// model, also for one whose clock runs at another rate.
-    fn components_at(&self, responses: &[f64]) -> Components {
+    fn components_at(&self, responses: &[f64]) -> VarianceComponents {
         let mut out = self.components.clone();
-        for (push, (richest, own)) in out.push.iter_mut().zip(self.responses.iter().zip(responses)) {
+        for (push, (richest, own)) in out.accelerations.iter_mut().zip(self.responses.iter().zip(responses)) {
             *push *= if *own > 0.0 && *richest > 0.0 { richest / own } else { 1.0 };
         }
         out
@@ -52,20 +57,20 @@ impl Context {
 }
 
 /// Sizes of the responses to random accelerations, whose columns follow those of `slots`.
-pub fn responses(looks: &[Look], slots: usize) -> Vec<f64> {
-    let of = |k: usize| looks.iter().map(|l| l.columns.column(slots + k).norm_squared()).sum::<f64>().sqrt();
-    (0..pushes().len()).map(of).collect()
+pub fn acceleration_responses(looks: &[Linearization], slots: usize) -> Vec<f64> {
+    let of = |k: usize| looks.iter().map(|l| l.jacobian.column(slots + k).norm_squared()).sum::<f64>().sqrt();
+    (0..nuisance_accelerations().len()).map(of).collect()
 }
 
 /// A model fitted to all trials.
-pub struct Fitted {
+pub struct FittedModel {
     /// The effects, in the layout's order.
-    pub set: Vec<&'static Effect>,
-    pub layout: Layout,
-    pub state: State,
-    pub pass: Pass,
+    pub effects: Vec<&'static Effect>,
+    pub layout: ParameterLayout,
+    pub state: FitState,
+    pub evaluation: FitEvaluation,
     /// Held-out squares by trial, units of the noise: the errors that gains are computed from.
-    pub held: Vec<f64>,
+    pub held_out_squares: Vec<f64>,
     /// By trial: the step of the parameters without it.
     pub held_out_steps: Vec<DVector<f64>>,
     /// Log evidence, nats.
@@ -77,43 +82,43 @@ pub struct Fitted {
     /// Squared residuals by trial at the mode, in units of the noise, the shared discrepancy not subtracted.
     pub squares: Vec<f64>,
     /// Variance components.
-    pub components: Components,
+    pub components: VarianceComponents,
     /// Posterior covariance of the parameters.
     pub covariance: DMatrix<f64>,
     /// Statistics of every group of observations about the parameters, at the variance components.
-    pub told: Vec<Told>,
+    pub group_statistics: Vec<GroupStatistics>,
     /// Prior of the parameters, about where they stand.
-    pub prior: Prior,
+    pub prior: FixedEffectsPrior,
     /// Of the scene, m/s^2.
     pub gravity: f64,
 }
 
 /// Where a fit stands.
-struct Stand {
+struct Iterate {
     /// Log posterior density there.
-    quality: f64,
-    state: State,
-    prior: Prior,
-    looks: Vec<Look>,
-    parts: Vec<Part>,
-    told: Vec<Told>,
-    components: Components,
+    log_posterior: f64,
+    state: FitState,
+    prior: FixedEffectsPrior,
+    linearizations: Vec<Linearization>,
+    groups: Vec<Group>,
+    group_statistics: Vec<GroupStatistics>,
+    components: VarianceComponents,
     laplace: Laplace,
 }
 
 /// A model as pictures and the extended scene show it.
 #[derive(Clone, Copy)]
-pub struct Shown<'a> {
-    pub layout: &'a Layout,
-    pub state: &'a State,
-    pub pass: &'a Pass,
+pub struct ModelView<'a> {
+    pub layout: &'a ParameterLayout,
+    pub state: &'a FitState,
+    pub evaluation: &'a FitEvaluation,
 }
 
 /// Fits models of one recording.
 #[derive(Clone)]
-pub struct Fitter<'a, 'b> {
-    pub data: &'b Data<'a>,
-    pub frames: Vec<Frame>,
+pub struct ModelFitter<'a, 'b> {
+    pub data: &'b SegmentData<'a>,
+    pub basis_caches: Vec<BasisCache>,
     /// What a window's residuals, in units of its own scale, are in units of the noise.
     pub scales: Vec<f64>,
     pub folds: Vec<usize>,
@@ -121,66 +126,71 @@ pub struct Fitter<'a, 'b> {
     pub range: DataRange,
     /// m/s^2
     pub gravity: f64,
-    pub context: Option<Context>,
+    pub context: Option<RecordingContext>,
 }
 
-impl<'a, 'b> Fitter<'a, 'b> {
+impl<'a, 'b> ModelFitter<'a, 'b> {
     /// Without shared discrepancy; every model estimates variance components of its own.
-    pub fn new(data: &'b Data<'a>, noise: &Noise) -> Fitter<'a, 'b> {
-        let scale = |(w, sd): (&super::window::Window, &f64)| match w.kind {
-            Kind::Contact => sd / noise.sd,
+    pub fn new(data: &'b SegmentData<'a>, noise: &Noise) -> ModelFitter<'a, 'b> {
+        let scale = |(w, sd): (&super::window::Segment, &f64)| match w.kind {
+            SegmentKind::Contact => sd / noise.sd,
             _ if sd.is_finite() => 1.0,
             _ => f64::NAN,
         };
-        Fitter {
+        ModelFitter {
             data,
-            frames: launch::frames(data.windows, noise),
-            scales: data.windows.iter().zip(&data.sd).map(scale).collect(),
+            basis_caches: launch::basis_caches(data.segments, noise),
+            scales: data.segments.iter().zip(&data.sd).map(scale).collect(),
             folds: score::folds(data.settings),
-            range: library::span(data.windows),
-            gravity: library::gravity(data.windows),
+            range: library::data_range(data.segments),
+            gravity: library::max_gravity(data.segments),
             context: None,
         }
     }
 
     /// A layout fitted from a start; `None` where it cannot be simulated or its covariance fails.
-    pub fn fit(&self, layout: Layout, start: State, rounds: usize) -> Result<Option<Fitted>> {
-        match simulated(model::fit(self.data, &layout, start, rounds))? {
-            Some((state, _)) => self.refined(layout, state),
+    pub fn fit(
+        &self,
+        layout: ParameterLayout,
+        start: FitState,
+        rounds: usize,
+    ) -> Result<Option<FittedModel>> {
+        match none_if_not_simulable(model::fit(self.data, &layout, start, rounds))? {
+            Some((state, _)) => self.run_gls(layout, state),
             None => Ok(None),
         }
     }
 
     /// Generalised least squares from a state nearby. A step that makes the data less likely is taken half as far.
-    pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
-        let best = self.best_stand(&layout, state)?;
-        Ok(best.and_then(|best| self.scored(layout, best)))
+    pub fn run_gls(&self, layout: ParameterLayout, state: FitState) -> Result<Option<FittedModel>> {
+        let best = self.gls_iterations(&layout, state)?;
+        Ok(best.and_then(|best| self.fitted_model(layout, best)))
     }
 
     /// Log of likelihood times prior density of a fitted model that has another value of one parameter, all others at their mode.
-    pub fn log_joint_with(&self, fit: &Fitted, slot: usize, value: f64) -> Result<Option<f64>> {
+    pub fn log_joint_with(&self, fit: &FittedModel, slot: usize, value: f64) -> Result<Option<f64>> {
         let (mut layout, mut state) = (fit.layout.clone(), fit.state.clone());
-        layout.slots[slot].is_fixed = true;
+        layout.parameters[slot].is_fixed = true;
         state.values[slot] = value;
-        Ok(self.best_stand(&layout, state)?.map(|stand| stand.quality))
+        Ok(self.gls_iterations(&layout, state)?.map(|stand| stand.log_posterior))
     }
 
     /// Where generalised least squares from a state nearby ends.
-    fn best_stand(&self, layout: &Layout, state: State) -> Result<Option<Stand>> {
-        let first = Components::start(!layout.terms.is_empty());
-        let Some(mut best) = self.stands(layout, state, &first, WIDE)? else { return Ok(None) };
+    fn gls_iterations(&self, layout: &ParameterLayout, state: FitState) -> Result<Option<Iterate>> {
+        let first = VarianceComponents::initial(!layout.terms.is_empty());
+        let Some(mut best) = self.evaluate(layout, state, &first, INITIAL_STEP)? else { return Ok(None) };
         let mut share = 1.0;
-        for _ in 0..ROUNDS {
-            let next = self.onwards(layout, &best, share);
-            let Some(there) = self.stands(layout, next, &best.components, NEAR)? else { break };
-            let gained = there.quality - best.quality;
+        for _ in 0..MAX_GLS_ROUNDS {
+            let next = self.take_step(layout, &best, share);
+            let Some(there) = self.evaluate(layout, next, &best.components, WARM_STEP)? else { break };
+            let gained = there.log_posterior - best.log_posterior;
             if gained > 0.0 {
                 best = there;
                 share = 1.0;
             } else {
                 share *= 0.5;
             }
-            if (-SLIGHT..SETTLED).contains(&gained) || share < SHORTEST {
+            if (-LINEARISATION_TOLERANCE..GLS_TOLERANCE).contains(&gained) || share < MIN_STEP_SHARE {
                 break;
             }
         }
@@ -188,63 +198,96 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 
     /// The iterate at a state; `None` where it cannot be simulated or its covariance fails.
-    fn stands(&self, layout: &Layout, state: State, from: &Components, first: f64) -> Result<Option<Stand>> {
-        let Some(looks) = simulated(model::looks(self.data, layout, &state, &pushes()))? else {
+    fn evaluate(
+        &self,
+        layout: &ParameterLayout,
+        state: FitState,
+        from: &VarianceComponents,
+        first: f64,
+    ) -> Result<Option<Iterate>> {
+        let Some(looks) =
+            none_if_not_simulable(model::linearise(self.data, layout, &state, &nuisance_accelerations()))?
+        else {
             return Ok(None);
         };
         let prior = self.prior(layout, &state);
-        let Some(parts) = self.with_discrepancy(layout, &state, &looks) else { return Ok(None) };
+        let Some(parts) = self.groups_with_discrepancy(layout, &state, &looks) else { return Ok(None) };
         let components = match &self.context {
-            Some(context) => context.components_at(&responses(&looks, layout.slots.len())),
-            None => Likelihood::new(&parts, from).most(first),
+            Some(context) => context.components_at(&acceleration_responses(&looks, layout.parameters.len())),
+            None => ComponentLikelihood::new(&parts, from).maximise(first),
         };
-        let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
-        let Some(laplace) = marginal(&told, &prior) else { return Ok(None) };
-        let quality = profile(&told, &prior, laplace.scale);
-        Ok(Some(Stand { quality, state, prior, looks, parts, told, components, laplace }))
+        let Some(told) = gaussian::group_statistics(&parts, &components) else { return Ok(None) };
+        let Some(laplace) = marginal_evidence(&told, &prior) else { return Ok(None) };
+        let quality = profile_log_posterior(&told, &prior, laplace.scale);
+        Ok(Some(Iterate {
+            log_posterior: quality,
+            state,
+            prior,
+            linearizations: looks,
+            groups: parts,
+            group_statistics: told,
+            components,
+            laplace,
+        }))
     }
 
     /// The state that a share of the step from where a fit stands leads to, trials at their conditional modes.
-    fn onwards(&self, layout: &Layout, stand: &Stand, share: f64) -> State {
+    fn take_step(&self, layout: &ParameterLayout, stand: &Iterate, share: f64) -> FitState {
         let mut state = stand.state.clone();
-        let columns = Columns::of(layout, &state.values, self.gravity);
-        let step = stand.laplace.step.rows(0, layout.slots.len()).into_owned();
-        let taken = allowed(layout, &state.values, &(&step * share));
-        let (parts, looks) = (&stand.parts, &stand.looks);
+        let columns = RandomDesign::of(layout, &state.values, self.gravity);
+        let step = stand.laplace.step.rows(0, layout.parameters.len()).into_owned();
+        let taken = clamp_step(layout, &state.values, &(&step * share));
+        let (parts, looks) = (&stand.groups, &stand.linearizations);
         let mut all = stand.laplace.step.clone();
         all.rows_mut(0, taken.len()).copy_from(&taken);
-        let mut modes = modes::modes(parts, &columns, &pushes(), &stand.components, &all, looks.len());
+        let mut modes = modes::conditional_modes(
+            parts,
+            &columns,
+            &nuisance_accelerations(),
+            &stand.components,
+            &all,
+            looks.len(),
+        );
         // A lift turns what falls straight down sideways, and in second order holds it back: in a plane that nobody saw.
-        let unseen = modes.iter_mut().zip(&self.frames).filter(|(_, frame)| !frame.moves_in_plane());
-        unseen.flat_map(|(mode, _)| &mut mode.pushes).for_each(|push| push.1 = 0.0);
-        move_by(&mut state, looks, &taken, modes);
+        let unseen = modes.iter_mut().zip(&self.basis_caches).filter(|(_, frame)| !frame.moves_in_plane());
+        unseen.flat_map(|(mode, _)| &mut mode.accelerations).for_each(|push| push.1 = 0.0);
+        apply_step(&mut state, looks, &taken, modes);
         state
     }
 
     /// A model where its fit ended.
-    fn scored(&self, layout: Layout, stand: Stand) -> Option<Fitted> {
-        let Stand { quality, state, prior, looks, parts, told, components, laplace } = stand;
-        let q = layout.slots.len();
+    fn fitted_model(&self, layout: ParameterLayout, stand: Iterate) -> Option<FittedModel> {
+        let Iterate {
+            log_posterior: quality,
+            state,
+            prior,
+            linearizations: looks,
+            groups: parts,
+            group_statistics: told,
+            components,
+            laplace,
+        } = stand;
+        let q = layout.parameters.len();
         // Where the fit has not converged the linearisation promises what no value keeps.
-        let excess = laplace.log_joint - quality - SLIGHT;
+        let excess = laplace.log_joint - quality - LINEARISATION_TOLERANCE;
         let log_evidence = laplace.log_evidence - excess.max(0.0);
         let mut step = laplace.step.clone();
         step.rows_mut(q, laplace.step.len() - q).fill(0.0);
-        let mut squares = vec![0.0; self.data.trials];
+        let mut squares = vec![0.0; self.data.trial_count];
         for part in &parts {
-            squares[part.launch] += part.square_at(&step);
+            squares[part.trial] += part.square_at(&step);
         }
-        let pass = model::summed(self.data, looks, q);
-        let groups: Vec<usize> = (0..pass.trials.len()).collect();
+        let pass = model::sum_by_trial(self.data, looks, q);
+        let groups: Vec<usize> = (0..pass.normal_equations.len()).collect();
         let (held, held_out_steps) =
-            leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
-        Some(Fitted {
-            set: layout.terms.iter().map(|t| t.effect).collect(),
-            told: told.iter().map(|t| t.of_first(q)).collect(),
+            leave_group_out(&layout, &state.values, &pass.normal_equations, self.data.settings, &groups, &[]);
+        Some(FittedModel {
+            effects: layout.terms.iter().map(|t| t.effect).collect(),
+            group_statistics: told.iter().map(|t| t.first_parameters(q)).collect(),
             layout,
             state,
-            pass,
-            held,
+            evaluation: pass,
+            held_out_squares: held,
             held_out_steps,
             log_evidence,
             log_joint: quality,
@@ -258,56 +301,73 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 
     /// Every window at a state and its parts, with columns for `extras` after those of the slots.
-    pub fn parts(
+    pub fn groups(
         &self,
-        layout: &Layout,
-        state: &State,
-        extras: &[Extra],
-    ) -> Result<Option<(Vec<Look>, Vec<Part>)>> {
-        let all: Vec<Extra> = pushes().into_iter().chain(extras.iter().cloned()).collect();
-        let Some(looks) = simulated(model::looks(self.data, layout, state, &all))? else { return Ok(None) };
-        let parts = self.reduced(layout, state, &looks);
+        layout: &ParameterLayout,
+        state: &FitState,
+        extras: &[Perturbation],
+    ) -> Result<Option<(Vec<Linearization>, Vec<Group>)>> {
+        let all: Vec<Perturbation> =
+            nuisance_accelerations().into_iter().chain(extras.iter().cloned()).collect();
+        let Some(looks) = none_if_not_simulable(model::linearise(self.data, layout, state, &all))? else {
+            return Ok(None);
+        };
+        let parts = self.reduce_to_groups(layout, state, &looks);
         Ok(parts.map(|parts| (looks, parts)))
     }
 
     /// As [`Fitter::parts`], with `count` columns given by window: two rows a point.
-    pub fn parts_with(
+    pub fn groups_with_columns(
         &self,
-        layout: &Layout,
-        state: &State,
+        layout: &ParameterLayout,
+        state: &FitState,
         count: usize,
         columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
-    ) -> Result<Option<Vec<Part>>> {
-        let Some(mut looks) = simulated(model::looks(self.data, layout, state, &pushes()))? else {
+    ) -> Result<Option<Vec<Group>>> {
+        let Some(mut looks) =
+            none_if_not_simulable(model::linearise(self.data, layout, state, &nuisance_accelerations()))?
+        else {
             return Ok(None);
         };
         for (w, look) in looks.iter_mut().enumerate() {
-            look.append(count, columns(w));
+            look.append_columns(count, columns(w));
         }
-        Ok(self.reduced(layout, state, &looks))
+        Ok(self.reduce_to_groups(layout, state, &looks))
     }
 
     /// Parts with the columns of the shared discrepancy after those of the slots, if there is one.
-    pub fn with_discrepancy(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
+    pub fn groups_with_discrepancy(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        looks: &[Linearization],
+    ) -> Option<Vec<Group>> {
         match self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) {
             Some(discrepancy) => {
-                let with = |(w, look): (usize, &Look)| look.with(discrepancy.count, &discrepancy.columns[w]);
-                let looks: Vec<Look> = looks.iter().enumerate().map(with).collect();
-                self.reduced(layout, state, &looks)
+                let with = |(w, look): (usize, &Linearization)| {
+                    look.with_columns(discrepancy.count, &discrepancy.responses[w])
+                };
+                let looks: Vec<Linearization> = looks.iter().enumerate().map(with).collect();
+                self.reduce_to_groups(layout, state, &looks)
             }
-            None => self.reduced(layout, state, looks),
+            None => self.reduce_to_groups(layout, state, looks),
         }
     }
 
-    fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
-        let columns = Columns::of(layout, &state.values, self.gravity);
-        launch::parts(self.data.windows, &self.frames, looks, &columns, &self.scales)
+    fn reduce_to_groups(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        looks: &[Linearization],
+    ) -> Option<Vec<Group>> {
+        let columns = RandomDesign::of(layout, &state.values, self.gravity);
+        launch::groups(self.data.segments, &self.basis_caches, looks, &columns, &self.scales)
     }
 }
 
 /// A step as far as bounds allow it; fixed values stay.
-fn allowed(layout: &Layout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
-    let slots = layout.slots.iter().zip(values).zip(step.iter());
+fn clamp_step(layout: &ParameterLayout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
+    let slots = layout.parameters.iter().zip(values).zip(step.iter());
     let taken = slots.map(|((slot, v), s)| match slot.is_fixed {
         true => 0.0,
         false => (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v,
@@ -316,129 +376,141 @@ fn allowed(layout: &Layout, values: &[f64], step: &DVector<f64>) -> DVector<f64>
 }
 
 /// Moves values by a step, trials to their modes, and every window's start along with them.
-fn move_by(state: &mut State, looks: &[Look], taken: &DVector<f64>, modes: Vec<Mode>) {
+fn apply_step(
+    state: &mut FitState,
+    looks: &[Linearization],
+    taken: &DVector<f64>,
+    modes: Vec<RandomEffects>,
+) {
     state.values.iter_mut().zip(taken.iter()).for_each(|(v, step)| *v += step);
     for (w, mode) in modes.iter().enumerate() {
-        let before = state.modes.get(w);
-        let size = |k: usize| mode.sizes[k] - before.map_or(0.0, |m| m.sizes[k]);
-        let push = |k: usize| mode.pushes[k].1 - before.map_or(0.0, |m| m.pushes[k].1);
+        let before = state.random_effects.get(w);
+        let size = |k: usize| mode.deviations[k] - before.map_or(0.0, |m| m.deviations[k]);
+        let push = |k: usize| mode.accelerations[k].1 - before.map_or(0.0, |m| m.accelerations[k].1);
         let slots = (0..taken.len()).map(|k| taken[k] + size(k));
-        let all = slots.chain((0..mode.pushes.len()).map(push)).collect::<Vec<_>>();
-        let moved = looks[w].start_step(&DVector::from_vec(all));
+        let all = slots.chain((0..mode.accelerations.len()).map(push)).collect::<Vec<_>>();
+        let moved = looks[w].nuisance_step(&DVector::from_vec(all));
         state.nuisances[w].iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
     }
-    state.modes = modes;
+    state.random_effects = modes;
 }
 
-impl Fitter<'_, '_> {
+impl ModelFitter<'_, '_> {
     /// Prior of a layout's parameters about where it stands.
-    pub fn prior(&self, layout: &Layout, state: &State) -> Prior {
-        Prior::of(layout, &state.values, &self.range, self.gravity)
+    pub fn prior(&self, layout: &ParameterLayout, state: &FitState) -> FixedEffectsPrior {
+        FixedEffectsPrior::of(layout, &state.values, &self.range, self.gravity)
     }
 }
 
-impl Fitted {
+impl FittedModel {
     /// What there is to show of it.
-    pub fn shown(&self) -> Shown<'_> {
-        Shown { layout: &self.layout, state: &self.state, pass: &self.pass }
+    pub fn view(&self) -> ModelView<'_> {
+        ModelView { layout: &self.layout, state: &self.state, evaluation: &self.evaluation }
     }
 
     /// Names, sorted.
-    pub fn names(&self) -> Vec<&'static str> {
-        let mut names: Vec<_> = self.set.iter().map(|e| e.name).collect();
+    pub fn effect_names(&self) -> Vec<&'static str> {
+        let mut names: Vec<_> = self.effects.iter().map(|e| e.name).collect();
         names.sort_unstable();
         names
     }
 
     /// Whether a strength stands at an end of its range, where nothing tells how large it is.
-    pub fn stands_at_bound(&self) -> bool {
-        let is_stuck = |(i, slot): (usize, &Slot)| {
+    pub fn is_at_bound(&self) -> bool {
+        let is_stuck = |(i, slot): (usize, &Parameter)| {
             let value = self.state.values[i];
-            let amplitude = self.layout.parameter(i).filter(|p| p.is_amplitude());
+            let amplitude = self.layout.declaration(i).filter(|p| p.is_amplitude());
             amplitude.is_some_and(|p| slot.bounds.iter().any(|b| *b == value && *b != p.neutral))
         };
-        self.layout.slots.iter().enumerate().any(is_stuck)
+        self.layout.parameters.iter().enumerate().any(is_stuck)
     }
 
     /// Whether it has all effects of another.
-    pub fn holds(&self, other: &Fitted) -> bool {
-        other.set.iter().all(|e| self.set.iter().any(|own| own.name == e.name))
+    pub fn includes(&self, other: &FittedModel) -> bool {
+        other.effects.iter().all(|e| self.effects.iter().any(|own| own.name == e.name))
     }
 
     /// This model with `more` terms: where they start, and the rest as it was fitted.
-    pub fn joined(&self, more: impl IntoIterator<Item = Term>, settings: usize) -> (Layout, State) {
-        let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();
+    pub fn with_terms(
+        &self,
+        more: impl IntoIterator<Item = Term>,
+        settings: usize,
+    ) -> (ParameterLayout, FitState) {
+        let latents: Vec<usize> = self.layout.parameters.iter().filter_map(Parameter::latent).collect();
         let terms = self.layout.terms.iter().cloned().chain(more).collect();
-        let layout = Layout::new(&latents, terms, settings);
-        let mut values = layout.start(&[0.0; 3]);
+        let layout = ParameterLayout::new(&latents, terms, settings);
+        let mut values = layout.initial_values(&[0.0; 3]);
         values[..self.state.values.len()].copy_from_slice(&self.state.values);
-        (layout, State::new(values, self.state.nuisances.clone()))
+        (layout, FitState::new(values, self.state.nuisances.clone()))
     }
 
     /// The layout without one of its terms, and the values that it has.
-    pub fn without(&self, term: usize, settings: usize) -> (Layout, Vec<f64>) {
-        let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();
+    pub fn without_term(&self, term: usize, settings: usize) -> (ParameterLayout, Vec<f64>) {
+        let latents: Vec<usize> = self.layout.parameters.iter().filter_map(Parameter::latent).collect();
         let mut terms = self.layout.terms.clone();
         terms.remove(term);
-        let gone = self.layout.of_term(term);
+        let gone = self.layout.parameters_of_term(term);
         let kept = self.state.values.iter().enumerate().filter(|(i, _)| !gone.contains(i));
-        (Layout::new(&latents, terms, settings), kept.map(|(_, v)| *v).collect())
+        (ParameterLayout::new(&latents, terms, settings), kept.map(|(_, v)| *v).collect())
     }
 
     /// Number of effect parameters; one of many settings counts once for comparisons between models.
-    pub fn parameters(&self) -> usize {
+    pub fn effect_parameter_count(&self) -> usize {
         self.layout.terms.iter().map(|t| t.free.iter().filter(|f| **f).count()).sum()
     }
 
     /// Half the width of a slot's 95 % interval; infinite if the data do not tell the value.
-    pub fn half_width(&self, slot: usize) -> f64 {
-        let information: f64 = self.told.iter().map(|t| t.gram[(slot, slot)]).sum();
+    pub fn ci_half_width(&self, slot: usize) -> f64 {
+        let information: f64 = self.group_statistics.iter().map(|t| t.gram[(slot, slot)]).sum();
         if information <= 0.0 {
             return f64::INFINITY;
         }
-        self.quantile() * self.covariance[(slot, slot)].max(0.0).sqrt()
+        self.t_quantile_95() * self.covariance[(slot, slot)].max(0.0).sqrt()
     }
 
     /// Half the width of a 95 % interval of one standard deviation.
-    fn quantile(&self) -> f64 {
-        t_quantile(0.05, (self.held.len() as f64 - 1.0).max(1.0))
+    fn t_quantile_95(&self) -> f64 {
+        t_quantile(0.05, (self.held_out_squares.len() as f64 - 1.0).max(1.0))
     }
 
     /// Root of the mean square residual above the noise, in its units.
-    pub fn slow(&self) -> f64 {
-        let count: f64 = self.told.iter().map(|t| t.count).sum();
+    pub fn excess_rms(&self) -> f64 {
+        let count: f64 = self.group_statistics.iter().map(|t| t.count).sum();
         (self.squares.iter().sum::<f64>() / count.max(1.0) - 1.0).max(0.0).sqrt()
     }
 
     /// Standard deviation of a slot's value between trials: of its effect as a whole, and what its effect declares; `None` where
     /// it does not differ.
-    pub fn spread(&self, slot: usize) -> Option<f64> {
-        let strengths = self.layout.strengths(&self.state.values, self.gravity);
+    pub fn between_trial_sd(&self, slot: usize) -> Option<f64> {
+        let strengths = self.layout.amplitude_directions(&self.state.values, self.gravity);
         let size = strengths.iter().flatten().find(|(i, _)| *i == slot).map_or(0.0, |(_, size)| *size);
-        Some(self.declared_spread(slot).hypot(self.components.strength * size)).filter(|s| *s > 0.0)
+        Some(self.acceleration_sd(slot).hypot(self.components.scale * size)).filter(|s| *s > 0.0)
     }
 
     /// Standard deviation between trials of the random acceleration that a slot's effect declares; 0 without one.
-    pub fn declared_spread(&self, slot: usize) -> f64 {
-        let own = (pushes().iter().zip(&self.components.push)).find_map(|(push, sd)| {
-            let What::Parameter(t, p) = self.layout.slots[slot].what else { return None };
-            if push.effect.name != self.layout.terms[t].effect.name {
-                return None;
-            }
-            let moved = push.values[p] - push.effect.parameters[p].neutral;
-            (moved != 0.0).then(|| sd * moved.abs() / push.unit)
-        });
+    pub fn acceleration_sd(&self, slot: usize) -> f64 {
+        let own =
+            (nuisance_accelerations().iter().zip(&self.components.accelerations)).find_map(|(push, sd)| {
+                let ParameterKind::EffectParameter(t, p) = self.layout.parameters[slot].kind else {
+                    return None;
+                };
+                if push.effect.name != self.layout.terms[t].effect.name {
+                    return None;
+                }
+                let moved = push.values[p] - push.effect.parameters[p].neutral;
+                (moved != 0.0).then(|| sd * moved.abs() / push.unit)
+            });
         own.unwrap_or(0.0)
     }
 }
 
 /// Held-out squares of all trials, units of the noise.
-pub fn held(fit: &Fitted) -> f64 {
-    fit.held.iter().sum()
+pub fn held_out_square(fit: &FittedModel) -> f64 {
+    fit.held_out_squares.iter().sum()
 }
 
 /// A candidate that a world refuses to simulate is no candidate; any other error ends the search.
-pub fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
+pub fn none_if_not_simulable<T>(fitted: Result<T>) -> Result<Option<T>> {
     match fitted {
         Ok(found) => Ok(Some(found)),
         Err(Error::Input(_) | Error::Failed(_)) => Ok(None),
@@ -447,7 +519,7 @@ pub fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
 }
 
 /// A term's values with amplitudes of some sizes.
-pub fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
+pub fn with_amplitudes(term: &Term, sizes: &[f64]) -> Vec<f64> {
     let mut sizes = sizes.iter();
     let value = |(p, parameter): (usize, &crate::world::effect::ParameterDeclaration)| {
         if !parameter.is_amplitude() || !term.free[p] {
@@ -469,8 +541,8 @@ mod tests {
 
     #[test]
     fn a_step_ends_at_a_bound() {
-        let layout = Layout::new(&[], vec![term("quadratic_drag"), term("lift")], 1);
+        let layout = ParameterLayout::new(&[], vec![term("quadratic_drag"), term("lift")], 1);
         let step = DVector::from_vec(vec![-0.5, -0.5]);
-        assert_eq!(allowed(&layout, &[0.1, 0.1], &step).as_slice(), [-0.1, -0.5]);
+        assert_eq!(clamp_step(&layout, &[0.1, 0.1], &step).as_slice(), [-0.1, -0.5]);
     }
 }

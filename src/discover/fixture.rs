@@ -1,9 +1,9 @@
 //! Synthetic recordings with known truth, for unit tests.
 
-use super::fit::{Fitted, Fitter};
-use super::model::{Data, Layout, State, Term};
+use super::fit::{FittedModel, ModelFitter};
+use super::model::{FitState, ParameterLayout, SegmentData, Term};
 use super::noise::Noise;
-use super::window::{Kind, Window, cut};
+use super::window::{Segment, SegmentKind, segment_trials};
 use crate::reality::{Trial, trials_from_csv};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -21,7 +21,7 @@ pub fn ball() -> Scene {
 }
 
 /// Trials of [`ball`], each seen at (t, x, y).
-pub fn seen(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
+pub fn trials(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
     let rows = trials
         .iter()
         .enumerate()
@@ -31,27 +31,27 @@ pub fn seen(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
 }
 
 /// Trials cut, all of one setting, with their settings.
-fn pieces(base: &Scene, trials: &[Trial]) -> (Vec<Window>, Vec<usize>) {
+fn segments(base: &Scene, trials: &[Trial]) -> (Vec<Segment>, Vec<usize>) {
     let settings = vec![0; trials.len()];
-    (cut(base, trials, &settings, 8), settings)
+    (segment_trials(base, trials, &settings, 8), settings)
 }
 
 /// Throws at 3 m/s sideways and 4 m/s and more upwards in a wind, m/s^2, seen 20 times in 0.76 s without error: a flight
 /// each.
-pub fn flights(wind: [f64; 2], count: usize) -> (Vec<Window>, Vec<usize>) {
+pub fn flights(wind: [f64; 2], count: usize) -> (Vec<Segment>, Vec<usize>) {
     let at = |k: usize, t: f64| {
         let up = 4.0 + 0.2 * k as f64;
         [t, 3.0 * t + 0.5 * wind[0] * t * t, 1.0 + up * t + 0.5 * (wind[1] - 9.81) * t * t]
     };
     let trial = |k: usize| (0..20).map(|i| at(k, 0.04 * f64::from(i))).collect();
-    let (windows, settings) = pieces(&ball(), &seen(&(0..count).map(trial).collect::<Vec<_>>()));
-    assert!(windows.len() == count && windows.iter().all(|w| w.kind == Kind::Flight));
+    let (windows, settings) = segments(&ball(), &trials(&(0..count).map(trial).collect::<Vec<_>>()));
+    assert!(windows.len() == count && windows.iter().all(|w| w.kind == SegmentKind::Flight));
     (windows, settings)
 }
 
 /// Throws that fall on the floor without friction and rise with a share `restitution` of their speed, seen every 0.02 s
 /// without error; their scene's friction is 0 and the floor's restitution 1.
-pub fn bounces(restitution: f64, count: usize) -> (Vec<Window>, Vec<usize>) {
+pub fn bounces(restitution: f64, count: usize) -> (Vec<Segment>, Vec<usize>) {
     let mut base = ball();
     base.bodies[0].friction = 0.0;
     base.statics[0].restitution = 1.0;
@@ -66,12 +66,12 @@ pub fn bounces(restitution: f64, count: usize) -> (Vec<Window>, Vec<usize>) {
         };
         (0..40).map(at).collect()
     };
-    let trials = seen(&(0..count).map(trial).collect::<Vec<_>>());
-    pieces(&base, &trials.into_iter().map(|t| Trial { scene: base.clone(), ..t }).collect::<Vec<_>>())
+    let trials = trials(&(0..count).map(trial).collect::<Vec<_>>());
+    segments(&base, &trials.into_iter().map(|t| Trial { scene: base.clone(), ..t }).collect::<Vec<_>>())
 }
 
 /// Two balls thrown where a scene says in a wind along x, m/s^2, seen whole 9 times in 0.8 s as an engine has it.
-fn thrown(wind: f64) -> (Scene, Trial) {
+fn two_balls(wind: f64) -> (Scene, Trial) {
     let scene = Scene::from_json(
         r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005, "steps": 160, "observe_every": 20,
             "bodies": [{"name": "a", "shape": {"type": "disc", "radius": 0.05}, "position": [0, 5], "velocity": [3, 1]},
@@ -85,19 +85,19 @@ fn thrown(wind: f64) -> (Scene, Trial) {
 }
 
 /// One trial's leaps.
-pub fn leaps(wind: f64) -> (Vec<Window>, Vec<usize>) {
-    let (scene, trial) = thrown(wind);
-    let (windows, settings) = pieces(&scene, &[trial]);
-    assert!(windows.len() == 8 && windows.iter().all(|w| w.kind == Kind::Leap));
+pub fn one_step_segments(wind: f64) -> (Vec<Segment>, Vec<usize>) {
+    let (scene, trial) = two_balls(wind);
+    let (windows, settings) = segments(&scene, &[trial]);
+    assert!(windows.len() == 8 && windows.iter().all(|w| w.kind == SegmentKind::OneStep));
     (windows, settings)
 }
 
 /// One shot of a trial without wind.
-pub fn shots() -> (Vec<Window>, Vec<usize>) {
-    let (scene, mut trial) = thrown(0.0);
+pub fn multi_step_segments() -> (Vec<Segment>, Vec<usize>) {
+    let (scene, mut trial) = two_balls(0.0);
     trial.observed.bodies.iter_mut().for_each(|b| b.omega.fill(f64::NAN));
-    let (mut windows, settings) = pieces(&scene, &[trial]);
-    windows.retain(|w| w.kind == Kind::Shot);
+    let (mut windows, settings) = segments(&scene, &[trial]);
+    windows.retain(|w| w.kind == SegmentKind::MultiStep);
     windows.truncate(1);
     assert_eq!(windows.len(), 1);
     (windows, settings)
@@ -108,19 +108,19 @@ pub fn term(name: &str) -> Term {
     let effect = find(name).unwrap();
     let start = effect.parameters.iter().map(|p| p.neutral).collect();
     let free = vec![true; effect.parameters.len()];
-    Term { effect, per_setting: false, start, free, difference: None }
+    Term { effect, per_setting: false, start, free, fd_step: None }
 }
 
 /// Flights under a weaker gravity, as models of some effects have them, and the noise.
-pub fn fitted(sets: &[&[&str]]) -> (Vec<Window>, Vec<Fitted>, Noise) {
+pub fn fitted_models(sets: &[&[&str]]) -> (Vec<Segment>, Vec<FittedModel>, Noise) {
     let (windows, settings) = flights([0.0, 0.4], 6);
-    let noise = Noise { sd: 1e-3, rho: 0.0, freedom: 1e3 };
-    let data = Data::new(&windows, &settings, vec![1e-3; 6], Engine::Auto);
-    let fitter = Fitter::new(&data, &noise);
+    let noise = Noise { sd: 1e-3, rho: 0.0, degrees_of_freedom: 1e3 };
+    let data = SegmentData::new(&windows, &settings, vec![1e-3; 6], Engine::Auto);
+    let fitter = ModelFitter::new(&data, &noise);
     let fit = |names: &&[&str]| {
-        let layout = Layout::new(&[], names.iter().map(|n| term(n)).collect(), 1);
+        let layout = ParameterLayout::new(&[], names.iter().map(|n| term(n)).collect(), 1);
         let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
-        let start = State::new(layout.start(&[0.0; 3]), nuisances);
+        let start = FitState::new(layout.initial_values(&[0.0; 3]), nuisances);
         fitter.fit(layout, start, 8).unwrap().expect("it can be fitted")
     };
     let fits = sets.iter().map(fit).collect();

@@ -1,18 +1,18 @@
 //! What an extension gains, and what the base model leaves, in metres.
 
-use super::expected::Expected;
-use super::fit::{Fitted, held};
-use super::leave_out::leave_out;
+use super::expected::ExpectedRss;
+use super::fit::{FittedModel, held_out_square};
+use super::leave_out::leave_group_out;
 use super::noise::Noise;
 use super::report::{BaseMisfit, HeldOutError, PredictionGain};
-use super::stats::normal_above;
-use super::window::{Kind, Window};
+use super::stats::normal_survival;
+use super::window::{Segment, SegmentKind};
 
 /// Excess over the noise floor, as a share of it, below which a share of the excess means nothing.
-const SLIGHT: f64 = 0.02;
+const MIN_EXCESS_SHARE: f64 = 0.02;
 
 /// Squares in units of the noise, told in metres.
-pub struct Scale {
+pub struct ErrorScale {
     /// m
     pub noise: f64,
     pub coordinates: f64,
@@ -21,10 +21,10 @@ pub struct Scale {
     pub trials: usize,
 }
 
-impl Scale {
-    pub fn new(expected: &Expected, noise: &Noise, trials: usize) -> Scale {
+impl ErrorScale {
+    pub fn new(expected: &ExpectedRss, noise: &Noise, trials: usize) -> ErrorScale {
         let coordinates = expected.coordinates.iter().sum();
-        Scale { noise: noise.sd, coordinates, floor: expected.total(), trials }
+        ErrorScale { noise: noise.sd, coordinates, floor: expected.total(), trials }
     }
 
     /// Root of the mean of squares that sum to `squares`, m.
@@ -41,37 +41,38 @@ impl Scale {
             base_rmse: rmse(base),
             extended_rmse: rmse(extended),
             floor_rmse: rmse(self.floor),
-            excess_removed: (excess > SLIGHT * self.floor).then(|| 1.0 - (extended - self.floor) / excess),
+            excess_removed: (excess > MIN_EXCESS_SHARE * self.floor)
+                .then(|| 1.0 - (extended - self.floor) / excess),
         }
     }
 }
 
 /// What a model gains over the base model, on trials and on settings that it was not fitted to.
-pub fn gain(
-    base: &Fitted,
-    best: Option<&Fitted>,
+pub fn prediction_gain(
+    base: &FittedModel,
+    best: Option<&FittedModel>,
     settings: &[usize],
     count: usize,
-    scale: &Scale,
+    scale: &ErrorScale,
 ) -> PredictionGain {
-    let loss = |f: &Fitted| at_other_settings(f, settings, count);
+    let loss = |f: &FittedModel| leave_setting_out_loss(f, settings, count);
     PredictionGain {
-        held_out: best.map(|f| scale.gain(held(base), held(f))),
+        held_out: best.map(|f| scale.gain(held_out_square(base), held_out_square(f))),
         extrapolation: best.and_then(|f| Some(scale.gain(loss(base)?, loss(f)?))),
     }
 }
 
 /// What the base model leaves.
-pub fn residual(
-    base: &Fitted,
-    windows: &[Window],
-    expected: &Expected,
+pub fn base_misfit(
+    base: &FittedModel,
+    windows: &[Segment],
+    expected: &ExpectedRss,
     noise: &Noise,
-    scale: &Scale,
+    scale: &ErrorScale,
 ) -> BaseMisfit {
-    let (autocorrelation, whiteness_p) = whiteness(windows, &base.pass.residuals);
+    let (autocorrelation, whiteness_p) = lag_one_correlation(windows, &base.evaluation.residuals);
     BaseMisfit {
-        base_rmse: root_mean_square(&base.pass.residuals),
+        base_rmse: root_mean_square(&base.evaluation.residuals),
         floor_rmse: scale.rmse(expected.total()),
         lack_of_fit_p: expected.misfit_of(base, windows).1,
         whiteness_p,
@@ -81,18 +82,25 @@ pub fn residual(
 }
 
 /// Loss at each setting of a fit to the others; `None` without two settings of three trials or more.
-fn at_other_settings(f: &Fitted, settings: &[usize], count: usize) -> Option<f64> {
+fn leave_setting_out_loss(f: &FittedModel, settings: &[usize], count: usize) -> Option<f64> {
     let sizes: Vec<usize> = (0..count).map(|s| settings.iter().filter(|g| **g == s).count()).collect();
     let enough = sizes.iter().filter(|s| **s >= 3).count() >= 2 && sizes.iter().all(|s| *s > 0);
-    let of = || leave_out(&f.layout, &f.state.values, &f.pass.trials, settings, settings, &[]).0;
+    let of = || {
+        leave_group_out(&f.layout, &f.state.values, &f.evaluation.normal_equations, settings, settings, &[]).0
+    };
     enough.then(|| of().iter().sum())
 }
 
 /// Share of the base's excess over the noise floor that a model leaves; `None` where there is none to speak of.
-pub fn unexplained(base: &Fitted, model: &Fitted, expected: &Expected, windows: &[Window]) -> Option<f64> {
+pub fn unexplained_share(
+    base: &FittedModel,
+    model: &FittedModel,
+    expected: &ExpectedRss,
+    windows: &[Segment],
+) -> Option<f64> {
     let (excess, _) = expected.misfit_of(base, windows);
     let (left, _) = expected.misfit_of(model, windows);
-    (excess > SLIGHT).then(|| (left / excess).clamp(0.0, 1.0))
+    (excess > MIN_EXCESS_SHARE).then(|| (left / excess).clamp(0.0, 1.0))
 }
 
 /// Root of the mean square of all coordinates that count, m.
@@ -102,9 +110,9 @@ fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
 }
 
 /// Lag-1 correlation of residuals, and p of its being nothing.
-fn whiteness(windows: &[Window], residuals: &[Vec<f64>]) -> (f64, f64) {
+fn lag_one_correlation(windows: &[Segment], residuals: &[Vec<f64>]) -> (f64, f64) {
     let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
-    for (window, r) in windows.iter().zip(residuals).filter(|(w, _)| w.kind != Kind::Contact) {
+    for (window, r) in windows.iter().zip(residuals).filter(|(w, _)| w.kind != SegmentKind::Contact) {
         let bodies = window.scene.bodies.len();
         for i in 0..r.len() {
             let j = i + 2 * bodies;
@@ -118,7 +126,7 @@ fn whiteness(windows: &[Window], residuals: &[Vec<f64>]) -> (f64, f64) {
         }
     }
     let rho = if squares > 0.0 { products / squares } else { 0.0 };
-    (rho, (2.0 * normal_above(rho.abs() * f64::sqrt(count))).min(1.0))
+    (rho, (2.0 * normal_survival(rho.abs() * f64::sqrt(count))).min(1.0))
 }
 
 #[cfg(test)]
@@ -127,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_gain_is_the_share_of_the_excess_that_goes() {
-        let scale = Scale { noise: 0.002, coordinates: 100.0, floor: 90.0, trials: 5 };
+        let scale = ErrorScale { noise: 0.002, coordinates: 100.0, floor: 90.0, trials: 5 };
         let gain = scale.gain(490.0, 190.0);
         assert_eq!(gain.excess_removed, Some(0.75));
         assert!((gain.floor_rmse - 0.002 * 0.9f64.sqrt()).abs() < 1e-15);

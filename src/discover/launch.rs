@@ -11,65 +11,65 @@
 
 use nalgebra::{DMatrix, DVector, Dyn, QR};
 
-use super::columns::{Columns, Own};
-use super::model::Look;
+use super::columns::{RandomDesign, RandomEffect};
+use super::model::Linearization;
 use super::noise::{self, Noise};
 use super::path::Impact;
-use super::window::{Kind, Window};
+use super::window::{Segment, SegmentKind};
 
 /// Length over which slow misfit changes, as a share of the usual flight (the prototype's; Matern 3/2).
-const SLOW_LENGTH: f64 = 0.25;
+const GP_LENGTH_SHARE: f64 = 0.25;
 
 /// Observations that share a scale: all measured windows of a launch, or one stretch that started from what was seen.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct Group {
     /// Index of the trial.
-    pub launch: usize,
+    pub trial: usize,
     /// A block a window: nothing but sizes that differ by launch makes windows depend on each other.
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<SegmentBlock>,
     /// Whether sizes may differ from launch to launch: they do where something was measured.
-    pub differs: bool,
+    pub has_random_effects: bool,
 }
 
 /// A window's share of a part.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct SegmentBlock {
     /// Index of the window.
-    pub window: usize,
+    pub segment: usize,
     /// What the model leaves.
-    pub left: DVector<f64>,
+    pub residual: DVector<f64>,
     /// Variance of the slow misfit of unit amplitude, by coordinate.
-    pub slow: DVector<f64>,
+    pub gp_variance: DVector<f64>,
     /// Derivatives by slot, then by extra.
-    pub columns: DMatrix<f64>,
+    pub jacobian: DMatrix<f64>,
     /// What all windows of a launch have alike (pushes, and strengths of effects), of unit standard deviation.
-    pub alike: DMatrix<f64>,
-    pub alike_of: Vec<Own>,
+    pub z_group: DMatrix<f64>,
+    pub z_group_effects: Vec<RandomEffect>,
     /// Columns with variances of their own, of unit standard deviation.
-    pub own: DMatrix<f64>,
-    pub kinds: Vec<Own>,
+    pub z_segment: DMatrix<f64>,
+    pub z_segment_effects: Vec<RandomEffect>,
     /// Logarithm of the determinant of what made noise white, squared.
-    pub log_white: f64,
+    pub log_det_noise: f64,
 }
 
 /// What does not change about a window while models do.
 #[derive(Clone)]
-pub struct Frame {
+pub struct BasisCache {
     /// (coordinates, points): slow ones, or the points that count.
     basis: DMatrix<f64>,
     /// Noise, unless it is white, and slow misfit, if there may be any, in them, by coordinate axis.
-    white: Option<DMatrix<f64>>,
-    slow: Option<DMatrix<f64>>,
+    noise_covariance: Option<DMatrix<f64>>,
+    gp_covariance: Option<DMatrix<f64>>,
     /// Whether anything moved along x and y: what never does is no observation.
     axes: [bool; 2],
     /// Whether it comes after a contact of its trial.
-    after: bool,
+    follows_flight: bool,
 }
 
-impl Frame {
+impl BasisCache {
     /// Covariance of the slow misfit of unit amplitude at the window's points; `None` where there is none.
-    pub fn slow_at_points(&self) -> Option<DMatrix<f64>> {
-        self.slow.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
+    pub fn gp_covariance_at_observations(&self) -> Option<DMatrix<f64>> {
+        self.gp_covariance.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
     }
 
     /// Whether the window moves along both axes: what pushes along one that is never seen to move is told by nothing.
@@ -78,34 +78,34 @@ impl Frame {
     }
 
     /// Whether a contact may have changed what its window flies with.
-    pub fn is_renewed(&self, window: &Window) -> bool {
-        self.after || window.kind == Kind::Contact
+    pub fn may_be_reset_by_contact(&self, window: &Segment) -> bool {
+        self.follows_flight || window.kind == SegmentKind::Contact
     }
 }
 
 /// Frames of all windows.
-pub fn frames(windows: &[Window], noise: &Noise) -> Vec<Frame> {
-    let flights = windows.iter().filter(|w| w.kind == Kind::Flight);
-    let durations: Vec<f64> = flights.map(|w| w.points.last().map_or(0.0, |p| p.time)).collect();
-    let length = SLOW_LENGTH * super::stats::median(&durations).max(1e-6);
-    let after = |w: &Window| {
-        windows.iter().any(|o| o.trial == w.trial && o.start < w.start && o.kind == Kind::Flight)
+pub fn basis_caches(windows: &[Segment], noise: &Noise) -> Vec<BasisCache> {
+    let flights = windows.iter().filter(|w| w.kind == SegmentKind::Flight);
+    let durations: Vec<f64> = flights.map(|w| w.observations.last().map_or(0.0, |p| p.time)).collect();
+    let length = GP_LENGTH_SHARE * super::stats::median(&durations).max(1e-6);
+    let after = |w: &Segment| {
+        windows.iter().any(|o| o.trial == w.trial && o.start < w.start && o.kind == SegmentKind::Flight)
     };
-    windows.iter().map(|w| frame(w, noise, length, after(w))).collect()
+    windows.iter().map(|w| basis_cache(w, noise, length, after(w))).collect()
 }
 
-fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
-    let points = &window.points;
-    let axes = match window.kind.simulated() {
+fn basis_cache(window: &Segment, noise: &Noise, length: f64, after: bool) -> BasisCache {
+    let points = &window.observations;
+    let axes = match window.kind.uses_engine() {
         true => [true; 2],
-        false => [0, 1].map(|a| points.iter().any(|p| p.seen[a] != points[0].seen[a])),
+        false => [0, 1].map(|a| points.iter().any(|p| p.position[a] != points[0].position[a])),
     };
     let times: Vec<f64> = points.iter().map(|p| p.time).collect();
     let weights: Vec<f64> = points.iter().map(|p| p.weight).collect();
     let n = points.len();
-    let rho = if window.kind.simulated() { 0.0 } else { noise.rho };
-    let basis = window.smooth.as_ref().and_then(|_| noise::slow_basis(&times, &weights));
-    let correlation = (rho != 0.0).then(|| noise::correlation(n, rho));
+    let rho = if window.kind.uses_engine() { 0.0 } else { noise.rho };
+    let basis = window.smooth.as_ref().and_then(|_| noise::polynomial_basis(&times, &weights));
+    let correlation = (rho != 0.0).then(|| noise::ar1_correlation(n, rho));
     let counted: Vec<usize> = (0..n).filter(|i| weights[*i] > 0.0).collect();
     match basis {
         Some(q) => {
@@ -114,141 +114,152 @@ fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
                 (1.0 + d) * libm::exp(-d)
             });
             let within = |m: DMatrix<f64>| q.tr_mul(&(m * &q));
-            Frame {
-                white: correlation.map(within),
-                slow: Some(within(kernel)),
+            BasisCache {
+                noise_covariance: correlation.map(within),
+                gp_covariance: Some(within(kernel)),
                 basis: q.transpose(),
                 axes,
-                after,
+                follows_flight: after,
             }
         }
-        None => Frame {
+        None => BasisCache {
             // What does not count is no coordinate.
             basis: DMatrix::from_fn(counted.len(), n, |k, i| f64::from(counted[k] == i)),
-            slow: None,
-            white: correlation.map(|c| c.select_rows(&counted).select_columns(&counted)),
+            gp_covariance: None,
+            noise_covariance: correlation.map(|c| c.select_rows(&counted).select_columns(&counted)),
             axes,
-            after,
+            follows_flight: after,
         },
     }
 }
 
 /// A window's part of its launch; `scale` is by how much its residuals were made smaller than in units of the noise.
-fn reduced(
-    (w, window): (usize, &Window),
-    frame: &Frame,
-    look: &Look,
-    columns: &Columns,
+fn segment_block(
+    (w, window): (usize, &Segment),
+    frame: &BasisCache,
+    look: &Linearization,
+    columns: &RandomDesign,
     scale: f64,
-) -> Option<Block> {
-    let (slots, pushes) = (columns.slots, columns.pushes);
+) -> Option<SegmentBlock> {
+    let (slots, pushes) = (columns.parameter_count, columns.acceleration_count);
     let impact = look.impact;
-    let n = window.points.len();
-    let extras = look.columns.ncols() - slots - pushes;
+    let n = window.observations.len();
+    let extras = look.jacobian.ncols() - slots - pushes;
     let leaps = impact.map_or(0, |_| 2);
-    let order = Order { slots, extras, pushes, leaps };
+    let order =
+        ColumnIndex { parameters: slots, perturbations: extras, accelerations: pushes, impact_errors: leaps };
     let of = |c: usize, i: usize| match c {
-        _ if c < slots => look.columns[(i, c)],
-        _ if c < slots + extras => look.columns[(i, c + pushes)],
-        _ if c < order.leap(0) => look.columns[(i, c - extras)],
-        _ if c == order.left() => look.residual[i],
-        _ => leap(window, look, impact, c - order.leap(0), i),
+        _ if c < slots => look.jacobian[(i, c)],
+        _ if c < slots + extras => look.jacobian[(i, c + pushes)],
+        _ if c < order.impact_error(0) => look.jacobian[(i, c - extras)],
+        _ if c == order.residual() => look.residual[i],
+        _ => impact_error_response(window, look, impact, c - order.impact_error(0), i),
     };
-    let rows = Rows {
-        used: (0..2).filter(|a| frame.axes[*a]).collect(),
+    let rows = RowAssembler {
+        axes: (0..2).filter(|a| frame.axes[*a]).collect(),
         points: n,
         coordinates: frame.basis.nrows(),
-        held: (look.residual.len() - 2 * n) / 2,
-        share: look.share,
-        scale: scale / look.share,
+        pseudo_observations: (look.residual.len() - 2 * n) / 2,
+        irls_scale: look.irls_scale,
+        scale: scale / look.irls_scale,
     };
-    let start = rows.of(frame, look.start.ncols(), &|c, i| look.start[(i, c)]);
-    let simple = simple(frame, &rows, &start, rows.of(frame, order.left() + 1, &of))?;
+    let start = rows.assemble(frame, look.nuisance_jacobian.ncols(), &|c, i| look.nuisance_jacobian[(i, c)]);
+    let simple = whiten_columns(frame, &rows, &start, rows.assemble(frame, order.residual() + 1, &of))?;
     if simple.columns.iter().any(|v| !v.is_finite()) {
         return None;
     }
-    Some(block(simple, &order, columns, (w, window), frame))
+    Some(assemble_block(simple, &order, columns, (w, window), frame))
 }
 
 /// Which column of a window's block is which: slots, extras, pushes, leaps, and what is left.
-struct Order {
-    slots: usize,
-    extras: usize,
-    pushes: usize,
-    leaps: usize,
+struct ColumnIndex {
+    parameters: usize,
+    perturbations: usize,
+    accelerations: usize,
+    impact_errors: usize,
 }
 
-impl Order {
-    fn push(&self, k: usize) -> usize {
-        self.slots + self.extras + k
+impl ColumnIndex {
+    fn acceleration(&self, k: usize) -> usize {
+        self.parameters + self.perturbations + k
     }
 
-    fn leap(&self, k: usize) -> usize {
-        self.push(self.pushes) + k
+    fn impact_error(&self, k: usize) -> usize {
+        self.acceleration(self.accelerations) + k
     }
 
-    fn left(&self) -> usize {
-        self.leap(self.leaps)
+    fn residual(&self) -> usize {
+        self.impact_error(self.impact_errors)
     }
 }
 
 /// How a look's rows come to be coordinates: slow ones, axis after axis, then what is held of nuisances.
-struct Rows {
-    used: Vec<usize>,
+struct RowAssembler {
+    axes: Vec<usize>,
     points: usize,
     coordinates: usize,
-    held: usize,
-    share: f64,
+    pseudo_observations: usize,
+    irls_scale: f64,
     scale: f64,
 }
 
-impl Rows {
+impl RowAssembler {
     /// All of them.
     fn dims(&self) -> usize {
-        self.coordinates * self.used.len() + self.held
+        self.coordinates * self.axes.len() + self.pseudo_observations
     }
 
     /// `count` columns whose values by column and row are given.
-    fn of(&self, frame: &Frame, count: usize, value: &dyn Fn(usize, usize) -> f64) -> DMatrix<f64> {
+    fn assemble(
+        &self,
+        frame: &BasisCache,
+        count: usize,
+        value: &dyn Fn(usize, usize) -> f64,
+    ) -> DMatrix<f64> {
         let (n, k) = (self.points, self.coordinates);
         let mut out = DMatrix::zeros(self.dims(), count);
-        for (b, axis) in self.used.iter().enumerate() {
+        for (b, axis) in self.axes.iter().enumerate() {
             let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * self.scale);
             out.rows_mut(b * k, k).copy_from(&(&frame.basis * rows));
         }
-        for (h, c) in (0..self.held).flat_map(|h| (0..count).map(move |c| (h, c))) {
-            out[(k * self.used.len() + h, c)] = value(c, 2 * n + 2 * h) / self.share;
+        for (h, c) in (0..self.pseudo_observations).flat_map(|h| (0..count).map(move |c| (h, c))) {
+            out[(k * self.axes.len() + h, c)] = value(c, 2 * n + 2 * h) / self.irls_scale;
         }
         out
     }
 
     /// A covariance of an axis in all coordinates across a start; `rest` of each that is held.
-    fn within(&self, axis: &DMatrix<f64>, rest: f64, across: &Across) -> DMatrix<f64> {
+    fn project_covariance(&self, axis: &DMatrix<f64>, rest: f64, across: &NullSpace) -> DMatrix<f64> {
         let k = self.coordinates;
         let mut out = DMatrix::zeros(self.dims(), self.dims());
-        for b in 0..self.used.len() {
+        for b in 0..self.axes.len() {
             out.view_mut((b * k, b * k), (k, k)).copy_from(axis);
         }
-        (k * self.used.len()..self.dims()).for_each(|h| out[(h, h)] = rest);
+        (k * self.axes.len()..self.dims()).for_each(|h| out[(h, h)] = rest);
         across.project(across.project(out).transpose())
     }
 }
 
 /// Columns in coordinates in which noise is white and slow misfit uncorrelated.
-struct Simple {
+struct Whitened {
     columns: DMatrix<f64>,
-    slow: DVector<f64>,
-    log_white: f64,
+    gp_variance: DVector<f64>,
+    log_det_noise: f64,
 }
 
 /// Takes the start away, makes noise white and the slow misfit's covariance diagonal.
-fn simple(frame: &Frame, rows: &Rows, start: &DMatrix<f64>, of: DMatrix<f64>) -> Option<Simple> {
-    let across = Across::of(start)?;
+fn whiten_columns(
+    frame: &BasisCache,
+    rows: &RowAssembler,
+    start: &DMatrix<f64>,
+    of: DMatrix<f64>,
+) -> Option<Whitened> {
+    let across = NullSpace::of(start)?;
     let mut columns = across.project(of);
     let mut log_white = 0.0;
-    let mut misfit = frame.slow.as_ref().map(|slow| rows.within(slow, 0.0, &across));
-    if let Some(white) = &frame.white {
-        let white = rows.within(white, 1.0, &across).cholesky()?;
+    let mut misfit = frame.gp_covariance.as_ref().map(|slow| rows.project_covariance(slow, 0.0, &across));
+    if let Some(white) = &frame.noise_covariance {
+        let white = rows.project_covariance(white, 1.0, &across).cholesky()?;
         log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let root = white.l();
         columns = root.solve_lower_triangular(&columns)?;
@@ -263,73 +274,80 @@ fn simple(frame: &Frame, rows: &Rows, start: &DMatrix<f64>, of: DMatrix<f64>) ->
         slow = eigen.eigenvalues.map(|v| v.max(0.0));
         columns = eigen.eigenvectors.transpose() * columns;
     }
-    Some(Simple { columns, slow, log_white })
+    Some(Whitened { columns, gp_variance: slow, log_det_noise: log_white })
 }
 
 /// Which of the columns the model fits, which a launch has alike in all its windows, and which each window has of its own.
-fn block(
-    simple: Simple,
-    order: &Order,
-    columns: &Columns,
-    (w, window): (usize, &Window),
-    frame: &Frame,
-) -> Block {
+fn assemble_block(
+    simple: Whitened,
+    order: &ColumnIndex,
+    columns: &RandomDesign,
+    (w, window): (usize, &Segment),
+    frame: &BasisCache,
+) -> SegmentBlock {
     let column = |c: usize| simple.columns.column(c).into_owned();
     let m = simple.columns.nrows();
-    let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
-    let mut alike: Vec<(Own, DVector<f64>)> = Vec::new();
-    let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
-    for (k, (place, fresh)) in columns.of.iter().enumerate() {
+    let mut own: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
+    let mut alike: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
+    let flies = matches!(window.kind, SegmentKind::Flight | SegmentKind::Contact);
+    for (k, (place, fresh)) in columns.accelerations.iter().enumerate() {
         match fresh {
-            true if flies => own.push((Own::Push(*place), column(order.push(k)))),
+            true if flies => own.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),
             true => (),
-            false if flies => alike.push((Own::Push(*place), column(order.push(k)))),
-            false => alike.push((Own::Push(*place), DVector::zeros(m))),
+            false if flies => alike.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),
+            false => alike.push((RandomEffect::Acceleration(*place), DVector::zeros(m))),
         }
     }
-    let renewed = columns.renewed.iter().enumerate().filter(|_| flies && frame.is_renewed(window));
+    let renewed =
+        columns.contact_resets.iter().enumerate().filter(|_| flies && frame.may_be_reset_by_contact(window));
     for (k, (c, plausible)) in renewed {
-        let at = if *c < order.slots { *c } else { order.push(*c - order.slots) };
-        own.push((Own::Renewed(k), column(at) * *plausible));
+        let at = if *c < order.parameters { *c } else { order.acceleration(*c - order.parameters) };
+        own.push((RandomEffect::ContactReset(k), column(at) * *plausible));
     }
-    own.extend((0..order.leaps).map(|k| (Own::Leap, column(order.leap(k)))));
-    for sizes in &columns.strengths {
+    own.extend((0..order.impact_errors).map(|k| (RandomEffect::ImpactNoise, column(order.impact_error(k)))));
+    for sizes in &columns.amplitude_directions {
         let all = sizes.iter().fold(DVector::zeros(m), |all, (slot, size)| all + column(*slot) * *size);
-        alike.push((Own::Strength, all));
+        alike.push((RandomEffect::Scale, all));
     }
-    let beside = |of: &[(Own, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
-    let names = |of: &[(Own, DVector<f64>)]| of.iter().map(|o| o.0).collect();
-    Block {
-        window: w,
-        left: column(order.left()),
-        columns: simple.columns.columns(0, order.push(0)).into_owned(),
-        alike: beside(&alike),
-        alike_of: names(&alike),
-        own: beside(&own),
-        kinds: names(&own),
-        slow: simple.slow,
-        log_white: simple.log_white,
+    let beside = |of: &[(RandomEffect, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
+    let names = |of: &[(RandomEffect, DVector<f64>)]| of.iter().map(|o| o.0).collect();
+    SegmentBlock {
+        segment: w,
+        residual: column(order.residual()),
+        jacobian: simple.columns.columns(0, order.acceleration(0)).into_owned(),
+        z_group: beside(&alike),
+        z_group_effects: names(&alike),
+        z_segment: beside(&own),
+        z_segment_effects: names(&own),
+        gp_variance: simple.gp_variance,
+        log_det_noise: simple.log_det_noise,
     }
 }
 
 /// What a contact that errs along its normal (0) or its tangent (1) by its speed of approach does to row `i`.
-pub fn leap(window: &Window, look: &Look, impact: Option<Impact>, way: usize, i: usize) -> f64 {
+pub fn impact_error_response(
+    window: &Segment,
+    look: &Linearization,
+    impact: Option<Impact>,
+    way: usize,
+    i: usize,
+) -> f64 {
     let (Some(met), Some(surface)) = (impact, &window.surface) else { return 0.0 };
-    let Some(point) = window.points.get(i / 2) else { return 0.0 };
+    let Some(point) = window.observations.get(i / 2) else { return 0.0 };
     let [nx, ny] = surface.normal;
     let along = [[nx, ny], [-ny, nx]][way][i % 2];
-    (point.time - met.time).max(0.0) * along * met.approach * look.weights[i / 2] * look.share
+    (point.time - met.time).max(0.0) * along * met.approach * look.weights[i / 2] * look.irls_scale
 }
 
 /// Everything across the columns of a start.
-struct Across {
-    turn: QR<f64, Dyn, Dyn>,
+struct NullSpace {
+    basis: QR<f64, Dyn, Dyn>,
     rank: usize,
 }
 
-impl Across {
+impl NullSpace {
     /// `None` where nothing is left beside the start.
-    fn of(start: &DMatrix<f64>) -> Option<Across> {
+    fn of(start: &DMatrix<f64>) -> Option<NullSpace> {
         let mut basis: Vec<DVector<f64>> = Vec::new();
         for column in start.column_iter() {
             let size = column.norm();
@@ -346,13 +364,13 @@ impl Across {
         }
         let rank = basis.len();
         let columns = DMatrix::from_fn(start.nrows(), rank, |i, k| basis[k][i]);
-        (rank < start.nrows()).then(|| Across { turn: columns.qr(), rank })
+        (rank < start.nrows()).then(|| NullSpace { basis: columns.qr(), rank })
     }
 
     /// Coordinates across the start, of every column.
     fn project(&self, mut of: DMatrix<f64>) -> DMatrix<f64> {
         if self.rank > 0 {
-            self.turn.q_tr_mul(&mut of);
+            self.basis.q_tr_mul(&mut of);
         }
         of.rows(self.rank, of.nrows() - self.rank).into_owned()
     }
@@ -360,25 +378,27 @@ impl Across {
 
 /// All launches' parts. `looks`: every window at a state, with columns for `slots`, then [`pushes`], then extras;
 /// `scales`: of each window's residuals, in units of the noise.
-pub fn parts(
-    windows: &[Window],
-    frames: &[Frame],
-    looks: &[Look],
-    columns: &Columns,
+pub fn groups(
+    windows: &[Segment],
+    frames: &[BasisCache],
+    looks: &[Linearization],
+    columns: &RandomDesign,
     scales: &[f64],
-) -> Option<Vec<Part>> {
-    let mut out: Vec<Part> = Vec::new();
+) -> Option<Vec<Group>> {
+    let mut out: Vec<Group> = Vec::new();
     for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = reduced((w, window), &frames[w], &looks[w], columns, scales[w]) else {
+        let Some(block) = segment_block((w, window), &frames[w], &looks[w], columns, scales[w]) else {
             if looks[w].residual.iter().all(|r| r.is_finite()) {
                 continue;
             }
             return None;
         };
-        let differs = !window.kind.simulated();
+        let differs = !window.kind.uses_engine();
         match out.last_mut() {
-            Some(last) if last.launch == window.trial && last.differs && differs => last.blocks.push(block),
-            _ => out.push(Part { launch: window.trial, blocks: vec![block], differs }),
+            Some(last) if last.trial == window.trial && last.has_random_effects && differs => {
+                last.blocks.push(block)
+            }
+            _ => out.push(Group { trial: window.trial, blocks: vec![block], has_random_effects: differs }),
         }
     }
     Some(out)
@@ -386,22 +406,33 @@ pub fn parts(
 
 /// By how much a window's coordinates of what is left grow with what was seen, 1/m: (coordinates, two a point). `None` where nothing
 /// is left beside its start.
-pub fn by_position(window: (usize, &Window), frame: &Frame, look: &Look, scale: f64) -> Option<DMatrix<f64>> {
-    let n = 2 * window.1.points.len();
-    let mut own = look.bare();
-    own.append(n, Some(DMatrix::identity(n, n)));
-    let none = Columns { slots: 0, pushes: 0, of: Vec::new(), renewed: Vec::new(), strengths: Vec::new() };
-    reduced(window, frame, &own, &none, scale).map(|block| block.columns)
+pub fn observation_jacobian(
+    window: (usize, &Segment),
+    frame: &BasisCache,
+    look: &Linearization,
+    scale: f64,
+) -> Option<DMatrix<f64>> {
+    let n = 2 * window.1.observations.len();
+    let mut own = look.without_jacobian();
+    own.append_columns(n, Some(DMatrix::identity(n, n)));
+    let none = RandomDesign {
+        parameter_count: 0,
+        acceleration_count: 0,
+        accelerations: Vec::new(),
+        contact_resets: Vec::new(),
+        amplitude_directions: Vec::new(),
+    };
+    segment_block(window, frame, &own, &none, scale).map(|block| block.jacobian)
 }
 
-impl Block {
+impl SegmentBlock {
     /// Residual after a step of the parameters.
     pub fn residual_at(&self, step: &DVector<f64>) -> DVector<f64> {
-        &self.left - &self.columns * step
+        &self.residual - &self.jacobian * step
     }
 }
 
-impl Part {
+impl Group {
     /// Square of what is left with the slots `step` away, in units of the noise.
     pub fn square_at(&self, step: &DVector<f64>) -> f64 {
         self.blocks.iter().map(|b| b.residual_at(step).norm_squared()).sum()
@@ -420,7 +451,7 @@ mod tests {
             1 => 1e4 * i as f64,
             _ => 0.0,
         });
-        let across = Across::of(&start).unwrap();
+        let across = NullSpace::of(&start).unwrap();
         let line = DMatrix::from_fn(6, 1, |i, _| 3.0 - 2.0 * i as f64);
         assert!(across.project(line).norm() < 1e-9);
         let bend = DMatrix::from_column_slice(6, 1, &[5.0, -1.0, -4.0, -4.0, -1.0, 5.0]);

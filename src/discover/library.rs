@@ -4,7 +4,7 @@
 //! it should start (`Search`), of which parameters they vanish and which only shape them (`Role`).
 
 use super::model::Term;
-use super::window::{Kind, Window};
+use super::window::{Segment, SegmentKind};
 use crate::task::Scene;
 use crate::world::effect::{
     DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, REGISTRY, SearchStrategy,
@@ -13,12 +13,12 @@ use crate::world::effect::{
 
 /// What decides which effects can be told at all, and where their search starts.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground {
-    pub span: DataRange,
+pub struct RecordingSummary {
+    pub range: DataRange,
     /// Whether anything touches anything.
-    pub contacts: bool,
+    pub has_contacts: bool,
     /// Whether any stretch starts where the scene says, and not where something was seen or may be.
-    pub runs: bool,
+    pub has_initial_segments: bool,
 }
 
 /// An effect that a search may try.
@@ -27,27 +27,27 @@ pub struct Candidate {
     /// Where searches start, whose amplitudes the linearisation at nothing gives; at least one.
     pub starts: Vec<Term>,
     /// A start at a size that the linearisation does not lead to, and how much better it is than the base model, nats.
-    pub strong: Option<(Term, f64)>,
+    pub strong_start: Option<(Term, f64)>,
 }
 
 /// Candidates of a scene's recording.
-pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<Candidate> {
+pub fn candidates(scene: &Scene, ground: &RecordingSummary) -> Vec<Candidate> {
     let told = |e: &&'static Effect| match e.target() {
-        EffectTarget::Contact => ground.contacts,
+        EffectTarget::Contact => ground.has_contacts,
         // A free start takes up whatever a placement does, and one that was seen holds it.
-        EffectTarget::Action => ground.runs,
+        EffectTarget::Action => ground.has_initial_segments,
         EffectTarget::Motion | EffectTarget::Region | EffectTarget::Sensor => true,
     };
     let of = |e: &'static Effect| {
         let starts = match e.search {
             SearchStrategy::Excluded => return None,
             SearchStrategy::FromNeutral => vec![e.parameters.iter().map(|p| p.neutral).collect()],
-            SearchStrategy::FromStarts(starts) => starts(&ground.span),
+            SearchStrategy::FromStarts(starts) => starts(&ground.range),
         };
         let per_setting = scene.per_setting.iter().any(|n| n == e.name);
         let free = vec![true; e.parameters.len()];
-        let term = |start| Term { effect: e, per_setting, start, free: free.clone(), difference: None };
-        Some(Candidate { effect: e, starts: starts.into_iter().map(term).collect(), strong: None })
+        let term = |start| Term { effect: e, per_setting, start, free: free.clone(), fd_step: None };
+        Some(Candidate { effect: e, starts: starts.into_iter().map(term).collect(), strong_start: None })
     };
     REGISTRY.iter().copied().filter(told).filter_map(of).collect()
 }
@@ -68,37 +68,39 @@ pub fn shape_sd(parameter: &ParameterDeclaration, range: &DataRange) -> f64 {
 }
 
 /// What a recording is of.
-pub fn ground(windows: &[Window]) -> Ground {
-    Ground {
-        span: span(windows),
-        contacts: windows.iter().any(|w| w.kind != Kind::Flight),
-        runs: windows.iter().any(|w| w.kind == Kind::Run),
+pub fn summarise(windows: &[Segment]) -> RecordingSummary {
+    RecordingSummary {
+        range: data_range(windows),
+        has_contacts: windows.iter().any(|w| w.kind != SegmentKind::Flight),
+        has_initial_segments: windows.iter().any(|w| w.kind == SegmentKind::FromInitialState),
     }
 }
 
 /// Strongest gravity of some segments' scenes, m/s^2.
-pub fn gravity(windows: &[Window]) -> f64 {
+pub fn max_gravity(windows: &[Segment]) -> f64 {
     windows.iter().map(|w| w.scene.gravity[0].hypot(w.scene.gravity[1])).fold(0.0, f64::max)
 }
 
 /// What a recording spans.
-pub fn span(windows: &[Window]) -> DataRange {
+pub fn data_range(windows: &[Segment]) -> DataRange {
     let mut area = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     let (mut duration, mut path, mut time, mut count) = (0.0f64, 0.0, 0.0, 0usize);
     for w in windows {
-        for p in w.points.iter().filter(|p| p.weight > 0.0) {
+        for p in w.observations.iter().filter(|p| p.weight > 0.0) {
             area = [
-                area[0].min(p.seen[0]),
-                area[1].min(p.seen[1]),
-                area[2].max(p.seen[0]),
-                area[3].max(p.seen[1]),
+                area[0].min(p.position[0]),
+                area[1].min(p.position[1]),
+                area[2].max(p.position[0]),
+                area[3].max(p.position[1]),
             ];
         }
-        let last = w.points.last().map_or(0.0, |p| p.time);
+        let last = w.observations.last().map_or(0.0, |p| p.time);
         duration = duration.max(w.start + last);
         let bodies = w.scene.bodies.len();
-        for (a, b) in w.points.iter().zip(w.points.iter().skip(bodies)).filter(|(a, b)| a.body == b.body) {
-            path += (b.seen[0] - a.seen[0]).hypot(b.seen[1] - a.seen[1]);
+        for (a, b) in
+            w.observations.iter().zip(w.observations.iter().skip(bodies)).filter(|(a, b)| a.body == b.body)
+        {
+            path += (b.position[0] - a.position[0]).hypot(b.position[1] - a.position[1]);
             time += b.time - a.time;
             count += 1;
         }
@@ -114,10 +116,10 @@ pub fn span(windows: &[Window]) -> DataRange {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{ball, bounces, flights, leaps};
+    use crate::discover::fixture::{ball, bounces, flights, one_step_segments};
 
-    fn names(windows: &[Window]) -> Vec<&'static str> {
-        candidates(&ball(), &ground(windows)).iter().map(|c| c.effect.name).collect()
+    fn names(windows: &[Segment]) -> Vec<&'static str> {
+        candidates(&ball(), &summarise(windows)).iter().map(|c| c.effect.name).collect()
     }
 
     /// What acts at contacts is a candidate where something touches; what is off in placing, where a start is the scene's.
@@ -130,14 +132,14 @@ mod tests {
         assert!(flown.contains(&"wind") && flown.contains(&"camera_tilt"));
         assert_eq!((of(EffectTarget::Contact, &flown), of(EffectTarget::Action, &flown)), (0, 0));
         assert!(of(EffectTarget::Contact, &names(&bounces(0.8, 1).0)) > 0);
-        assert!(of(EffectTarget::Contact, &names(&leaps(0.0).0)) > 0, "a leap may hit anything");
+        assert!(of(EffectTarget::Contact, &names(&one_step_segments(0.0).0)) > 0, "a leap may hit anything");
     }
 
     #[test]
     fn a_span_is_what_was_seen_that_counts() {
         let (mut windows, _) = flights([0.0, 0.0], 1);
-        windows[0].points[19].weight = 0.0;
-        let span = span(&windows);
+        windows[0].observations[19].weight = 0.0;
+        let span = data_range(&windows);
         assert!((span.area[2] - 3.0 * 0.72).abs() < 1e-9, "{:?}", span.area);
         assert!((span.duration - 0.76).abs() < 1e-9 && (span.interval - 0.04).abs() < 1e-9);
         // Along a parabola at 3 m/s sideways and 4 to -3.5 m/s upwards.

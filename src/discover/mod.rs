@@ -87,16 +87,16 @@ use crate::task::Scene;
 use crate::trajectory::Trajectory;
 use crate::world::Engine;
 use crate::world::latent::factor_index;
-use conclude::{Given, conclude, insufficient};
+use conclude::{ReportInput, build_report, insufficient_data_report};
 pub use config::{DiagnosisConfig, DiagnosisResult};
 pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
-use expected::expected;
-use fit::Fitter;
-use gain::Scale;
-use model::{Data, Layout, State};
-use prepare::{RUN, Ready, prepare};
+use expected::expected_rss;
+use fit::ModelFitter;
+use gain::ErrorScale;
+use model::{FitState, ParameterLayout, SegmentData};
+use prepare::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
 pub use report::Diagnosis;
-use window::Window;
+use window::Segment;
 
 /// Appended to the reason of a verdict on data with another time step.
 const OTHER_STEPS: &str = " (the measured system uses another time step than the simulation: velocities were shifted to the \
@@ -135,38 +135,39 @@ fn diagnose_without(
     progress: &dyn Progress,
 ) -> Result<DiagnosisResult> {
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
-    let ready = match prepare(scene, trials, config.engine, RUN, left_out)? {
+    let ready = match preprocess(scene, trials, config.engine, MAX_INITIAL_INTERVALS, left_out)? {
         Ok(ready) => ready,
         Err(lack) => {
-            let mut finding = insufficient(scene, trials, &lack.reason, config);
+            let mut finding = insufficient_data_report(scene, trials, &lack.reason, config);
             let next = finding.diagnosis.next_experiment.iter_mut();
             next.for_each(|n| n.action = lack.action.into());
             return Ok(finding);
         }
     };
-    let expected = expected(&ready.windows, &ready.sd, ready.kept.len(), &ready.noise);
-    let scale = Scale::new(&expected, &ready.noise, ready.kept.len());
+    let expected = expected_rss(&ready.segments, &ready.sd, ready.trial_indices.len(), &ready.noise);
+    let scale = ErrorScale::new(&expected, &ready.noise, ready.trial_indices.len());
     progress.report("fitting the base model", 0, 1)?;
     let base = (config.engine, config.seed);
-    let opened = open(scene, trials, &ready, &ready.windows, &latents, base)?;
-    let offsets = geometry::offsets(&ready.windows, &opened.state);
-    let moved = geometry::shifted(&ready.windows, &offsets);
+    let opened = fit_base(scene, trials, &ready, &ready.segments, &latents, base)?;
+    let offsets = geometry::offsets(&ready.segments, &opened.state);
+    let moved = geometry::shifted(&ready.segments, &offsets);
     let opened = match &moved {
-        Some(windows) => open(scene, trials, &ready, windows, &latents, base)?,
+        Some(windows) => fit_base(scene, trials, &ready, windows, &latents, base)?,
         None => opened,
     };
-    let Opened { mut data, layout, state, observed } = opened;
-    let Ready { kept, names, noise, sd, stepping, .. } = &ready;
-    let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
-        let mut fitter = Fitter::new(data, noise);
+    let BaseFit { mut data, layout, state, observed } = opened;
+    let PreprocessedData { trial_indices: kept, setting_names: names, noise, sd, mismatch: stepping, .. } =
+        &ready;
+    let seek = |data: &SegmentData, layout: &ParameterLayout, state: FitState| -> Result<_> {
+        let mut fitter = ModelFitter::new(data, noise);
         let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
-        let first = fitter.refined(layout.clone(), state)?.ok_or_else(failed)?;
+        let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
         progress.report("estimating variance components", 0, 1)?;
-        let mut candidates = library::candidates(scene, &library::ground(data.windows));
+        let mut candidates = library::candidates(scene, &library::summarise(data.segments));
         start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
         fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
-        let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
-        let found = search::Hunt::new(&fitter, candidates, &latents, config.seed).search(
+        let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
+        let found = search::ModelSearch::new(&fitter, candidates, &latents, config.seed).search(
             base,
             config.max_effects,
             progress,
@@ -177,17 +178,26 @@ fn diagnose_without(
     let (mut context, mut found, mut decision) = seek(&data, &layout, state)?;
     if let Some(stepping) = *stepping {
         // The discretisation error of contacts can be evaluated once the trajectories are fitted.
-        let best = decision.champion.map_or(&found.base, |c| &found.fits[c]);
+        let best = decision.selected.map_or(&found.base, |c| &found.fits[c]);
         data.sd.clone_from(sd);
-        steps::allow(&mut data, &observed, &best.layout, &best.state, stepping)?;
+        steps::inflate_for_discretisation(&mut data, &observed, &best.layout, &best.state, stepping)?;
         let state = found.base.state;
         (context, found, decision) = seek(&data, &layout, state)?;
     }
-    let given =
-        Given { scene, trials, data: &data, kept, names, noise, expected: &expected, scale: &scale, context };
-    let model = decision.champion.map_or(&found.base, |c| &found.fits[c]);
-    let odd = odd::odd(scene, trials, left_out, model, (noise, config.engine))?;
-    let mut finding = conclude(&given, found, &decision, config)?;
+    let given = ReportInput {
+        scene,
+        trials,
+        data: &data,
+        trial_indices: kept,
+        setting_names: names,
+        noise,
+        expected: &expected,
+        scale: &scale,
+        context,
+    };
+    let model = decision.selected.map_or(&found.base, |c| &found.fits[c]);
+    let odd = odd::odd_trials(scene, trials, left_out, model, (noise, config.engine))?;
+    let mut finding = build_report(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
     finding.diagnosis.surface_offsets = geometry::report(scene, &offsets);
     finding.diagnosis.reason += &geometry::text(&finding.diagnosis.surface_offsets);
@@ -198,31 +208,31 @@ fn diagnose_without(
 }
 
 /// Segments with the fitted base model.
-struct Opened<'a> {
-    data: Data<'a>,
-    layout: Layout,
-    state: State,
+struct BaseFit<'a> {
+    data: SegmentData<'a>,
+    layout: ParameterLayout,
+    state: FitState,
     /// Observations by used trial.
     observed: Vec<&'a Trajectory>,
 }
 
 /// Fits the base model, the scene with its `latents`, to segments.
-fn open<'a>(
+fn fit_base<'a>(
     scene: &Scene,
     trials: &'a [Trial],
-    ready: &'a Ready,
-    windows: &'a [Window],
+    ready: &'a PreprocessedData,
+    windows: &'a [Segment],
     latents: &[usize],
     (engine, seed): (Engine, u64),
-) -> Result<Opened<'a>> {
-    let layout = Layout::new(latents, Vec::new(), ready.names.len());
-    let start = base::start(scene, &layout, windows);
-    let observed: Vec<&Trajectory> = ready.kept.iter().map(|i| &trials[*i].observed).collect();
-    let sd = windows.iter().map(|w| ready.scale(w)).collect();
-    let mut data = Data::new(windows, &ready.settings, sd, engine);
-    if let Some(stepping) = ready.stepping {
-        steps::allow(&mut data, &observed, &layout, &start, stepping)?;
+) -> Result<BaseFit<'a>> {
+    let layout = ParameterLayout::new(latents, Vec::new(), ready.setting_names.len());
+    let start = base::initial_fit_state(scene, &layout, windows);
+    let observed: Vec<&Trajectory> = ready.trial_indices.iter().map(|i| &trials[*i].observed).collect();
+    let sd = windows.iter().map(|w| ready.residual_sd(w)).collect();
+    let mut data = SegmentData::new(windows, &ready.settings, sd, engine);
+    if let Some(stepping) = ready.mismatch {
+        steps::inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
     }
-    let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, seed)?;
-    Ok(Opened { data, layout, state, observed })
+    let (state, _) = base::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
+    Ok(BaseFit { data, layout, state, observed })
 }

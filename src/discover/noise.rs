@@ -10,8 +10,8 @@
 
 use nalgebra::DMatrix;
 
-pub use super::smooth::slow_basis;
-use super::smooth::{Smooth, orthonormal};
+pub use super::smooth::polynomial_basis;
+use super::smooth::{PolynomialSmooth, orthonormal_basis};
 use super::stats::median;
 
 /// How much less well the correlation is known than from as many free neighbours: polynomials swallow what tells most.
@@ -19,7 +19,7 @@ const RHO_ERROR: f64 = 2.6;
 
 /// Least and greatest correlation of neighbouring observations: what hangs together more is motion that no polynomial follows.
 /// (With 0.95, two millimetres of noise were told as a hundred where bumps pushed a ball about.)
-const CORRELATED: [f64; 2] = [-0.6, 0.8];
+const RHO_RANGE: [f64; 2] = [-0.6, 0.8];
 
 /// Noise of a recording.
 #[derive(Clone, Copy, Debug)]
@@ -29,28 +29,28 @@ pub struct Noise {
     /// Correlation of neighbouring observations.
     pub rho: f64,
     /// Number of residual degrees of freedom it was estimated from.
-    pub freedom: f64,
+    pub degrees_of_freedom: f64,
 }
 
 impl Noise {
     /// Relative error of the variance of slow things: of the noise's own variance, and of its correlation where it has any,
     /// which fast residuals tell and slow ones depend on.
-    pub fn floor_error(&self) -> f64 {
+    pub fn relative_variance_error(&self) -> f64 {
         let rho = self.rho;
-        let own = 2.0 / self.freedom * (1.0 + rho * rho) / (1.0 - rho * rho);
+        let own = 2.0 / self.degrees_of_freedom * (1.0 + rho * rho) / (1.0 - rho * rho);
         let by_rho = if rho > 0.0 { 2.0 * RHO_ERROR / (1.0 - rho * rho) } else { 0.0 };
-        (own + by_rho * by_rho * (1.0 - rho * rho) / self.freedom).sqrt()
+        (own + by_rho * by_rho * (1.0 - rho * rho) / self.degrees_of_freedom).sqrt()
     }
 
     /// Variance of smooth things under the noise, in its own variance: correlated noise counts for less.
-    pub fn unit(&self) -> f64 {
+    pub fn smooth_variance_factor(&self) -> f64 {
         let rho = self.rho.max(0.0);
         (1.0 + rho) / (1.0 - rho)
     }
 }
 
 /// Variance and correlation of the noise of some flights; `None` without enough to estimate them from.
-pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
+pub fn estimate_noise(flights: &[&PolynomialSmooth]) -> Option<Noise> {
     let (mut squares, mut products, mut freedom) = (0.0, 0.0, 0.0);
     for s in flights {
         freedom += s.axes * s.projector.trace();
@@ -64,10 +64,10 @@ pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
     }
     // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection: for both, sums over a
     // matrix by distance from its diagonal, times the powers of rho.
-    let longest = flights.iter().map(|s| s.kept.len()).max().unwrap_or(0);
+    let longest = flights.iter().map(|s| s.is_inlier.len()).max().unwrap_or(0);
     let (mut zeroth, mut first) = (vec![0.0; longest], vec![0.0; longest]);
     for s in flights {
-        let n = s.kept.len();
+        let n = s.is_inlier.len();
         let shifted = DMatrix::from_fn(n, n, |i, j| if i > 0 { s.projector[(i - 1, j)] } else { 0.0 });
         let next = s.projector.tr_mul(&shifted);
         for i in 0..n {
@@ -82,7 +82,7 @@ pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
         (sum(&zeroth), sum(&first))
     };
     let wanted = if squares > 0.0 { products / squares } else { 0.0 };
-    let (mut low, mut high) = CORRELATED.into();
+    let (mut low, mut high) = RHO_RANGE.into();
     for _ in 0..18 {
         let middle = 0.5 * (low + high);
         let (e0, e1) = expected(middle);
@@ -92,12 +92,12 @@ pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
     // Within its own error of nothing it is nothing.
     let rho = if rho.abs() < 2.5 / freedom.sqrt() { 0.0 } else { rho };
     let (e0, _) = expected(rho);
-    Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, freedom })
+    Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, degrees_of_freedom: freedom })
 }
 
 /// Noise of series of evenly seen values from their third differences, which smooth motion and rest leave at nothing; `None`
 /// of fewer than four values each.
-pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
+pub fn third_difference_noise(series: &[Vec<f64>]) -> Option<f64> {
     let third = |k: &[f64]| (k[3] - 3.0 * k[2] + 3.0 * k[1] - k[0]).abs();
     let thirds: Vec<f64> = series.iter().flat_map(|s| s.windows(4).map(third)).collect();
     (!thirds.is_empty()).then(|| 1.4826 * median(&thirds) / 20f64.sqrt())
@@ -105,27 +105,27 @@ pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
 
 /// Mean and variance of the residual sum of squares (unit variance) that AR(1) noise leaves in both coordinates of a
 /// flight of which a straight start (position and velocity) is fitted freely.
-pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
+pub fn expected_rss_moments(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
     let n = times.len();
     let basis = DMatrix::from_fn(n, 2, |i, k| weights[i] * if k == 0 { 1.0 } else { times[i] });
     let kept = DMatrix::from_fn(n, n, |i, j| if i == j { weights[i] } else { 0.0 });
-    let projector = match orthonormal(&basis) {
+    let projector = match orthonormal_basis(&basis) {
         Some(q) => kept - &q * q.transpose(),
         None => kept,
     };
-    let m = &projector * correlation(n, rho) * &projector;
+    let m = &projector * ar1_correlation(n, rho) * &projector;
     (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
 }
 
 /// Correlation of first-order autoregressive noise by distance in the record.
-pub fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
+pub fn ar1_correlation(n: usize, rho: f64) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::smooth::{Row, smooth};
+    use crate::discover::smooth::{TimedPosition, fit_polynomials};
     use crate::rng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -134,7 +134,7 @@ mod tests {
     fn noise_and_its_correlation_are_told_beside_motion() {
         let mut stream = rng::stream(3, "test");
         for rho in [0.0, 0.5] {
-            let flights: Vec<Smooth> = (0..40)
+            let flights: Vec<PolynomialSmooth> = (0..40)
                 .map(|_| {
                     let mut off = [0.0; 2];
                     let mut row = |i: usize| {
@@ -149,10 +149,10 @@ mod tests {
                         });
                         (t, [3.0 * t + off[0], 2.0 + 4.0 * t - 4.905 * t * t + off[1]])
                     };
-                    smooth(&(0..40).map(&mut row).collect::<Vec<Row>>())
+                    fit_polynomials(&(0..40).map(&mut row).collect::<Vec<TimedPosition>>())
                 })
                 .collect();
-            let found = noise(&flights.iter().collect::<Vec<_>>()).unwrap();
+            let found = estimate_noise(&flights.iter().collect::<Vec<_>>()).unwrap();
             assert!(
                 (found.sd / 2e-3 - 1.0).abs() < 0.1 && (found.rho - rho).abs() < 0.1,
                 "{found:?} for {rho}"
@@ -165,10 +165,10 @@ mod tests {
     fn a_straight_start_takes_two_numbers_an_axis() {
         let times: Vec<f64> = (0..20).map(|i| 0.1 * f64::from(i)).collect();
         let mut weights = [1.0; 20];
-        let (mean, variance) = expected_squares(&times, &weights, 2.0, 0.0);
+        let (mean, variance) = expected_rss_moments(&times, &weights, 2.0, 0.0);
         assert!((mean - 36.0).abs() < 1e-9 && (variance - 72.0).abs() < 1e-9);
         weights[7] = 0.0;
-        assert!((expected_squares(&times, &weights, 1.0, 0.0).0 - 17.0).abs() < 1e-9);
+        assert!((expected_rss_moments(&times, &weights, 1.0, 0.0).0 - 17.0).abs() < 1e-9);
     }
 
     #[test]
@@ -179,8 +179,8 @@ mod tests {
             let mut draw = || -> f64 { StandardNormal.sample(&mut stream) };
             (0..2000).map(|i| at(i) + sd * draw()).collect()
         };
-        assert!(by_thirds(&[series(0.0)]).unwrap() < 1e-8);
-        assert!((by_thirds(&[series(0.02)]).unwrap() / 0.02 - 1.0).abs() < 0.1);
-        assert_eq!(by_thirds(&[vec![1.0; 3], Vec::new()]), None);
+        assert!(third_difference_noise(&[series(0.0)]).unwrap() < 1e-8);
+        assert!((third_difference_noise(&[series(0.02)]).unwrap() / 0.02 - 1.0).abs() < 0.1);
+        assert_eq!(third_difference_noise(&[vec![1.0; 3], Vec::new()]), None);
     }
 }

@@ -6,55 +6,56 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fit::Fitted;
+use super::fit::FittedModel;
 use super::noise::Noise;
-use super::stats::{inverse, median};
-use super::window::{Kind, Point, Window};
+use super::stats::{median, pseudo_inverse};
+use super::window::{Observation, Segment, SegmentKind};
 
 /// Times that a launch is to be made, and observations each that are counted on.
 pub const REPEATS: f64 = 6.0;
-const OBSERVED: usize = 40;
+const OBSERVATIONS: usize = 40;
 /// Difference of squares that parts two rivals: likelihoods a thousand to one.
-const CLEAR: f64 = 14.0;
+const CLEAR_DIFFERENCE: f64 = 14.0;
 
 /// The launch that parts most of the pairs of rivals, and how far it parts the least parted of those.
-pub fn best_launch(
-    windows: &[Window],
-    rivals: &[&Fitted],
+pub fn best_throw(
+    windows: &[Segment],
+    rivals: &[&FittedModel],
     noise: &Noise,
-) -> Option<(Launch, f64, Vec<[usize; 2]>)> {
+) -> Option<(CandidateThrow, f64, Vec<[usize; 2]>)> {
     let pairs: Vec<[usize; 2]> = (0..rivals.len())
         .flat_map(|i| (0..rivals.len()).map(move |j| [i, j]))
         .filter(|[i, j]| i != j)
         .collect();
-    let mut best: Option<(f64, Launch, Vec<f64>)> = None;
-    for launch in launches(windows, rivals[0]) {
+    let mut best: Option<(f64, CandidateThrow, Vec<f64>)> = None;
+    for launch in candidate_throws(windows, rivals[0]) {
         let apart: Vec<f64> =
-            pairs.iter().map(|[i, j]| parted(&launch, rivals[*i], rivals[*j], noise)).collect();
+            pairs.iter().map(|[i, j]| discrimination(&launch, rivals[*i], rivals[*j], noise)).collect();
         // More than enough is no better than enough.
-        let score =
-            apart.iter().map(|a| a.min(4.0 * CLEAR)).sum::<f64>() + 1e-3 * apart.iter().sum::<f64>().min(1e3);
+        let score = apart.iter().map(|a| a.min(4.0 * CLEAR_DIFFERENCE)).sum::<f64>()
+            + 1e-3 * apart.iter().sum::<f64>().min(1e3);
         if best.as_ref().is_none_or(|b| score > b.0) {
             best = Some((score, launch, apart));
         }
     }
     let (_, launch, apart) = best?;
-    let clear: Vec<usize> = (0..pairs.len()).filter(|k| apart[*k] >= CLEAR).collect();
+    let clear: Vec<usize> = (0..pairs.len()).filter(|k| apart[*k] >= CLEAR_DIFFERENCE).collect();
     let least = clear.iter().map(|k| apart[*k]).fold(f64::INFINITY, f64::min);
     Some((launch, least, clear.into_iter().map(|k| pairs[k]).collect()))
 }
 
 /// A launch that could be made: in words, and the window it would give.
-pub struct Launch {
-    pub words: String,
-    pub window: Window,
+pub struct CandidateThrow {
+    pub description: String,
+    pub segment: Segment,
     nuisances: [f64; 4],
 }
 
 /// Simple variations of a typical launch, each flown for as long as the longest flight.
-fn launches(windows: &[Window], fit: &Fitted) -> Vec<Launch> {
-    let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
-    let length = |w: usize| windows[w].points.last().map_or(0.0, |p| p.time);
+fn candidate_throws(windows: &[Segment], fit: &FittedModel) -> Vec<CandidateThrow> {
+    let flights: Vec<usize> =
+        (0..windows.len()).filter(|w| windows[*w].kind == SegmentKind::Flight).collect();
+    let length = |w: usize| windows[w].observations.last().map_or(0.0, |p| p.time);
     let Some(typical) = flights.iter().copied().max_by(|a, b| length(*a).total_cmp(&length(*b))) else {
         return Vec::new();
     };
@@ -85,7 +86,11 @@ fn launches(windows: &[Window], fit: &Fitted) -> Vec<Launch> {
                 ),
             };
             let start = [x, y, side * v * libm::cos(angle), v * libm::sin(angle)];
-            out.push(Launch { words, window: watched(&windows[typical], start), nuisances: start });
+            out.push(CandidateThrow {
+                description: words,
+                segment: observed_segment(&windows[typical], start),
+                nuisances: start,
+            });
             if share == 0.0 {
                 break;
             }
@@ -95,17 +100,17 @@ fn launches(windows: &[Window], fit: &Fitted) -> Vec<Launch> {
 }
 
 /// A flight's window with another start, observed at even times.
-fn watched(typical: &Window, start: [f64; 4]) -> Window {
+fn observed_segment(typical: &Segment, start: [f64; 4]) -> Segment {
     let mut window = typical.clone();
     let body = &mut window.scene.bodies[0];
     (body.position, body.velocity) = (Some([start[0], start[1]]), [start[2], start[3]]);
-    let duration = typical.points.last().map_or(0.0, |p| p.time);
+    let duration = typical.observations.last().map_or(0.0, |p| p.time);
     (window.start, window.setting) = (0.0, 0);
-    window.points = (0..OBSERVED)
-        .map(|i| Point {
+    window.observations = (0..OBSERVATIONS)
+        .map(|i| Observation {
             body: 0,
-            time: duration * i as f64 / (OBSERVED - 1) as f64,
-            seen: [0.0; 2],
+            time: duration * i as f64 / (OBSERVATIONS - 1) as f64,
+            position: [0.0; 2],
             weight: 1.0,
         })
         .collect();
@@ -115,11 +120,13 @@ fn watched(typical: &Window, start: [f64; 4]) -> Window {
 /// Squares (units of the noise) by which [`REPEATS`] launches would be worse explained by `other` than by `own`, if
 /// `own` is the truth and `other` may take up what it can by its starts and by its parameters, which the trials so far
 /// hold.
-fn parted(launch: &Launch, own: &Fitted, other: &Fitted, noise: &Noise) -> f64 {
-    let seen = |fit: &Fitted, values: &[f64], start: &[f64]| {
-        DVector::from_vec(fit.layout.path(&launch.window, values, &[]).seen(start, |_, _| ()))
+fn discrimination(launch: &CandidateThrow, own: &FittedModel, other: &FittedModel, noise: &Noise) -> f64 {
+    let seen = |fit: &FittedModel, values: &[f64], start: &[f64]| {
+        DVector::from_vec(
+            fit.layout.segment_physics(&launch.segment, values, &[]).predict_positions(start, |_, _| ()),
+        )
     };
-    let (values, slots) = (&other.state.values, &other.layout.slots);
+    let (values, slots) = (&other.state.values, &other.layout.parameters);
     let truth = seen(own, &own.state.values, &launch.nuisances);
     let mut start = launch.nuisances;
     let mut left = 0.0;
@@ -139,29 +146,29 @@ fn parted(launch: &Launch, own: &Fitted, other: &Fitted, noise: &Noise) -> f64 {
         let mut columns = DMatrix::zeros(residual.len(), slots.len());
         for (k, slot) in slots.iter().enumerate().filter(|(_, s)| s.setting.is_none_or(|s| s == 0)) {
             let mut moved = values.clone();
-            let by = if values[k] + slot.step > slot.bounds[1] { -slot.step } else { slot.step };
+            let by = if values[k] + slot.fd_step > slot.bounds[1] { -slot.fd_step } else { slot.fd_step };
             moved[k] += by;
             columns.set_column(k, &((seen(other, &moved, &start) - &base) / by));
         }
         if !residual.iter().chain(columns.iter()).chain(from.iter()).all(|v| v.is_finite()) {
             return 0.0;
         }
-        let project = inverse(&from.tr_mul(&from)) * from.transpose();
+        let project = pseudo_inverse(&from.tr_mul(&from)) * from.transpose();
         let moved = &project * &residual;
         start.iter_mut().zip(moved.iter()).for_each(|(s, m)| *s += m);
         residual -= &from * moved;
         columns -= &from * (&project * &columns);
-        let unit = noise.sd * noise.sd * noise.unit();
+        let unit = noise.sd * noise.sd * noise.smooth_variance_factor();
         let mut known = columns.tr_mul(&columns) * (REPEATS / unit);
         let score = columns.tr_mul(&residual) * (REPEATS / unit);
         let square = residual.norm_squared() * REPEATS / unit;
-        for t in &other.pass.trials {
-            known += &t.gram / noise.unit();
+        for t in &other.evaluation.normal_equations {
+            known += &t.gram / noise.smooth_variance_factor();
         }
         for (k, slot) in slots.iter().enumerate() {
-            known[(k, k)] += slot.ridge();
+            known[(k, k)] += slot.min_information();
         }
-        left = square - score.dot(&(inverse(&known) * &score));
+        left = square - score.dot(&(pseudo_inverse(&known) * &score));
     }
     left.max(0.0)
 }
@@ -169,28 +176,28 @@ fn parted(launch: &Launch, own: &Fitted, other: &Fitted, noise: &Noise) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::fitted;
+    use crate::discover::fixture::fitted_models;
 
     /// A wind upwards is a weaker gravity whatever is launched; that there is neither shows in any long flight.
     #[test]
     fn a_launch_parts_what_differs_and_no_twins() {
-        let (windows, fits, noise) = fitted(&[&["gravity_error"], &["wind"], &[]]);
-        for launch in launches(&windows, &fits[0]) {
-            let apart = |i: usize, j: usize| parted(&launch, &fits[i], &fits[j], &noise);
-            assert!(apart(0, 1) < 1.0 && apart(1, 0) < 1.0, "{}", launch.words);
-            assert!(apart(0, 2) > CLEAR, "{}", launch.words);
+        let (windows, fits, noise) = fitted_models(&[&["gravity_error"], &["wind"], &[]]);
+        for launch in candidate_throws(&windows, &fits[0]) {
+            let apart = |i: usize, j: usize| discrimination(&launch, &fits[i], &fits[j], &noise);
+            assert!(apart(0, 1) < 1.0 && apart(1, 0) < 1.0, "{}", launch.description);
+            assert!(apart(0, 2) > CLEAR_DIFFERENCE, "{}", launch.description);
         }
     }
 
     /// What a rival has free of the trials so far it takes up; what they hold it has to leave.
     #[test]
     fn a_rival_takes_up_what_nothing_holds() {
-        let (windows, mut fits, noise) = fitted(&[&["gravity_error"], &["wind"]]);
-        let launch = launches(&windows, &fits[0]).remove(3);
+        let (windows, mut fits, noise) = fitted_models(&[&["gravity_error"], &["wind"]]);
+        let launch = candidate_throws(&windows, &fits[0]).remove(3);
         fits[1].state.values.fill(0.0);
-        let apart = |fits: &[Fitted]| parted(&launch, &fits[0], &fits[1], &noise);
-        assert!(apart(&fits) > CLEAR, "{}", apart(&fits));
-        fits[1].pass.trials.clear();
+        let apart = |fits: &[FittedModel]| discrimination(&launch, &fits[0], &fits[1], &noise);
+        assert!(apart(&fits) > CLEAR_DIFFERENCE, "{}", apart(&fits));
+        fits[1].evaluation.normal_equations.clear();
         assert!(apart(&fits) < 1.0, "{}", apart(&fits));
     }
 }

@@ -4,7 +4,7 @@ use super::evidence::{Evidence, EvidencePoint};
 use super::report::{TrajectoryResiduals, TrialResiduals, round_to_six_digits};
 
 /// Most rows of a launch.
-const ROWS: usize = 24;
+const MAX_ROWS: usize = 24;
 /// What a row holds: place and residuals in m, of whose standard deviations those of the models are beside them.
 const COLUMNS: [&str; 13] = [
     "t",
@@ -23,19 +23,19 @@ const COLUMNS: [&str; 13] = [
 ];
 
 /// Rows of every launch; `kept`: the trial of each.
-pub fn paths(evidence: &Evidence, kept: &[usize]) -> TrajectoryResiduals {
+pub fn trajectory_residuals(evidence: &Evidence, kept: &[usize]) -> TrajectoryResiduals {
     let launch = |(i, trial): (usize, &usize)| {
         let own: Vec<&EvidencePoint> = evidence.points.iter().filter(|p| p.trial == i).collect();
-        let first = own.first().map_or(0, |p| p.window);
-        let rows = own.iter().step_by(own.len().div_ceil(ROWS).max(1)).map(|p| row(p, first)).collect();
+        let first = own.first().map_or(0, |p| p.segment);
+        let rows = own.iter().step_by(own.len().div_ceil(MAX_ROWS).max(1)).map(|p| row(p, first)).collect();
         TrialResiduals { trial: *trial, rows }
     };
     TrajectoryResiduals { columns: &COLUMNS, launches: kept.iter().enumerate().map(launch).collect() }
 }
 
 fn row(p: &EvidencePoint, first: usize) -> Vec<Option<f64>> {
-    let [before, after] = p.bands;
-    let start = [p.time, p.body as f64, (p.window - first) as f64];
+    let [before, after] = p.predictive_sd;
+    let start = [p.time, p.body as f64, (p.segment - first) as f64];
     let all = [p.position, p.before, p.after, before, after];
     let numbers = start.into_iter().chain(all.into_iter().flatten());
     numbers.map(|v| v.is_finite().then(|| round_to_six_digits(v))).collect()
@@ -49,7 +49,7 @@ mod tests {
     fn rows_are_few_and_have_their_columns() {
         let point = |i: usize| EvidencePoint {
             trial: 1,
-            window: 5 + i / 40,
+            segment: 5 + i / 40,
             body: 0,
             setting: 0,
             time: 0.01 * i as f64,
@@ -57,10 +57,10 @@ mod tests {
             velocity: [0.0; 2],
             before: [0.3, 0.4],
             after: [1.0 / 3.0, 0.0],
-            bands: [[f64::NAN; 2], [0.5, 0.6]],
+            predictive_sd: [[f64::NAN; 2], [0.5, 0.6]],
         };
         let evidence = Evidence { points: (0..60).map(point).collect(), ..Evidence::default() };
-        let paths = paths(&evidence, &[3, 9]);
+        let paths = trajectory_residuals(&evidence, &[3, 9]);
         assert!(paths.launches[0].rows.is_empty() && paths.launches[1].trial == 9);
         let rows = &paths.launches[1].rows;
         assert_eq!((rows.len(), paths.columns.len()), (20, 13));

@@ -8,7 +8,7 @@
 //! gravity does and by u in what all else does.
 
 use super::stats::median;
-use super::window::{Kind, Window};
+use super::window::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
@@ -16,53 +16,57 @@ use crate::trajectory::{Track, Trajectory};
 use crate::world::{Engine, Rollout, Simulator};
 
 /// Trials whose simulation tells the engine's own moments.
-const TRIALS: usize = 20;
+const MAX_SIMULATED_TRIALS: usize = 20;
 /// Stretches of falling that must agree, and how far the usual one may be off, in time steps of gravity.
-const FEWEST: usize = 8;
-const APART: f64 = 0.25;
+const MIN_STRETCHES: usize = 8;
+const MAX_DISAGREEMENT: f64 = 0.25;
 /// What of that is rounding, and no disagreement.
 const ROUNDING: f64 = 1e-3;
 /// By how much the two halves of smooth motion may change a velocity differently, as a share of the whole change.
-const SMOOTH: f64 = 0.2;
+const MAX_UNEVENNESS: f64 = 0.2;
 /// By how much what falls may be accelerated otherwise than by gravity, as a share of it.
-const FALLING: f64 = 0.5;
+const MAX_NON_GRAVITY_SHARE: f64 = 0.5;
 /// Stretches off by more than this many times what is usual have no say.
-const ODD: f64 = 3.0;
+const OUTLIER_MULTIPLE: f64 = 3.0;
 /// Difference that is none, and the largest that engines have, in time steps.
-const NONE: f64 = 0.02;
-const MOST: f64 = 1.0;
+const MIN_LAG_STEPS: f64 = 0.02;
+const MAX_LAG_STEPS: f64 = 1.0;
 
 /// By how much the velocities of a stretch are off, m/s, and what of its acceleration is not gravity, m/s^2.
-type Told = ([f64; 2], [f64; 2]);
+type LagObservation = ([f64; 2], [f64; 2]);
 
 /// By how much velocities lag behind the positions beside them, s.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lag {
+pub struct VelocityLag {
     /// In what gravity does.
     pub gravity: f64,
     /// In what everything else does.
-    pub rest: f64,
+    pub other: f64,
 }
 
 /// How what was seen steps where that is not as the simulation does.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stepping {
+pub struct IntegratorMismatch {
     /// The simulation's own lag.
-    pub own: Lag,
+    pub simulated: VelocityLag,
     /// How much more the velocities seen lag.
-    pub later: Lag,
+    pub excess: VelocityLag,
 }
 
 /// Starts every leap from the velocities that its engine would have reported of the state that was seen. `None` if what
 /// was seen steps as the simulation does, or that cannot be told.
-pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<Option<Stepping>> {
-    let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Leap).collect();
+pub fn align_velocities(
+    windows: &mut [Segment],
+    trials: &[Trial],
+    engine: Engine,
+) -> Result<Option<IntegratorMismatch>> {
+    let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == SegmentKind::OneStep).collect();
     // Only of trials with leaps is it known that everything was seen and placed.
     let mut whole: Vec<usize> = leaps.iter().map(|w| windows[*w].trial).collect();
     whole.dedup();
     let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
-    let Some(stepping) = difference(&whole, engine)? else { return Ok(None) };
-    let later = stepping.later;
+    let Some(stepping) = integrator_mismatch(&whole, engine)? else { return Ok(None) };
+    let later = stepping.excess;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..windows[*w].scene.clone() };
     let steps: Vec<Scene> = leaps.iter().map(step).collect();
     let usual = Default::default();
@@ -72,21 +76,22 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
     for (w, after) in leaps.into_iter().zip(after) {
         let window = &mut windows[w];
         let observed = &trials[window.trial].observed;
-        let Some(at) = window.first(observed) else { continue };
+        let Some(at) = window.start_index(observed) else { continue };
         let (gravity, step) = (window.scene.gravity, window.scene.time_step);
         for (body, (seen, moved)) in
             window.scene.bodies.iter_mut().zip(observed.bodies.iter().zip(&after.bodies))
         {
             let first = |v: &[f64], k: usize| v.last().map_or(f64::NAN, |v| (v - body.velocity[k]) / step);
             // Whether something carries it. (By what was seen it cannot be told from what falls as fast as drag lets it.)
-            let is_falling = falls([first(&moved.vx, 0), first(&moved.vy, 1)], gravity);
-            let Some(pull) = during(seen, &observed.times, at).or(is_falling.then_some(gravity)) else {
+            let is_falling = is_mostly_gravity([first(&moved.vx, 0), first(&moved.vy, 1)], gravity);
+            let Some(pull) = mean_acceleration(seen, &observed.times, at).or(is_falling.then_some(gravity))
+            else {
                 continue;
             };
             for k in 0..2 {
                 // What something carries lags as a whole. (Of drag above half of gravity that made air that rises at 0.15 m/s.)
                 body.velocity[k] += match is_falling {
-                    true => gravity[k] * later.gravity + (pull[k] - gravity[k]) * later.rest,
+                    true => gravity[k] * later.gravity + (pull[k] - gravity[k]) * later.other,
                     false => pull[k] * later.gravity,
                 };
             }
@@ -96,33 +101,36 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
 }
 
 /// Whether an acceleration is mostly gravity.
-fn falls(pull: [f64; 2], gravity: [f64; 2]) -> bool {
+fn is_mostly_gravity(pull: [f64; 2], gravity: [f64; 2]) -> bool {
     let strength = gravity[0].hypot(gravity[1]);
-    strength > 0.0 && (pull[0] - gravity[0]).hypot(pull[1] - gravity[1]) < FALLING * strength
+    strength > 0.0 && (pull[0] - gravity[0]).hypot(pull[1] - gravity[1]) < MAX_NON_GRAVITY_SHARE * strength
 }
 
 /// Both lags; `None` where they cannot be told or do not differ.
-fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<Stepping>> {
+fn integrator_mismatch(trials: &[&Trial], engine: Engine) -> Result<Option<IntegratorMismatch>> {
     let Some(first) = trials.first() else { return Ok(None) };
     let (step, gravity) = (first.scene.time_step, first.scene.gravity);
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
-    let Some(seen) = lag(&observed, gravity, step) else { return Ok(None) };
-    let scenes: Vec<Scene> = trials.iter().take(TRIALS).map(|t| t.scene.clone()).collect();
+    let Some(seen) = estimate_lag(&observed, gravity, step) else { return Ok(None) };
+    let scenes: Vec<Scene> = trials.iter().take(MAX_SIMULATED_TRIALS).map(|t| t.scene.clone()).collect();
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
     let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
-    let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
-    let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
-    Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some(Stepping { own, later }))
+    let Some(own) = estimate_lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
+    let later = VelocityLag { gravity: seen.gravity - own.gravity, other: seen.other - own.other };
+    Ok((MIN_LAG_STEPS * step..MAX_LAG_STEPS * step)
+        .contains(&later.gravity.abs())
+        .then_some(IntegratorMismatch { simulated: own, excess: later }))
 }
 
 /// The lag on which stretches of falling agree.
-fn lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<Lag> {
-    let mut told: Vec<Told> = Vec::new();
+fn estimate_lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<VelocityLag> {
+    let mut told: Vec<LagObservation> = Vec::new();
     for trajectory in trajectories {
         let times = &trajectory.times;
         for track in &trajectory.bodies {
             told.extend((0..track.len().saturating_sub(2)).filter_map(|i| {
-                let pull = acceleration(track, times, i).filter(|pull| falls(*pull, gravity))?;
+                let pull =
+                    central_acceleration(track, times, i).filter(|pull| is_mostly_gravity(*pull, gravity))?;
                 let time = times[i + 2] - times[i];
                 let off = |x: &[f64], v: &[f64]| {
                     (x[i + 2] - x[i]) / time - (v[i] + 4.0 * v[i + 1] + v[i + 2]) / 6.0
@@ -134,26 +142,27 @@ fn lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<Lag
         }
     }
     let by_step = step * gravity[0].hypot(gravity[1]);
-    let (mut lag, mut usual) = (Lag { gravity: 0.0, rest: 0.0 }, f64::INFINITY);
+    let (mut lag, mut usual) = (VelocityLag { gravity: 0.0, other: 0.0 }, f64::INFINITY);
     for _ in 0..4 {
-        let near: Vec<_> = told.iter().filter(|t| lag.leaves(t, gravity) <= ODD * usual).copied().collect();
+        let near: Vec<_> =
+            told.iter().filter(|t| lag.residual(t, gravity) <= OUTLIER_MULTIPLE * usual).copied().collect();
         lag = least_squares(&near, gravity)?;
-        usual =
-            median(&told.iter().map(|t| lag.leaves(t, gravity)).collect::<Vec<_>>()).max(ROUNDING * by_step);
+        usual = median(&told.iter().map(|t| lag.residual(t, gravity)).collect::<Vec<_>>())
+            .max(ROUNDING * by_step);
     }
-    (told.len() >= FEWEST && usual < APART * by_step).then_some(lag)
+    (told.len() >= MIN_STRETCHES && usual < MAX_DISAGREEMENT * by_step).then_some(lag)
 }
 
-impl Lag {
+impl VelocityLag {
     /// What it leaves of what is `off`, m/s.
-    fn leaves(&self, (off, rest): &Told, gravity: [f64; 2]) -> f64 {
-        let left = |k: usize| off[k] - self.gravity * gravity[k] - self.rest * rest[k];
+    fn residual(&self, (off, rest): &LagObservation, gravity: [f64; 2]) -> f64 {
+        let left = |k: usize| off[k] - self.gravity * gravity[k] - self.other * rest[k];
         left(0).hypot(left(1))
     }
 }
 
 /// The lag that leaves least of what is off. Where nothing but gravity acts, all else is taken to lag as gravity does.
-fn least_squares(told: &[Told], g: [f64; 2]) -> Option<Lag> {
+fn least_squares(told: &[LagObservation], g: [f64; 2]) -> Option<VelocityLag> {
     let dot = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
     let sum = |f: &dyn Fn(&[f64; 2], &[f64; 2]) -> f64| told.iter().map(|(o, r)| f(o, r)).sum::<f64>();
     let n = told.len() as f64;
@@ -163,27 +172,28 @@ fn least_squares(told: &[Told], g: [f64; 2]) -> Option<Lag> {
         (n * dot(&g, &g) + prior, sum(&|_, r| dot(&g, r)) - prior, sum(&|_, r| dot(r, r)) + prior);
     let (og, or) = (sum(&|o, _| dot(o, &g)), sum(&|o, r| dot(o, r)));
     let determinant = gg * rr - gr * gr;
-    let lag = Lag { gravity: (og * rr - or * gr) / determinant, rest: (or * gg - og * gr) / determinant };
+    let lag =
+        VelocityLag { gravity: (og * rr - or * gr) / determinant, other: (or * gg - og * gr) / determinant };
     (determinant > 0.0).then_some(lag)
 }
 
 /// Mean acceleration between an observation and the next, if the motion about that is smooth.
-fn during(track: &Track, times: &[f64], at: usize) -> Option<[f64; 2]> {
-    let before = at.checked_sub(1).and_then(|first| acceleration(track, times, first));
-    before.or_else(|| acceleration(track, times, at))?;
+fn mean_acceleration(track: &Track, times: &[f64], at: usize) -> Option<[f64; 2]> {
+    let before = at.checked_sub(1).and_then(|first| central_acceleration(track, times, first));
+    before.or_else(|| central_acceleration(track, times, at))?;
     let time = times[at + 1] - times[at];
     Some([(track.vx[at + 1] - track.vx[at]) / time, (track.vy[at + 1] - track.vy[at]) / time])
 }
 
 /// Acceleration at the middle one of three observations, evenly spaced, if the motion over them is smooth.
-fn acceleration(track: &Track, times: &[f64], first: usize) -> Option<[f64; 2]> {
+fn central_acceleration(track: &Track, times: &[f64], first: usize) -> Option<[f64; 2]> {
     let (i, j, k) = (first, first + 1, first + 2);
     let time = times.get(k)? - times[i];
     let even = (times[j] - times[i] - 0.5 * time).abs() < 1e-6 * time;
     let halves = |v: &[f64]| [v[j] - v[i], v[k] - v[j]];
     let (x, y) = (halves(&track.vx), halves(&track.vy));
     let [whole, uneven] = [1.0, -1.0].map(|s| (x[1] + s * x[0]).hypot(y[1] + s * y[0]));
-    (even && uneven < SMOOTH * whole).then(|| [(x[0] + x[1]) / time, (y[0] + y[1]) / time])
+    (even && uneven < MAX_UNEVENNESS * whole).then(|| [(x[0] + x[1]) / time, (y[0] + y[1]) / time])
 }
 
 #[cfg(test)]
@@ -212,23 +222,23 @@ mod tests {
         for wanted in [0.0, 0.5 * step, -0.625 * step] {
             for wind in [wanted, 0.0] {
                 let (one, other) = (thrown(wanted, wind, 0.0), thrown(wanted, wind, 0.3));
-                let found = lag(&[&one, &other], G, step).unwrap();
+                let found = estimate_lag(&[&one, &other], G, step).unwrap();
                 assert!((found.gravity - wanted).abs() < 0.02 * step, "{found:?} for {wanted}");
-                assert!((found.rest - wind).abs() < 0.02 * step, "{found:?} for {wind}");
+                assert!((found.other - wind).abs() < 0.02 * step, "{found:?} for {wind}");
             }
         }
-        assert_eq!(lag(&[&thrown(0.0, 0.0, 0.0)], G, step), None, "six stretches are too few");
+        assert_eq!(estimate_lag(&[&thrown(0.0, 0.0, 0.0)], G, step), None, "six stretches are too few");
         let (one, other) = (thrown(step, step, 0.0), thrown(-step, -step, 0.3));
-        assert_eq!(lag(&[&one, &other], G, step), None, "they do not agree");
+        assert_eq!(estimate_lag(&[&one, &other], G, step), None, "they do not agree");
     }
 
     #[test]
     fn a_bounce_is_no_smooth_motion() {
         let mut track = thrown(0.0, 0.0, 0.0).bodies.remove(0);
         let times = thrown(0.0, 0.0, 0.0).times;
-        assert!(acceleration(&track, &times, 2).is_some());
+        assert!(central_acceleration(&track, &times, 2).is_some());
         track.vy[4] += 6.0;
-        assert_eq!(acceleration(&track, &times, 2), None);
-        assert_eq!(acceleration(&track, &times, 6), None, "past the end");
+        assert_eq!(central_acceleration(&track, &times, 2), None);
+        assert_eq!(central_acceleration(&track, &times, 6), None, "past the end");
     }
 }

@@ -3,25 +3,30 @@
 //! The shared discrepancy field (`field`) is fitted to all trials in addition to the model, and averaged over
 //! the observed states in each cell.
 
-use super::field::{Form, left};
-use super::fit::{Fitted, Fitter};
+use super::field::{FieldSpec, field_estimate};
+use super::fit::{FittedModel, ModelFitter};
 use super::model;
 use super::report::{ResidualField, round_to_six_digits};
-use super::window::Kind;
+use super::window::SegmentKind;
 use crate::error::Result;
 
 /// Number of cells along x and y.
 const CELLS: [usize; 2] = [12, 8];
 
 /// Time, s, and state x, y, vx, vy of a point on a path.
-type Flown = (f64, [f64; 4]);
+type TimedState = (f64, [f64; 4]);
 
 /// Residual field in every visited cell; `None` if it cannot be fitted.
-pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<ResidualField>> {
-    let Some(left) = left(fitter, model, form)? else { return Ok(None) };
-    let paths = model::paths(fitter.data, &model.layout, &model.state)?;
-    let flights = fitter.data.windows.iter().zip(&paths).filter(|(w, _)| w.kind == Kind::Flight);
-    let states = flights.flat_map(|(w, path)| w.points.iter().zip(path).map(|(p, s)| (w.start + p.time, *s)));
+pub fn residual_field(
+    fitter: &ModelFitter,
+    model: &FittedModel,
+    form: FieldSpec,
+) -> Result<Option<ResidualField>> {
+    let Some(left) = field_estimate(fitter, model, form)? else { return Ok(None) };
+    let paths = model::segment_states(fitter.data, &model.layout, &model.state)?;
+    let flights = fitter.data.segments.iter().zip(&paths).filter(|(w, _)| w.kind == SegmentKind::Flight);
+    let states =
+        flights.flat_map(|(w, path)| w.observations.iter().zip(path).map(|(p, s)| (w.start + p.time, *s)));
     let rows =
         cells(states.filter(|(_, s)| s.iter().all(|v| v.is_finite())).collect()).into_iter().map(|own| {
             let mean = |k: usize| own.iter().map(|(_, s)| s[k]).sum::<f64>() / own.len() as f64;
@@ -34,7 +39,7 @@ pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Resid
 }
 
 /// Groups states by cell; empty cells are omitted.
-fn cells(states: Vec<Flown>) -> Vec<Vec<Flown>> {
+fn cells(states: Vec<TimedState>) -> Vec<Vec<TimedState>> {
     let span = [0, 1].map(|k| {
         let all = || states.iter().map(|(_, s)| s[k]);
         [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)]
@@ -54,23 +59,23 @@ fn cells(states: Vec<Flown>) -> Vec<Vec<Flown>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::field::Over;
+    use crate::discover::field::FieldInputs;
     use crate::discover::thrown;
 
-    const FIELD: Form = Form { over: Over::All, strength: 2.0 };
+    const FIELD: FieldSpec = FieldSpec { inputs: FieldInputs::All, coefficient_sd: 2.0 };
 
     /// A missing drag appears with its sign and size; a modelled one does not.
     #[test]
     fn what_a_model_lacks_pushes_where_launches_flew() {
-        thrown::fitted(&[0.4; 10], &[], 10, |fitter, base| {
-            let left = field(fitter, base, FIELD).unwrap().unwrap();
+        thrown::with_fit(&[0.4; 10], &[], 10, |fitter, base| {
+            let left = residual_field(fitter, base, FIELD).unwrap().unwrap();
             assert!(left.rows.len() > 10 && left.rows.len() <= CELLS[0] * CELLS[1]);
             // Trials move along x at 4 to 11 m/s.
             let told: Vec<_> = left.rows.iter().filter(|r| r[2].abs() > 2.0 * r[4]).collect();
             assert!(told.len() > 5 && told.iter().all(|r| (-6.0..-0.3).contains(&r[2])), "{told:?}");
         });
-        thrown::fitted(&[0.4; 10], &["linear_drag"], 10, |fitter, with| {
-            let left = field(fitter, with, FIELD).unwrap().unwrap();
+        thrown::with_fit(&[0.4; 10], &["linear_drag"], 10, |fitter, with| {
+            let left = residual_field(fitter, with, FIELD).unwrap().unwrap();
             let told = left.rows.iter().filter(|r| r[2].abs() > 3.0 * r[4]).count();
             assert!(5 * told <= left.rows.len(), "{told} of {}", left.rows.len());
         });
@@ -78,7 +83,7 @@ mod tests {
 
     #[test]
     fn cells_hold_every_state_once() {
-        let states: Vec<Flown> =
+        let states: Vec<TimedState> =
             (0..50).map(|i| (0.0, [f64::from(i), f64::from(i * i % 7), 0.0, 0.0])).collect();
         let cells = cells(states);
         assert_eq!(cells.iter().map(Vec::len).sum::<usize>(), 50);

@@ -6,9 +6,9 @@ use super::evidence::{Evidence, EvidencePoint, ImpactRecord};
 use super::report::round_to_six_digits;
 
 /// Maximum number of rows of a table.
-const MOST: usize = 1500;
+const MAX_ROWS: usize = 1500;
 /// Largest lag of the autocorrelations.
-const LAGS: usize = 12;
+const MAX_LAG: usize = 12;
 
 /// Plot data of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -76,7 +76,7 @@ pub fn plot_tables(evidence: &Evidence) -> PlotTables {
 /// A table, thinned evenly to the maximum number of rows.
 fn table<T>(columns: &'static [&'static str], of: &[T], row: impl Fn(&T) -> Vec<f64>) -> PlotTable {
     let number = |v: f64| v.is_finite().then(|| round_to_six_digits(v));
-    let stride = of.len().div_ceil(MOST).max(1);
+    let stride = of.len().div_ceil(MAX_ROWS).max(1);
     let rows = of.iter().step_by(stride).map(|one| row(one).into_iter().map(number).collect());
     PlotTable { columns, rows: rows.collect() }
 }
@@ -84,13 +84,13 @@ fn table<T>(columns: &'static [&'static str], of: &[T], row: impl Fn(&T) -> Vec<
 /// Mean autocorrelation of residuals within segments and bodies, by lag.
 pub fn autocorrelation(evidence: &Evidence, pick: fn(&EvidencePoint) -> [f64; 2]) -> Vec<f64> {
     let mut points: Vec<&EvidencePoint> = evidence.points.iter().collect();
-    points.sort_by_key(|p| (p.window, p.body));
+    points.sort_by_key(|p| (p.segment, p.body));
     let at_lag = |lag: usize| {
         let (mut products, mut squares) = (0.0, 0.0);
         for (i, point) in points.iter().enumerate() {
             let r = pick(point);
             squares += r[0] * r[0] + r[1] * r[1];
-            let same = |o: &&&EvidencePoint| (o.window, o.body) == (point.window, point.body);
+            let same = |o: &&&EvidencePoint| (o.segment, o.body) == (point.segment, point.body);
             if let Some(other) = points.get(i + lag).filter(same) {
                 let o = pick(other);
                 products += r[0] * o[0] + r[1] * o[1];
@@ -98,7 +98,7 @@ pub fn autocorrelation(evidence: &Evidence, pick: fn(&EvidencePoint) -> [f64; 2]
         }
         if squares > 0.0 { products / squares } else { 0.0 }
     };
-    (0..=LAGS).map(at_lag).collect()
+    (0..=MAX_LAG).map(at_lag).collect()
 }
 
 #[cfg(test)]
@@ -109,7 +109,7 @@ mod tests {
     fn tables_are_short_and_have_their_columns() {
         let point = |i: usize| EvidencePoint {
             trial: i / 1000,
-            window: i / 1000,
+            segment: i / 1000,
             body: 0,
             setting: 0,
             time: 0.01 * i as f64,
@@ -117,7 +117,7 @@ mod tests {
             velocity: [1.0 / 3.0, f64::NAN],
             before: [if i.is_multiple_of(2) { 1.0 } else { -1.0 }, 0.0],
             after: [0.0; 2],
-            bands: [[0.0; 2]; 2],
+            predictive_sd: [[0.0; 2]; 2],
         };
         let points = (0..4000).map(point).collect();
         let found = plot_tables(&Evidence { points, settings: vec!["a".into()], ..Evidence::default() });

@@ -2,99 +2,109 @@
 
 use super::library;
 use super::noise::{self, Noise};
-use super::phase::{self, Stepping};
-use super::smooth::Smooth;
-use super::steps::COLD;
+use super::phase::{self, IntegratorMismatch};
+use super::smooth::PolynomialSmooth;
+use super::steps::COLD_START_SD;
 use super::trust;
-use super::window::{self, FLIGHT, Kind, Window};
+use super::window::{self, MIN_FLIGHT_OBSERVATIONS, Segment, SegmentKind};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::world::Engine;
 
 /// Fewest trials that can be judged at all.
-const FEWEST_TRIALS: usize = 4;
+const MIN_TRIALS: usize = 4;
 /// What paths of flights are integrated to, as a share of their extent: less is no noise.
-const INTEGRATED: f64 = 1e-5;
+const REL_INTEGRATION_ERROR: f64 = 1e-5;
 /// What two engines that mean the same can differ by in the beginning of a trial, m.
-const ENGINES: f64 = 5e-4;
+const ENGINE_DIFFERENCE: f64 = 5e-4;
 /// What noise told by whole trials counts for, as if so many observations had told it.
-const KNOWN: f64 = 1e3;
+const NOISE_PSEUDO_DOF: f64 = 1e3;
 
 /// What can be diagnosed.
-pub struct Ready {
+pub struct PreprocessedData {
     /// Of the trials kept, by their place among those.
-    pub windows: Vec<Window>,
+    pub segments: Vec<Segment>,
     /// Indices of the trials that the windows are of.
-    pub kept: Vec<usize>,
+    pub trial_indices: Vec<usize>,
     /// Names of the settings.
-    pub names: Vec<String>,
+    pub setting_names: Vec<String>,
     /// Setting of each trial kept.
     pub settings: Vec<usize>,
     pub noise: Noise,
     /// Scale of the residuals by window, m.
     pub sd: Vec<f64>,
     /// The same of what an engine simulates, m.
-    pub simulated: f64,
+    pub engine_sd: f64,
     /// The windows and besides them the stretches that beginnings of trials show, too.
-    pub whole: Vec<Window>,
+    pub untrimmed: Vec<Segment>,
     /// How what was seen steps, where that is not as the simulation does.
-    pub stepping: Option<Stepping>,
+    pub mismatch: Option<IntegratorMismatch>,
 }
 
-impl Ready {
+impl PreprocessedData {
     /// Scale of a window's residuals, m.
-    pub fn scale(&self, window: &Window) -> f64 {
-        if window.kind.simulated() { self.simulated } else { self.noise.sd }
+    pub fn residual_sd(&self, window: &Segment) -> f64 {
+        if window.kind.uses_engine() { self.engine_sd } else { self.noise.sd }
     }
 }
 
 /// Why trials tell nothing, and what to do.
 #[derive(Debug)]
-pub struct Lack {
+pub struct InsufficientData {
     pub reason: String,
     pub action: &'static str,
 }
 
 /// Most intervals of a trial's beginning where a law is looked for.
-pub const RUN: usize = 8;
+pub const MAX_INITIAL_INTERVALS: usize = 8;
 
 /// Trials of a scene made ready, but for those at indices `left_out`, beginnings of `run` intervals at most; or what they lack.
-pub fn prepare(
+pub fn preprocess(
     scene: &Scene,
     trials: &[Trial],
     engine: Engine,
     run: usize,
     left_out: &[usize],
-) -> Result<std::result::Result<Ready, Lack>> {
-    let (names, settings) = settings_of(trials);
-    let mut windows = window::cut(scene, trials, &settings, run);
+) -> Result<std::result::Result<PreprocessedData, InsufficientData>> {
+    let (names, settings) = index_settings(trials);
+    let mut windows = window::segment_trials(scene, trials, &settings, run);
     windows.retain(|w| !left_out.contains(&w.trial));
-    let stepping = phase::align(&mut windows, trials, engine)?;
-    let tells = |i: &usize| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact);
+    let stepping = phase::align_velocities(&mut windows, trials, engine)?;
+    let tells = |i: &usize| windows.iter().any(|w| w.trial == *i && w.kind != SegmentKind::Contact);
     let telling = (0..trials.len()).filter(tells).count();
-    if telling < FEWEST_TRIALS {
-        return Ok(Err(too_few(telling, trials.len())));
+    if telling < MIN_TRIALS {
+        return Ok(Err(too_few_trials(telling, trials.len())));
     }
     // Trials without a window would count as clusters that know nothing.
     let kept: Vec<usize> = (0..trials.len()).filter(|i| windows.iter().any(|w| w.trial == *i)).collect();
     windows.iter_mut().for_each(|w| w.trial = kept.iter().position(|k| *k == w.trial).unwrap_or(0));
     let settings: Vec<usize> = kept.iter().map(|i| settings[*i]).collect();
-    let runs = run_noise(&windows);
-    let Some(noise) = noise_of(&windows, runs) else { return Ok(Err(no_noise(trials))) };
-    trust::shorten(&mut windows, engine)?;
+    let runs = engine_noise(&windows);
+    let Some(noise) = recording_noise(&windows, runs) else { return Ok(Err(noise_not_identifiable(trials))) };
+    trust::truncate_at_horizon(&mut windows, engine)?;
     let whole = windows.clone();
-    window::leave_runs(&mut windows);
+    window::remove_overlaps(&mut windows);
     let simulated = runs.unwrap_or(noise.sd);
-    let scale = |w: &Window| if w.kind.simulated() { simulated } else { noise.sd };
+    let scale = |w: &Segment| if w.kind.uses_engine() { simulated } else { noise.sd };
     let sd: Vec<f64> = windows.iter().map(scale).collect();
     trust::reject_onset(&mut windows, &sd);
-    trust::weed(&mut windows, &sd, &settings, engine)?;
-    Ok(Ok(Ready { windows, kept, names, settings, noise, sd, simulated, whole, stepping }))
+    trust::reject_outliers(&mut windows, &sd, &settings, engine)?;
+    Ok(Ok(PreprocessedData {
+        segments: windows,
+        trial_indices: kept,
+        setting_names: names,
+        settings,
+        noise,
+        sd,
+        engine_sd: simulated,
+        untrimmed: whole,
+        mismatch: stepping,
+    }))
 }
 
 /// Names of settings in the order in which they come, and the place among them of each trial's.
-fn settings_of(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
+fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
     let mut names: Vec<String> = Vec::new();
     let place = |t: &Trial| {
         let name = t.setting.clone().unwrap_or_default();
@@ -108,59 +118,63 @@ fn settings_of(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
 }
 
 /// Noise of flights, else that of runs; `None` where neither can be told.
-fn noise_of(windows: &[Window], runs: Option<f64>) -> Option<Noise> {
-    let smooths: Vec<&Smooth> = windows.iter().filter_map(|w| w.smooth.as_ref()).collect();
-    let own = noise::noise(&smooths).or(runs.map(|sd| Noise { sd, rho: 0.0, freedom: KNOWN }))?;
-    Some(Noise { sd: own.sd.max(finest(windows)), ..own })
+fn recording_noise(windows: &[Segment], runs: Option<f64>) -> Option<Noise> {
+    let smooths: Vec<&PolynomialSmooth> = windows.iter().filter_map(|w| w.smooth.as_ref()).collect();
+    let own = noise::estimate_noise(&smooths).or(runs.map(|sd| Noise {
+        sd,
+        rho: 0.0,
+        degrees_of_freedom: NOISE_PSEUDO_DOF,
+    }))?;
+    Some(Noise { sd: own.sd.max(integration_noise_floor(windows)), ..own })
 }
 
 /// The least that a flight's positions err by, m.
-fn finest(windows: &[Window]) -> f64 {
-    let [x0, y0, x1, y1] = library::span(windows).area;
+fn integration_noise_floor(windows: &[Segment]) -> f64 {
+    let [x0, y0, x1, y1] = library::data_range(windows).area;
     let extent = (x1 - x0).max(y1 - y0);
-    if extent.is_finite() && !window::leaping(windows) { INTEGRATED * extent } else { 0.0 }
+    if extent.is_finite() && !window::any_one_step(windows) { REL_INTEGRATION_ERROR * extent } else { 0.0 }
 }
 
 /// Noise of what an engine simulates, m.
-fn run_noise(windows: &[Window]) -> Option<f64> {
-    if window::leaping(windows) {
+fn engine_noise(windows: &[Segment]) -> Option<f64> {
+    if window::any_one_step(windows) {
         // Whole states are seen where nothing errs; what a contact bears at an observation is not.
-        return Some(COLD);
+        return Some(COLD_START_SD);
     }
     let mut series: Vec<Vec<f64>> = Vec::new();
-    for w in windows.iter().filter(|w| w.kind.simulated()) {
+    for w in windows.iter().filter(|w| w.kind.uses_engine()) {
         for (body, axis) in (0..w.scene.bodies.len()).flat_map(|body| [(body, 0), (body, 1)]) {
-            series.push(w.points.iter().filter(|p| p.body == body).map(|p| p.seen[axis]).collect());
+            series.push(w.observations.iter().filter(|p| p.body == body).map(|p| p.position[axis]).collect());
         }
     }
-    noise::by_thirds(&series).map(|sd| sd.max(ENGINES))
+    noise::third_difference_noise(&series).map(|sd| sd.max(ENGINE_DIFFERENCE))
 }
 
-fn too_few(telling: usize, trials: usize) -> Lack {
-    Lack {
+fn too_few_trials(telling: usize, trials: usize) -> InsufficientData {
+    InsufficientData {
         reason: format!(
-            "{telling} of {trials} trials have a stretch of flight with {FLIGHT} or more observations or a start that is known \
-             exactly; at least {FEWEST_TRIALS} are needed to tell an effect from chance"
+            "{telling} of {trials} trials have a stretch of flight with {MIN_FLIGHT_OBSERVATIONS} or more observations or a start that is known \
+             exactly; at least {MIN_TRIALS} are needed to tell an effect from chance"
         ),
         action: "measure more trials, each with ten or more observations between contacts",
     }
 }
 
 /// What trials lack of which noise cannot be told.
-fn no_noise(trials: &[Trial]) -> Lack {
+fn noise_not_identifiable(trials: &[Trial]) -> InsufficientData {
     let still = |values: &[f64]| {
         let mut seen = values.iter().filter(|v| v.is_finite());
         seen.next().is_none_or(|first| seen.all(|v| v == first))
     };
     if trials.iter().flat_map(|t| &t.observed.bodies).all(|b| still(&b.x) && still(&b.y)) {
-        return Lack {
+        return InsufficientData {
             reason: "nothing that was seen ever moves: in every trial each body stays at the place where it was first seen, \
                      which tells nothing of what moves it"
                 .into(),
             action: "record bodies as they fly, fall, roll or bounce; if these did, look at which columns were read as positions",
         };
     }
-    Lack {
+    InsufficientData {
         reason: "too few observations in any stretch to tell noise from motion".into(),
         action: "measure more trials, each with ten or more observations between contacts",
     }
@@ -169,7 +183,7 @@ fn no_noise(trials: &[Trial]) -> Lack {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{ball, seen};
+    use crate::discover::fixture::{ball, trials};
 
     /// A throw with noise of a millimetre, which no smooth motion explains.
     fn throw(rows: u32, number: u32) -> Vec<[f64; 3]> {
@@ -181,8 +195,8 @@ mod tests {
         (0..rows).map(at).collect()
     }
 
-    fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<Ready, Lack> {
-        prepare(&ball(), &seen(trials), Engine::Auto, RUN, &[]).unwrap()
+    fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<PreprocessedData, InsufficientData> {
+        preprocess(&ball(), &trials(trials), Engine::Auto, MAX_INITIAL_INTERVALS, &[]).unwrap()
     }
 
     #[test]
@@ -190,8 +204,8 @@ mod tests {
         let mut trials: Vec<_> = (0..6).map(|k| throw(30, k)).collect();
         trials.insert(2, throw(4, 9));
         let ready = made(&trials).unwrap_or_else(|l| panic!("{l:?}"));
-        assert_eq!(ready.kept, [0, 1, 3, 4, 5, 6]);
-        assert_eq!(ready.windows.iter().map(|w| w.trial).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(ready.trial_indices, [0, 1, 3, 4, 5, 6]);
+        assert_eq!(ready.segments.iter().map(|w| w.trial).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
         assert!((0.7e-3..1.4e-3).contains(&ready.noise.sd), "{:?}", ready.noise);
         let few = made(&trials[..4]).err().expect("three throws are too few");
         assert!(few.reason.starts_with("3 of 4 trials"), "{}", few.reason);
@@ -224,11 +238,11 @@ mod tests {
 
     #[test]
     fn settings_are_counted_in_the_order_in_which_they_come() {
-        let mut trials = seen(&[throw(8, 0), throw(8, 1), throw(8, 2), throw(8, 3)]);
+        let mut trials = trials(&[throw(8, 0), throw(8, 1), throw(8, 2), throw(8, 3)]);
         for (trial, name) in trials.iter_mut().zip(["slow", "fast", "slow"]) {
             trial.setting = Some(name.into());
         }
-        let (names, settings) = settings_of(&trials);
+        let (names, settings) = index_settings(&trials);
         assert_eq!((names.join(","), settings), ("slow,fast,".to_string(), vec![0, 1, 0, 2]));
     }
 }

@@ -1,14 +1,14 @@
 //! Trials held out by fold: what the others predict of each.
 
-use super::gaussian::{Pooled, Told, pooled};
-use super::selection::Prior;
+use super::gaussian::{GlsEstimate, GroupStatistics, gls};
+use super::selection::FixedEffectsPrior;
 
 /// Most folds: each leaves out a share of the trials.
-const FOLDS: usize = 10;
+const MAX_FOLDS: usize = 10;
 
 /// Groups of trials that are held out together: every setting is spread over all of them.
 pub fn folds(settings: &[usize]) -> Vec<usize> {
-    let count = FOLDS.min(settings.len()).max(1);
+    let count = MAX_FOLDS.min(settings.len()).max(1);
     let mut seen = vec![0usize; settings.iter().max().map_or(0, |m| m + 1)];
     let mut first = 0;
     let mut out = Vec::with_capacity(settings.len());
@@ -24,15 +24,15 @@ pub fn folds(settings: &[usize]) -> Vec<usize> {
 }
 
 /// Passes the statistics of every group, with the estimate from the other folds, to `of`; `None` where one cannot be made.
-pub fn each_held_out(
-    told: &[Told],
-    prior: &Prior,
+pub fn for_each_held_out(
+    told: &[GroupStatistics],
+    prior: &FixedEffectsPrior,
     folds: &[usize],
-    mut of: impl FnMut(&Told, &Pooled),
+    mut of: impl FnMut(&GroupStatistics, &GlsEstimate),
 ) -> Option<()> {
     for fold in 0..folds.iter().max().map_or(0, |m| m + 1) {
-        let others = pooled(told.iter().filter(|t| folds[t.launch] != fold), prior)?;
-        told.iter().filter(|t| folds[t.launch] == fold).for_each(|t| of(t, &others));
+        let others = gls(told.iter().filter(|t| folds[t.trial] != fold), prior)?;
+        told.iter().filter(|t| folds[t.trial] == fold).for_each(|t| of(t, &others));
     }
     Some(())
 }

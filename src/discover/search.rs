@@ -8,10 +8,10 @@ use std::cmp::Ordering;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::fit::{Fitted, Fitter, sized};
-use super::gaussian::{self, FREEDOM};
+use super::fit::{FittedModel, ModelFitter, with_amplitudes};
+use super::gaussian::{self, SCALE_DOF};
 use super::library::Candidate;
-use super::model::{Extra, Layout, State, Term};
+use super::model::{FitState, ParameterLayout, Perturbation, Term};
 use super::selection::SETTINGS;
 use super::survey;
 use super::window;
@@ -23,21 +23,21 @@ use crate::world::effect::{Effect, EffectTarget, REGISTRY};
 const BEAM: [(usize, usize); 2] = [(usize::MAX, 12), (3, 6)];
 /// How many pairs without a shape are fitted at least: a shape bends to anything that is far off. (On ping-pong the true pair
 /// was 11th of 60 pairs and first of those without a shape.)
-const PLAIN: usize = 8;
+const MIN_AMPLITUDE_ONLY_PAIRS: usize = 8;
 /// Starts of an effect from which it is fitted.
-const STARTS: usize = 2;
+const MAX_STARTS: usize = 2;
 /// Steps of least squares before generalised least squares takes over.
-const STEPS: usize = 12;
+const LEAST_SQUARES_STEPS: usize = 12;
 /// Square, in units of the noise, that a plausible size must move launches by to be told at all.
-const TELLS: f64 = 1.0;
+const MIN_SCREENING_INFORMATION: f64 = 1.0;
 /// Largest slow misfit, in units of the noise, and largest pushes, in what effects declare, under which effects are told by
 /// derivatives: what a missing effect does looks like them until the effect is there.
-const SCREENED: f64 = 1.0;
+const MAX_SCREENING_SD: f64 = 1.0;
 
 /// The result of a search.
-pub struct Found {
-    pub base: Fitted,
-    pub fits: Vec<Fitted>,
+pub struct SearchResult {
+    pub base: FittedModel,
+    pub fits: Vec<FittedModel>,
     /// Log of evidence times prior probability of every fit, and of the base model.
     pub log_posterior: Vec<f64>,
     pub base_log_posterior: f64,
@@ -46,8 +46,8 @@ pub struct Found {
 }
 
 /// A search among the sets of the library's effects.
-pub struct Hunt<'a, 'b, 'c> {
-    pub fitter: &'c Fitter<'a, 'b>,
+pub struct ModelSearch<'a, 'b, 'c> {
+    pub fitter: &'c ModelFitter<'a, 'b>,
     /// Candidates with their starts.
     library: Vec<Candidate>,
     latents: &'c [usize],
@@ -60,54 +60,64 @@ pub fn log_prior(size: usize) -> f64 {
 }
 
 /// Log density that a candidate promises beside a fit from one of its starts, and sizes of its amplitudes there.
-type Promise = (f64, usize, Vec<f64>);
+type ScoreTest = (f64, usize, Vec<f64>);
 
 /// A set to be fitted.
-struct Union {
+struct CandidateSet {
     names: Vec<&'static str>,
     /// Total score that it promises.
-    promise: f64,
-    starts: Vec<(Layout, State)>,
+    expected_gain: f64,
+    starts: Vec<(ParameterLayout, FitState)>,
 }
 
-impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
-    pub fn new(fitter: &'c Fitter<'a, 'b>, library: Vec<Candidate>, latents: &'c [usize], seed: u64) -> Self {
-        Hunt { fitter, library, latents, seed }
+impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
+    pub fn new(
+        fitter: &'c ModelFitter<'a, 'b>,
+        library: Vec<Candidate>,
+        latents: &'c [usize],
+        seed: u64,
+    ) -> Self {
+        ModelSearch { fitter, library, latents, seed }
     }
 
     /// Searches sets of up to `most` effects.
-    pub fn search(&mut self, base: Fitted, most: usize, progress: &dyn Progress) -> Result<Found> {
+    pub fn search(
+        &mut self,
+        base: FittedModel,
+        most: usize,
+        progress: &dyn Progress,
+    ) -> Result<SearchResult> {
         let base_log_posterior = base.log_evidence;
-        let mut found = Found {
+        let mut found = SearchResult {
             base,
             fits: Vec::new(),
             log_posterior: Vec::new(),
             base_log_posterior,
             failed: Vec::new(),
         };
-        self.leave_untold(&found.base)?;
+        self.drop_unidentifiable(&found.base)?;
         for size in 1..=most {
             let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"];
-            let before = found.best_total();
-            let parents: Vec<&Fitted> = match size {
+            let before = found.best_log_posterior();
+            let parents: Vec<&FittedModel> = match size {
                 1 => vec![&found.base],
                 _ => found
-                    .ranked(|f| f.set.len() == size - 1)
+                    .ranked(|f| f.effects.len() == size - 1)
                     .into_iter()
                     .take(BEAM[size.min(3) - 2].0)
                     .map(|i| &found.fits[i])
                     .collect(),
             };
             let unions =
-                self.unions(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
+                self.expand(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
             progress.report(stage[size.min(3) - 1], 0, unions.len() as u64)?;
-            self.join(&mut found, unions)?;
+            self.fit_sets(&mut found, unions)?;
             if size > 1 {
-                let simple = self.simpler(&found, size);
-                self.join(&mut found, simple)?;
-                self.refit(&mut found, size)?;
+                let simple = self.special_cases(&found, size);
+                self.fit_sets(&mut found, simple)?;
+                self.refit_subsets(&mut found, size)?;
             }
-            if found.best_total() <= before {
+            if found.best_log_posterior() <= before {
                 break;
             }
         }
@@ -116,15 +126,18 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
 
     /// The model of a set of effects by name, fitted: one effect after the other joins, from where derivatives say it should start.
     /// `None` where one of them is no candidate, or the trials say nothing of it.
-    pub fn named(&self, base: &Fitted, names: &[&str]) -> Result<Option<Fitted>> {
-        let layout = Layout::new(self.latents, Vec::new(), self.fitter.data.setting_count());
-        let Some(mut fit) = self.fitter.refined(layout, base.state.clone())? else { return Ok(None) };
+    pub fn fit_named(&self, base: &FittedModel, names: &[&str]) -> Result<Option<FittedModel>> {
+        let layout = ParameterLayout::new(self.latents, Vec::new(), self.fitter.data.setting_count());
+        let Some(mut fit) = self.fitter.run_gls(layout, base.state.clone())? else { return Ok(None) };
         for name in names {
             let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
-            let Some(told) = self.promises(&fit)? else { return Ok(None) };
-            let union =
-                Union { names: Vec::new(), promise: 0.0, starts: self.starts(&fit, c, &told[c], STARTS) };
-            match self.fit(union)? {
+            let Some(told) = self.screen(&fit)? else { return Ok(None) };
+            let union = CandidateSet {
+                names: Vec::new(),
+                expected_gain: 0.0,
+                starts: self.initial_fits(&fit, c, &told[c], MAX_STARTS),
+            };
+            match self.fit_set(union)? {
                 Some(found) => fit = found,
                 None => return Ok(None),
             }
@@ -134,35 +147,36 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
 
     /// A fit with a candidate beside it, at `most` of its starts with amplitudes as promised, and beside the base model where it
     /// is strong.
-    fn starts(
+    fn initial_fits(
         &self,
-        fit: &Fitted,
+        fit: &FittedModel,
         candidate: usize,
-        promised: &[Promise],
+        promised: &[ScoreTest],
         most: usize,
-    ) -> Vec<(Layout, State)> {
-        let Candidate { starts, strong, .. } = &self.library[candidate];
+    ) -> Vec<(ParameterLayout, FitState)> {
+        let Candidate { starts, strong_start: strong, .. } = &self.library[candidate];
         let linear = promised.iter().take(most).map(|(_, start, sizes)| {
             let term = &starts[*start];
-            Term { start: sized(term, sizes), ..term.clone() }
+            Term { start: with_amplitudes(term, sizes), ..term.clone() }
         });
-        let joined = |term: Term| fit.joined([term], self.fitter.data.setting_count());
-        let strong = strong.iter().filter(|_| fit.set.is_empty()).map(|(term, _)| {
+        let joined = |term: Term| fit.with_terms([term], self.fitter.data.setting_count());
+        let strong = strong.iter().filter(|_| fit.effects.is_empty()).map(|(term, _)| {
             let (layout, state) = joined(term.clone());
-            let windows = self.fitter.data.windows.iter().zip(state.nuisances);
-            let nuisances = windows.map(|(w, n)| w.start_whatever_acts().unwrap_or(n)).collect();
-            (layout, State::new(state.values, nuisances))
+            let windows = self.fitter.data.segments.iter().zip(state.nuisances);
+            let nuisances = windows.map(|(w, n)| w.parabola_initial_state().unwrap_or(n)).collect();
+            (layout, FitState::new(state.values, nuisances))
         });
         linear.map(joined).chain(strong).collect()
     }
 
-    fn join(&self, found: &mut Found, unions: Vec<Union>) -> Result<()> {
+    fn fit_sets(&self, found: &mut SearchResult, unions: Vec<CandidateSet>) -> Result<()> {
         let names: Vec<Vec<&'static str>> = unions.iter().map(|u| u.names.clone()).collect();
-        let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(|u| self.fit(u)).collect();
+        let fitted: Vec<Result<Option<FittedModel>>> =
+            unions.into_par_iter().map(|u| self.fit_set(u)).collect();
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
-                    found.log_posterior.push(fit.log_evidence + log_prior(fit.set.len()));
+                    found.log_posterior.push(fit.log_evidence + log_prior(fit.effects.len()));
                     found.fits.push(fit);
                 }
                 None => found.failed.push(names),
@@ -173,24 +187,25 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
 
     /// Fits what the best sets of a size are without one of their effects again, from where those stand: with one more effect a
     /// fit may have found the way to a better place, and a set must not lose for having missed it.
-    fn refit(&self, found: &mut Found, size: usize) -> Result<()> {
-        let best: Vec<usize> = found.ranked(|f| f.set.len() == size).into_iter().take(BEAM[1].0).collect();
-        let mut again: Vec<(usize, Union)> = Vec::new();
+    fn refit_subsets(&self, found: &mut SearchResult, size: usize) -> Result<()> {
+        let best: Vec<usize> =
+            found.ranked(|f| f.effects.len() == size).into_iter().take(BEAM[1].0).collect();
+        let mut again: Vec<(usize, CandidateSet)> = Vec::new();
         for (i, t) in best.iter().flat_map(|i| (0..size).map(move |t| (*i, t))) {
             let large = &found.fits[i];
-            let mut names: Vec<&'static str> = large.set.iter().map(|e| e.name).collect();
+            let mut names: Vec<&'static str> = large.effects.iter().map(|e| e.name).collect();
             names.remove(t);
             names.sort_unstable();
-            let Some(at) = found.fits.iter().position(|f| f.names() == names) else { continue };
-            let (layout, values) = large.without(t, self.fitter.data.setting_count());
-            let start = State::new(values, found.fits[at].state.nuisances.clone());
-            again.push((at, Union { names, promise: 0.0, starts: vec![(layout, start)] }));
+            let Some(at) = found.fits.iter().position(|f| f.effect_names() == names) else { continue };
+            let (layout, values) = large.without_term(t, self.fitter.data.setting_count());
+            let start = FitState::new(values, found.fits[at].state.nuisances.clone());
+            again.push((at, CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] }));
         }
-        let fitted: Vec<Result<(usize, Option<Fitted>)>> =
-            again.into_par_iter().map(|(at, union)| Ok((at, self.fit(union)?))).collect();
+        let fitted: Vec<Result<(usize, Option<FittedModel>)>> =
+            again.into_par_iter().map(|(at, union)| Ok((at, self.fit_set(union)?))).collect();
         for refitted in fitted {
             let (at, Some(fit)) = refitted? else { continue };
-            let log_posterior = fit.log_evidence + log_prior(fit.set.len());
+            let log_posterior = fit.log_evidence + log_prior(fit.effects.len());
             if log_posterior > found.log_posterior[at] {
                 (found.fits[at], found.log_posterior[at]) = (fit, log_posterior);
             }
@@ -199,21 +214,27 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// The best fit of a set's starts.
-    fn fit(&self, union: Union) -> Result<Option<Fitted>> {
-        let mut best: Option<Fitted> = None;
-        let surveyed = |layout: &Layout| layout.terms.len() < 2 && survey::possible(self.fitter.data, layout);
+    fn fit_set(&self, union: CandidateSet) -> Result<Option<FittedModel>> {
+        let mut best: Option<FittedModel> = None;
+        let surveyed = |layout: &ParameterLayout| {
+            layout.terms.len() < 2 && survey::is_applicable(self.fitter.data, layout)
+        };
         for (layout, start) in union.starts {
             let start = match surveyed(&layout) {
                 true => {
-                    match super::fit::simulated(survey::survey(self.fitter.data, &layout, &start, self.seed))?
-                    {
+                    match super::fit::none_if_not_simulable(survey::global_search(
+                        self.fitter.data,
+                        &layout,
+                        &start,
+                        self.seed,
+                    ))? {
                         Some(found) => found,
                         None => continue,
                     }
                 }
                 false => start,
             };
-            let rounds = if self.fitter.data.frozen.is_empty() { STEPS } else { 5 };
+            let rounds = if self.fitter.data.cached_jacobians.is_empty() { LEAST_SQUARES_STEPS } else { 5 };
             let Some(fit) = self.fitter.fit(layout, start, rounds)? else { continue };
             if best.as_ref().is_none_or(|b| fit.log_evidence > b.log_evidence) {
                 best = Some(fit);
@@ -223,36 +244,41 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// The most promising unions of some fits and a candidate.
-    fn unions(&self, parents: &[&Fitted], found: &Found, most: usize) -> Result<Vec<Union>> {
-        let mut all: Vec<Union> = Vec::new();
+    fn expand(
+        &self,
+        parents: &[&FittedModel],
+        found: &SearchResult,
+        most: usize,
+    ) -> Result<Vec<CandidateSet>> {
+        let mut all: Vec<CandidateSet> = Vec::new();
         for fit in parents {
-            let Some(told) = self.promises(fit)? else { continue };
+            let Some(told) = self.screen(fit)? else { continue };
             for (c, Candidate { effect, .. }) in self.library.iter().enumerate() {
-                let mut names = fit.names();
+                let mut names = fit.effect_names();
                 names.push(effect.name);
                 names.sort_unstable();
-                if told[c].is_empty() || found.fits.iter().any(|f| f.names() == names) {
+                if told[c].is_empty() || found.fits.iter().any(|f| f.effect_names() == names) {
                     continue;
                 }
                 // What chance gives a parameter, and what the choice costs.
-                let own = fit.parameters() + effect.parameters.len();
+                let own = fit.effect_parameter_count() + effect.parameters.len();
                 let promise = told[c][0].0 - own as f64 + log_prior(names.len());
                 // A survey frames regions by itself.
-                let framed =
-                    effect.target() == EffectTarget::Region && window::leaping(self.fitter.data.windows);
-                let starts = self.starts(fit, c, &told[c], if framed { 1 } else { STARTS });
-                let union = Union { names, promise, starts };
+                let framed = effect.target() == EffectTarget::Region
+                    && window::any_one_step(self.fitter.data.segments);
+                let starts = self.initial_fits(fit, c, &told[c], if framed { 1 } else { MAX_STARTS });
+                let union = CandidateSet { names, expected_gain: promise, starts };
                 match all.iter_mut().find(|u| u.names == union.names) {
-                    Some(known) if known.promise >= promise => {}
+                    Some(known) if known.expected_gain >= promise => {}
                     Some(known) => *known = union,
                     None => all.push(union),
                 }
             }
         }
-        all.sort_by(|a, b| b.promise.total_cmp(&a.promise));
+        all.sort_by(|a, b| b.expected_gain.total_cmp(&a.expected_gain));
         // No set stands where a plainer one was never tried.
         let shaped = |e: &Effect| e.parameters.iter().any(|p| !p.is_amplitude());
-        let plain = |u: &Union| {
+        let plain = |u: &CandidateSet| {
             u.names.len() == 2
                 && !self.library.iter().any(|c| u.names.contains(&c.effect.name) && shaped(c.effect))
         };
@@ -260,51 +286,52 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         all.retain(|u| {
             place += 1;
             plainer += usize::from(plain(u));
-            place <= most || (plain(u) && plainer <= PLAIN)
+            place <= most || (plain(u) && plainer <= MIN_AMPLITUDE_ONLY_PAIRS)
         });
         Ok(all)
     }
 
     /// Takes candidates away of which the data cannot tell anything: what a plausible size does, the starts take up.
-    fn leave_untold(&mut self, base: &Fitted) -> Result<()> {
-        let Some(told) = self.promises(base)? else { return Ok(()) };
+    fn drop_unidentifiable(&mut self, base: &FittedModel) -> Result<()> {
+        let Some(told) = self.screen(base)? else { return Ok(()) };
         let mut told = told.into_iter();
         self.library.retain(|_| told.next().is_some_and(|t| !t.is_empty()));
         Ok(())
     }
 
     /// By candidate: what its starts promise (log density, start, sizes of amplitudes), best first; empty for what is in the set.
-    fn promises(&self, fit: &Fitted) -> Result<Option<Vec<Vec<Promise>>>> {
+    fn screen(&self, fit: &FittedModel) -> Result<Option<Vec<Vec<ScoreTest>>>> {
         let mut extras = Vec::new();
         let mut of = Vec::new();
         for (c, Candidate { effect, starts: terms, .. }) in self.library.iter().enumerate() {
-            if fit.set.iter().any(|e| e.name == effect.name) {
+            if fit.effects.iter().any(|e| e.name == effect.name) {
                 continue;
             }
             for (s, term) in terms.iter().enumerate() {
-                let own = directions(term);
+                let own = amplitude_perturbations(term);
                 of.push((c, s, extras.len(), own.len()));
                 extras.extend(own);
             }
         }
-        let Some((_, parts)) = self.fitter.parts(&fit.layout, &fit.state, &extras)? else {
+        let Some((_, parts)) = self.fitter.groups(&fit.layout, &fit.state, &extras)? else {
             return Ok(None);
         };
-        let q = fit.layout.slots.len();
+        let q = fit.layout.parameters.len();
         let mut components = fit.components.clone();
-        components.slow = components.slow.min(SCREENED);
-        components.push.iter_mut().for_each(|p| *p = p.min(SCREENED));
-        let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
+        components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
+        components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
+        let Some(told) = gaussian::group_statistics(&parts, &components) else { return Ok(None) };
         let (own, here) = (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
-        let before: f64 = told.iter().map(|t| t.density(&here)).sum();
+        let before: f64 = told.iter().map(|t| t.log_density_after(&here)).sum();
         let settings = self.fitter.data.settings;
-        let mut out: Vec<Vec<Promise>> = self.library.iter().map(|_| Vec::new()).collect();
+        let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
             let term = &self.library[c].starts[s];
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
-            let weak = weak(term);
+            let weak = amplitude_precisions(term);
             let tells = |k: usize| {
-                told.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>() > TELLS * weak[k]
+                told.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>()
+                    > MIN_SCREENING_INFORMATION * weak[k]
             };
             if !(0..count).any(tells) {
                 continue;
@@ -312,9 +339,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             let gain = |setting: Option<usize>| {
                 let n = chosen.len();
                 let (mut gram, mut score) = (DMatrix::zeros(n, n), DVector::zeros(n));
-                for t in told.iter().filter(|t| setting.is_none_or(|s| settings[t.launch] == s)) {
+                for t in told.iter().filter(|t| setting.is_none_or(|s| settings[t.trial] == s)) {
                     // Each launch has a scale of its own.
-                    let weight = (FREEDOM + t.count) / (FREEDOM + t.square.max(0.0));
+                    let weight = (SCALE_DOF + t.count) / (SCALE_DOF + t.square.max(0.0));
                     for (i, a) in chosen.iter().enumerate() {
                         score[i] += weight * t.score[*a];
                         for (j, b) in chosen.iter().enumerate() {
@@ -342,9 +369,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// What the best sets of a size hold in a limit: no effect of many parameters stands where a simple one was never tried.
-    fn simpler(&self, found: &Found, size: usize) -> Vec<Union> {
-        let mut out: Vec<Union> = Vec::new();
-        for i in found.ranked(|f| f.set.len() == size).into_iter().take(3) {
+    fn special_cases(&self, found: &SearchResult, size: usize) -> Vec<CandidateSet> {
+        let mut out: Vec<CandidateSet> = Vec::new();
+        for i in found.ranked(|f| f.effects.len() == size).into_iter().take(3) {
             let own = &found.fits[i].layout.terms;
             for (large, small) in
                 REGISTRY.iter().flat_map(|e| e.special_cases.iter().map(move |h| (e.name, h.name)))
@@ -362,17 +389,17 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 names.sort_unstable();
                 names.dedup();
                 let known = |n: &Vec<&str>| {
-                    found.fits.iter().any(|f| f.names() == *n) || out.iter().any(|u| u.names == *n)
+                    found.fits.iter().any(|f| f.effect_names() == *n) || out.iter().any(|u| u.names == *n)
                 };
                 if names.len() < terms.len() || known(&names) {
                     continue;
                 }
-                let layout = Layout::new(self.latents, terms, self.fitter.data.setting_count());
-                let mut values = layout.start(&[0.0; 3]);
-                let latents = found.base.layout.latents();
+                let layout = ParameterLayout::new(self.latents, terms, self.fitter.data.setting_count());
+                let mut values = layout.initial_values(&[0.0; 3]);
+                let latents = found.base.layout.latent_count();
                 values[..latents].copy_from_slice(&found.base.state.values[..latents]);
-                let start = State::new(values, found.base.state.nuisances.clone());
-                out.push(Union { names, promise: 0.0, starts: vec![(layout, start)] });
+                let start = FitState::new(values, found.base.state.nuisances.clone());
+                out.push(CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] });
             }
         }
         out
@@ -380,7 +407,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
 }
 
 /// The directions of a term's amplitudes at its start.
-fn directions(term: &Term) -> Vec<Extra> {
+fn amplitude_perturbations(term: &Term) -> Vec<Perturbation> {
     let parameters = term.effect.parameters;
     let shapes = |p: usize| !parameters[p].is_amplitude();
     let direction = |p: usize| {
@@ -389,7 +416,7 @@ fn directions(term: &Term) -> Vec<Extra> {
             _ if k == p => parameters[k].neutral + parameters[k].fd_step,
             _ => parameters[k].neutral,
         };
-        Extra {
+        Perturbation {
             effect: term.effect,
             values: (0..parameters.len()).map(own).collect(),
             unit: parameters[p].fd_step,
@@ -399,21 +426,21 @@ fn directions(term: &Term) -> Vec<Extra> {
 }
 
 /// Precisions of what is believed of a term's amplitudes.
-fn weak(term: &Term) -> Vec<f64> {
+fn amplitude_precisions(term: &Term) -> Vec<f64> {
     let parameters = term.effect.parameters.iter().zip(&term.free);
     parameters.filter(|(p, free)| p.is_amplitude() && **free).map(|(p, _)| p.prior_sd.powi(-2)).collect()
 }
 
-impl Found {
+impl SearchResult {
     /// Indices of fits, best first.
-    pub fn ranked(&self, which: impl Fn(&Fitted) -> bool) -> Vec<usize> {
+    pub fn ranked(&self, which: impl Fn(&FittedModel) -> bool) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.fits.len()).filter(|i| which(&self.fits[*i])).collect();
         order.sort_by(|a, b| self.log_posterior[*b].total_cmp(&self.log_posterior[*a]).then(a.cmp(b)));
         order
     }
 
     /// The largest log posterior, the base model's among them.
-    pub fn best_total(&self) -> f64 {
+    pub fn best_log_posterior(&self) -> f64 {
         self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)
     }
 }
@@ -428,7 +455,7 @@ mod tests {
     fn a_direction_moves_one_amplitude() {
         let mut gust = term("gust");
         gust.start[2] = 1.7;
-        let all = directions(&gust);
+        let all = amplitude_perturbations(&gust);
         assert_eq!(all.len(), 2);
         for (k, extra) in all.iter().enumerate() {
             assert!(extra.values[k] != gust.start[k] && extra.values[1 - k] == gust.start[1 - k]);

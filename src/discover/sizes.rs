@@ -1,15 +1,19 @@
 //! Sizes of effects and latents with their intervals, and how sets compare.
 
-use super::fit::{Fitted, Fitter};
+use super::fit::{FittedModel, ModelFitter};
 use super::model;
 use super::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
-use super::search::Found;
+use super::search::SearchResult;
 use super::selection::Decision;
 use crate::error::Result;
 use crate::world::latent::FACTORS;
 
 /// The effects of a fit; `probability`: the posterior probability that an effect acts, by name.
-pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) -> Vec<EffectEstimate> {
+pub fn effect_estimates(
+    f: &FittedModel,
+    names: &[String],
+    probability: impl Fn(&str) -> f64,
+) -> Vec<EffectEstimate> {
     f.layout
         .terms
         .iter()
@@ -17,12 +21,12 @@ pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) 
         .map(|(t, term)| {
             let parameters = f
                 .layout
-                .of_term(t)
+                .parameters_of_term(t)
                 .into_iter()
                 .filter_map(|i| {
-                    let slot = &f.layout.slots[i];
-                    let model::What::Parameter(_, p) = slot.what else { return None };
-                    let half = f.half_width(i);
+                    let slot = &f.layout.parameters[i];
+                    let model::ParameterKind::EffectParameter(_, p) = slot.kind else { return None };
+                    let half = f.ci_half_width(i);
                     let value = f.state.values[i];
                     let end = |v: f64| half.is_finite().then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
                     Some(ParameterEstimate {
@@ -31,7 +35,7 @@ pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) 
                         ci95: [end(value - half), end(value + half)],
                         unit: term.effect.parameters[p].unit.into(),
                         setting: slot.setting.map(|s| names[s].clone()),
-                        spread: f.spread(i),
+                        spread: f.between_trial_sd(i),
                     })
                 })
                 .collect();
@@ -46,23 +50,28 @@ pub fn effects(f: &Fitted, names: &[String], probability: impl Fn(&str) -> f64) 
 }
 
 /// Nats below its mode at which the density of one parameter excludes a value: 95 % of a chi-squared of one degree of freedom.
-const EXCLUDED: f64 = 1.92;
+const EXCLUSION_NATS: f64 = 1.92;
 
 /// The first `count` slots of a fit: its latents. A latent is identifiable if its interval is short and the data exclude the
 /// bounds outside it; a friction that grips at every impact has no upper limit, whatever the curvature says.
-pub fn calibrated(fitter: &Fitter, f: &Fitted, count: usize) -> Result<Vec<CalibratedLatent>> {
+pub fn calibrated_latents(
+    fitter: &ModelFitter,
+    f: &FittedModel,
+    count: usize,
+) -> Result<Vec<CalibratedLatent>> {
     let of = |i: usize| {
-        let slot = &f.layout.slots[i];
+        let slot = &f.layout.parameters[i];
         let latent = slot.latent().expect("latents come first in a layout");
-        let half = f.half_width(i);
-        let told: f64 = f.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
+        let half = f.ci_half_width(i);
+        let told: f64 = f.evaluation.normal_equations.iter().map(|t| t.gram[(i, i)]).sum();
         let width = slot.bounds[1] - slot.bounds[0];
         let value = f.state.values[i];
         let excludes = |bound: &f64| -> Result<bool> {
             let at = if (bound - value).abs() > half { fitter.log_joint_with(f, i, *bound)? } else { None };
-            Ok(at.is_none_or(|at| at < f.log_joint - EXCLUDED))
+            Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
         };
-        let is_short = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
+        let is_short =
+            half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.min_information();
         let identifiable = is_short && excludes(&slot.bounds[0])? && excludes(&slot.bounds[1])?;
         let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
         let ci95 = [end(value - half), end(value + half)];
@@ -72,21 +81,21 @@ pub fn calibrated(fitter: &Fitter, f: &Fitted, count: usize) -> Result<Vec<Calib
 }
 
 /// Every model that was fitted, most probable first; `names` of the settings.
-pub fn scores(found: &Found, decision: &Decision, names: &[String]) -> Vec<ModelScore> {
-    let best = found.best_total();
+pub fn model_scores(found: &SearchResult, decision: &Decision, names: &[String]) -> Vec<ModelScore> {
+    let best = found.best_log_posterior();
     let of = |effects: Vec<String>, log_posterior: f64, probability: f64, sizes| ModelScore {
         effects,
         score: log_posterior - best,
         probability,
         sizes,
     };
-    let fit = |(i, f): (usize, &Fitted)| {
+    let fit = |(i, f): (usize, &FittedModel)| {
         let sizes = if decision.rivals.contains(&i) {
-            effects(f, names, |name| decision.inclusion(found, name))
+            effect_estimates(f, names, |name| decision.inclusion_probability(found, name))
         } else {
             Vec::new()
         };
-        of(strings(&f.names()), found.log_posterior[i], decision.probabilities[i], sizes)
+        of(strings(&f.effect_names()), found.log_posterior[i], decision.probabilities[i], sizes)
     };
     let base = of(Vec::new(), found.base_log_posterior, decision.base_probability, Vec::new());
     let mut out: Vec<ModelScore> = found.fits.iter().enumerate().map(fit).chain([base]).collect();
@@ -106,8 +115,8 @@ mod tests {
 
     #[test]
     fn an_effect_is_told_with_its_interval_and_unit() {
-        thrown::fitted(&[0.4; 8], &["linear_drag"], 3, |fitter, f| {
-            let found = effects(f, &[String::new()], |_| 1.0);
+        thrown::with_fit(&[0.4; 8], &["linear_drag"], 3, |fitter, f| {
+            let found = effect_estimates(f, &[String::new()], |_| 1.0);
             assert_eq!(
                 (found.len(), found[0].name.as_str(), found[0].acts_on.as_str()),
                 (1, "linear_drag", "motion")
@@ -116,7 +125,7 @@ mod tests {
             let [Some(low), Some(high)] = c.ci95 else { panic!("{c:?}") };
             assert!(low < 0.4 && 0.4 < high && low < c.value && c.value < high, "{c:?}");
             assert_eq!((c.unit.as_str(), &c.setting), ("1/s", &None));
-            assert!(calibrated(fitter, f, 0).unwrap().is_empty());
+            assert!(calibrated_latents(fitter, f, 0).unwrap().is_empty());
         });
     }
 }

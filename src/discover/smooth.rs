@@ -3,23 +3,23 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::stats::{inverse, median};
+use super::stats::{median, pseudo_inverse};
 
 /// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
-const OUTLIER: f64 = 4.5;
+const OUTLIER_SCALES: f64 = 4.5;
 /// Neighbours that an observation is compared with.
-const NEAR: usize = 6;
+const NEIGHBOURS: usize = 6;
 
 /// s on the trial's clock, and a position seen then, m.
-pub type Row = (f64, [f64; 2]);
+pub type TimedPosition = (f64, [f64; 2]);
 
 /// A flight's polynomial fit.
 #[derive(Clone, Debug)]
-pub struct Smooth {
+pub struct PolynomialSmooth {
     /// Residuals of x and y, m; 0 at outliers.
     pub residual: [Vec<f64>; 2],
     /// Which rows are not outliers.
-    pub kept: Vec<bool>,
+    pub is_inlier: Vec<bool>,
     /// Number of coordinates that vary at all: a recording of heights alone has one.
     pub axes: f64,
     /// Residual projector.
@@ -27,7 +27,7 @@ pub struct Smooth {
 }
 
 /// Fits a flight's rows.
-pub fn smooth(rows: &[Row]) -> Smooth {
+pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     let n = rows.len();
     let degree = degree(n);
     let (first, last) = (rows[0].0, rows[n - 1].0);
@@ -40,7 +40,7 @@ pub fn smooth(rows: &[Row]) -> Smooth {
     let mut residual = [vec![0.0; n], vec![0.0; n]];
     for pass in 0..12 {
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
-        let Some(q) = orthonormal(&basis) else { break };
+        let Some(q) = orthonormal_basis(&basis) else { break };
         projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
         let mut scaled = vec![0.0f64; n];
         for (axis, residual) in residual.iter_mut().enumerate() {
@@ -65,7 +65,7 @@ pub fn smooth(rows: &[Row]) -> Smooth {
         }
         // The worst first: one large outlier bends the fit and makes its neighbours look bad.
         let worst = (0..n).filter(|i| kept[*i]).map(|i| scaled[i]).fold(0.0, f64::max);
-        let limit = OUTLIER.max(0.5 * worst);
+        let limit = OUTLIER_SCALES.max(0.5 * worst);
         let left = kept.iter().filter(|k| **k).count();
         let out: Vec<usize> = (0..n).filter(|i| kept[*i] && scaled[*i] > limit).collect();
         if out.is_empty() || pass == 11 || left - out.len() < degree + 4 {
@@ -75,23 +75,23 @@ pub fn smooth(rows: &[Row]) -> Smooth {
     }
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    Smooth { residual, kept, axes, projector }
+    PolynomialSmooth { residual, is_inlier: kept, axes, projector }
 }
 
 /// Rows of a flight that are outliers against their own neighbourhood: [`smooth`]'s polynomial bends to those at its
 /// ends. `residual` is what a model leaves (two numbers a point, NaN where nothing counts), which a parabola fits well over a
 /// few observations even if the model is wrong: a push that it lacks hardly changes meanwhile. (A straight line does not: at
 /// 50 observations a second and a millimetre of noise, a drag of 1 g took half of all points for outliers.)
-pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
+pub fn local_outliers(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
     let n = times.len();
     let mut kept: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
     let mut out = Vec::new();
-    while kept.iter().filter(|k| **k).count() > 2 * NEAR {
+    while kept.iter().filter(|k| **k).count() > 2 * NEIGHBOURS {
         let worst = (0..n).filter(|i| kept[*i]).map(|i| {
             let mut near: Vec<usize> = (0..n).filter(|j| *j != i && kept[*j]).collect();
             near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
-            near.truncate(NEAR);
-            let weights = at(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
+            near.truncate(NEIGHBOURS);
+            let weights = parabola_weights(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
             let error = (1.0 + weights.norm_squared()).sqrt();
             let off = |axis: usize| {
                 let of = |j: usize| residual[2 * j + axis];
@@ -101,7 +101,7 @@ pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
             (off(0).max(off(1)), i)
         });
         match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((size, i)) if size > OUTLIER => {
+            Some((size, i)) if size > OUTLIER_SCALES => {
                 kept[i] = false;
                 out.push(i);
             }
@@ -112,21 +112,21 @@ pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
 }
 
 /// What a parabola through values at some times makes of each at another time: its value there is their sum.
-fn at(time: f64, times: &[f64]) -> DVector<f64> {
+fn parabola_weights(time: f64, times: &[f64]) -> DVector<f64> {
     let span = times.iter().map(|t| (t - time).abs()).fold(1e-12, f64::max);
     let powers = DMatrix::from_fn(times.len(), 3, |i, k| ((times[i] - time) / span).powi(k as i32));
-    (&powers * inverse(&powers.tr_mul(&powers))).column(0).into_owned()
+    (&powers * pseudo_inverse(&powers.tr_mul(&powers))).column(0).into_owned()
 }
 
 /// Orthonormal columns of the polynomials that [`smooth`] takes for motion, over the points that count; `None` of too few.
-pub fn slow_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
+pub fn polynomial_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
     let n = times.len();
     let degree = degree(n);
     if weights.iter().filter(|w| **w > 0.0).count() < degree + 3 {
         return None;
     }
     let span = (times[n - 1] - times[0]).max(1e-12);
-    orthonormal(&DMatrix::from_fn(n, degree + 1, |i, k| {
+    orthonormal_basis(&DMatrix::from_fn(n, degree + 1, |i, k| {
         let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
         weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
     }))
@@ -137,7 +137,7 @@ fn degree(n: usize) -> usize {
 }
 
 /// Orthonormal columns that span those of `basis`.
-pub fn orthonormal(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub fn orthonormal_basis(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     if basis.nrows() < basis.ncols() {
         return None;
     }
@@ -163,10 +163,10 @@ mod tests {
     #[test]
     fn an_outlier_at_the_end_is_a_spike_and_a_bend_is_none() {
         let (times, mut r) = residual(40, 20.0);
-        assert!(spikes(&times, &r, 1.0).is_empty());
-        assert!(spikes(&times, &residual(40, 2000.0).1, 1.0).is_empty(), "however large");
+        assert!(local_outliers(&times, &r, 1.0).is_empty());
+        assert!(local_outliers(&times, &residual(40, 2000.0).1, 1.0).is_empty(), "however large");
         r[78] += 12.0;
-        assert_eq!(spikes(&times, &r, 1.0), [39]);
+        assert_eq!(local_outliers(&times, &r, 1.0), [39]);
     }
 
     /// Of a bend nearly all lies in slow coordinates, and of noise their share.
@@ -174,7 +174,7 @@ mod tests {
     fn slow_coordinates_hold_a_bend_and_little_noise() {
         let slow = |bend: f64| {
             let (times, r) = residual(40, bend);
-            let basis = slow_basis(&times, &[1.0; 40]).unwrap();
+            let basis = polynomial_basis(&times, &[1.0; 40]).unwrap();
             let along =
                 |axis: usize| basis.tr_mul(&DVector::from_fn(40, |i, _| r[2 * i + axis])).norm_squared();
             (along(0) + along(1), basis.ncols(), r.iter().map(|v| v * v).sum::<f64>())

@@ -8,92 +8,97 @@
 
 use rayon::prelude::*;
 
-use super::fit::{Fitted, Fitter, simulated, sized};
-use super::gaussian::FREEDOM;
+use super::fit::{FittedModel, ModelFitter, none_if_not_simulable, with_amplitudes};
+use super::gaussian::SCALE_DOF;
 use super::library::Candidate;
-use super::model::{self, Data, Layout, Slot, State, Term};
-use super::window::{Kind, Window};
+use super::model::{self, FitState, Parameter, ParameterLayout, SegmentData, Term};
+use super::window::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::world::effect::{Effect, ParameterDeclaration, SearchStrategy};
 
 /// Trials that sizes are tried on.
-const TRIALS: usize = 12;
+const MAX_TRIALS: usize = 12;
 /// Sizes per factor of ten.
-const PER_DECADE: f64 = 3.0;
+const SIZES_PER_DECADE: f64 = 3.0;
 /// Sizes on one side, up to ten thousand times the declared standard deviation.
-const MOST_SIZES: u32 = 12;
+const MAX_SIZES: u32 = 12;
 /// Steps of least squares at every size.
 const STEPS: usize = 3;
 /// Sizes in a row that leave more than the one before, after which larger ones are not tried.
-const MOST_RISES: usize = 2;
+const MAX_RISES: usize = 2;
 /// Nats by which the base model must be worse than noise for a scan, and a size better than the linearisation's to be a start.
 const MIN_GAIN: f64 = 3.0;
 
 /// Adds a start from the grid to candidates where it is better than what the linearisation leads to.
-pub fn add_strong_starts(fitter: &Fitter, base: &Fitted, candidates: &mut [Candidate]) -> Result<()> {
-    let Some(grid) = Grid::of(fitter, base) else { return Ok(()) };
-    let Some((loss, _)) = grid.loss_from(None, None)? else { return Ok(()) };
-    if loss - grid.expected() < MIN_GAIN {
+pub fn add_strong_starts(
+    fitter: &ModelFitter,
+    base: &FittedModel,
+    candidates: &mut [Candidate],
+) -> Result<()> {
+    let Some(grid) = StartGrid::of(fitter, base) else { return Ok(()) };
+    let Some((loss, _)) = grid.loss_at(None, None)? else { return Ok(()) };
+    if loss - grid.noise_loss() < MIN_GAIN {
         return Ok(());
     }
     let may_be_strong = |c: &&mut Candidate| c.effect.parameters.iter().any(|p| p.heavy_tailed);
     let strong = |c: &mut Candidate| {
-        let found = grid.strongest(c.effect, &c.starts)?;
-        c.strong = found.map(|(term, with)| (term, loss - with));
+        let found = grid.best_strong_start(c.effect, &c.starts)?;
+        c.strong_start = found.map(|(term, with)| (term, loss - with));
         Ok(())
     };
     candidates.par_iter_mut().filter(may_be_strong).try_for_each(strong)
 }
 
 /// A few trials, with the base model fitted to them.
-struct Grid<'a> {
-    fitter: &'a Fitter<'a, 'a>,
-    windows: Vec<Window>,
+struct StartGrid<'a> {
+    fitter: &'a ModelFitter<'a, 'a>,
+    windows: Vec<Segment>,
     sd: Vec<f64>,
     latents: Vec<usize>,
-    start: State,
+    start: FitState,
 }
 
-impl<'a> Grid<'a> {
+impl<'a> StartGrid<'a> {
     /// `None` where no segment has an initial state of its own.
-    fn of(fitter: &'a Fitter<'_, '_>, base: &Fitted) -> Option<Grid<'a>> {
+    fn of(fitter: &'a ModelFitter<'_, '_>, base: &FittedModel) -> Option<StartGrid<'a>> {
         let data = fitter.data;
-        let step = data.trials.div_ceil(TRIALS).max(1);
+        let step = data.trial_count.div_ceil(MAX_TRIALS).max(1);
         let chosen = |w: &usize| {
-            let window = &data.windows[*w];
-            let measured = matches!(window.kind, Kind::Flight | Kind::Contact | Kind::Roll);
+            let window = &data.segments[*w];
+            let measured =
+                matches!(window.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling);
             measured && window.trial.is_multiple_of(step) && data.sd[*w].is_finite()
         };
-        let chosen: Vec<usize> = (0..data.windows.len()).filter(chosen).collect();
+        let chosen: Vec<usize> = (0..data.segments.len()).filter(chosen).collect();
         let of = |w: &usize| {
-            data.windows[*w].start_whatever_acts().unwrap_or_else(|| base.state.nuisances[*w].clone())
+            data.segments[*w].parabola_initial_state().unwrap_or_else(|| base.state.nuisances[*w].clone())
         };
-        (!chosen.is_empty()).then(|| Grid {
+        (!chosen.is_empty()).then(|| StartGrid {
             fitter,
-            windows: chosen.iter().map(|w| data.windows[*w].clone()).collect(),
+            windows: chosen.iter().map(|w| data.segments[*w].clone()).collect(),
             sd: chosen.iter().map(|w| data.sd[*w]).collect(),
-            latents: base.layout.slots.iter().filter_map(Slot::latent).collect(),
-            start: State::new(base.state.values.clone(), chosen.iter().map(of).collect()),
+            latents: base.layout.parameters.iter().filter_map(Parameter::latent).collect(),
+            start: FitState::new(base.state.values.clone(), chosen.iter().map(of).collect()),
         })
     }
 
     /// The best start of the grid for an effect of one amplitude, if it is better than the linearisation's.
-    fn strongest(&self, effect: &'static Effect, starts: &[Term]) -> Result<Option<(Term, f64)>> {
+    fn best_strong_start(&self, effect: &'static Effect, starts: &[Term]) -> Result<Option<(Term, f64)>> {
         let ([parameter], [term], SearchStrategy::FromNeutral) = (effect.parameters, starts, effect.search)
         else {
             return Ok(None);
         };
-        let Some(linear) = self.linearised(term)? else { return Ok(None) };
+        let Some(linear) = self.neutral_start_loss(term)? else { return Ok(None) };
         let mut best: Option<(f64, f64)> = None;
         for sign in [1.0, -1.0] {
             let (mut nuisances, mut last, mut rises) = (None, f64::INFINITY, 0);
-            for value in sizes(parameter, sign, self.fitter.gravity) {
+            for value in amplitude_grid(parameter, sign, self.fitter.gravity) {
                 let term = Term { start: vec![value], ..term.clone() };
-                let Some((loss, state)) = self.loss_from(Some(&term), nuisances.take())? else { break };
+                let Some((loss, state)) = self.loss_at(Some(&term), nuisances.take())? else { break };
                 nuisances = Some(state.nuisances);
                 rises = if loss > last { rises + 1 } else { 0 };
                 last = loss;
-                if rises == MOST_RISES {
+                if rises == MAX_RISES {
                     break;
                 }
                 if best.is_none_or(|b| loss < b.0) {
@@ -106,25 +111,25 @@ impl<'a> Grid<'a> {
     }
 
     /// Loss after steps of least squares from nothing.
-    fn linearised(&self, term: &Term) -> Result<Option<f64>> {
-        let free = Term { start: sized(term, &[0.0]), ..term.clone() };
-        let layout = Layout::new(&self.latents, vec![free], self.settings());
+    fn neutral_start_loss(&self, term: &Term) -> Result<Option<f64>> {
+        let free = Term { start: with_amplitudes(term, &[0.0]), ..term.clone() };
+        let layout = ParameterLayout::new(&self.latents, vec![free], self.settings());
         let mut start = self.start.clone();
-        start.values = layout.start(&[0.0; 3]);
+        start.values = layout.initial_values(&[0.0; 3]);
         start.values[..self.start.values.len()].copy_from_slice(&self.start.values);
         Ok(self.fitted(&layout, start)?.map(|(loss, _)| loss))
     }
 
     /// Loss with a term as it starts, or with none, from some initial states or those of the base model.
-    fn loss_from(
+    fn loss_at(
         &self,
         term: Option<&Term>,
         nuisances: Option<Vec<Vec<f64>>>,
-    ) -> Result<Option<(f64, State)>> {
+    ) -> Result<Option<(f64, FitState)>> {
         let fixed = term.map(|t| Term { free: vec![false; t.free.len()], ..t.clone() });
-        let layout = Layout::new(&self.latents, fixed.into_iter().collect(), self.settings());
+        let layout = ParameterLayout::new(&self.latents, fixed.into_iter().collect(), self.settings());
         let nuisances = nuisances.unwrap_or_else(|| self.start.nuisances.clone());
-        self.fitted(&layout, State { nuisances, ..self.start.clone() })
+        self.fitted(&layout, FitState { nuisances, ..self.start.clone() })
     }
 
     fn settings(&self) -> usize {
@@ -132,29 +137,29 @@ impl<'a> Grid<'a> {
     }
 
     /// Negative log likelihood of the trials, each with a scale of its own, where a fit ends.
-    fn fitted(&self, layout: &Layout, start: State) -> Result<Option<(f64, State)>> {
+    fn fitted(&self, layout: &ParameterLayout, start: FitState) -> Result<Option<(f64, FitState)>> {
         let data = self.fitter.data;
-        let data = Data::new(&self.windows, data.settings, self.sd.clone(), data.engine);
-        let Some((state, pass)) = simulated(model::fit(&data, layout, start, STEPS))? else {
+        let data = SegmentData::new(&self.windows, data.settings, self.sd.clone(), data.engine);
+        let Some((state, pass)) = none_if_not_simulable(model::fit(&data, layout, start, STEPS))? else {
             return Ok(None);
         };
         let of = |(trial, count): (usize, f64)| {
-            0.5 * (FREEDOM + count) * (pass.trials[trial].square.max(0.0) / FREEDOM).ln_1p()
+            0.5 * (SCALE_DOF + count) * (pass.normal_equations[trial].square.max(0.0) / SCALE_DOF).ln_1p()
         };
-        let loss: f64 = self.counts().into_iter().map(of).sum();
+        let loss: f64 = self.residual_dof().into_iter().map(of).sum();
         Ok(loss.is_finite().then_some((loss, state)))
     }
 
     /// The loss that noise alone would leave.
-    fn expected(&self) -> f64 {
-        self.counts().into_iter().map(|(_, n)| 0.5 * (FREEDOM + n) * (n / FREEDOM).ln_1p()).sum()
+    fn noise_loss(&self) -> f64 {
+        self.residual_dof().into_iter().map(|(_, n)| 0.5 * (SCALE_DOF + n) * (n / SCALE_DOF).ln_1p()).sum()
     }
 
     /// Trials with their numbers of coordinates beside initial states.
-    fn counts(&self) -> Vec<(usize, f64)> {
+    fn residual_dof(&self) -> Vec<(usize, f64)> {
         let mut out: Vec<(usize, f64)> = Vec::new();
         for window in &self.windows {
-            let count = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
+            let count = (2.0 * window.observations.len() as f64 - window.nuisances.len() as f64).max(1.0);
             match out.last_mut().filter(|(trial, _)| *trial == window.trial) {
                 Some((_, all)) => *all += count,
                 None => out.push((window.trial, count)),
@@ -166,11 +171,11 @@ impl<'a> Grid<'a> {
 
 /// Values on one side of nothing, from the declared standard deviation to the bound, evenly spaced by the logarithm of their
 /// deviation.
-fn sizes(parameter: &'static ParameterDeclaration, sign: f64, gravity: f64) -> Vec<f64> {
+fn amplitude_grid(parameter: &'static ParameterDeclaration, sign: f64, gravity: f64) -> Vec<f64> {
     let [low, high] = parameter.bounds;
     let mut out = Vec::new();
-    for k in 0..=MOST_SIZES {
-        let deviation = sign * parameter.prior_sd * libm::pow(10.0, f64::from(k) / PER_DECADE);
+    for k in 0..=MAX_SIZES {
+        let deviation = sign * parameter.prior_sd * libm::pow(10.0, f64::from(k) / SIZES_PER_DECADE);
         let value = parameter.at_prior_deviation(deviation, gravity);
         if !(low..=high).contains(&value) || value == parameter.neutral {
             break;
@@ -187,7 +192,7 @@ mod tests {
 
     #[test]
     fn sizes_reach_the_bounds() {
-        let of = |name: &str, sign: f64| sizes(&find(name).unwrap().parameters[0], sign, 9.81);
+        let of = |name: &str, sign: f64| amplitude_grid(&find(name).unwrap().parameters[0], sign, 9.81);
         let clock = of("time_scale", 1.0);
         assert!(clock[0] < 1.03 && (3.0..10.0).contains(clock.last().unwrap()), "{clock:?}");
         assert!((0.1..0.4).contains(of("time_scale", -1.0).last().unwrap()));

@@ -6,18 +6,18 @@ use crate::distribution::f_survival;
 use nalgebra::{DMatrix, DVector};
 
 /// P(T > t), one-sided, Student with `freedom` degrees.
-pub fn t_above(t: f64, freedom: f64) -> f64 {
+pub fn t_survival(t: f64, freedom: f64) -> f64 {
     let half = 0.5 * f_survival(t * t, 1.0, freedom);
     if t > 0.0 { half } else { 1.0 - half }
 }
 
 /// P(Z > z) of the normal distribution.
-pub fn normal_above(z: f64) -> f64 {
+pub fn normal_survival(z: f64) -> f64 {
     0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
 }
 
 /// Mean and its standard error; the error is infinite below two values.
-pub fn mean_error(values: &[f64]) -> (f64, f64) {
+pub fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n.max(1.0);
     if values.len() < 2 {
@@ -47,7 +47,7 @@ pub fn median(values: &[f64]) -> f64 {
 }
 
 /// Takes a number out of normal equations: it stays where it is.
-pub fn hold(gram: &mut DMatrix<f64>, score: &mut DVector<f64>, number: usize) {
+pub fn fix_parameter(gram: &mut DMatrix<f64>, score: &mut DVector<f64>, number: usize) {
     gram.row_mut(number).fill(0.0);
     gram.column_mut(number).fill(0.0);
     score[number] = 0.0;
@@ -55,11 +55,11 @@ pub fn hold(gram: &mut DMatrix<f64>, score: &mut DVector<f64>, number: usize) {
 
 /// Solves `a x = b` for a symmetric positive semidefinite `a`; directions without information stay at 0.
 pub fn solve(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
-    inverse(a) * b
+    pseudo_inverse(a) * b
 }
 
 /// Pseudo-inverse of a symmetric positive semidefinite matrix, scaled to a unit diagonal first.
-pub fn inverse(a: &DMatrix<f64>) -> DMatrix<f64> {
+pub fn pseudo_inverse(a: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
     if n == 0 {
         return DMatrix::zeros(0, 0);
@@ -96,8 +96,8 @@ mod tests {
         // Any table: F(1, 10) 5 % 4.965, F(3, 20) 1 % 4.938; t(13) 2.5 % 2.160; normal 2.5 % 1.96.
         assert!((f_survival(4.965, 1.0, 10.0) - 0.05).abs() < 1e-4);
         assert!((f_survival(4.938, 3.0, 20.0) - 0.01).abs() < 1e-4);
-        assert!((t_above(2.160, 13.0) - 0.025).abs() < 1e-4);
-        assert!((normal_above(1.959_964) - 0.025).abs() < 1e-6);
+        assert!((t_survival(2.160, 13.0) - 0.025).abs() < 1e-4);
+        assert!((normal_survival(1.959_964) - 0.025).abs() < 1e-6);
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! For tests: balls thrown through air that drags by c v, each launch by a c of its own, and a model fitted to them.
 
-use super::fit::{Fitted, Fitter};
+use super::fit::{FittedModel, ModelFitter};
 use super::fixture::term;
-use super::model::{Data, Layout, State};
+use super::model::{FitState, ParameterLayout, SegmentData};
 use super::noise::Noise;
 use super::report::Verdict;
 use super::selection::Decision;
-use super::window::{self, Window};
+use super::window::{self, Segment};
 use crate::reality::trials_from_csv;
 use crate::rng;
 use crate::task::ball::BallScene;
@@ -20,7 +20,7 @@ const INTERVAL: f64 = 0.03;
 pub const NOISE: f64 = 0.002;
 
 /// Windows of launches, one for each drag (1/s, not 0).
-pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
+pub fn throws(drags: &[f64], seed: u64) -> Vec<Segment> {
     let scene = BallScene { radius: 0.05, mass: None, gravity: Some(GRAVITY), floor: None }
         .build("ball", 1.0)
         .unwrap();
@@ -38,25 +38,30 @@ pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
             csv += &format!("{trial},{t},ball,{x},{y}\n");
         }
     }
-    window::cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8)
+    window::segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8)
 }
 
 /// A set of effects fitted to such launches, and what is made of it.
-pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter, &Fitted) -> T) -> T {
-    let windows = windows(drags, seed);
+pub fn with_fit<T>(
+    drags: &[f64],
+    set: &[&str],
+    seed: u64,
+    of: impl FnOnce(&ModelFitter, &FittedModel) -> T,
+) -> T {
+    let windows = throws(drags, seed);
     let settings = vec![0; drags.len()];
-    let data = Data {
-        windows: &windows,
-        trials: drags.len(),
+    let data = SegmentData {
+        segments: &windows,
+        trial_count: drags.len(),
         settings: &settings,
         sd: vec![NOISE; windows.len()],
-        frozen: Vec::new(),
+        cached_jacobians: Vec::new(),
         engine: Engine::Auto,
     };
-    let fitter = Fitter::new(&data, &Noise { sd: NOISE, rho: 0.0, freedom: 1e3 });
-    let layout = Layout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
-    let values = layout.start(&[0.0; 3]);
-    let state = State::new(values, windows.iter().map(|w| w.nuisances.clone()).collect());
+    let fitter = ModelFitter::new(&data, &Noise { sd: NOISE, rho: 0.0, degrees_of_freedom: 1e3 });
+    let layout = ParameterLayout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
+    let values = layout.initial_values(&[0.0; 3]);
+    let state = FitState::new(values, windows.iter().map(|w| w.nuisances.clone()).collect());
     of(&fitter, &fitter.fit(layout, state, 12).unwrap().unwrap())
 }
 
@@ -64,26 +69,26 @@ pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter
 pub fn decision(verdict: Verdict) -> Decision {
     Decision {
         verdict,
-        champion: None,
+        selected: None,
         rivals: Vec::new(),
         probabilities: Vec::new(),
         base_probability: 1.0,
         explained: None,
         gain: None,
         field: None,
-        unnamed: None,
+        field_log_bayes_factor: None,
     }
 }
 
 #[test]
 fn a_drag_that_all_launches_have_is_found() {
-    fitted(&[0.4; 8], &["linear_drag"], 1, |_, f| {
+    with_fit(&[0.4; 8], &["linear_drag"], 1, |_, f| {
         assert!((f.state.values[0] - 0.4).abs() < 0.02, "{:?}", f.state.values);
         assert!(
-            f.half_width(0) < 0.03 && f.spread(0).is_none_or(|s| s < 0.05),
+            f.ci_half_width(0) < 0.03 && f.between_trial_sd(0).is_none_or(|s| s < 0.05),
             "{} {:?}",
-            f.half_width(0),
-            f.spread(0)
+            f.ci_half_width(0),
+            f.between_trial_sd(0)
         );
     });
 }

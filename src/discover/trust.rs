@@ -2,25 +2,25 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::model::{self, Data, Layout, State};
-use super::smooth::spikes;
+use super::model::{self, FitState, ParameterLayout, SegmentData};
+use super::smooth::local_outliers;
 use super::stats::median;
-use super::window::{Kind, Window};
+use super::window::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Simulator};
 
 /// A start's smallest error, m, and its growth beyond which a run is no longer trusted.
-const SMALLEST: f64 = 1e-7;
-const GROWTH: f64 = 100.0;
+const INITIAL_ERROR: f64 = 1e-7;
+const MAX_ERROR_GROWTH: f64 = 100.0;
 
 /// Ends runs where the start's smallest error would show.
-pub fn shorten(windows: &mut [Window], engine: Engine) -> Result<()> {
-    for window in windows.iter_mut().filter(|w| w.kind == Kind::Run) {
-        let until = foreseen(&window.scene, engine)?;
-        let least = window.points.get(window.scene.bodies.len()).map_or(0.0, |p| p.time);
-        window.points.retain(|p| p.time < until.max(least + 1e-9));
-        let last = window.points.last().map_or(0.0, |p| p.time);
+pub fn truncate_at_horizon(windows: &mut [Segment], engine: Engine) -> Result<()> {
+    for window in windows.iter_mut().filter(|w| w.kind == SegmentKind::FromInitialState) {
+        let until = predictability_horizon(&window.scene, engine)?;
+        let least = window.observations.get(window.scene.bodies.len()).map_or(0.0, |p| p.time);
+        window.observations.retain(|p| p.time < until.max(least + 1e-9));
+        let last = window.observations.last().map_or(0.0, |p| p.time);
         let steps =
             (last / window.scene.time_step).round() as u32 + u32::from(window.scene.observe_every == 1);
         window.scene.steps = steps.clamp(1, window.scene.steps);
@@ -29,11 +29,11 @@ pub fn shorten(windows: &mut [Window], engine: Engine) -> Result<()> {
 }
 
 /// The time from which a scene goes elsewhere if one of its bodies starts elsewhere by next to nothing, s.
-fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
+fn predictability_horizon(scene: &Scene, engine: Engine) -> Result<f64> {
     let mut scenes = vec![scene.clone(); 1 + scene.bodies.len()];
     for body in 0..scene.bodies.len() {
         if let Some(p) = &mut scenes[1 + body].bodies[body].position {
-            p[0] += SMALLEST;
+            p[0] += INITIAL_ERROR;
         }
     }
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
@@ -41,76 +41,87 @@ fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
     let (own, moved) = (&paths[0], &paths[1..]);
     let pairs = || moved.iter().flat_map(|p| p.bodies.iter().zip(&own.bodies));
     let parted = |i: &usize| {
-        pairs().any(|(a, b)| *i < a.len() && (a.x[*i] - b.x[*i]).hypot(a.y[*i] - b.y[*i]) > GROWTH * SMALLEST)
+        pairs().any(|(a, b)| {
+            *i < a.len() && (a.x[*i] - b.x[*i]).hypot(a.y[*i] - b.y[*i]) > MAX_ERROR_GROWTH * INITIAL_ERROR
+        })
     };
     Ok((0..own.times.len()).find(parted).map_or(f64::INFINITY, |i| own.times[i]))
 }
 
 /// Takes outliers at the ends of flights out, by what nothing but gravity leaves.
-pub fn weed(windows: &mut [Window], sd: &[f64], settings: &[usize], engine: Engine) -> Result<()> {
-    let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
-    let own: Vec<Window> = flights.iter().map(|w| windows[*w].clone()).collect();
-    let data = Data::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
-    let layout = Layout::new(&[], Vec::new(), 1);
-    let start = State::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
+pub fn reject_outliers(
+    windows: &mut [Segment],
+    sd: &[f64],
+    settings: &[usize],
+    engine: Engine,
+) -> Result<()> {
+    let flights: Vec<usize> =
+        (0..windows.len()).filter(|w| windows[*w].kind == SegmentKind::Flight).collect();
+    let own: Vec<Segment> = flights.iter().map(|w| windows[*w].clone()).collect();
+    let data = SegmentData::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
+    let layout = ParameterLayout::new(&[], Vec::new(), 1);
+    let start = FitState::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
     let (_, left) = model::fit(&data, &layout, start, 3)?;
     for (k, w) in flights.into_iter().enumerate() {
-        let times: Vec<f64> = own[k].points.iter().map(|p| p.time).collect();
-        for i in spikes(&times, &left.residuals[k], sd[w]) {
-            windows[w].points[i].weight = 0.0;
+        let times: Vec<f64> = own[k].observations.iter().map(|p| p.time).collect();
+        for i in local_outliers(&times, &left.residuals[k], sd[w]) {
+            windows[w].observations[i].weight = 0.0;
         }
     }
     Ok(())
 }
 
 /// Observations that a trial's first is compared with, and the most that are rejected at a beginning.
-const ONSET: usize = 9;
-const MAX_ONSET: usize = 3;
+const ONSET_NEIGHBOURS: usize = 9;
+const MAX_REJECTED_ONSETS: usize = 3;
 /// Robust standard errors by which trials' first observations must be off on average, and multiple of the noise.
 const ONSET_ERRORS: f64 = 6.0;
 const ONSET_NOISE: f64 = 1.5;
 
 /// Rejects the first observations of all trials where they do not continue into those after them, on average over trials: what is
 /// released is held, hidden or blurred at first.
-pub fn reject_onset(windows: &mut [Window], sd: &[f64]) {
+pub fn reject_onset(windows: &mut [Segment], sd: &[f64]) {
     let first = |w: usize| windows.iter().all(|o| o.trial != windows[w].trial || o.start >= windows[w].start);
     let begins: Vec<usize> =
-        (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight && first(*w)).collect();
-    for k in 0..MAX_ONSET {
-        let off: Vec<[f64; 2]> =
-            begins.iter().filter_map(|w| Some(onset(&windows[*w], k)?.map(|v| v / sd[*w]))).collect();
+        (0..windows.len()).filter(|w| windows[*w].kind == SegmentKind::Flight && first(*w)).collect();
+    for k in 0..MAX_REJECTED_ONSETS {
+        let off: Vec<[f64; 2]> = begins
+            .iter()
+            .filter_map(|w| Some(onset_deviation(&windows[*w], k)?.map(|v| v / sd[*w])))
+            .collect();
         let shifted = (0..2).any(|axis| {
             let all: Vec<f64> = off.iter().map(|o| o[axis]).collect();
             let centre = median(&all);
             let spread = 1.4826 * median(&all.iter().map(|v| (v - centre).abs()).collect::<Vec<_>>());
             let error = 1.2533 * spread / (all.len().max(1) as f64).sqrt();
-            all.len() >= FEWEST_ONSETS && centre.abs() > ONSET_ERRORS * error && centre.abs() > ONSET_NOISE
+            all.len() >= MIN_ONSETS && centre.abs() > ONSET_ERRORS * error && centre.abs() > ONSET_NOISE
         });
         if !shifted {
             break;
         }
         for w in &begins {
-            windows[*w].points[..=k].iter_mut().for_each(|p| p.weight = 0.0);
+            windows[*w].observations[..=k].iter_mut().for_each(|p| p.weight = 0.0);
         }
     }
 }
 
 /// Fewest trials whose beginnings can be compared.
-const FEWEST_ONSETS: usize = 6;
+const MIN_ONSETS: usize = 6;
 
 /// How far observation `k` is from the cubic through the next ones, m; `None` where there are too few.
-fn onset(window: &Window, k: usize) -> Option<[f64; 2]> {
-    let next = window.points.get(k + 1..k + 1 + ONSET)?;
-    if window.points.len() < 2 * ONSET || next.iter().any(|p| p.weight == 0.0) {
+fn onset_deviation(window: &Segment, k: usize) -> Option<[f64; 2]> {
+    let next = window.observations.get(k + 1..k + 1 + ONSET_NEIGHBOURS)?;
+    if window.observations.len() < 2 * ONSET_NEIGHBOURS || next.iter().any(|p| p.weight == 0.0) {
         return None;
     }
-    let (at, unit) = (window.points[k].time, next[ONSET - 1].time - window.points[k].time);
-    let basis = DMatrix::from_fn(ONSET, 4, |i, p| ((next[i].time - at) / unit).powi(p as i32));
+    let (at, unit) =
+        (window.observations[k].time, next[ONSET_NEIGHBOURS - 1].time - window.observations[k].time);
+    let basis = DMatrix::from_fn(ONSET_NEIGHBOURS, 4, |i, p| ((next[i].time - at) / unit).powi(p as i32));
     let factor = basis.svd(true, true);
     let of = |axis: usize| {
-        let y = DVector::from_fn(ONSET, |i, _| next[i].seen[axis]);
+        let y = DVector::from_fn(ONSET_NEIGHBOURS, |i, _| next[i].position[axis]);
         let beta = factor.solve(&y, 1e-12).ok()?;
-        Some(window.points[k].seen[axis] - beta[0])
+        Some(window.observations[k].position[axis] - beta[0])
     };
     Some([of(0)?, of(1)?])
 }
@@ -130,7 +141,7 @@ mod tests {
                                 "restitution": 1}}],
                     "statics": [{{"name": "below", "restitution": 1, {fixed}}}]}}"#
             ));
-            foreseen(&scene.unwrap(), Engine::Lanes).unwrap()
+            predictability_horizon(&scene.unwrap(), Engine::Lanes).unwrap()
         };
         assert_eq!(until(r#""shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}"#), f64::INFINITY);
         let met = until(r#""shape": {"type": "disc", "radius": 0.1}, "position": [0, 0]"#);
@@ -140,9 +151,9 @@ mod tests {
     #[test]
     fn one_point_off_at_the_end_is_weeded_out_alone() {
         let (mut windows, settings) = flights([0.0, 0.0], 2);
-        windows[1].points[19].seen[1] += 0.02;
-        weed(&mut windows, &[1e-3; 2], &settings, Engine::Auto).unwrap();
-        let out = |w: &Window| (0..20).filter(|i| w.points[*i].weight == 0.0).collect::<Vec<_>>();
+        windows[1].observations[19].position[1] += 0.02;
+        reject_outliers(&mut windows, &[1e-3; 2], &settings, Engine::Auto).unwrap();
+        let out = |w: &Segment| (0..20).filter(|i| w.observations[*i].weight == 0.0).collect::<Vec<_>>();
         assert_eq!((out(&windows[0]), out(&windows[1])), (vec![], vec![19]));
     }
 
@@ -151,10 +162,10 @@ mod tests {
     fn what_all_trials_begin_with_is_rejected() {
         let (mut windows, _) = flights([0.0, 0.0], 8);
         reject_onset(&mut windows, &[1e-3; 8]);
-        assert!(windows.iter().all(|w| w.points.iter().all(|p| p.weight == 1.0)));
-        windows.iter_mut().for_each(|w| w.points[0].seen[0] -= 0.01);
+        assert!(windows.iter().all(|w| w.observations.iter().all(|p| p.weight == 1.0)));
+        windows.iter_mut().for_each(|w| w.observations[0].position[0] -= 0.01);
         reject_onset(&mut windows, &[1e-3; 8]);
-        let out = |w: &Window| (0..20).filter(|i| w.points[*i].weight == 0.0).collect::<Vec<_>>();
+        let out = |w: &Segment| (0..20).filter(|i| w.observations[*i].weight == 0.0).collect::<Vec<_>>();
         assert!(windows.iter().all(|w| out(w) == [0]));
     }
 }

@@ -4,19 +4,19 @@
 //! far they may differ without meaning anything (`differs`); what launches differ by more is a finding, though it names no
 //! cause that they share. Its mean is nothing, or the effect would be in the set.
 
-use super::columns::pushes;
-use super::fit::Fitted;
+use super::columns::nuisance_accelerations;
+use super::fit::FittedModel;
 use super::report::{BetweenTrialVariation, round_to_six_digits};
 
 /// Spread from which it is reported, in what effects declare.
-pub const REPORTED: f64 = 0.5;
+pub const MIN_REPORTED_SD: f64 = 0.5;
 
 /// Largest spreads first, in what their effects declare.
-pub fn unlike(model: &Fitted) -> Vec<BetweenTrialVariation> {
-    let own = pushes().into_iter().zip(&model.components.push);
-    let beside = own.filter(|(push, _)| model.set.iter().all(|e| e.name != push.effect.name));
+pub fn between_trial_variation(model: &FittedModel) -> Vec<BetweenTrialVariation> {
+    let own = nuisance_accelerations().into_iter().zip(&model.components.accelerations);
+    let beside = own.filter(|(push, _)| model.effects.iter().all(|e| e.name != push.effect.name));
     let mut out: Vec<(f64, BetweenTrialVariation)> = Vec::new();
-    for (push, usual) in beside.filter(|(_, times)| **times > REPORTED) {
+    for (push, usual) in beside.filter(|(_, times)| **times > MIN_REPORTED_SD) {
         let moved = |p: &usize| push.values[*p] != push.effect.parameters[*p].neutral;
         let Some(p) = (0..push.values.len()).find(moved) else { continue };
         let parameter = &push.effect.parameters[p];
@@ -55,22 +55,24 @@ mod tests {
     /// A lift that varies by twice what every launch may is said, and so is nothing that varies by less, or that the set holds.
     #[test]
     fn what_differs_by_more_than_it_may_is_said() {
-        thrown::fitted(&[0.4; 6], &["linear_drag"], 5, |fitter, f| {
-            assert!(unlike(f).is_empty());
-            let at = pushes().iter().position(|p| p.effect.name == "lift").unwrap();
+        thrown::with_fit(&[0.4; 6], &["linear_drag"], 5, |fitter, f| {
+            assert!(between_trial_variation(f).is_empty());
+            let at = nuisance_accelerations().iter().position(|p| p.effect.name == "lift").unwrap();
             let usual = find("lift").unwrap().between_trial_sd[0];
             let with = |times: f64, names: &[&str]| {
-                let layout = crate::discover::model::Layout::new(
+                let layout = crate::discover::model::ParameterLayout::new(
                     &[],
                     names.iter().map(|n| crate::discover::fixture::term(n)).collect(),
                     1,
                 );
-                let state =
-                    crate::discover::model::State::new(layout.start(&[0.0; 3]), f.state.nuisances.clone());
-                let mut fit = fitter.refined(layout, state).unwrap().unwrap();
-                fit.components.push.fill(0.3);
-                fit.components.push[at] = times;
-                unlike(&fit)
+                let state = crate::discover::model::FitState::new(
+                    layout.initial_values(&[0.0; 3]),
+                    f.state.nuisances.clone(),
+                );
+                let mut fit = fitter.run_gls(layout, state).unwrap().unwrap();
+                fit.components.accelerations.fill(0.3);
+                fit.components.accelerations[at] = times;
+                between_trial_variation(&fit)
             };
             let told = with(2.0, &["linear_drag"]);
             assert_eq!((told.len(), told[0].effect.as_str(), told[0].unit.as_str()), (1, "lift", "1/s"));

@@ -1,42 +1,42 @@
 //! The verdict and the remaining error as sentences.
 
-use super::fit::{Fitted, held};
-use super::gain::Scale;
+use super::fit::{FittedModel, held_out_square};
+use super::gain::ErrorScale;
 use super::noise::Noise;
 use super::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
-use super::search::Found;
+use super::search::SearchResult;
 use super::selection::{Decision, SETTINGS};
 
 /// Error over the noise floor's up to which a model is said to reach it.
-const FLOOR: f64 = 1.1;
+const FLOOR_RATIO: f64 = 1.1;
 
 /// What is left, in figures and words.
-pub fn remainder(
-    base: &Fitted,
-    model: &Fitted,
+pub fn residual_summary(
+    base: &FittedModel,
+    model: &FittedModel,
     decision: &Decision,
     noise: &Noise,
     gain: &PredictionGain,
-    scale: &Scale,
+    scale: &ErrorScale,
 ) -> ResidualSummary {
-    let [before, after] = [base, model].map(|f| f.slow() * noise.sd);
-    let error = gain.held_out.as_ref().map_or(scale.rmse(held(base)), |g| g.extended_rmse);
+    let [before, after] = [base, model].map(|f| f.excess_rms() * noise.sd);
+    let error = gain.held_out.as_ref().map_or(scale.rmse(held_out_square(base)), |g| g.extended_rmse);
     let floor = scale.rmse(scale.floor);
-    let text = left([before, after, noise.sd], error, floor);
+    let text = residual_text([before, after, noise.sd], error, floor);
     ResidualSummary {
         slow_before_m: before,
         slow_after_m: after,
         noise_m: noise.sd,
         explained_share: decision.explained.map(|e| e.share),
         explained_share_interval: decision.explained.map(|e| e.interval),
-        unnamed_force_evidence: decision.unnamed,
+        unnamed_force_evidence: decision.field_log_bayes_factor,
         text,
     }
 }
 
 /// What is left, by the slow misfit before and after beside the noise, and by the error on held-out trials beside the noise
 /// floor; all m.
-fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
+fn residual_text([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
     let [before, after, noise] = [before, after, noise].map(|v| format!("{:.2} mm", 1e3 * v));
     let slow = match before == after {
         true => format!("systematic error per point {before}, measurement noise {noise}"),
@@ -44,7 +44,7 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
             format!("systematic error per point {before} before, {after} after; measurement noise {noise}")
         }
     };
-    let held_out = match error <= FLOOR * floor {
+    let held_out = match error <= FLOOR_RATIO * floor {
         true => "on held-out trials the error is no larger than the noise".to_string(),
         false => {
             format!("on held-out trials the error is {:.1} times the noise", error / floor.max(1e-12))
@@ -54,18 +54,23 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
 }
 
 /// The verdict on so many launches in a sentence or two.
-pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, launches: usize) -> String {
-    let names = |i: usize| found.fits[i].names().join(" + ");
+pub fn reason(
+    found: &SearchResult,
+    decision: &Decision,
+    remainder: &ResidualSummary,
+    launches: usize,
+) -> String {
+    let names = |i: usize| found.fits[i].effect_names().join(" + ");
     let left = &remainder.text;
-    let percent = |i: usize| 100.0 * decision.with_all_of(found, i);
-    match (decision.verdict, decision.champion) {
+    let percent = |i: usize| 100.0 * decision.superset_probability(found, i);
+    match (decision.verdict, decision.selected) {
         (Verdict::Named, Some(c)) => format!(
             "{} explains the data: sets with it have {:.0} % of the probability, and no other is credible; {left}",
             names(c),
             percent(c)
         ),
         (Verdict::Ambiguous, Some(c)) => {
-            let drags = |i: &usize| found.fits[*i].set.iter().any(|e| e.opposes_motion);
+            let drags = |i: &usize| found.fits[*i].effects.iter().any(|e| e.opposes_motion);
             let against = match decision.rivals.iter().all(drags) {
                 true => "a force against the velocity, its law not identified: ",
                 false => "",
@@ -91,17 +96,18 @@ pub fn reason(found: &Found, decision: &Decision, remainder: &ResidualSummary, l
              {} sets tried){}; {left}",
             100.0 * decision.base_probability,
             found.fits.len(),
-            possible(found, decision)
+            possible_effects(found, decision)
         ),
     }
 }
 
 /// Effects that are possible though the scene without any is credible, most probable first; nothing where there are none.
-fn possible(found: &Found, decision: &Decision) -> String {
-    let mut names: Vec<&str> = found.fits.iter().flat_map(|f| f.set.iter().map(|e| e.name)).collect();
+fn possible_effects(found: &SearchResult, decision: &Decision) -> String {
+    let mut names: Vec<&str> = found.fits.iter().flat_map(|f| f.effects.iter().map(|e| e.name)).collect();
     names.sort_unstable();
     names.dedup();
-    let mut all: Vec<(f64, &str)> = names.into_iter().map(|n| (decision.inclusion(found, n), n)).collect();
+    let mut all: Vec<(f64, &str)> =
+        names.into_iter().map(|n| (decision.inclusion_probability(found, n), n)).collect();
     all.retain(|(probability, _)| *probability > SETTINGS.inclusion);
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     let one = |(probability, name): &(f64, &str)| format!("{name} ({:.0} %)", 100.0 * probability);
@@ -112,7 +118,7 @@ fn possible(found: &Found, decision: &Decision) -> String {
 }
 
 /// What there is to add where what is left is described without a name.
-pub fn described(law: &ResidualLaw) -> String {
+pub fn law_text(law: &ResidualLaw) -> String {
     match (law.offered, law.held_out.excess_removed) {
         (true, Some(share)) => format!(
             "; the empirical law {} in the extended scene leaves {:.0} % of the excess error on held-out trials",
@@ -131,7 +137,7 @@ mod tests {
     /// "To the noise floor" is said only where it is.
     #[test]
     fn what_is_left_is_said_beside_the_noise() {
-        let at = |error: f64| left([0.0089, 0.0032, 0.0016], error, 0.002);
+        let at = |error: f64| residual_text([0.0089, 0.0032, 0.0016], error, 0.002);
         let slow = "systematic error per point 8.90 mm before, 3.20 mm after; measurement noise 1.60 mm; ";
         assert_eq!(at(0.0021), format!("{slow}on held-out trials the error is no larger than the noise"));
         assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times the noise"));
@@ -140,25 +146,25 @@ mod tests {
     /// Of a law that is offered it is said what it leaves; of one that is not, nothing.
     #[test]
     fn a_law_is_in_words_where_it_is_offered() {
-        let scale = Scale { noise: 0.002, coordinates: 100.0, floor: 90.0, trials: 5 };
+        let scale = ErrorScale { noise: 0.002, coordinates: 100.0, floor: 90.0, trials: 5 };
         let law = |offered| ResidualLaw {
             formula: "ax = +1.0 y".into(),
             terms: Vec::new(),
             held_out: scale.gain(490.0, 190.0),
             offered,
         };
-        let said = described(&law(true));
+        let said = law_text(&law(true));
         assert!(said.contains("law ax = +1.0 y") && said.contains("leaves 25 % of the excess"), "{said}");
-        assert_eq!(described(&law(false)), "");
+        assert_eq!(law_text(&law(false)), "");
     }
 
     #[test]
     fn a_remainder_is_in_metres() {
-        thrown::fitted(&[0.4; 6], &[], 2, |_, base| {
-            let scale = Scale { noise: thrown::NOISE, coordinates: 360.0, floor: 300.0, trials: 6 };
-            let noise = Noise { sd: thrown::NOISE, rho: 0.0, freedom: 1e3 };
+        thrown::with_fit(&[0.4; 6], &[], 2, |_, base| {
+            let scale = ErrorScale { noise: thrown::NOISE, coordinates: 360.0, floor: 300.0, trials: 6 };
+            let noise = Noise { sd: thrown::NOISE, rho: 0.0, degrees_of_freedom: 1e3 };
             let decision = thrown::decision(Verdict::None);
-            let left = remainder(base, base, &decision, &noise, &PredictionGain::default(), &scale);
+            let left = residual_summary(base, base, &decision, &noise, &PredictionGain::default(), &scale);
             assert!(
                 left.slow_before_m > 5.0 * thrown::NOISE && left.slow_before_m == left.slow_after_m,
                 "{left:?}"

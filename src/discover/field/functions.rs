@@ -8,20 +8,21 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::discover::window::{Kind, Window};
+use crate::discover::window::{Segment, SegmentKind};
 use crate::world::effect::{Effect, clock_push, gaussian, place_drive, place_push, velocity_push};
 
 /// Numbers of functions over x and y, vx and vy, and the clock.
-const PLACES: [usize; 2] = [8, 5];
-const SPEEDS: [usize; 2] = [4, 3];
-const TIMES: usize = 16;
+const POSITION_GRID: [usize; 2] = [8, 5];
+const VELOCITY_GRID: [usize; 2] = [4, 3];
+const TIME_GRID: usize = 16;
 /// How many bumps they are, those that push and those that drive.
-pub const BUMPS: usize = 2 * PLACES[0] * PLACES[1] + SPEEDS[0] * SPEEDS[1] + TIMES;
+pub const BASIS_FUNCTION_COUNT: usize =
+    2 * POSITION_GRID[0] * POSITION_GRID[1] + VELOCITY_GRID[0] * VELOCITY_GRID[1] + TIME_GRID;
 
 /// Inputs of a discrepancy field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Over {
+pub enum FieldInputs {
     /// All inputs.
     All,
     Place,
@@ -34,70 +35,72 @@ pub enum Over {
 }
 
 /// All kinds of bumps, the order in which they are tried.
-pub const OVERS: [Over; 5] = [Over::All, Over::Place, Over::Velocity, Over::Clock, Over::Heading];
+pub const RADIAL_INPUTS: [FieldInputs; 5] =
+    [FieldInputs::All, FieldInputs::Place, FieldInputs::Velocity, FieldInputs::Clock, FieldInputs::Heading];
 
 /// What the field is made of: bumps over places, velocities and times, two functions each; those of places come twice.
-pub struct Functions {
-    places: Vec<Bump>,
-    speeds: Vec<Bump>,
-    times: Vec<Bump>,
+pub struct FieldBasis {
+    position: Vec<RadialBasisFunction>,
+    velocity: Vec<RadialBasisFunction>,
+    time: Vec<RadialBasisFunction>,
 }
 
 /// Where a bump stands and how wide it is; the second axis is nothing to the clock.
-pub struct Bump {
+pub struct RadialBasisFunction {
     centre: [f64; 2],
     width: [f64; 2],
 }
 
-impl Bump {
+impl RadialBasisFunction {
     /// Value at a point, at most 1.
     pub fn at(&self, at: [f64; 2]) -> f64 {
         gaussian([0, 1].map(|a| (at[a] - self.centre[a]) / self.width[a]))
     }
 }
 
-impl Functions {
+impl FieldBasis {
     /// Over where flights were, how fast and when; without flights, over where anything was.
-    pub fn over(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
-        let flew = windows.iter().any(|w| w.kind == Kind::Flight);
-        let flights = || (0..windows.len()).filter(|w| !flew || windows[*w].kind == Kind::Flight);
+    pub fn over(windows: &[Segment], paths: &[Vec<[f64; 4]>]) -> FieldBasis {
+        let flew = windows.iter().any(|w| w.kind == SegmentKind::Flight);
+        let flights = || (0..windows.len()).filter(|w| !flew || windows[*w].kind == SegmentKind::Flight);
         let all = |k: usize| -> Vec<f64> {
             flights().flat_map(|w| paths[w].iter().map(move |s| s[k])).filter(|v| v.is_finite()).collect()
         };
-        let clock = flights().flat_map(|w| windows[w].points.iter().map(move |p| windows[w].start + p.time));
-        Functions {
-            places: grid([ends(all(0)), ends(all(1))], PLACES),
-            speeds: grid([ends(all(2)), ends(all(3))], SPEEDS),
-            times: grid([ends(clock.collect()), [0.0; 2]], [TIMES, 1]),
+        let clock =
+            flights().flat_map(|w| windows[w].observations.iter().map(move |p| windows[w].start + p.time));
+        FieldBasis {
+            position: radial_grid([robust_range(all(0)), robust_range(all(1))], POSITION_GRID),
+            velocity: radial_grid([robust_range(all(2)), robust_range(all(3))], VELOCITY_GRID),
+            time: radial_grid([robust_range(clock.collect()), [0.0; 2]], [TIME_GRID, 1]),
         }
     }
 
     /// Those of a field that depends on so much, among all of them.
-    pub fn range(&self, over: Over) -> Range<usize> {
+    pub fn indices(&self, over: FieldInputs) -> Range<usize> {
         let [place, speed, clock] =
-            [&self.places, &self.speeds, &self.times].map(|gaussian_lanes| 2 * gaussian_lanes.len());
+            [&self.position, &self.velocity, &self.time].map(|gaussian_lanes| 2 * gaussian_lanes.len());
         match over {
-            Over::All => 0..self.count(),
-            Over::Place => 0..place,
-            Over::Velocity => place..place + speed,
-            Over::Clock => place + speed..place + speed + clock,
-            Over::Heading => place + speed + clock..self.count(),
-            Over::Powers => 0..0,
+            FieldInputs::All => 0..self.count(),
+            FieldInputs::Place => 0..place,
+            FieldInputs::Velocity => place..place + speed,
+            FieldInputs::Clock => place + speed..place + speed + clock,
+            FieldInputs::Heading => place + speed + clock..self.count(),
+            FieldInputs::Powers => 0..0,
         }
     }
 
     /// How many there are.
     pub fn count(&self) -> usize {
-        2 * (2 * self.places.len() + self.speeds.len() + self.times.len())
+        2 * (2 * self.position.len() + self.velocity.len() + self.time.len())
     }
 
     /// Values at a state: each pushes along x and along y, the last along and across the velocity.
-    pub fn pushes(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> Vec<[f64; 2]> {
-        let of = |gaussian_lanes: &[Bump], at: [f64; 2]| -> Vec<f64> {
+    pub fn accelerations(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> Vec<[f64; 2]> {
+        let of = |gaussian_lanes: &[RadialBasisFunction], at: [f64; 2]| -> Vec<f64> {
             gaussian_lanes.iter().map(|b| b.at(at)).collect()
         };
-        let (places, speeds) = (of(&self.places, [x, y]), of(&self.speeds, [vx, vy]));
-        let times = of(&self.times, [time, 0.0]);
+        let (places, speeds) = (of(&self.position, [x, y]), of(&self.velocity, [vx, vy]));
+        let times = of(&self.time, [time, 0.0]);
         let speed = (vx * vx + vy * vy).sqrt().max(1e-9);
         let along =
             places.iter().flat_map(|f| [[f * vx / speed, f * vy / speed], [-f * vy / speed, f * vx / speed]]);
@@ -106,23 +109,24 @@ impl Functions {
 
     /// The effects that the functions are, by two, in their order: their first two parameters are the amplitudes.
     pub fn effects(&self) -> Vec<(&'static Effect, Vec<f64>)> {
-        let plane =
-            |effect: &'static Effect| move |b: &Bump| (effect, [[0.0; 2], b.centre, b.width].concat());
-        let clock = |b: &Bump| (&clock_push::EFFECT, vec![0.0, 0.0, b.centre[0], b.width[0]]);
-        let places = self.places.iter().map(plane(&place_push::EFFECT));
-        let speeds = self.speeds.iter().map(plane(&velocity_push::EFFECT));
-        let drives = self.places.iter().map(plane(&place_drive::EFFECT));
-        places.chain(speeds).chain(self.times.iter().map(clock)).chain(drives).collect()
+        let plane = |effect: &'static Effect| {
+            move |b: &RadialBasisFunction| (effect, [[0.0; 2], b.centre, b.width].concat())
+        };
+        let clock = |b: &RadialBasisFunction| (&clock_push::EFFECT, vec![0.0, 0.0, b.centre[0], b.width[0]]);
+        let places = self.position.iter().map(plane(&place_push::EFFECT));
+        let speeds = self.velocity.iter().map(plane(&velocity_push::EFFECT));
+        let drives = self.position.iter().map(plane(&place_drive::EFFECT));
+        places.chain(speeds).chain(self.time.iter().map(clock)).chain(drives).collect()
     }
 
     /// The functions integrated twice along a window's path: two rows a point.
-    pub fn columns(&self, window: &Window, path: &[[f64; 4]]) -> DMatrix<f64> {
-        let n = window.points.len();
+    pub fn responses(&self, window: &Segment, path: &[[f64; 4]]) -> DMatrix<f64> {
+        let n = window.observations.len();
         let mut out = DMatrix::zeros(2 * n, self.count());
         let mut before: Option<(f64, Vec<[f64; 2]>)> = None;
         let mut moved = vec![[[0.0f64; 2]; 2]; self.count()];
-        for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
-            let now = self.pushes(window.start + point.time, *state);
+        for (i, (point, state)) in window.observations.iter().zip(path).enumerate() {
+            let now = self.accelerations(window.start + point.time, *state);
             if let Some((time, last)) = before {
                 let dt = point.time - time;
                 for (k, [place, speed]) in moved.iter_mut().enumerate() {
@@ -141,7 +145,7 @@ impl Functions {
 }
 
 /// The 2 % and 98 % quantiles; zeros if there are no values.
-pub fn ends(mut values: Vec<f64>) -> [f64; 2] {
+pub fn robust_range(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let at =
         |share: f64| values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0);
@@ -149,11 +153,11 @@ pub fn ends(mut values: Vec<f64>) -> [f64; 2] {
 }
 
 /// Bumps on a regular grid between the ends; the width of each is the distance to its neighbour.
-pub fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
+pub fn radial_grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<RadialBasisFunction> {
     let width = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
     let at = |i: usize, j: usize| [ends[0][0] + width[0] * i as f64, ends[1][0] + width[1] * j as f64];
     let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
-    places.map(|(i, j)| Bump { centre: at(i, j), width }).collect()
+    places.map(|(i, j)| RadialBasisFunction { centre: at(i, j), width }).collect()
 }
 
 #[cfg(test)]
@@ -164,18 +168,18 @@ mod tests {
 
     #[test]
     fn bumps_stand_on_their_grid() {
-        let grid = grid([[0.0, 2.0], [1.0, 3.0]], [3, 2]);
+        let grid = radial_grid([[0.0, 2.0], [1.0, 3.0]], [3, 2]);
         assert_eq!(grid.len(), 6);
         let at: Vec<f64> = grid.iter().map(|b| b.at([1.0, 3.0])).collect();
         let most = at.iter().copied().fold(0.0, f64::max);
         assert_eq!(at.iter().position(|v| *v == most), Some(3));
     }
 
-    fn functions() -> Functions {
-        Functions {
-            places: grid([[-1.0, 2.0], [0.0, 3.0]], PLACES),
-            speeds: grid([[-4.0, 5.0], [-3.0, 2.0]], SPEEDS),
-            times: grid([[0.2, 1.4], [0.0; 2]], [TIMES, 1]),
+    fn functions() -> FieldBasis {
+        FieldBasis {
+            position: radial_grid([[-1.0, 2.0], [0.0, 3.0]], POSITION_GRID),
+            velocity: radial_grid([[-4.0, 5.0], [-3.0, 2.0]], VELOCITY_GRID),
+            time: radial_grid([[0.2, 1.4], [0.0; 2]], [TIME_GRID, 1]),
         }
     }
 
@@ -185,14 +189,14 @@ mod tests {
         let functions = functions();
         let names = ["place_push", "velocity_push", "clock_push", "place_drive"];
         let mut next = 0;
-        for (over, name) in OVERS[1..].iter().zip(names) {
-            let range = functions.range(*over);
+        for (over, name) in RADIAL_INPUTS[1..].iter().zip(names) {
+            let range = functions.indices(*over);
             assert_eq!(range.start, next, "{over:?}");
             next = range.end;
             assert!(functions.effects()[range.start / 2..range.end / 2].iter().all(|e| e.0.name == name));
         }
-        assert_eq!((functions.range(Over::All), next), (0..functions.count(), functions.count()));
-        assert_eq!(functions.count(), 2 * BUMPS);
+        assert_eq!((functions.indices(FieldInputs::All), next), (0..functions.count(), functions.count()));
+        assert_eq!(functions.count(), 2 * BASIS_FUNCTION_COUNT);
     }
 
     /// What is fitted and what is simulated are the same functions.
@@ -203,7 +207,7 @@ mod tests {
         assert_eq!(2 * effects.len(), functions.count());
         let around = SimulationContext { time_step: dt, gravity: [0.0, -9.81] };
         for (time, [x, y, vx, vy]) in [(0.3, [0.1, 1.2, 2.0, -1.0]), (1.1, [1.7, 2.9, -3.0, 0.5])] {
-            for (k, wanted) in functions.pushes(time, [x, y, vx, vy]).into_iter().enumerate() {
+            for (k, wanted) in functions.accelerations(time, [x, y, vx, vy]).into_iter().enumerate() {
                 let (effect, mut values) = effects[k / 2].clone();
                 values[k % 2] = 1.0;
                 let EffectKind::Motion(law) = effect.kind else {

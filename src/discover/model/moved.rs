@@ -3,71 +3,73 @@
 //! Derivatives are differences of rollouts: one-sided of paths that are integrated here, which are smooth, two-sided of
 //! those that an engine simulates and across edges.
 
-use super::layout::{Layout, Slot, What};
-use super::state::{Extra, State};
-use crate::discover::path::{Impact, Physics, seen};
-use crate::discover::window::{Kind, Window};
+use super::layout::{Parameter, ParameterKind, ParameterLayout};
+use super::state::{FitState, Perturbation};
+use crate::discover::path::{Impact, SegmentPhysics, predict_batch};
+use crate::discover::window::{Segment, SegmentKind};
 
 /// Differences for derivatives by a roll's way, speed, height and slope, and by x, y, vx, vy, omega and the surface's offset.
-const ROLL: [f64; 4] = [1e-4, 1e-3, 1e-4, 1e-4];
-const FLIGHT: [f64; 6] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
+const ROLLING_FD_STEPS: [f64; 4] = [1e-4, 1e-3, 1e-4, 1e-4];
+const FLIGHT_FD_STEPS: [f64; 6] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
 
 /// What a window's points are predicted to show, two numbers each, and derivatives of it.
 #[derive(Default)]
-pub struct Moved {
-    pub base: Vec<f64>,
-    pub nuisances: Vec<Vec<f64>>,
+pub struct Prediction {
+    pub positions: Vec<f64>,
+    pub by_nuisance: Vec<Vec<f64>>,
     /// By [`Shared`].
-    pub slots: Vec<Vec<f64>>,
+    pub by_parameter: Vec<Vec<f64>>,
     /// Differences over their units.
-    pub extras: Vec<Vec<f64>>,
+    pub by_perturbation: Vec<Vec<f64>>,
     /// What happens in a contact window.
     pub impact: Option<Impact>,
 }
 
 /// A slot that concerns a window, and its values below and above.
-pub struct Shared {
-    pub slot: usize,
+pub struct Stencil {
+    pub parameter: usize,
     pub low: f64,
     pub high: f64,
 }
 
 /// The slots that concern a window: all but other settings', those that are fixed and, where nothing is met, latents.
-pub fn shared(layout: &Layout, values: &[f64], window: &Window) -> Vec<Shared> {
-    let concerns = |slot: &Slot| {
-        let latent = matches!(slot.what, What::Latent(_));
+pub fn stencils(layout: &ParameterLayout, values: &[f64], window: &Segment) -> Vec<Stencil> {
+    let concerns = |slot: &Parameter| {
+        let latent = matches!(slot.kind, ParameterKind::Latent(_));
         slot.setting.is_none_or(|s| s == window.setting)
             && !slot.is_fixed
-            && !(latent && matches!(window.kind, Kind::Flight | Kind::Roll))
+            && !(latent && matches!(window.kind, SegmentKind::Flight | SegmentKind::Rolling))
     };
-    let slots = (0..layout.slots.len()).filter(|i| concerns(&layout.slots[*i]));
+    let slots = (0..layout.parameters.len()).filter(|i| concerns(&layout.parameters[*i]));
     slots
         .map(|i| {
-            let (slot, value) = (&layout.slots[i], values[i]);
-            let wide = slot.step * if window.kind.simulated() { 3.0 } else { 1.0 };
+            let (slot, value) = (&layout.parameters[i], values[i]);
+            let wide = slot.fd_step * if window.kind.uses_engine() { 3.0 } else { 1.0 };
             let h = wide.max(1e-4 * value.abs());
             let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
-            if !window.kind.simulated() && !layout.edged(i) {
+            if !window.kind.uses_engine() && !layout.is_discontinuous(i) {
                 // Paths integrated here are smooth: one side is enough.
                 if value + h <= slot.bounds[1] { low = value } else { high = value }
             }
-            Shared { slot: i, low, high }
+            Stencil { parameter: i, low, high }
         })
         .collect()
 }
 
 /// Window number `w`, which is integrated here, as its launch's mode has it.
-pub fn integrated(
-    window: &Window,
+pub fn linearise_ode(
+    window: &Segment,
     w: usize,
-    layout: &Layout,
-    state: &State,
-    shared: &[Shared],
-    extras: &[Extra],
-) -> Moved {
-    let (nuisances, values, beside) = (state.nuisances[w].as_slice(), state.values_in(w), state.beside(w));
-    let here = layout.path(window, &values, &beside);
-    let steps: &[f64] = if window.kind == Kind::Roll { &ROLL } else { &FLIGHT };
+    layout: &ParameterLayout,
+    state: &FitState,
+    shared: &[Stencil],
+    extras: &[Perturbation],
+) -> Prediction {
+    let (nuisances, values, beside) =
+        (state.nuisances[w].as_slice(), state.values_in(w), state.random_effect_terms(w));
+    let here = layout.segment_physics(window, &values, &beside);
+    let steps: &[f64] =
+        if window.kind == SegmentKind::Rolling { &ROLLING_FD_STEPS } else { &FLIGHT_FD_STEPS };
     let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
         .map(|k| {
             let mut moved = nuisances.to_vec();
@@ -76,38 +78,48 @@ pub fn integrated(
         })
         .collect();
     // The ends of every slot's difference that are not where the state is.
-    let ends = shared.iter().flat_map(|s| [(s.slot, s.low), (s.slot, s.high)]);
+    let ends = shared.iter().flat_map(|s| [(s.parameter, s.low), (s.parameter, s.high)]);
     let with_value = |(slot, value): (usize, f64)| {
         (value != values[slot]).then(|| {
             let mut moved = values.clone();
             moved[slot] = value;
-            layout.path(window, &moved, &beside)
+            layout.segment_physics(window, &moved, &beside)
         })
     };
-    let ends: Vec<Option<Physics>> = ends.map(with_value).collect();
-    let with_extra = |e: &Extra| {
-        layout.path(window, &values, &[beside.as_slice(), &[(e.effect, e.values.clone())]].concat())
+    let ends: Vec<Option<SegmentPhysics>> = ends.map(with_value).collect();
+    let with_extra = |e: &Perturbation| {
+        layout.segment_physics(
+            window,
+            &values,
+            &[beside.as_slice(), &[(e.effect, e.values.clone())]].concat(),
+        )
     };
-    let besides: Vec<Physics> = extras.iter().map(with_extra).collect();
+    let besides: Vec<SegmentPhysics> = extras.iter().map(with_extra).collect();
 
     let from_here = [(&here, nuisances)].into_iter().chain(starts.iter().map(|s| (&here, s.as_slice())));
     let others = ends.iter().flatten().chain(&besides).map(|p| (p, nuisances));
-    let mut found = seen(&from_here.chain(others).collect::<Vec<_>>()).into_iter();
+    let mut found = predict_batch(&from_here.chain(others).collect::<Vec<_>>()).into_iter();
     let (base, impact) = found.next().unwrap_or_default();
     let mut next = || found.next().unwrap_or_default().0;
-    let nuisances = starts.iter().zip(steps).map(|(_, h)| slope(&next(), &base, *h)).collect();
+    let nuisances = starts.iter().zip(steps).map(|(_, h)| difference_quotient(&next(), &base, *h)).collect();
     let mut end = |k: usize| if ends[k].is_some() { next() } else { base.clone() };
-    let by_slot = |(k, s): (usize, &Shared)| {
+    let by_slot = |(k, s): (usize, &Stencil)| {
         let low = end(2 * k);
-        slope(&end(2 * k + 1), &low, s.high - s.low)
+        difference_quotient(&end(2 * k + 1), &low, s.high - s.low)
     };
     let slots = shared.iter().enumerate().map(by_slot).collect();
-    let extras = extras.iter().map(|e| slope(&next(), &base, e.unit)).collect();
-    Moved { base, nuisances, slots, extras, impact }
+    let extras = extras.iter().map(|e| difference_quotient(&next(), &base, e.unit)).collect();
+    Prediction {
+        positions: base,
+        by_nuisance: nuisances,
+        by_parameter: slots,
+        by_perturbation: extras,
+        impact,
+    }
 }
 
 /// Difference over what made it.
-pub fn slope(high: &[f64], low: &[f64], by: f64) -> Vec<f64> {
+pub fn difference_quotient(high: &[f64], low: &[f64], by: f64) -> Vec<f64> {
     high.iter().zip(low).map(|(a, b)| (a - b) / by).collect()
 }
 
@@ -121,32 +133,32 @@ mod tests {
     #[test]
     fn derivatives_of_a_flight_are_those_of_a_parabola() {
         let (windows, _) = flights([0.0, 0.0], 1);
-        let layout = Layout::new(&[], vec![term("wind")], 1);
-        let state = State::new(vec![0.5, 0.0], vec![windows[0].nuisances.clone()]);
-        let shared = shared(&layout, &state.values, &windows[0]);
+        let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
+        let state = FitState::new(vec![0.5, 0.0], vec![windows[0].nuisances.clone()]);
+        let shared = stencils(&layout, &state.values, &windows[0]);
         let drag = term("quadratic_drag").effect;
-        let extra = Extra { effect: drag, values: vec![1e-3], unit: 1e-3 };
-        let moved = integrated(&windows[0], 0, &layout, &state, &shared, &[extra]);
-        for (i, t) in windows[0].points.iter().map(|p| p.time).enumerate() {
+        let extra = Perturbation { effect: drag, values: vec![1e-3], unit: 1e-3 };
+        let moved = linearise_ode(&windows[0], 0, &layout, &state, &shared, &[extra]);
+        for (i, t) in windows[0].observations.iter().map(|p| p.time).enumerate() {
             let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6, "{a} for {b} at {t}");
-            near(moved.nuisances[0][2 * i], 1.0);
-            near(moved.nuisances[2][2 * i], t);
-            near(moved.nuisances[2][2 * i + 1], 0.0);
-            near(moved.slots[0][2 * i], 0.5 * t * t);
-            near(moved.slots[1][2 * i + 1], 0.5 * t * t);
-            assert!(moved.extras[0][2 * i] <= 0.0, "drag holds back");
+            near(moved.by_nuisance[0][2 * i], 1.0);
+            near(moved.by_nuisance[2][2 * i], t);
+            near(moved.by_nuisance[2][2 * i + 1], 0.0);
+            near(moved.by_parameter[0][2 * i], 0.5 * t * t);
+            near(moved.by_parameter[1][2 * i + 1], 0.5 * t * t);
+            assert!(moved.by_perturbation[0][2 * i] <= 0.0, "drag holds back");
         }
     }
 
     #[test]
     fn a_number_at_its_bound_moves_inwards() {
         let (windows, _) = flights([0.0, 0.0], 1);
-        let layout = Layout::new(&[1], vec![term("wind")], 1);
-        let [low, high] = layout.slots[1].bounds;
+        let layout = ParameterLayout::new(&[1], vec![term("wind")], 1);
+        let [low, high] = layout.parameters[1].bounds;
         for (value, inwards) in [(low, true), (high, false)] {
-            let shared = shared(&layout, &[0.5, value, 0.0], &windows[0]);
+            let shared = stencils(&layout, &[0.5, value, 0.0], &windows[0]);
             assert_eq!(
-                shared.iter().map(|s| s.slot).collect::<Vec<_>>(),
+                shared.iter().map(|s| s.parameter).collect::<Vec<_>>(),
                 [1, 2],
                 "friction concerns no flight"
             );

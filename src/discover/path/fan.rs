@@ -8,36 +8,41 @@
 
 use std::array::from_fn;
 
-use super::physics::{INSTANT, Impact, Physics};
-use super::roll::Body;
+use super::physics::{Impact, KICK_DURATION, SegmentPhysics};
+use super::roll::PlanarState;
 
-use crate::discover::window::{Kind, Surface};
+use crate::discover::window::{SegmentKind, Surface};
 use crate::world::effect::{
     Effect, EffectKind, LANES, MAX_PARAMETERS, MotionLaw, MotionStateLanes, SimulationContext,
 };
 
 /// Most steps in which the time of meeting a surface is refined: halving alone tells it to a picosecond.
-const REFINED: usize = 40;
+const MAX_ROOT_ITERATIONS: usize = 40;
 
-type Lanes = [f64; LANES];
+type LaneValues = [f64; LANES];
 /// x, y, vx, vy, omega by lane.
-type Bodies = [Lanes; 5];
+type PlanarStateLanes = [LaneValues; 5];
 
 /// What acts, and from where it starts.
-pub type Start<'a, 'b> = (&'b Physics<'a>, &'b [f64]);
+pub type InitialCondition<'a, 'b> = (&'b SegmentPhysics<'a>, &'b [f64]);
 
 /// Hands over every path's body at every point (path, point, body), and gives what happens where it meets its surface. All
 /// paths are of one window, and either none has an edge or all may.
-pub fn fly(paths: &[Start], mut visit: impl FnMut(usize, usize, Body)) -> Vec<Option<Impact>> {
+pub fn integrate(
+    paths: &[InitialCondition],
+    mut visit: impl FnMut(usize, usize, PlanarState),
+) -> Vec<Option<Impact>> {
     let mut steps = [None; 2];
-    let longest = paths.first().map_or(f64::INFINITY, |(physics, start)| physics.step_from(&body_of(start)));
+    let longest = paths
+        .first()
+        .map_or(f64::INFINITY, |(physics, start)| physics.max_step_from(&state_from_nuisances(start)));
     let mut impacts = Vec::with_capacity(paths.len());
     for (first, group) in paths.chunks(LANES).enumerate().map(|(g, group)| (g * LANES, group)) {
-        let (flight, met) = Fan::of(group, longest).flight(&mut steps);
+        let (flight, met) = BatchedIntegrator::of(group, longest).dense_trajectory(&mut steps);
         for (lane, (physics, _)) in group.iter().enumerate() {
             let mut places = [0; 2];
-            for (i, point) in physics.window.points.iter().enumerate() {
-                visit(first + lane, i, flight.at(lane, physics.stamp(point.time), &mut places));
+            for (i, point) in physics.window.observations.iter().enumerate() {
+                visit(first + lane, i, flight.at(lane, physics.true_time(point.time), &mut places));
             }
         }
         impacts.extend(met.into_iter().take(group.len()));
@@ -46,7 +51,7 @@ pub fn fly(paths: &[Start], mut visit: impl FnMut(usize, usize, Body)) -> Vec<Op
 }
 
 /// The body that nuisances start from.
-fn body_of(nuisances: &[f64]) -> Body {
+fn state_from_nuisances(nuisances: &[f64]) -> PlanarState {
     match nuisances {
         [x, y, vx, vy, rest @ ..] => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
         _ => [f64::NAN; 5],
@@ -54,54 +59,54 @@ fn body_of(nuisances: &[f64]) -> Body {
 }
 
 /// Up to as many paths as there are lanes; those left over go as the first.
-struct Fan<'a, 'b> {
-    paths: [Start<'a, 'b>; LANES],
-    laws: Vec<(&'static dyn MotionLaw, [Lanes; MAX_PARAMETERS])>,
+struct BatchedIntegrator<'a, 'b> {
+    paths: [InitialCondition<'a, 'b>; LANES],
+    laws: Vec<(&'static dyn MotionLaw, [LaneValues; MAX_PARAMETERS])>,
     gravity: [f64; 2],
     /// Longest step, s.
-    longest: f64,
+    max_step: f64,
 }
 
 /// All of a flight: up to the surface, if one is met, and beyond it.
-struct Flight {
-    legs: [Leg; 2],
+struct DenseTrajectory {
+    arcs: [SmoothArc; 2],
     /// When the surface is met; never, if it is not.
-    met: Lanes,
+    impact_times: LaneValues,
 }
 
 /// Steps from one time to the next, and what lies within each that was taken.
 #[derive(Default)]
-struct Leg {
-    times: Vec<Lanes>,
-    pieces: Vec<Piece>,
+struct SmoothArc {
+    times: Vec<LaneValues>,
+    polynomials: Vec<HermitePolynomial>,
 }
 
 /// How a lane leaves a surface: when, as what, and what happened there.
-type Off = Option<(f64, Body, Impact)>;
+type SurfaceEvent = Option<(f64, PlanarState, Impact)>;
 
 /// A step: where it begins and ends.
-struct Step<'s> {
-    now: &'s Lanes,
-    h: Lanes,
-    bodies: &'s Bodies,
-    slope: &'s Bodies,
-    next: &'s Bodies,
-    piece: &'s Piece,
+struct IntegrationStep<'s> {
+    now: &'s LaneValues,
+    h: LaneValues,
+    bodies: &'s PlanarStateLanes,
+    slope: &'s PlanarStateLanes,
+    next: &'s PlanarStateLanes,
+    piece: &'s HermitePolynomial,
 }
 
 /// Coefficients of the polynomials in the share of a step: of x and y, and of the spin.
-struct Piece {
-    place: [[Lanes; 6]; 2],
-    spin: [Lanes; 4],
+struct HermitePolynomial {
+    place: [[LaneValues; 6]; 2],
+    spin: [LaneValues; 4],
 }
 
-impl<'a, 'b> Fan<'a, 'b> {
-    fn of(group: &[Start<'a, 'b>], longest: f64) -> Fan<'a, 'b> {
-        let paths: [Start; LANES] = from_fn(|lane| *group.get(lane).unwrap_or(&group[0]));
+impl<'a, 'b> BatchedIntegrator<'a, 'b> {
+    fn of(group: &[InitialCondition<'a, 'b>], max_step: f64) -> BatchedIntegrator<'a, 'b> {
+        let paths: [InitialCondition; LANES] = from_fn(|lane| *group.get(lane).unwrap_or(&group[0]));
         let gravity = paths[0].0.window.scene.gravity;
         // A law that some lanes have not acts on those with neutral values, which changes nothing.
         let mut known: Vec<(usize, &'static Effect)> = Vec::new();
-        for acting in paths.iter().flat_map(|p| &p.0.motions) {
+        for acting in paths.iter().flat_map(|p| &p.0.motion_laws) {
             let (place, effect) = (acting.place, acting.effect);
             if !known.iter().any(|k| k.0 == place && k.1.name == effect.name) {
                 known.push((place, effect));
@@ -110,13 +115,13 @@ impl<'a, 'b> Fan<'a, 'b> {
         known.sort_by_key(|k| k.0);
         let law = |(place, effect): (usize, &'static Effect)| {
             let EffectKind::Motion(law) = effect.kind else { return None };
-            let own = |(physics, _): &Start| {
+            let own = |(physics, _): &InitialCondition| {
                 let acting =
-                    physics.motions.iter().find(|m| m.place == place && m.effect.name == effect.name);
+                    physics.motion_laws.iter().find(|m| m.place == place && m.effect.name == effect.name);
                 acting.map_or_else(
                     || {
                         let neutral: Vec<f64> = effect.parameters.iter().map(|p| p.neutral).collect();
-                        law.constants(&neutral, &SimulationContext { time_step: INSTANT, gravity })
+                        law.constants(&neutral, &SimulationContext { time_step: KICK_DURATION, gravity })
                     },
                     |m| m.constants,
                 )
@@ -124,62 +129,62 @@ impl<'a, 'b> Fan<'a, 'b> {
             let constants: [_; LANES] = from_fn(|lane| own(&paths[lane]));
             Some((law, from_fn(|c| from_fn(|lane| constants[lane][c]))))
         };
-        Fan { paths, laws: known.into_iter().filter_map(law).collect(), gravity, longest }
+        BatchedIntegrator { paths, laws: known.into_iter().filter_map(law).collect(), gravity, max_step }
     }
 
     /// The flight, and what happens where its surface is met. `steps`: how many before and after it, once that is known.
-    fn flight(&self, steps: &mut [Option<usize>; 2]) -> (Flight, [Option<Impact>; LANES]) {
+    fn dense_trajectory(&self, steps: &mut [Option<usize>; 2]) -> (DenseTrajectory, [Option<Impact>; LANES]) {
         let window = self.paths[0].0.window;
-        let start: [Body; LANES] = from_fn(|lane| body_of(self.paths[lane].1));
-        let mut off: [Off; LANES] = [None; LANES];
-        let surface = window.surface.as_ref().filter(|_| window.kind == Kind::Contact);
-        let from = self.stamps(window.points.first().map_or(0.0, |p| p.time));
-        let first = self.leg(self.times(&from, &mut steps[0]), &start, |step| {
+        let start: [PlanarState; LANES] = from_fn(|lane| state_from_nuisances(self.paths[lane].1));
+        let mut off: [SurfaceEvent; LANES] = [None; LANES];
+        let surface = window.surface.as_ref().filter(|_| window.kind == SegmentKind::Contact);
+        let from = self.true_times(window.observations.first().map_or(0.0, |p| p.time));
+        let first = self.integrate_arc(self.step_times(&from, &mut steps[0]), &start, |step| {
             let Some(surface) = surface else { return true };
             for (lane, off) in off.iter_mut().enumerate().filter(|(_, off)| off.is_none()) {
-                *off = self.meet(step, lane, surface);
+                *off = self.surface_event(step, lane, surface);
             }
             off.iter().any(Option::is_none)
         });
-        let met: Lanes = from_fn(|lane| off[lane].map_or(f64::INFINITY, |o| o.0));
-        let mut second = Leg::default();
+        let met: LaneValues = from_fn(|lane| off[lane].map_or(f64::INFINITY, |o| o.0));
+        let mut second = SmoothArc::default();
         if off.iter().any(Option::is_some) {
             let until = first.times.last().copied().unwrap_or(from);
-            let from: Lanes = from_fn(|lane| off[lane].map_or(until[lane], |o| o.0));
-            let start: [Body; LANES] = from_fn(|lane| off[lane].map_or(start[lane], |o| o.1));
-            second = self.leg(self.times(&from, &mut steps[1]), &start, |_| true);
+            let from: LaneValues = from_fn(|lane| off[lane].map_or(until[lane], |o| o.0));
+            let start: [PlanarState; LANES] = from_fn(|lane| off[lane].map_or(start[lane], |o| o.1));
+            second = self.integrate_arc(self.step_times(&from, &mut steps[1]), &start, |_| true);
         }
-        (Flight { legs: [first, second], met }, off.map(|o| o.map(|o| o.2)))
+        (DenseTrajectory { arcs: [first, second], impact_times: met }, off.map(|o| o.map(|o| o.2)))
     }
 
     /// True times of a time since the window's start, s.
-    fn stamps(&self, time: f64) -> Lanes {
-        from_fn(|lane| self.paths[lane].0.stamp(time))
+    fn true_times(&self, time: f64) -> LaneValues {
+        from_fn(|lane| self.paths[lane].0.true_time(time))
     }
 
     /// Ends of the steps from some times to the last point: `steps` of one length, counted if that is not known, or such that
     /// they end at every point.
-    fn times(&self, from: &Lanes, steps: &mut Option<usize>) -> Vec<Lanes> {
+    fn step_times(&self, from: &LaneValues, steps: &mut Option<usize>) -> Vec<LaneValues> {
         let lead = self.paths[0].0;
-        let points = &lead.window.points;
-        let count = |from: f64, until: f64| ((until - from) / self.longest).ceil().max(1.0) as usize;
+        let points = &lead.window.observations;
+        let count = |from: f64, until: f64| ((until - from) / self.max_step).ceil().max(1.0) as usize;
         let mut out = vec![*from];
-        let mut on = |until: &Lanes, count: usize| {
+        let mut on = |until: &LaneValues, count: usize| {
             let last = out[out.len() - 1];
-            out.extend((1..=count).map(|k| -> Lanes {
+            out.extend((1..=count).map(|k| -> LaneValues {
                 from_fn(|lane| last[lane] + (until[lane] - last[lane]) * (k as f64 / count as f64))
             }));
         };
         if lead.is_smooth() {
-            let until = self.stamps(points.last().map_or(0.0, |p| p.time));
+            let until = self.true_times(points.last().map_or(0.0, |p| p.time));
             on(&until, *steps.get_or_insert_with(|| count(from[0], until[0])));
             return out;
         }
         for pair in points.windows(2) {
-            let [before, after] = [pair[0].time, pair[1].time].map(|time| self.stamps(time));
+            let [before, after] = [pair[0].time, pair[1].time].map(|time| self.true_times(time));
             if from.iter().zip(&after).any(|(from, after)| from < after) {
                 // Those that start within take a shorter way, those that start later none.
-                let until: Lanes = from_fn(|lane| after[lane].max(from[lane]));
+                let until: LaneValues = from_fn(|lane| after[lane].max(from[lane]));
                 on(&until, count(before[0], after[0]));
             }
         }
@@ -190,32 +195,44 @@ impl<'a, 'b> Fan<'a, 'b> {
     }
 
     /// Steps between some times; fewer if `goes_on`, which is shown each, says so.
-    fn leg(&self, times: Vec<Lanes>, start: &[Body; LANES], mut goes_on: impl FnMut(&Step) -> bool) -> Leg {
-        let mut bodies: Bodies = from_fn(|k| from_fn(|lane| start[lane][k]));
-        let mut slope = self.slope(&times[0], &bodies);
+    fn integrate_arc(
+        &self,
+        times: Vec<LaneValues>,
+        start: &[PlanarState; LANES],
+        mut goes_on: impl FnMut(&IntegrationStep) -> bool,
+    ) -> SmoothArc {
+        let mut bodies: PlanarStateLanes = from_fn(|k| from_fn(|lane| start[lane][k]));
+        let mut slope = self.derivative(&times[0], &bodies);
         let mut pieces = Vec::with_capacity(times.len());
         for pair in times.windows(2) {
             let [now, then] = [&pair[0], &pair[1]];
-            let h: Lanes = from_fn(|lane| then[lane] - now[lane]);
-            let next = self.onwards(now, &bodies, &slope, &h);
-            let beyond = self.slope(then, &next);
-            let piece = Piece::between([&bodies, &next], [&slope, &beyond], &h);
-            let on = goes_on(&Step { now, h, bodies: &bodies, slope: &slope, next: &next, piece: &piece });
+            let h: LaneValues = from_fn(|lane| then[lane] - now[lane]);
+            let next = self.runge_kutta_step(now, &bodies, &slope, &h);
+            let beyond = self.derivative(then, &next);
+            let piece = HermitePolynomial::between([&bodies, &next], [&slope, &beyond], &h);
+            let on = goes_on(&IntegrationStep {
+                now,
+                h,
+                bodies: &bodies,
+                slope: &slope,
+                next: &next,
+                piece: &piece,
+            });
             pieces.push(piece);
             if !on {
                 break;
             }
             (bodies, slope) = (next, beyond);
         }
-        Leg { times, pieces }
+        SmoothArc { times, polynomials: pieces }
     }
 
     /// How a lane leaves its surface if it meets it within a step.
-    fn meet(&self, step: &Step, lane: usize, surface: &Surface) -> Off {
+    fn surface_event(&self, step: &IntegrationStep, lane: usize, surface: &Surface) -> SurfaceEvent {
         let (physics, nuisances) = self.paths[lane];
         let offset = nuisances.get(5).copied().unwrap_or(0.0);
-        let next: Body = from_fn(|k| step.next[k][lane]);
-        if !(surface.below(&next, offset) && surface.approaches(&next)) {
+        let next: PlanarState = from_fn(|k| step.next[k][lane]);
+        if !(surface.is_below(&next, offset) && surface.is_approached(&next)) {
             return None;
         }
         let h = step.h[lane];
@@ -223,57 +240,63 @@ impl<'a, 'b> Fan<'a, 'b> {
             true => step.piece.body(lane, share, h),
             // Where a push has an edge no polynomial leads across it.
             false => {
-                let at = self.onwards(step.now, step.bodies, step.slope, &step.h.map(|h| share * h));
+                let at = self.runge_kutta_step(step.now, step.bodies, step.slope, &step.h.map(|h| share * h));
                 from_fn(|k| at[k][lane])
             }
         };
-        let share = crossing(|share| {
+        let share = find_root(|share| {
             let at = body(share);
-            [surface.height(&at, offset), h * surface.rising(&at)]
+            [surface.height(&at, offset), h * surface.normal_velocity(&at)]
         });
         let time = step.now[lane] + h * share;
-        let (after, impact) = physics.struck(time, body(share), surface);
+        let (after, impact) = physics.resolve_impact(time, body(share), surface);
         Some((time, after, impact))
     }
 
-    fn slope(&self, time: &Lanes, s: &Bodies) -> Bodies {
+    fn derivative(&self, time: &LaneValues, s: &PlanarStateLanes) -> PlanarStateLanes {
         let mut moving = MotionStateLanes { time: *time, x: s[0], y: s[1], vx: s[2], vy: s[3], omega: s[4] };
         for (law, constants) in &self.laws {
-            law.kick_lanes(constants, &mut moving, INSTANT);
+            law.kick_lanes(constants, &mut moving, KICK_DURATION);
         }
         let [gx, gy] = self.gravity;
         let mut out = [s[2], s[3], moving.vx, moving.vy, moving.omega];
         for (gained, (before, g)) in out[2..].iter_mut().zip(s[2..].iter().zip([gx, gy, 0.0])) {
-            gained.iter_mut().zip(before).for_each(|(a, v)| *a = (*a - v) / INSTANT + g);
+            gained.iter_mut().zip(before).for_each(|(a, v)| *a = (*a - v) / KICK_DURATION + g);
         }
         out
     }
 
     /// A step from where the slope is known.
-    fn onwards(&self, time: &Lanes, s: &Bodies, k1: &Bodies, h: &Lanes) -> Bodies {
+    fn runge_kutta_step(
+        &self,
+        time: &LaneValues,
+        s: &PlanarStateLanes,
+        k1: &PlanarStateLanes,
+        h: &LaneValues,
+    ) -> PlanarStateLanes {
         let half = h.map(|h| h / 2.0);
-        let middle = added(time, &half);
-        let k2 = self.slope(&middle, &ahead(s, k1, &half));
-        let k3 = self.slope(&middle, &ahead(s, &k2, &half));
-        let k4 = self.slope(&added(time, h), &ahead(s, &k3, h));
+        let middle = sum(time, &half);
+        let k2 = self.derivative(&middle, &advance(s, k1, &half));
+        let k3 = self.derivative(&middle, &advance(s, &k2, &half));
+        let k4 = self.derivative(&sum(time, h), &advance(s, &k3, h));
         let mut mean = *k1;
         for (mean, (k2, (k3, k4))) in mean.iter_mut().zip(k2.iter().zip(k3.iter().zip(&k4))) {
             for (mean, (k2, (k3, k4))) in mean.iter_mut().zip(k2.iter().zip(k3.iter().zip(k4))) {
                 *mean = *mean + 2.0 * k2 + 2.0 * k3 + k4;
             }
         }
-        ahead(s, &mean, &h.map(|h| h / 6.0))
+        advance(s, &mean, &h.map(|h| h / 6.0))
     }
 }
 
-fn added(a: &Lanes, b: &Lanes) -> Lanes {
+fn sum(a: &LaneValues, b: &LaneValues) -> LaneValues {
     let mut out = *a;
     out.iter_mut().zip(b).for_each(|(a, b)| *a += b);
     out
 }
 
 /// Bodies `h` seconds along a slope.
-fn ahead(s: &Bodies, slope: &Bodies, h: &Lanes) -> Bodies {
+fn advance(s: &PlanarStateLanes, slope: &PlanarStateLanes, h: &LaneValues) -> PlanarStateLanes {
     let mut out = *s;
     for (body, slope) in out.iter_mut().zip(slope) {
         body.iter_mut().zip(slope.iter().zip(h)).for_each(|(b, (slope, h))| *b += h * slope);
@@ -281,7 +304,7 @@ fn ahead(s: &Bodies, slope: &Bodies, h: &Lanes) -> Bodies {
     out
 }
 
-impl Leg {
+impl SmoothArc {
     /// When a lane's step begins, and how long it is, s.
     fn step(&self, k: usize, lane: usize) -> [f64; 2] {
         let now = self.times[k][lane];
@@ -289,24 +312,28 @@ impl Leg {
     }
 }
 
-impl Flight {
+impl DenseTrajectory {
     /// A lane's body at a time. `places`: the steps, by leg, at which an earlier time was.
-    fn at(&self, lane: usize, time: f64, places: &mut [usize; 2]) -> Body {
-        let which = usize::from(time > self.met[lane]);
-        let (leg, k) = (&self.legs[which], &mut places[which]);
-        while *k + 1 < leg.pieces.len() && leg.times[*k + 1][lane] < time {
+    fn at(&self, lane: usize, time: f64, places: &mut [usize; 2]) -> PlanarState {
+        let which = usize::from(time > self.impact_times[lane]);
+        let (leg, k) = (&self.arcs[which], &mut places[which]);
+        while *k + 1 < leg.polynomials.len() && leg.times[*k + 1][lane] < time {
             *k += 1;
         }
         let [now, h] = leg.step(*k, lane);
         let share = if h > 0.0 { (time - now) / h } else { 0.0 };
-        leg.pieces[*k].body(lane, share, h)
+        leg.polynomials[*k].body(lane, share, h)
     }
 }
 
-impl Piece {
+impl HermitePolynomial {
     /// From both ends of steps of `h` seconds and their slopes: quintic Hermite interpolation of the place, cubic of the spin.
-    fn between([a, b]: [&Bodies; 2], [from, to]: [&Bodies; 2], h: &Lanes) -> Piece {
-        let mut out = Piece { place: [[[0.0; LANES]; 6]; 2], spin: [[0.0; LANES]; 4] };
+    fn between(
+        [a, b]: [&PlanarStateLanes; 2],
+        [from, to]: [&PlanarStateLanes; 2],
+        h: &LaneValues,
+    ) -> HermitePolynomial {
+        let mut out = HermitePolynomial { place: [[[0.0; LANES]; 6]; 2], spin: [[0.0; LANES]; 4] };
         for (k, c) in out.place.iter_mut().enumerate() {
             for (l, h) in h.iter().enumerate() {
                 let (v, w) = (h * a[k + 2][l], h * b[k + 2][l]);
@@ -329,20 +356,20 @@ impl Piece {
     }
 
     /// A lane's body a share `s` of the way through a step of `h` seconds.
-    fn body(&self, lane: usize, s: f64, h: f64) -> Body {
-        let [x, y] = [0, 1].map(|k| value(&self.place[k], lane, s));
+    fn body(&self, lane: usize, s: f64, h: f64) -> PlanarState {
+        let [x, y] = [0, 1].map(|k| polynomial_value(&self.place[k], lane, s));
         let per_second = if h > 0.0 { 1.0 / h } else { 1.0 };
-        let [vx, vy] = [0, 1].map(|k| change(&self.place[k], lane, s) * per_second);
-        [x, y, vx, vy, value(&self.spin, lane, s)]
+        let [vx, vy] = [0, 1].map(|k| polynomial_derivative(&self.place[k], lane, s) * per_second);
+        [x, y, vx, vy, polynomial_value(&self.spin, lane, s)]
     }
 }
 
 /// The share of a step at which a height is nothing that is less at its end, given it and its slope: Newton's steps, and halving
 /// where those would leave the interval in which that is.
-fn crossing(height: impl Fn(f64) -> [f64; 2]) -> f64 {
+fn find_root(height: impl Fn(f64) -> [f64; 2]) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     let mut at = 0.5;
-    for _ in 0..REFINED {
+    for _ in 0..MAX_ROOT_ITERATIONS {
         let [value, slope] = height(at);
         if value > 0.0 {
             low = at
@@ -360,25 +387,25 @@ fn crossing(height: impl Fn(f64) -> [f64; 2]) -> f64 {
 }
 
 /// A lane's polynomial, constant first, and its derivative.
-fn value(c: &[Lanes], lane: usize, s: f64) -> f64 {
+fn polynomial_value(c: &[LaneValues], lane: usize, s: f64) -> f64 {
     c.iter().rev().fold(0.0, |sum, c| sum * s + c[lane])
 }
 
-fn change(c: &[Lanes], lane: usize, s: f64) -> f64 {
+fn polynomial_derivative(c: &[LaneValues], lane: usize, s: f64) -> f64 {
     c.iter().enumerate().skip(1).rev().fold(0.0, |sum, (i, c)| sum * s + i as f64 * c[lane])
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::physics::STEP;
+    use super::super::physics::MAX_STEPS;
     use super::*;
     use crate::discover::fixture::{bounces, flights};
-    use crate::discover::window::Window;
+    use crate::discover::window::Segment;
     use crate::world::Latents;
     use crate::world::effect::find;
 
-    fn with<'a>(window: &'a Window, name: &str, values: &[f64]) -> Physics<'a> {
-        Physics::new(window, &[(find(name).unwrap(), values)], &Latents::default())
+    fn with<'a>(window: &'a Segment, name: &str, values: &[f64]) -> SegmentPhysics<'a> {
+        SegmentPhysics::new(window, &[(find(name).unwrap(), values)], &Latents::default())
     }
 
     const LAWS: [(&str, &[f64]); 4] = [
@@ -389,9 +416,9 @@ mod tests {
     ];
 
     /// All bodies of some paths, by path and point.
-    fn flown(paths: &[Start]) -> Vec<Vec<Body>> {
+    fn flown(paths: &[InitialCondition]) -> Vec<Vec<PlanarState>> {
         let mut out = vec![Vec::new(); paths.len()];
-        fly(paths, |p, _, body| out[p].push(body));
+        integrate(paths, |p, _, body| out[p].push(body));
         out
     }
 
@@ -399,18 +426,18 @@ mod tests {
     #[test]
     fn a_path_is_where_shorter_steps_lead() {
         let ((flights, _), (bounces, _)) = (flights([0.0, 0.0], 1), bounces(0.8, 1));
-        let contact = bounces.iter().find(|w| w.kind == Kind::Contact).expect("one bounce");
+        let contact = bounces.iter().find(|w| w.kind == SegmentKind::Contact).expect("one bounce");
         for ((name, values), window) in LAWS.iter().flat_map(|law| [(law, &flights[0]), (law, contact)]) {
             let physics = with(window, name, values);
-            let shorter = Physics { step: STEP[1], ..with(window, name, values) };
-            let paths: [Start; 2] = [(&physics, &window.nuisances), (&shorter, &window.nuisances)];
+            let shorter = SegmentPhysics { max_step: MAX_STEPS[1], ..with(window, name, values) };
+            let paths: [InitialCondition; 2] = [(&physics, &window.nuisances), (&shorter, &window.nuisances)];
             let [own, wanted] = paths.map(|path| flown(&[path]).remove(0));
             for (at, wanted) in own.iter().zip(wanted) {
                 let off = |k: usize| (at[k] - wanted[k]).hypot(at[k + 1] - wanted[k + 1]);
                 assert!(off(0) < 1e-6 && off(2) < 1e-5, "{name}: {} and {}", off(0), off(2));
             }
-            let met = paths.map(|path| fly(&[path], |_, _, _| ())[0]);
-            assert!(met.iter().all(|m| m.is_some() == (window.kind == Kind::Contact)));
+            let met = paths.map(|path| integrate(&[path], |_, _, _| ())[0]);
+            assert!(met.iter().all(|m| m.is_some() == (window.kind == SegmentKind::Contact)));
             if let [Some(a), Some(b)] = met {
                 let off =
                     [a.time - b.time, a.approach - b.approach, a.normal - b.normal, a.tangent - b.tangent];
@@ -423,12 +450,14 @@ mod tests {
     #[test]
     fn a_path_in_company_is_the_path_alone() {
         let (windows, _) = bounces(0.8, 1);
-        for (window, step) in windows.iter().flat_map(|w| STEP.map(|step| (w, step))) {
-            let physics = |k: usize| Physics { step, ..with(window, LAWS[k % 3].0, LAWS[k % 3].1) };
+        for (window, step) in windows.iter().flat_map(|w| MAX_STEPS.map(|step| (w, step))) {
+            let physics =
+                |k: usize| SegmentPhysics { max_step: step, ..with(window, LAWS[k % 3].0, LAWS[k % 3].1) };
             for (k, (name, _)) in LAWS.iter().take(3).enumerate() {
                 // The first, which all take as many steps as; and again, beyond the lanes.
-                let all: Vec<Physics> = (k..k + LANES + 2).map(physics).collect();
-                let paths: Vec<Start> = all.iter().map(|p| (p, window.nuisances.as_slice())).collect();
+                let all: Vec<SegmentPhysics> = (k..k + LANES + 2).map(physics).collect();
+                let paths: Vec<InitialCondition> =
+                    all.iter().map(|p| (p, window.nuisances.as_slice())).collect();
                 let (together, alone) = (flown(&paths), flown(&paths[..1]));
                 assert!(together[0] == alone[0] && together[LANES + 1] == alone[0], "{name}");
             }

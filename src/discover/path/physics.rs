@@ -1,7 +1,7 @@
 //! What acts in a window: the scene's own effects and a model's terms as laws, and what a surface gives back.
 
-use super::roll::Body;
-use crate::discover::window::{Surface, Window};
+use super::roll::PlanarState;
+use crate::discover::window::{Segment, Surface};
 use crate::world::Latents;
 use crate::world::effect::{
     Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget, Measurement,
@@ -9,32 +9,32 @@ use crate::world::effect::{
 };
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
-pub const INSTANT: f64 = 1e-6;
+pub const KICK_DURATION: f64 = 1e-6;
 /// Longest step of integration, s, and the longest where a law has edges in space.
-pub(super) const STEP: [f64; 2] = [0.03, 0.007];
+pub(super) const MAX_STEPS: [f64; 2] = [0.03, 0.007];
 /// Steps in relaxation times: for accuracy, and for stability where that would be more than `MANY_STEPS`; and the most at all.
-const ACCURATE: f64 = 0.4;
-const STABLE: f64 = 2.0;
+const ACCURACY_STEPS: f64 = 0.4;
+const STABILITY_STEPS: f64 = 2.0;
 const MANY_STEPS: f64 = 2000.0;
-const MOST_STEPS: f64 = 10_000.0;
+const MAX_STEP_COUNT: f64 = 10_000.0;
 /// m/s: difference for the rate of relaxation.
 const SMALL_SPEED: f64 = 1e-3;
 
 /// What acts in a window.
-pub struct Physics<'a> {
-    pub(super) window: &'a Window,
-    pub(super) motions: Vec<Acting>,
-    pub(super) touches: Vec<(&'static dyn ContactLaw, Constants)>,
+pub struct SegmentPhysics<'a> {
+    pub(super) window: &'a Segment,
+    pub(super) motion_laws: Vec<ActiveMotionLaw>,
+    pub(super) contact_laws: Vec<(&'static dyn ContactLaw, Constants)>,
     pub(super) sensors: Vec<(&'static dyn Sensor, Constants)>,
     /// True time = rate * stamp + offset.
     pub(super) clock: [f64; 2],
-    pub(super) step: f64,
+    pub(super) max_step: f64,
     pub(super) restitution: f64,
     pub(super) friction: f64,
 }
 
 /// A law of motion, with its effect's place among all that act.
-pub(super) struct Acting {
+pub(super) struct ActiveMotionLaw {
     pub(super) place: usize,
     pub(super) effect: &'static Effect,
     law: &'static dyn MotionLaw,
@@ -56,13 +56,17 @@ pub struct Impact {
     pub tangent: f64,
 }
 
-impl<'a> Physics<'a> {
+impl<'a> SegmentPhysics<'a> {
     /// The scene's own effects and `terms`, with the registry's order of values.
-    pub fn new(window: &'a Window, terms: &[(&'static Effect, &[f64])], latents: &Latents) -> Physics<'a> {
-        let around = SimulationContext { time_step: INSTANT, gravity: window.scene.gravity };
-        let own = window.own.iter().map(|a| (a.effect, a.values.as_slice()));
-        let (mut motions, mut touches, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
-        let mut step = STEP[0];
+    pub fn new(
+        window: &'a Segment,
+        terms: &[(&'static Effect, &[f64])],
+        latents: &Latents,
+    ) -> SegmentPhysics<'a> {
+        let around = SimulationContext { time_step: KICK_DURATION, gravity: window.scene.gravity };
+        let own = window.scene_effects.iter().map(|a| (a.effect, a.values.as_slice()));
+        let (mut motion_laws, mut contact_laws, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
+        let mut max_step = MAX_STEPS[0];
         for (place, (effect, values)) in own.chain(terms.iter().copied()).enumerate() {
             if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
                 continue;
@@ -70,15 +74,15 @@ impl<'a> Physics<'a> {
             match effect.kind {
                 EffectKind::Motion(law) => {
                     let constants = law.constants(values, &around);
-                    motions.push(Acting { place, effect, law, constants });
+                    motion_laws.push(ActiveMotionLaw { place, effect, law, constants });
                 }
-                EffectKind::Contact(law) => touches.push((law, law.constants(values, &around))),
+                EffectKind::Contact(law) => contact_laws.push((law, law.constants(values, &around))),
                 EffectKind::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
                 // A start of its own takes up whatever a placement does.
                 EffectKind::Action(_) => {}
             }
             if effect.target() == EffectTarget::Region {
-                step = STEP[1];
+                max_step = MAX_STEPS[1];
             }
         }
         let clock = sensors.iter().fold([1.0, 0.0], |[rate, offset], (sensor, c)| {
@@ -86,8 +90,9 @@ impl<'a> Physics<'a> {
             [rate * r, rate * o + offset]
         });
         let [friction, restitution] = window.surface.as_ref().map_or([1.0; 2], |s| {
-            let carried =
-                |k: usize, latent: Option<f64>, own: f64| latent.filter(|_| s.carries[k]).unwrap_or(own);
+            let carried = |k: usize, latent: Option<f64>, own: f64| {
+                latent.filter(|_| s.carries_latents[k]).unwrap_or(own)
+            };
             let of = |k: usize| {
                 [
                     carried(k, latents.friction, s.friction[k]),
@@ -96,11 +101,11 @@ impl<'a> Physics<'a> {
             };
             window.scene.contact_rules.unwrap_or_default().of_contact(of(0), of(1))
         });
-        Physics { window, motions, touches, sensors, clock, step, restitution, friction }
+        SegmentPhysics { window, motion_laws, contact_laws, sensors, clock, max_step, restitution, friction }
     }
 
     /// Where sensors see a body; NaN where its path has left all bounds.
-    pub(super) fn shown(&self, body: &Body) -> [f64; 2] {
+    pub(super) fn measure(&self, body: &PlanarState) -> [f64; 2] {
         let state =
             Measurement { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
         let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
@@ -110,20 +115,20 @@ impl<'a> Physics<'a> {
 
     /// Longest step of integration of a path from a body's state, s: short against the time in which velocities relax there, and
     /// at the typical observed velocity.
-    pub(super) fn step_from(&self, body: &Body) -> f64 {
-        let points = &self.window.points;
-        let (Some(first), Some(last)) = (points.first(), points.last()) else { return self.step };
+    pub(super) fn max_step_from(&self, body: &PlanarState) -> f64 {
+        let points = &self.window.observations;
+        let (Some(first), Some(last)) = (points.first(), points.last()) else { return self.max_step };
         let duration = (last.time - first.time).max(1e-9);
-        let usual = [0, 1].map(|k| (last.seen[k] - first.seen[k]) / duration);
+        let usual = [0, 1].map(|k| (last.position[k] - first.position[k]) / duration);
         let velocities = [[body[2], body[3]], usual].into_iter().filter(|v| v.iter().all(|v| v.is_finite()));
         let rate = velocities.map(|[vx, vy]| self.relaxation_rate(&[body[0], body[1], vx, vy, body[4]]));
         let rate = rate.fold(0.0, f64::max);
-        let stable = (duration / MANY_STEPS).min(STABLE / rate).max(duration / MOST_STEPS);
-        self.step.min((ACCURATE / rate).max(stable))
+        let stable = (duration / MANY_STEPS).min(STABILITY_STEPS / rate).max(duration / MAX_STEP_COUNT);
+        self.max_step.min((ACCURACY_STEPS / rate).max(stable))
     }
 
     /// Largest rate at which an acceleration changes with a velocity, 1/s.
-    fn relaxation_rate(&self, body: &Body) -> f64 {
+    fn relaxation_rate(&self, body: &PlanarState) -> f64 {
         let here = self.acceleration(self.clock[1], body);
         let by = |k: usize| {
             let mut moved = *body;
@@ -136,43 +141,52 @@ impl<'a> Physics<'a> {
 
     /// Whether nothing that acts has an edge: then steps need not end where observations are.
     pub(super) fn is_smooth(&self) -> bool {
-        self.step == STEP[0]
+        self.max_step == MAX_STEPS[0]
     }
 
     /// Acceleration at a time since the window's start and a true state (x, y, vx, vy) without spin, m/s^2.
-    pub fn push(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> [f64; 2] {
-        let [ax, ay, _] = self.acceleration(self.stamp(time), &[x, y, vx, vy, 0.0]);
+    pub fn acceleration_at(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> [f64; 2] {
+        let [ax, ay, _] = self.acceleration(self.true_time(time), &[x, y, vx, vy, 0.0]);
         [ax, ay]
     }
 
     /// [`Physics::stamp`] backwards.
-    pub(super) fn seen_at(&self, true_time: f64) -> f64 {
+    pub(super) fn observed_time(&self, true_time: f64) -> f64 {
         (true_time - self.clock[1]) / self.clock[0] - self.window.start
     }
 
     /// True time of a time since the window's start, s.
-    pub(super) fn stamp(&self, time: f64) -> f64 {
+    pub(super) fn true_time(&self, time: f64) -> f64 {
         self.clock[0] * (self.window.start + time) + self.clock[1]
     }
 
-    pub(super) fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
+    pub(super) fn acceleration(&self, time: f64, s: &PlanarState) -> [f64; 3] {
         let mut v = [s[2], s[3], s[4]];
-        for acting in &self.motions {
+        for acting in &self.motion_laws {
             let moving = MotionState { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
-            v = acting.law.kick(&acting.constants, moving, INSTANT);
+            v = acting.law.kick(&acting.constants, moving, KICK_DURATION);
         }
         let g = self.window.scene.gravity;
-        [(v[0] - s[2]) / INSTANT + g[0], (v[1] - s[3]) / INSTANT + g[1], (v[2] - s[4]) / INSTANT]
+        [
+            (v[0] - s[2]) / KICK_DURATION + g[0],
+            (v[1] - s[3]) / KICK_DURATION + g[1],
+            (v[2] - s[4]) / KICK_DURATION,
+        ]
     }
 
     /// A body that meets a surface, as it leaves it.
-    pub(super) fn struck(&self, time: f64, mut at: Body, surface: &Surface) -> (Body, Impact) {
+    pub(super) fn resolve_impact(
+        &self,
+        time: f64,
+        mut at: PlanarState,
+        surface: &Surface,
+    ) -> (PlanarState, Impact) {
         let n = surface.normal;
         let speed = at[2] * n[0] + at[3] * n[1];
         let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
         let meeting = ContactState { approach: (-speed).max(0.0), slip, begins: true };
         let own = ContactResponse { restitution: self.restitution, slip: 0.0 };
-        let answer = self.touches.iter().fold(own, |a, (law, c)| law.respond(c, meeting, a));
+        let answer = self.contact_laws.iter().fold(own, |a, (law, c)| law.respond(c, meeting, a));
         // Impulses over the mass; along the tangent (-ny, nx) of the slip.
         let normal = -(1.0 + answer.restitution) * speed;
         let mobility = 1.0 + 1.0 / surface.inertia;
@@ -182,26 +196,27 @@ impl<'a> Physics<'a> {
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
         at[4] -= tangent / (surface.inertia * surface.radius);
-        let impact = Impact { time: self.seen_at(time), approach: meeting.approach, slip, normal, tangent };
+        let impact =
+            Impact { time: self.observed_time(time), approach: meeting.approach, slip, normal, tangent };
         (at, impact)
     }
 }
 
 impl Surface {
-    pub(super) fn height(&self, s: &Body, offset: f64) -> f64 {
+    pub(super) fn height(&self, s: &PlanarState, offset: f64) -> f64 {
         s[0] * self.normal[0] + s[1] * self.normal[1] - self.level - offset
     }
 
-    pub(super) fn below(&self, s: &Body, offset: f64) -> bool {
+    pub(super) fn is_below(&self, s: &PlanarState, offset: f64) -> bool {
         self.height(s, offset) < 0.0
     }
 
     /// Speed away from the surface, m/s.
-    pub(super) fn rising(&self, s: &Body) -> f64 {
+    pub(super) fn normal_velocity(&self, s: &PlanarState) -> f64 {
         s[2] * self.normal[0] + s[3] * self.normal[1]
     }
 
-    pub(super) fn approaches(&self, s: &Body) -> bool {
-        self.rising(s) < 0.0
+    pub(super) fn is_approached(&self, s: &PlanarState) -> bool {
+        self.normal_velocity(s) < 0.0
     }
 }

@@ -3,39 +3,39 @@
 use crate::discover::window::Surface;
 
 /// x, y, vx, vy, omega
-pub type Body = [f64; 5];
+pub type PlanarState = [f64; 5];
 
 /// Where it is and how fast.
 #[derive(Clone, Copy)]
-pub struct Rolling {
+pub struct RollingDisc {
     /// Where ways are counted from, m.
-    first: [f64; 2],
+    origin: [f64; 2],
     normal: [f64; 2],
     radius: f64,
     inertia: f64,
     /// Along (ny, -nx), m and m/s.
-    way: f64,
+    distance: f64,
     speed: f64,
     /// How far the surface is from where it is thought, m, and how that grows along it.
     height: f64,
     slope: f64,
 }
 
-impl Rolling {
+impl RollingDisc {
     /// From where it was first seen, and a roll's nuisances.
-    pub fn new(surface: &Surface, first: [f64; 2], nuisances: &[f64]) -> Option<Rolling> {
+    pub fn new(surface: &Surface, first: [f64; 2], nuisances: &[f64]) -> Option<RollingDisc> {
         let [way, speed, height, slope] = *nuisances else { return None };
         let &Surface { normal, radius, inertia, .. } = surface;
-        Some(Rolling { first, normal, radius, inertia, way, speed, height, slope })
+        Some(RollingDisc { origin: first, normal, radius, inertia, distance: way, speed, height, slope })
     }
 
     /// The disc where it is.
-    pub fn body(&self) -> Body {
+    pub fn body(&self) -> PlanarState {
         let n = self.normal;
-        let up = self.height + self.slope * self.way;
+        let up = self.height + self.slope * self.distance;
         [
-            self.first[0] + self.way * n[1] + up * n[0],
-            self.first[1] - self.way * n[0] + up * n[1],
+            self.origin[0] + self.distance * n[1] + up * n[0],
+            self.origin[1] - self.distance * n[0] + up * n[1],
             self.speed * n[1],
             -self.speed * n[0],
             -self.speed / self.radius,
@@ -47,12 +47,12 @@ impl Rolling {
     pub fn advance(
         &mut self,
         h: f64,
-        acceleration: impl Fn(&Body) -> [f64; 3],
+        acceleration: impl Fn(&PlanarState) -> [f64; 3],
         resistance: Option<impl Fn(f64) -> f64>,
     ) {
         // What drives it along the surface, and what can hold it, m/s^2.
         let forces = |way: f64, speed: f64| {
-            let at = Rolling { way, speed, ..*self };
+            let at = RollingDisc { distance: way, speed, ..*self };
             let a = acceleration(&at.body());
             let along = a[0] * at.normal[1] - a[1] * at.normal[0];
             // A rolling disc turns against the tangent: centre and spin share one speed.
@@ -65,16 +65,16 @@ impl Rolling {
             let (free, held) = forces(way, speed);
             free - speed.signum() * held
         };
-        let (free, held) = forces(self.way, self.speed);
+        let (free, held) = forces(self.distance, self.speed);
         if resistance.is_some() && self.speed == 0.0 && free.abs() <= held {
             return;
         }
         let a = free - self.speed.signum() * held;
-        let middle = slope(self.way + 0.5 * h * self.speed, self.speed + 0.5 * h * a);
+        let middle = slope(self.distance + 0.5 * h * self.speed, self.speed + 0.5 * h * a);
         let next = self.speed + h * middle;
         // What comes to rest is held there if it can be.
         let stopped = next * self.speed < 0.0 && resistance.is_some();
-        self.way += h * (self.speed + 0.5 * h * middle);
+        self.distance += h * (self.speed + 0.5 * h * middle);
         self.speed = if stopped { 0.0 } else { next };
     }
 }
@@ -84,22 +84,22 @@ mod tests {
     use super::*;
 
     /// A disc of inertia 1/2 on a slope whose tangent is 3/4.
-    fn disc(speed: f64) -> Rolling {
+    fn disc(speed: f64) -> RollingDisc {
         let surface = Surface {
-            fixed: 0,
+            static_index: 0,
             normal: [0.6, 0.8],
             level: 0.0,
             friction: [1.0; 2],
             restitution: [0.0; 2],
-            carries: [false; 2],
+            carries_latents: [false; 2],
             radius: 0.1,
             inertia: 0.5,
-            spin: 0.0,
+            spin_prior_sd: 0.0,
         };
-        Rolling::new(&surface, [5.0, 2.0], &[0.0, speed, 0.0, 0.0]).unwrap()
+        RollingDisc::new(&surface, [5.0, 2.0], &[0.0, speed, 0.0, 0.0]).unwrap()
     }
 
-    fn rolled(mut disc: Rolling, seconds: f64, resistance: f64) -> Body {
+    fn rolled(mut disc: RollingDisc, seconds: f64, resistance: f64) -> PlanarState {
         for _ in 0..1000 {
             disc.advance(1e-3 * seconds, |_| [0.0, -9.81, 0.0], Some(|load: f64| resistance * load));
         }

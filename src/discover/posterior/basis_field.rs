@@ -10,10 +10,10 @@ use nalgebra::DVector;
 
 use super::discrepancy::{FieldMixture, FieldRanges};
 use super::whitened::WhitenedGroup;
-use crate::discover::field::{self, OVERS, Over};
-use crate::discover::fit::Fitter;
+use crate::discover::field::{self, FieldInputs, RADIAL_INPUTS};
+use crate::discover::fit::ModelFitter;
 use crate::discover::law::POWERS;
-use crate::discover::model::{Extra, Layout, Slot, State, Term, paths};
+use crate::discover::model::{FitState, Parameter, ParameterLayout, Perturbation, Term, segment_states};
 use crate::error::Result;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::{Effect, monomial};
@@ -27,7 +27,7 @@ const MIN_MONOMIAL_SIZE: f64 = 1e-3;
 /// A field expanded in basis functions.
 #[derive(Clone)]
 pub struct BasisField {
-    pub over: Over,
+    pub over: FieldInputs,
     /// The basis effects, two functions each: their first two parameters are the amplitudes.
     pub effects: Vec<(&'static Effect, Vec<f64>)>,
     /// Amplitude of each effect for a maximum acceleration of 1 m/s^2.
@@ -38,7 +38,7 @@ pub struct BasisField {
 
 impl BasisField {
     /// A zero field of the given effects.
-    fn zero(over: Over, effects: Vec<(&'static Effect, Vec<f64>)>) -> BasisField {
+    fn zero(over: FieldInputs, effects: Vec<(&'static Effect, Vec<f64>)>) -> BasisField {
         BasisField {
             over,
             units: vec![1.0; effects.len()],
@@ -53,20 +53,20 @@ impl BasisField {
     }
 
     /// One perturbation of the model per basis function.
-    fn perturbations(&self) -> Vec<Extra> {
+    fn perturbations(&self) -> Vec<Perturbation> {
         let of = |((effect, values), unit): (&(&'static Effect, Vec<f64>), &f64)| {
             [0, 1].map(|k| {
                 let mut values = values.clone();
                 (values[0], values[1]) = (0.0, 0.0);
                 values[k] = FD_AMPLITUDE * unit;
-                Extra { effect, values, unit: FD_AMPLITUDE }
+                Perturbation { effect, values, unit: FD_AMPLITUDE }
             })
         };
         self.effects.iter().zip(&self.units).flat_map(of).collect()
     }
 
     /// The layout with this field in place of another of the same basis.
-    pub fn replacing(&self, layout: &Layout) -> Layout {
+    pub fn replacing(&self, layout: &ParameterLayout) -> ParameterLayout {
         let mut layout = layout.clone();
         layout.terms.truncate(layout.terms.len() - self.effects.len());
         layout.terms.extend(self.terms());
@@ -82,7 +82,7 @@ impl BasisField {
                 let [low, high] = effect.parameters[k].bounds;
                 start[k] = (coefficients[k] * unit).clamp(low, high);
             }
-            Term { effect, per_setting: false, free: vec![false; start.len()], start, difference: None }
+            Term { effect, per_setting: false, free: vec![false; start.len()], start, fd_step: None }
         })
     }
 
@@ -108,9 +108,9 @@ impl BasisField {
     }
 
     /// The layout with this field's terms after the named ones.
-    pub fn appended_to(&self, named: &[Term], layout: &Layout, settings: usize) -> Layout {
-        let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
-        Layout::new(&latents, named.iter().cloned().chain(self.terms()).collect(), settings)
+    pub fn appended_to(&self, named: &[Term], layout: &ParameterLayout, settings: usize) -> ParameterLayout {
+        let latents: Vec<usize> = layout.parameters.iter().filter_map(Parameter::latent).collect();
+        ParameterLayout::new(&latents, named.iter().cloned().chain(self.terms()).collect(), settings)
     }
 }
 
@@ -133,18 +133,22 @@ pub struct AllFields {
 
 impl AllFields {
     /// Along the segments' paths at a state.
-    pub fn along_paths(fitter: &Fitter, layout: &Layout, state: &State) -> Result<AllFields> {
-        let paths = paths(fitter.data, layout, state)?;
-        let functions = field::functions(fitter.data.windows, &paths);
+    pub fn along_paths(
+        fitter: &ModelFitter,
+        layout: &ParameterLayout,
+        state: &FitState,
+    ) -> Result<AllFields> {
+        let paths = segment_states(fitter.data, layout, state)?;
+        let functions = field::field_basis(fitter.data.segments, &paths);
         Ok(AllFields {
             powers: monomials(&paths),
-            bumps: BasisField::zero(Over::All, functions.effects()),
-            kinds: OVERS.map(|over| (over, functions.range(over))).to_vec(),
+            bumps: BasisField::zero(FieldInputs::All, functions.effects()),
+            kinds: RADIAL_INPUTS.map(|over| (over, functions.indices(over))).to_vec(),
         })
     }
 
     /// The field of one kind.
-    fn rbf_field(&self, over: Over, range: &Range<usize>) -> BasisField {
+    fn rbf_field(&self, over: FieldInputs, range: &Range<usize>) -> BasisField {
         BasisField::zero(over, self.bumps.effects[range.start / 2..range.end / 2].to_vec())
     }
 }
@@ -163,12 +167,12 @@ pub fn monomials(paths: &[Vec<[f64; 4]>]) -> BasisField {
         (&monomial::EFFECT, values.collect())
     };
     let units = POWERS.iter().map(|p| 1.0 / largest(p)).collect();
-    BasisField { units, ..BasisField::zero(Over::Powers, POWERS.iter().map(effect).collect()) }
+    BasisField { units, ..BasisField::zero(FieldInputs::Powers, POWERS.iter().map(effect).collect()) }
 }
 
 impl DiscrepancyModel<'_> {
     /// One perturbation of the model per basis function.
-    pub fn perturbations(&self) -> Vec<Extra> {
+    pub fn perturbations(&self) -> Vec<Perturbation> {
         match self {
             DiscrepancyModel::Absent => Vec::new(),
             DiscrepancyModel::Marginalised(every) => every.bumps.perturbations(),
@@ -216,7 +220,7 @@ mod tests {
         assert_eq!((field.coefficients.len(), field.effects.len()), (2 * POWERS.len(), POWERS.len()));
         let still = monomials(&[vec![[0.0; 4]]]);
         assert!(still.units.iter().all(|u| u.is_finite()));
-        let within = |e: &Extra| (0..2).all(|k| e.values[k].abs() < e.effect.parameters[k].bounds[1]);
+        let within = |e: &Perturbation| (0..2).all(|k| e.values[k].abs() < e.effect.parameters[k].bounds[1]);
         assert!(still.perturbations().iter().all(within), "a body at rest can be simulated");
         let extra = &field.perturbations()[2 * place([0, 0, 0, 1, 1]) + 1];
         assert_eq!((extra.values[0], extra.values[1], extra.unit), (0.0, FD_AMPLITUDE / 20.0, FD_AMPLITUDE));
@@ -225,10 +229,10 @@ mod tests {
     /// Its terms follow the named ones, none is fitted, and the layout's parameters stay the same.
     #[test]
     fn field_adds_no_fitted_parameters() {
-        let named = Layout::new(&[1], vec![term("quadratic_drag")], 1);
+        let named = ParameterLayout::new(&[1], vec![term("quadratic_drag")], 1);
         let coefficients = vec![0.4; 2 * POWERS.len()];
         let layout = BasisField { coefficients, ..synthetic_field() }.appended_to(&named.terms, &named, 1);
-        assert_eq!((layout.slots.len(), layout.terms.len()), (named.slots.len(), 1 + POWERS.len()));
+        assert_eq!((layout.parameters.len(), layout.terms.len()), (named.parameters.len(), 1 + POWERS.len()));
         assert_eq!(layout.terms[0].effect.name, "quadratic_drag");
         assert_eq!(layout.terms[2].start[..2], [0.2, 0.2], "x: 0.4 m/s^2 at 2 m");
     }

@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use super::basis_field::DiscrepancyModel;
 use super::discrepancy::FieldMixture;
 use super::whitened::{WhitenedGroup, whiten};
-use crate::discover::gaussian::Components;
-use crate::discover::launch::Part;
+use crate::discover::gaussian::VarianceComponents;
+use crate::discover::launch::Group;
 
 /// Likelihood given variance components.
 pub struct ConditionalLikelihood {
@@ -33,9 +33,9 @@ impl ConditionalLikelihood {
     /// Conditional likelihood of groups and segments given components. `at_fit`: the conditional likelihood at
     /// the fit, whose fields are reused. `None` if a covariance fails.
     pub fn new(
-        groups: &[Part],
+        groups: &[Group],
         blocks: &[BlockIndex],
-        components: &Components,
+        components: &VarianceComponents,
         slots: usize,
         (discrepancy_model, at_fit): (&DiscrepancyModel, Option<&ConditionalLikelihood>),
     ) -> Option<ConditionalLikelihood> {
@@ -95,26 +95,26 @@ impl ConditionalLikelihood {
 mod tests {
     use super::*;
     use crate::discover::components;
-    use crate::discover::launch::Block;
+    use crate::discover::launch::SegmentBlock;
     use crate::estimate::sampler::log_sum_exp;
     use crate::rng;
 
-    fn synthetic_groups() -> Vec<Part> {
-        let block = |window: usize| Block {
-            window,
-            left: DVector::from_fn(5, |i, _| 2.0 * wave(i + 9 * window)),
-            slow: DVector::from_fn(5, |i, _| 1.0 / (1 + i) as f64),
-            columns: DMatrix::from_fn(5, 1, |i, _| wave(3 * i + window)),
-            alike: DMatrix::zeros(5, 0),
-            alike_of: Vec::new(),
-            own: DMatrix::zeros(5, 0),
-            kinds: Vec::new(),
-            log_white: 0.0,
+    fn synthetic_groups() -> Vec<Group> {
+        let block = |window: usize| SegmentBlock {
+            segment: window,
+            residual: DVector::from_fn(5, |i, _| 2.0 * wave(i + 9 * window)),
+            gp_variance: DVector::from_fn(5, |i, _| 1.0 / (1 + i) as f64),
+            jacobian: DMatrix::from_fn(5, 1, |i, _| wave(3 * i + window)),
+            z_group: DMatrix::zeros(5, 0),
+            z_group_effects: Vec::new(),
+            z_segment: DMatrix::zeros(5, 0),
+            z_segment_effects: Vec::new(),
+            log_det_noise: 0.0,
         };
-        let group = |launch: usize| Part {
-            launch,
+        let group = |launch: usize| Group {
+            trial: launch,
             blocks: vec![block(2 * launch), block(2 * launch + 1)],
-            differs: true,
+            has_random_effects: true,
         };
         (0..3).map(group).collect()
     }
@@ -123,8 +123,8 @@ mod tests {
         libm::sin(1.7 * k as f64 + 0.3)
     }
 
-    fn components_with(slow: f64) -> Components {
-        Components { slow, push: Vec::new(), leap: 0.01, strength: 0.0 }
+    fn components_with(slow: f64) -> VarianceComponents {
+        VarianceComponents { discrepancy: slow, accelerations: Vec::new(), impact: 0.01, scale: 0.0 }
     }
 
     /// The second segment of the first group.
@@ -158,8 +158,8 @@ mod tests {
     #[test]
     fn mean_over_draws_matches_integral() {
         let groups = synthetic_groups();
-        let mut likely = components::Likelihood::new(&groups, &components_with(1.0));
-        let drawn = likely.draw(1500, &mut rng::stream(5, "test"));
+        let mut likely = components::ComponentLikelihood::new(&groups, &components_with(1.0));
+        let drawn = likely.sample(1500, &mut rng::stream(5, "test"));
         let first = conditional(1.0, None);
         let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);
         let at = |under: &ConditionalLikelihood, share: f64| {
@@ -168,7 +168,8 @@ mod tests {
             under.log_likelihoods(&residuals)[0]
         };
         let mean = |share: f64| {
-            let all: Vec<f64> = drawn.iter().map(|c| at(&conditional(c.slow, Some(&first)), share)).collect();
+            let all: Vec<f64> =
+                drawn.iter().map(|c| at(&conditional(c.discrepancy, Some(&first)), share)).collect();
             log_sum_exp(all.iter().copied()) - libm::log(all.len() as f64)
         };
         let integral = |share: f64| {

@@ -20,10 +20,10 @@ use super::horizon::{FitData, MAX_HORIZON, PreparedModel, horizon_loss, truncate
 use super::log_likelihood::LogLikelihood;
 use super::prior;
 use super::whitened::whiten;
-use crate::discover::fit::Fitter;
-use crate::discover::model::{self, Data, State};
+use crate::discover::fit::ModelFitter;
+use crate::discover::model::{self, FitState, SegmentData};
 use crate::discover::noise::Noise;
-use crate::discover::window::{Kind, Window};
+use crate::discover::window::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::estimate::sampler::smc::{SmcConfig, smc};
 use crate::estimate::sampler::{JointPrior, ReferenceDensity, Target as _};
@@ -53,7 +53,7 @@ pub fn with_discrepancy_field(
     progress: &dyn Progress,
 ) -> Result<PreparedModel> {
     let Some(every) = detect_discrepancy(fit_data, &model)? else { return Ok(model) };
-    let numbers = prior::parameter_priors(&model.layout, &fit_data.ready.names, believed);
+    let numbers = prior::parameter_priors(&model.layout, &fit_data.ready.setting_names, believed);
     let way =
         DataTempering { grounds: fit_data, model: &model, prior: prior::joint_prior(&numbers)?, progress };
     let mut found =
@@ -68,14 +68,14 @@ pub fn with_discrepancy_field(
 
 /// All candidate fields along the model's paths, if a discrepancy is likely.
 fn detect_discrepancy(grounds: &FitData, model: &PreparedModel) -> Result<Option<AllFields>> {
-    let data = Data::new(&model.windows, &grounds.ready.settings, model.sd.clone(), grounds.engine);
-    let fitter = Fitter::new(&data, &model.noise);
-    let Some(fit) = fitter.refined(model.layout.clone(), model.state.clone())? else { return Ok(None) };
+    let data = SegmentData::new(&model.windows, &grounds.ready.settings, model.sd.clone(), grounds.engine);
+    let fitter = ModelFitter::new(&data, &model.noise);
+    let Some(fit) = fitter.run_gls(model.layout.clone(), model.state.clone())? else { return Ok(None) };
     let lacks = DiscrepancyModel::Marginalised(AllFields::along_paths(&fitter, &fit.layout, &fit.state)?);
-    let Some((_, parts)) = fitter.parts(&fit.layout, &fit.state, &lacks.perturbations())? else {
+    let Some((_, parts)) = fitter.groups(&fit.layout, &fit.state, &lacks.perturbations())? else {
         return Ok(None);
     };
-    let slots = fit.layout.slots.len();
+    let slots = fit.layout.parameters.len();
     let whitened = parts.iter().map(|p| whiten(p, &fit.components, slots).map(|w| w.0));
     let Some(whitened) = whitened.collect::<Option<Vec<_>>>() else { return Ok(None) };
     let fields = lacks.discrepancy(&whitened);
@@ -125,13 +125,13 @@ impl Progress for StageProgress<'_> {
 
 impl DataTempering<'_> {
     fn noise(&self) -> Noise {
-        Noise { sd: self.grounds.ready.simulated, ..self.grounds.ready.noise }
+        Noise { sd: self.grounds.ready.engine_sd, ..self.grounds.ready.noise }
     }
 
     /// Initial segments of at most `most` intervals that end before `until`, by trial.
-    fn initial_segments(&self, most: usize, until: &[f64]) -> Vec<Window> {
-        let all = truncate_initial_segments(&self.grounds.ready.whole, until, most);
-        all.into_iter().filter(|w| w.kind == Kind::Run).collect()
+    fn initial_segments(&self, most: usize, until: &[f64]) -> Vec<Segment> {
+        let all = truncate_initial_segments(&self.grounds.ready.untrimmed, until, most);
+        all.into_iter().filter(|w| w.kind == SegmentKind::FromInitialState).collect()
     }
 
     /// Samples the posterior on a horizon of `most` intervals from the previous stage, the `before`-th; `None`
@@ -140,11 +140,12 @@ impl DataTempering<'_> {
         let FitData { ready, engine, seed, .. } = self.grounds;
         let open = vec![f64::INFINITY; ready.settings.len()];
         let (windows, noise) = (self.initial_segments(most, &open), self.noise());
-        let data = Data::new(&windows, &ready.settings, vec![noise.sd; windows.len()], *engine);
-        let layout = from.field.appended_to(self.model.named_terms(), &self.model.layout, ready.names.len());
+        let data = SegmentData::new(&windows, &ready.settings, vec![noise.sd; windows.len()], *engine);
+        let layout =
+            from.field.appended_to(self.model.named_terms(), &self.model.layout, ready.setting_names.len());
         let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
-        let fitter = Fitter::new(&data, &noise);
-        let Some(fit) = fitter.refined(layout, State::new(from.values.clone(), starts))? else {
+        let fitter = ModelFitter::new(&data, &noise);
+        let Some(fit) = fitter.run_gls(layout, FitState::new(from.values.clone(), starts))? else {
             return Ok(None);
         };
         let lacks = DiscrepancyModel::Sampled(&from.field);
@@ -177,19 +178,21 @@ impl DataTempering<'_> {
     fn finish(&self, found: TemperedFit) -> Result<PreparedModel> {
         let TemperedFit { values, field, draws: cloud } = found;
         let FitData { ready, engine, .. } = self.grounds;
-        let layout = field.appended_to(self.model.named_terms(), &self.model.layout, ready.names.len());
-        let shown = |windows: &[Window]| {
-            let data = Data::new(windows, &ready.settings, vec![ready.simulated; windows.len()], *engine);
+        let layout =
+            field.appended_to(self.model.named_terms(), &self.model.layout, ready.setting_names.len());
+        let shown = |windows: &[Segment]| {
+            let data =
+                SegmentData::new(windows, &ready.settings, vec![ready.engine_sd; windows.len()], *engine);
             let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
-            model::shown(&data, &layout, &State::new(values.clone(), starts))
+            model::predict(&data, &layout, &FitState::new(values.clone(), starts))
         };
         let mut until = vec![f64::INFINITY; ready.settings.len()];
         let longest = self.initial_segments(MAX_HORIZON, &until);
-        let loss = horizon_loss(&longest, &shown(&longest)?, ready.simulated, &mut until);
+        let loss = horizon_loss(&longest, &shown(&longest)?, ready.engine_sd, &mut until);
         let windows = self.initial_segments(STAGE_INTERVALS[STAGE_INTERVALS.len() - 1], &until);
         let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
-        let state = State::new(values, starts);
-        let sd = vec![ready.simulated; windows.len()];
+        let state = FitState::new(values, starts);
+        let sd = vec![ready.engine_sd; windows.len()];
         Ok(PreparedModel {
             sd,
             windows,

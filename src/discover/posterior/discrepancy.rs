@@ -26,8 +26,8 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::whitened::WhitenedGroup;
-use crate::discover::field::Over;
-use crate::discover::gaussian::FREEDOM;
+use crate::discover::field::FieldInputs;
+use crate::discover::gaussian::SCALE_DOF;
 use crate::estimate::sampler::{log_sum_exp, sample_categorical};
 use crate::rng::Stream;
 
@@ -47,12 +47,12 @@ const MAX_LOG_DENSITY_GAP: f64 = 25.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DiscrepancyField {
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub over: Option<Over>,
+    pub over: Option<FieldInputs>,
     pub strength: f64,
 }
 
 /// Range of basis functions of each kind of field.
-pub type FieldRanges = Vec<(Over, Range<usize>)>;
+pub type FieldRanges = Vec<(FieldInputs, Range<usize>)>;
 
 /// Mixture over discrepancy fields.
 pub struct FieldMixture {
@@ -65,7 +65,7 @@ pub struct FieldMixture {
 
 /// A kind of field in its identified directions.
 struct FieldKind {
-    over: Over,
+    over: FieldInputs,
     /// Range of its basis functions.
     range: Range<usize>,
     /// Directions, by basis function.
@@ -78,7 +78,7 @@ struct FieldKind {
 
 impl FieldMixture {
     /// From groups with Jacobians with respect to all basis functions; `kinds`: their ranges.
-    pub fn new(groups: &[WhitenedGroup], kinds: &[(Over, Range<usize>)]) -> FieldMixture {
+    pub fn new(groups: &[WhitenedGroup], kinds: &[(FieldInputs, Range<usize>)]) -> FieldMixture {
         let log_prior_none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
         let kinds: Vec<FieldKind> =
             kinds.iter().map(|(over, range)| FieldKind::new(groups, *over, range, None)).collect();
@@ -173,7 +173,7 @@ impl FieldKind {
     /// A kind of field from its basis functions, optionally restricted to given directions.
     fn new(
         groups: &[WhitenedGroup],
-        over: Over,
+        over: FieldInputs,
         range: &Range<usize>,
         coefficients: Option<&DMatrix<f64>>,
     ) -> FieldKind {
@@ -198,7 +198,7 @@ impl FieldKind {
             {
                 let n = residuals.len() as f64;
                 let square = (residuals - columns * &field).norm_squared();
-                *weight = (FREEDOM + n) / (FREEDOM + square);
+                *weight = (SCALE_DOF + n) / (SCALE_DOF + square);
             }
             found = FieldKind::diagonalise(&columns, &weights, over, range);
         }
@@ -206,7 +206,12 @@ impl FieldKind {
     }
 
     /// Rotates the basis to directions with diagonal information.
-    fn diagonalise(by: &[DMatrix<f64>], weights: &[f64], over: Over, range: &Range<usize>) -> FieldKind {
+    fn diagonalise(
+        by: &[DMatrix<f64>],
+        weights: &[f64],
+        over: FieldInputs,
+        range: &Range<usize>,
+    ) -> FieldKind {
         let count = by.first().map_or(0, DMatrix::ncols);
         let mut gram = DMatrix::zeros(count, count);
         for (group_columns, weight) in by.iter().zip(weights) {
@@ -289,7 +294,7 @@ mod tests {
     }
 
     fn fitted_mixture(groups: &[WhitenedGroup]) -> FieldMixture {
-        FieldMixture::new(groups, &[(Over::Place, 0..1)])
+        FieldMixture::new(groups, &[(FieldInputs::Place, 0..1)])
     }
 
     /// Without discrepancy no field is most likely; with a strong one it is impossible.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{DiscrepancyField, FieldDraws, ModelPosterior, Posterior, PosteriorConfig, Sampler};
-use crate::discover::field::Over;
+use crate::discover::field::FieldInputs;
 use crate::estimate::discrepancy_forces::{DiscrepancyForces, MAX_WRITTEN_TERMS};
 use crate::estimate::parameter_samples::POSTERIOR_FORMAT;
 use crate::estimate::sampler::{Marginal, SamplingDiagnostics, log_sum_exp};
@@ -47,7 +47,7 @@ pub struct PosteriorDocument {
 pub struct SetFieldDraws {
     /// Index of the draws' set.
     pub set: usize,
-    pub over: Over,
+    pub over: FieldInputs,
     #[serde(flatten)]
     pub forces: DiscrepancyForces,
 }
@@ -302,12 +302,12 @@ fn reweighted_log_evidence(of: &ModelPosterior, wider: f64) -> f64 {
 }
 
 /// Description of a field's basis.
-fn describe_inputs(over: Over) -> &'static str {
+fn describe_inputs(over: FieldInputs) -> &'static str {
     match over {
-        Over::Powers => "monomials of position, velocity and speed",
-        Over::Velocity => "radial basis functions of velocity",
-        Over::Clock => "radial basis functions of time",
-        Over::All | Over::Place | Over::Heading => "radial basis functions of position",
+        FieldInputs::Powers => "monomials of position, velocity and speed",
+        FieldInputs::Velocity => "radial basis functions of velocity",
+        FieldInputs::Clock => "radial basis functions of time",
+        FieldInputs::All | FieldInputs::Place | FieldInputs::Heading => "radial basis functions of position",
     }
 }
 
@@ -356,7 +356,7 @@ mod tests {
         let effects = vec![EffectTerm { name: "monomial".into(), parameters: BTreeMap::new() }; terms];
         let amplitudes = (0..count).map(|i| vec![1e-3 * i as f64; 2 * terms]).collect();
         let forces = DiscrepancyForces { effects, draws: (0..count).collect(), amplitudes };
-        let carried = FieldDraws { over: Over::Powers, forces };
+        let carried = FieldDraws { over: FieldInputs::Powers, forces };
         let quality = SamplingDiagnostics { r_hat: vec![1.0], effective: vec![count as f64], accepted: 0.5 };
         ModelPosterior {
             set: Vec::new(),

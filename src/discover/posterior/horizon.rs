@@ -11,12 +11,14 @@ use std::collections::HashMap;
 
 use super::basis_field::BasisField;
 use crate::discover::base;
-use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State, Term};
+use crate::discover::model::{
+    self, CachedJacobian, FitEvaluation, FitState, Parameter, ParameterLayout, SegmentData, Term,
+};
 use crate::discover::noise::Noise;
-use crate::discover::prepare::Ready;
+use crate::discover::prepare::PreprocessedData;
 use crate::discover::stats::median;
 use crate::discover::survey;
-use crate::discover::window::{Kind, Point, Window, leave_runs};
+use crate::discover::window::{Observation, Segment, SegmentKind, remove_overlaps};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, ParameterVector};
@@ -32,11 +34,11 @@ const GAUSS_NEWTON_STEPS: usize = 6;
 
 /// A fitted model with its segments.
 pub struct PreparedModel {
-    pub windows: Vec<Window>,
+    pub windows: Vec<Segment>,
     /// Standard deviation of the residuals by segment, m.
     pub sd: Vec<f64>,
-    pub layout: Layout,
-    pub state: State,
+    pub layout: ParameterLayout,
+    pub state: FitState,
     pub noise: Noise,
     /// Truncated loss on the longest initial segments, for comparing models of the same trials; see
     /// [`GrownFit`].
@@ -57,7 +59,7 @@ impl PreparedModel {
 
 /// Data of the fits.
 pub struct FitData<'a> {
-    pub ready: &'a Ready,
+    pub ready: &'a PreprocessedData,
     /// Observations by trial.
     pub observed: &'a [&'a Trajectory],
     pub engine: Engine,
@@ -68,30 +70,30 @@ pub struct FitData<'a> {
 /// contradict: of this fit, fits by global search over longer segments, and fits from parameters perturbed to
 /// either side, the one with the lowest truncated loss wins (MSAC: Torr and Zisserman, Comput. Vis. Image
 /// Underst. 78 (2000) 138).
-pub fn extend_horizon(grounds: &FitData, layout: &Layout, values: &[f64]) -> Result<PreparedModel> {
+pub fn extend_horizon(grounds: &FitData, layout: &ParameterLayout, values: &[f64]) -> Result<PreparedModel> {
     let shots = SegmentStates::fit(grounds, layout, values)?;
     let mut best = shots.grow(grounds, layout, values.to_vec())?;
     for most in HORIZON_STAGES.into_iter().skip(1) {
         let windows = truncate_initial_segments(
-            &grounds.ready.whole,
+            &grounds.ready.untrimmed,
             &vec![f64::INFINITY; grounds.ready.settings.len()],
             most,
         );
         let (data, start) = shots.data(grounds, &windows, &best.values, best.noise);
-        if !survey::possible(&data, layout) {
+        if !survey::is_applicable(&data, layout) {
             break;
         }
-        let other = survey::survey(&data, layout, &start, grounds.seed)?;
+        let other = survey::global_search(&data, layout, &start, grounds.seed)?;
         best = best.better(shots.grow(grounds, layout, other.values)?);
     }
     let open = truncate_initial_segments(
-        &grounds.ready.whole,
+        &grounds.ready.untrimmed,
         &vec![f64::INFINITY; grounds.ready.settings.len()],
         MAX_HORIZON,
     );
-    let (data, start) = shots.data(grounds, &open, &best.values, grounds.ready.simulated);
-    if survey::possible(&data, layout) {
-        let other = survey::ranged(&data, layout, &start)?;
+    let (data, start) = shots.data(grounds, &open, &best.values, grounds.ready.engine_sd);
+    if survey::is_applicable(&data, layout) {
+        let other = survey::wide_scan(&data, layout, &start)?;
         if other.values != best.values {
             best = best.better(shots.grow(grounds, layout, other.values)?);
         }
@@ -100,13 +102,13 @@ pub fn extend_horizon(grounds: &FitData, layout: &Layout, values: &[f64]) -> Res
 }
 
 /// Refits the initial states on the final segments.
-fn finalise(grounds: &FitData, layout: &Layout, grown: GrownFit) -> Result<PreparedModel> {
+fn finalise(grounds: &FitData, layout: &ParameterLayout, grown: GrownFit) -> Result<PreparedModel> {
     let GrownFit { values, end_times: until, noise, loss } = grown;
-    let windows = truncate_initial_segments(&grounds.ready.whole, &until, MAX_HORIZON);
+    let windows = truncate_initial_segments(&grounds.ready.untrimmed, &until, MAX_HORIZON);
     let (mut data, start) =
         SegmentStates::fit(grounds, layout, &values)?.data(grounds, &windows, &values, noise);
     // The initial states are linearised again at the final parameters.
-    data.frozen.clear();
+    data.cached_jacobians.clear();
     let (state, _) = model::fit(&data, layout, start, GAUSS_NEWTON_STEPS)?;
     let sd = data.sd;
     let noise = Noise { sd: noise, ..grounds.ready.noise };
@@ -151,25 +153,25 @@ struct SegmentStates {
 /// A segment's initial state, its cached Jacobian, and whether its simulation followed the observations.
 struct SegmentState {
     nuisances: Vec<f64>,
-    frozen: Frozen,
+    frozen: CachedJacobian,
     is_valid: bool,
 }
 
 impl SegmentStates {
-    fn fit(grounds: &FitData, layout: &Layout, values: &[f64]) -> Result<SegmentStates> {
-        let windows: Vec<Window> =
-            grounds.ready.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
-        let sd = vec![grounds.ready.simulated; windows.len()];
-        let mut data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
-        let start = State::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
-        let nuisances = base::guessed(&data, grounds.observed, layout, &start)?;
-        let (state, pass) = model::fit(&data, layout, State { nuisances, ..start }, GAUSS_NEWTON_STEPS)?;
-        base::leave_astray(&mut data, &pass);
-        let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
-        let only = Layout::new(&latents, Vec::new(), 1);
-        let at = State::new(state.values[..latents.len()].to_vec(), state.nuisances.clone());
-        model::freeze(&mut data, &only, &at)?;
-        let frozen = std::mem::take(&mut data.frozen);
+    fn fit(grounds: &FitData, layout: &ParameterLayout, values: &[f64]) -> Result<SegmentStates> {
+        let windows: Vec<Segment> =
+            grounds.ready.untrimmed.iter().filter(|w| w.kind == SegmentKind::MultiStep).cloned().collect();
+        let sd = vec![grounds.ready.engine_sd; windows.len()];
+        let mut data = SegmentData::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let start = FitState::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
+        let nuisances = base::initialise_nuisances(&data, grounds.observed, layout, &start)?;
+        let (state, pass) = model::fit(&data, layout, FitState { nuisances, ..start }, GAUSS_NEWTON_STEPS)?;
+        base::drop_diverged(&mut data, &pass);
+        let latents: Vec<usize> = layout.parameters.iter().filter_map(Parameter::latent).collect();
+        let only = ParameterLayout::new(&latents, Vec::new(), 1);
+        let at = FitState::new(state.values[..latents.len()].to_vec(), state.nuisances.clone());
+        model::cache_jacobians(&mut data, &only, &at)?;
+        let frozen = std::mem::take(&mut data.cached_jacobians);
         let known = windows.iter().zip(state.nuisances).zip(frozen).zip(&data.sd);
         let known = known.map(|(((w, nuisances), frozen), sd)| {
             ((w.trial, w.start.to_bits()), SegmentState { nuisances, frozen, is_valid: sd.is_finite() })
@@ -178,29 +180,29 @@ impl SegmentStates {
     }
 
     /// Fits the parameters on a horizon that grows in stages.
-    fn grow(&self, grounds: &FitData, layout: &Layout, mut values: Vec<f64>) -> Result<GrownFit> {
-        let mut noise = grounds.ready.simulated;
+    fn grow(&self, grounds: &FitData, layout: &ParameterLayout, mut values: Vec<f64>) -> Result<GrownFit> {
+        let mut noise = grounds.ready.engine_sd;
         let open = vec![f64::INFINITY; grounds.ready.settings.len()];
         let mut until = open.clone();
         for most in HORIZON_STAGES {
             // Observations that the previous stage failed to predict may succeed now.
             until.clone_from(&open);
-            let all = truncate_initial_segments(&grounds.ready.whole, &open, most);
+            let all = truncate_initial_segments(&grounds.ready.untrimmed, &open, most);
             let (data, start) = self.data(grounds, &all, &values, noise);
-            let shown = model::shown(&data, layout, &start)?;
+            let shown = model::predict(&data, layout, &start)?;
             truncate_at_deviation(&all, &shown, noise, &mut until);
-            let windows = truncate_initial_segments(&grounds.ready.whole, &until, most);
+            let windows = truncate_initial_segments(&grounds.ready.untrimmed, &until, most);
             let (data, start) = self.data(grounds, &windows, &values, noise);
             let (state, pass) = model::fit(&data, layout, start, GAUSS_NEWTON_STEPS)?;
             values = state.values;
-            noise = estimate_noise(&windows, &pass, grounds.ready.simulated);
+            noise = estimate_noise(&windows, &pass, grounds.ready.engine_sd);
         }
         until.clone_from(&open);
-        let all = truncate_initial_segments(&grounds.ready.whole, &open, MAX_HORIZON);
+        let all = truncate_initial_segments(&grounds.ready.untrimmed, &open, MAX_HORIZON);
         let (data, start) = self.data(grounds, &all, &values, noise);
-        let shown = model::shown(&data, layout, &start)?;
+        let shown = model::predict(&data, layout, &start)?;
         truncate_at_deviation(&all, &shown, noise, &mut until);
-        let loss = horizon_loss(&all, &shown, grounds.ready.simulated, &mut open.clone());
+        let loss = horizon_loss(&all, &shown, grounds.ready.engine_sd, &mut open.clone());
         Ok(GrownFit { values, end_times: until, noise, loss })
     }
 
@@ -208,56 +210,61 @@ impl SegmentStates {
     fn data<'a>(
         &self,
         grounds: &'a FitData,
-        windows: &'a [Window],
+        windows: &'a [Segment],
         values: &[f64],
         simulated: f64,
-    ) -> (Data<'a>, State) {
-        let of = |w: &Window| self.states.get(&(w.trial, w.start.to_bits())).filter(|_| w.kind == Kind::Shot);
-        let scale = |w: &Window| match of(w) {
+    ) -> (SegmentData<'a>, FitState) {
+        let of = |w: &Segment| {
+            self.states.get(&(w.trial, w.start.to_bits())).filter(|_| w.kind == SegmentKind::MultiStep)
+        };
+        let scale = |w: &Segment| match of(w) {
             Some(known) if !known.is_valid => f64::INFINITY,
-            _ if w.kind.simulated() => simulated,
+            _ if w.kind.uses_engine() => simulated,
             _ => grounds.ready.noise.sd,
         };
         let sd = windows.iter().map(scale).collect();
-        let mut data = Data::new(windows, &grounds.ready.settings, sd, grounds.engine);
-        data.frozen = windows.iter().map(|w| of(w).map(|k| k.frozen.clone()).unwrap_or_default()).collect();
-        let start = |w: &Window| of(w).map_or_else(|| w.nuisances.clone(), |k| k.nuisances.clone());
-        (data, State::new(values.to_vec(), windows.iter().map(start).collect()))
+        let mut data = SegmentData::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        data.cached_jacobians =
+            windows.iter().map(|w| of(w).map(|k| k.frozen.clone()).unwrap_or_default()).collect();
+        let start = |w: &Segment| of(w).map_or_else(|| w.nuisances.clone(), |k| k.nuisances.clone());
+        (data, FitState::new(values.to_vec(), windows.iter().map(start).collect()))
     }
 }
 
 /// Initial segments of at most `most` intervals that end before `until`, by trial, and the segments after them.
-pub fn truncate_initial_segments(all: &[Window], until: &[f64], most: usize) -> Vec<Window> {
-    let shortened = |w: &Window| {
-        if w.kind != Kind::Run {
+pub fn truncate_initial_segments(all: &[Segment], until: &[f64], most: usize) -> Vec<Segment> {
+    let shortened = |w: &Segment| {
+        if w.kind != SegmentKind::FromInitialState {
             return Some(w.clone());
         }
         let bodies = w.scene.bodies.len().max(1);
-        let mut points = w.points.clone();
+        let mut points = w.observations.clone();
         points.truncate(most * bodies);
         points.retain(|p| p.time < until[w.trial]);
         let last = points.last()?.time;
-        let mut out = Window { points, ..w.clone() };
+        let mut out = Segment { observations: points, ..w.clone() };
         out.scene.steps =
             ((last / w.scene.time_step).round() as u32 + u32::from(w.scene.observe_every == 1)).max(1);
         Some(out)
     };
-    let mut windows: Vec<Window> = all.iter().filter_map(shortened).collect();
-    leave_runs(&mut windows);
+    let mut windows: Vec<Segment> = all.iter().filter_map(shortened).collect();
+    remove_overlaps(&mut windows);
     windows
 }
 
 /// Ends initial segments before the first observation that deviates beyond the noise.
-fn truncate_at_deviation(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
-    for (window, shown) in windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run) {
-        let off = |(point, at): &(&Point, &[f64])| {
+fn truncate_at_deviation(windows: &[Segment], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
+    for (window, shown) in windows.iter().zip(shown).filter(|(w, _)| w.kind == SegmentKind::FromInitialState)
+    {
+        let off = |(point, at): &(&Observation, &[f64])| {
             // NaN counts as a deviation.
             let far = |k: usize| {
-                (point.seen[k] - at[k]).abs().partial_cmp(&(MAX_DEVIATION_SD * sd)) != Some(Ordering::Less)
+                (point.position[k] - at[k]).abs().partial_cmp(&(MAX_DEVIATION_SD * sd))
+                    != Some(Ordering::Less)
             };
             far(0) || far(1)
         };
-        if let Some((point, _)) = window.points.iter().zip(shown.chunks_exact(2)).find(off) {
+        if let Some((point, _)) = window.observations.iter().zip(shown.chunks_exact(2)).find(off) {
             until[window.trial] = until[window.trial].min(point.time - 1e-9);
         }
     }
@@ -265,23 +272,23 @@ fn truncate_at_deviation(windows: &[Window], shown: &[Vec<f64>], sd: f64, until:
 
 /// Truncated loss, see [`GrownFit`]; `until`: by trial, end of the evaluated range, s, shortened to the first
 /// failed observation.
-pub fn horizon_loss(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) -> f64 {
+pub fn horizon_loss(windows: &[Segment], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) -> f64 {
     truncate_at_deviation(windows, shown, sd, until);
-    let runs = windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run);
-    let of = |(point, at, until): (&Point, &[f64], f64)| {
-        let square = |k: usize| ((point.seen[k] - at[k]) / (MAX_DEVIATION_SD * sd)).powi(2);
+    let runs = windows.iter().zip(shown).filter(|(w, _)| w.kind == SegmentKind::FromInitialState);
+    let of = |(point, at, until): (&Observation, &[f64], f64)| {
+        let square = |k: usize| ((point.position[k] - at[k]) / (MAX_DEVIATION_SD * sd)).powi(2);
         if point.time < until { (0.5 * (square(0) + square(1))).min(1.0) } else { 1.0 }
     };
     let points = runs.flat_map(|(w, shown)| {
-        w.points.iter().zip(shown.chunks_exact(2)).map(|(point, at)| (point, at, until[w.trial]))
+        w.observations.iter().zip(shown.chunks_exact(2)).map(|(point, at)| (point, at, until[w.trial]))
     });
     points.map(of).sum()
 }
 
 /// Noise standard deviation from the median absolute residual of initial segments, m; the prior value if there
 /// are too few.
-fn estimate_noise(windows: &[Window], pass: &Pass, known: f64) -> f64 {
-    let runs = windows.iter().zip(&pass.residuals).filter(|(w, _)| w.kind == Kind::Run);
+fn estimate_noise(windows: &[Segment], pass: &FitEvaluation, known: f64) -> f64 {
+    let runs = windows.iter().zip(&pass.residuals).filter(|(w, _)| w.kind == SegmentKind::FromInitialState);
     let all: Vec<f64> =
         runs.flat_map(|(_, residuals)| residuals).map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     // The median absolute value of a normal is 0.6745 standard deviations.
@@ -297,16 +304,17 @@ const MIN_NOISE_RATIO: f64 = 0.2;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::leaps;
+    use crate::discover::fixture::one_step_segments;
 
     /// Initial segments of one body with three observations each, and predictions for them.
-    fn synthetic_segments(off: [[f64; 3]; 2]) -> (Vec<Window>, Vec<Vec<f64>>) {
-        let template = leaps(0.0).0.remove(0);
-        let point = |k: usize| Point { time: k as f64, seen: [0.0, 0.0], ..template.points[0] };
-        let run = |trial: usize| Window {
+    fn synthetic_segments(off: [[f64; 3]; 2]) -> (Vec<Segment>, Vec<Vec<f64>>) {
+        let template = one_step_segments(0.0).0.remove(0);
+        let point =
+            |k: usize| Observation { time: k as f64, position: [0.0, 0.0], ..template.observations[0] };
+        let run = |trial: usize| Segment {
             trial,
-            kind: Kind::Run,
-            points: (1..=3).map(point).collect(),
+            kind: SegmentKind::FromInitialState,
+            observations: (1..=3).map(point).collect(),
             ..template.clone()
         };
         let shown = off.map(|own| own.iter().flat_map(|x| [*x, 0.0]).collect());

@@ -56,7 +56,7 @@ impl TrialLikelihood {
                 set: config.sets[0].clone(),
                 parameters: numbers,
                 fit,
-                trials: [ready.kept.len(), trials.len()],
+                trials: [ready.trial_indices.len(), trials.len()],
                 noise: model.noise.sd,
                 likelihood: density,
                 reference,

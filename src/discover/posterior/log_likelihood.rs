@@ -24,11 +24,11 @@ use super::conditional::{BlockIndex, ConditionalLikelihood};
 use super::discrepancy::DiscrepancyField;
 use super::sampled_field::{SCALE_MIXTURE_PRIOR, SampledField};
 use crate::discover::components;
-use crate::discover::field::Over;
-use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::launch::{self, Part};
-use crate::discover::model::{self, Layout, Look, Mode, State};
-use crate::discover::window::Window;
+use crate::discover::field::FieldInputs;
+use crate::discover::fit::{FittedModel, ModelFitter};
+use crate::discover::launch::{self, Group};
+use crate::discover::model::{self, FitState, Linearization, ParameterLayout, RandomEffects};
+use crate::discover::window::Segment;
 use crate::error::Result;
 use crate::estimate::discrepancy_forces::DiscrepancyForces;
 use crate::estimate::sampler::{
@@ -47,7 +47,7 @@ const COMPONENT_DRAWS: usize = 16;
 
 /// A likelihood ready for evaluation.
 pub struct LogLikelihood {
-    layout: Layout,
+    layout: ParameterLayout,
     prior: JointPrior,
     engine: Engine,
     segments: Vec<CachedSegment>,
@@ -63,7 +63,7 @@ pub struct LogLikelihood {
 /// Draws of discrepancy fields of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldDraws {
-    pub over: Over,
+    pub over: FieldInputs,
     pub forces: DiscrepancyForces,
 }
 
@@ -80,11 +80,11 @@ pub struct DiscrepancySummary {
 
 /// A segment that depends on the parameters.
 struct CachedSegment {
-    segment: Window,
+    segment: Segment,
     /// The scene at the segment's initial state.
     scene: Scene,
     nuisances: Vec<f64>,
-    mode: Option<Mode>,
+    mode: Option<RandomEffects>,
     /// Prediction at the fit, two coordinates per observation, m.
     prediction: Vec<f64>,
     /// Index of its group.
@@ -95,15 +95,15 @@ impl LogLikelihood {
     /// Prepares the likelihood of a fitted model with its discrepancy model; `seed`: for draws of the
     /// components. `None` if the model cannot be simulated or its covariance fails.
     pub fn new(
-        fitter: &Fitter,
-        fit: &Fitted,
+        fitter: &ModelFitter,
+        fit: &FittedModel,
         prior: JointPrior,
         discrepancy_model: &DiscrepancyModel,
         seed: u64,
     ) -> Result<Option<LogLikelihood>> {
         let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
         let Some((linearizations, groups)) =
-            fitter.parts(layout, state, &discrepancy_model.perturbations())?
+            fitter.groups(layout, state, &discrepancy_model.perturbations())?
         else {
             return Ok(None);
         };
@@ -115,7 +115,7 @@ impl LogLikelihood {
                 &groups,
                 &block_indices,
                 c,
-                layout.slots.len(),
+                layout.parameters.len(),
                 (discrepancy_model, before),
             )
         };
@@ -129,10 +129,10 @@ impl LogLikelihood {
             }
             DiscrepancyModel::Absent | DiscrepancyModel::Marginalised(_) => None,
         };
-        let mut objective = components::Likelihood::new(&groups, &fit.components);
+        let mut objective = components::ComponentLikelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
-        if objective.depend() {
-            let drawn = objective.draw(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
+        if objective.depends_on_components() {
+            let drawn = objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
             conditional =
                 drawn.par_iter().filter_map(|c| Some(new(c, Some(&at_fit))?.drop_jacobians())).collect();
         }
@@ -168,7 +168,7 @@ impl LogLikelihood {
     }
 
     /// Reference density around the fit, or around the linearised posterior mode if a field is sampled.
-    pub fn reference(&self, fit: &Fitted) -> ReferenceDensity {
+    pub fn reference(&self, fit: &FittedModel) -> ReferenceDensity {
         let inside = |(v, m): (&f64, &Marginal)| {
             let [low, high] = m.bounds();
             v.clamp(low, high)
@@ -185,7 +185,7 @@ impl LogLikelihood {
     }
 
     /// The model's layout at a point.
-    fn layout_at(&self, point: &[f64]) -> Cow<'_, Layout> {
+    fn layout_at(&self, point: &[f64]) -> Cow<'_, ParameterLayout> {
         match &self.sampled_field {
             Some(sampled_field) => Cow::Owned(sampled_field.layout(&self.layout, point)),
             None => Cow::Borrowed(&self.layout),
@@ -195,16 +195,16 @@ impl LogLikelihood {
     /// By point and segment: prediction minus the prediction at the fit, with the sign of a residual, m.
     fn prediction_deltas(&self, points: &[ParameterVector]) -> Result<Vec<Vec<DVector<f64>>>> {
         let simulated: Vec<usize> =
-            (0..self.segments.len()).filter(|w| self.segments[*w].segment.kind.simulated()).collect();
+            (0..self.segments.len()).filter(|w| self.segments[*w].segment.kind.uses_engine()).collect();
         let integrated: Vec<usize> =
-            (0..self.segments.len()).filter(|w| !self.segments[*w].segment.kind.simulated()).collect();
-        let layouts: Vec<Cow<Layout>> = points.iter().map(|p| self.layout_at(p)).collect();
+            (0..self.segments.len()).filter(|w| !self.segments[*w].segment.kind.uses_engine()).collect();
+        let layouts: Vec<Cow<ParameterLayout>> = points.iter().map(|p| self.layout_at(p)).collect();
         let mut physics = Vec::with_capacity(points.len() * simulated.len());
         // In segment order, so that a batch simulates the same scene.
         for w in &simulated {
             let window = &self.segments[*w].segment;
             let at = layouts.iter().zip(points);
-            physics.extend(at.map(|(layout, p)| layout.physics(p, window.setting, window.start)));
+            physics.extend(at.map(|(layout, p)| layout.effects_and_latents(p, window.setting, window.start)));
         }
         let n = points.len().max(1);
         let of = |i: usize| &self.segments[simulated[i / n]];
@@ -215,15 +215,16 @@ impl LogLikelihood {
             .collect();
         let by_engine = Simulator::new(self.engine).map(&rollouts, |i, path| {
             let w = simulated[i / n];
-            self.segments[w].prediction_delta(&model::predicted(&self.segments[w].segment, &path))
+            self.segments[w]
+                .prediction_delta(&model::positions_at_observations(&self.segments[w].segment, &path))
         })?;
         let by_hand = |i: usize| {
             let cached = &self.segments[integrated[i / n]];
-            let state = State {
-                modes: cached.mode.iter().cloned().collect(),
-                ..State::new(points[i % n].clone(), vec![cached.nuisances.clone()])
+            let state = FitState {
+                random_effects: cached.mode.iter().cloned().collect(),
+                ..FitState::new(points[i % n].clone(), vec![cached.nuisances.clone()])
             };
-            cached.prediction_delta(&model::seen(&cached.segment, &layouts[i % n], &state))
+            cached.prediction_delta(&model::predict_segment(&cached.segment, &layouts[i % n], &state))
         };
         let by_hand: Vec<DVector<f64>> =
             (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
@@ -311,34 +312,39 @@ impl LogLikelihood {
 }
 
 fn cache_segments(
-    fitter: &Fitter,
-    fit: &Fitted,
-    linearizations: &[Look],
-    groups: &[Part],
+    fitter: &ModelFitter,
+    fit: &FittedModel,
+    linearizations: &[Linearization],
+    groups: &[Group],
 ) -> Result<CachedSegments> {
     let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
-    let mut predictions = model::shown(data, layout, state)?;
+    let mut predictions = model::predict(data, layout, state)?;
     let (mut windows, mut block_indices) = (Vec::new(), Vec::new());
     for (p, part) in groups.iter().enumerate() {
         let mut row = 0;
         for block in &part.blocks {
-            let w = block.window;
-            let (window, look) = (&data.windows[w], &linearizations[w]);
-            let moves = |k: usize| look.columns.column(k).amax() > 0.0;
-            if !layout.terms.is_empty() || (0..layout.slots.len()).any(moves) {
-                let by = launch::by_position((w, window), &fitter.frames[w], look, fitter.scales[w]);
+            let w = block.segment;
+            let (window, look) = (&data.segments[w], &linearizations[w]);
+            let moves = |k: usize| look.jacobian.column(k).amax() > 0.0;
+            if !layout.terms.is_empty() || (0..layout.parameters.len()).any(moves) {
+                let by = launch::observation_jacobian(
+                    (w, window),
+                    &fitter.basis_caches[w],
+                    look,
+                    fitter.scales[w],
+                );
                 let Some(by_position) = by else { return Ok(None) };
                 block_indices.push(BlockIndex { group: p, row, by_position });
                 windows.push(CachedSegment {
-                    scene: model::placed(window, &state.nuisances[w]),
+                    scene: model::apply_initial_state(window, &state.nuisances[w]),
                     segment: window.clone(),
                     nuisances: state.nuisances[w].clone(),
-                    mode: state.modes.get(w).cloned(),
+                    mode: state.random_effects.get(w).cloned(),
                     prediction: std::mem::take(&mut predictions[w]),
                     group: p,
                 });
             }
-            row += block.left.len();
+            row += block.residual.len();
         }
     }
     Ok(Some((windows, block_indices)))
@@ -365,7 +371,7 @@ impl Target for LogLikelihood {
     }
 
     fn structural_parameters(&self) -> usize {
-        if self.sampled_field.is_some() { self.layout.slots.len() } else { 0 }
+        if self.sampled_field.is_some() { self.layout.parameters.len() } else { 0 }
     }
 
     fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {

@@ -32,7 +32,7 @@ mod prior;
 mod sampled_field;
 mod whitened;
 
-use crate::discover::field::Over;
+use crate::discover::field::FieldInputs;
 use crate::error::Result;
 use crate::estimate::sampler::PosteriorDraws;
 use crate::estimate::sampler::mcmc::mcmc;
@@ -77,7 +77,7 @@ pub struct ModelPosterior {
     pub fields: Vec<(DiscrepancyField, f64)>,
     pub field_draws: Vec<FieldDraws>,
     /// Inputs of the discrepancy field that is part of the model, if any.
-    pub sampled_field: Option<Over>,
+    pub sampled_field: Option<FieldInputs>,
     /// Model weight by predictive density of held-out trials.
     pub weight: f64,
     pub log_evidence: f64,
@@ -120,6 +120,6 @@ pub fn posterior(
                 segments_and_groups: density.sizes(),
             });
         }
-        Ok(Posterior { sets, trials: [ready.kept.len(), trials.len()], noise })
+        Ok(Posterior { sets, trials: [ready.trial_indices.len(), trials.len()], noise })
     })
 }

@@ -8,14 +8,14 @@ use super::horizon::{
 };
 use super::log_likelihood::{LogLikelihood, REFERENCE_INFLATION};
 use super::prior::{self, ParameterPrior, parameter_priors};
-use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::fit::{FittedModel, ModelFitter};
+use crate::discover::fit_base;
 use crate::discover::library;
-use crate::discover::model::Data;
-use crate::discover::open;
-use crate::discover::prepare::{Ready, prepare};
-use crate::discover::search::Hunt;
+use crate::discover::model::SegmentData;
+use crate::discover::prepare::{PreprocessedData, preprocess};
+use crate::discover::search::ModelSearch;
 use crate::discover::start_grid::add_strong_starts;
-use crate::discover::window::Kind;
+use crate::discover::window::SegmentKind;
 use crate::error::{Error, Result};
 use crate::estimate::sampler::{ReferenceDensity, Target as _, log_sum_exp};
 use crate::progress::Progress;
@@ -36,7 +36,7 @@ pub fn fit_models<T>(
     trials: &[Trial],
     config: &PosteriorConfig,
     progress: &dyn Progress,
-    of: impl FnOnce(&[WeightedModel], &Ready) -> Result<T>,
+    of: impl FnOnce(&[WeightedModel], &PreprocessedData) -> Result<T>,
 ) -> Result<T> {
     config.validate()?;
     scene.validate()?;
@@ -46,33 +46,33 @@ pub fn fit_models<T>(
             "latents in the scene's calibrate list, or sets of effects; otherwise there are no parameters";
         return Err(Error::input("calibrate", "none", allowed));
     }
-    let ready = match prepare(scene, trials, config.engine, MAX_HORIZON, &[])? {
+    let ready = match preprocess(scene, trials, config.engine, MAX_HORIZON, &[])? {
         Ok(ready) => ready,
         Err(lack) => return Err(Error::input("trials", lack.reason, lack.action)),
     };
     progress.report("fitting the base model", 0, 1)?;
-    let begun = match ready.whole.iter().any(|w| w.kind == Kind::Run) {
+    let begun = match ready.untrimmed.iter().any(|w| w.kind == SegmentKind::FromInitialState) {
         true => Some(truncate_initial_segments(
-            &ready.whole,
+            &ready.untrimmed,
             &vec![f64::INFINITY; ready.settings.len()],
             HORIZON_STAGES[0],
         )),
         false => None,
     };
-    let windows = begun.as_deref().unwrap_or(&ready.windows);
-    let opened = open(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
-    let fitter = Fitter::new(&opened.data, &ready.noise);
-    let base = fitter.refined(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
-    let mut candidates = library::candidates(scene, &library::ground(fitter.data.windows));
+    let windows = begun.as_deref().unwrap_or(&ready.segments);
+    let opened = fit_base(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
+    let fitter = ModelFitter::new(&opened.data, &ready.noise);
+    let base = fitter.run_gls(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
+    let mut candidates = library::candidates(scene, &library::summarise(fitter.data.segments));
     add_strong_starts(&fitter, &base, &mut candidates)?;
-    let hunt = Hunt::new(&fitter, candidates, &latents, config.seed);
+    let hunt = ModelSearch::new(&fitter, candidates, &latents, config.seed);
     let grounds =
         FitData { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
     let (mut models, mut log_evidences) = (Vec::new(), Vec::new());
     for (i, set) in config.sets.iter().enumerate() {
         progress.report("fitting sets of effects", i as u64, config.sets.len() as u64)?;
         let names: Vec<&str> = set.iter().map(String::as_str).collect();
-        let fit = hunt.named(&base, &names)?.ok_or_else(|| {
+        let fit = hunt.fit_named(&base, &names)?.ok_or_else(|| {
             let allowed = "effects that these trials identify (`iplw effects` describes each)";
             Error::input(format!("sets[{i}]"), set.join("+"), allowed)
         })?;
@@ -86,7 +86,7 @@ pub fn fit_models<T>(
                 }
             }
             false => PreparedModel {
-                windows: ready.windows.clone(),
+                windows: ready.segments.clone(),
                 sd: opened.data.sd.clone(),
                 layout: fit.layout.clone(),
                 state: fit.state.clone(),
@@ -116,7 +116,7 @@ fn base_model_failed() -> Error {
 /// Builds the likelihood of a model.
 pub struct LikelihoodBuilder<'a> {
     pub model: &'a PreparedModel,
-    pub ready: &'a Ready,
+    pub ready: &'a PreprocessedData,
     pub config: &'a PosteriorConfig,
 }
 
@@ -124,9 +124,9 @@ impl LikelihoodBuilder<'_> {
     /// The likelihood, its parameters, the reference density and the fit's parameters.
     pub fn build(&self) -> Result<(LogLikelihood, Vec<ParameterPrior>, ReferenceDensity, Vec<f64>)> {
         let PreparedModel { windows, sd, layout, state, noise, .. } = self.model;
-        let data = Data::new(windows, &self.ready.settings, sd.clone(), self.config.engine);
-        let fitter = Fitter::new(&data, noise);
-        let fit = fitter.refined(layout.clone(), state.clone())?;
+        let data = SegmentData::new(windows, &self.ready.settings, sd.clone(), self.config.engine);
+        let fitter = ModelFitter::new(&data, noise);
+        let fit = fitter.run_gls(layout.clone(), state.clone())?;
         let fit = fit.ok_or_else(|| {
             Error::Failed("the log likelihood of the fitted model could not be evaluated".into())
         })?;
@@ -139,8 +139,12 @@ impl LikelihoodBuilder<'_> {
     }
 
     /// The likelihood of a fitted model, and its parameters.
-    fn prepare(&self, fitter: &Fitter, fit: &Fitted) -> Result<(LogLikelihood, Vec<ParameterPrior>)> {
-        let numbers = parameter_priors(&fit.layout, &self.ready.names, &self.config.prior);
+    fn prepare(
+        &self,
+        fitter: &ModelFitter,
+        fit: &FittedModel,
+    ) -> Result<(LogLikelihood, Vec<ParameterPrior>)> {
+        let numbers = parameter_priors(&fit.layout, &self.ready.setting_names, &self.config.prior);
         let prior = prior::joint_prior(&numbers)?;
         let lacks = match (&self.model.field, self.config.discrepancy) {
             (Some(field), _) => DiscrepancyModel::Sampled(field),

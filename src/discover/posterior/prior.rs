@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::discover::model::{Layout, What};
+use crate::discover::model::{ParameterKind, ParameterLayout};
 use crate::error::Result;
 use crate::estimate::sampler::{JointPrior, Marginal};
 use crate::world::latent::FACTORS;
@@ -32,17 +32,21 @@ const MAX_BOUND: f64 = 1e6;
 
 /// Priors of a layout's parameters. `names`: of the settings; `latents`: mean and standard deviation of each
 /// factor.
-pub fn parameter_priors(layout: &Layout, names: &[String], latents: &[(f64, f64); 3]) -> Vec<ParameterPrior> {
-    let of = |slot: &crate::discover::model::Slot| {
+pub fn parameter_priors(
+    layout: &ParameterLayout,
+    names: &[String],
+    latents: &[(f64, f64); 3],
+) -> Vec<ParameterPrior> {
+    let of = |slot: &crate::discover::model::Parameter| {
         let [low, high] = slot.bounds.map(|b| b.clamp(-MAX_BOUND, MAX_BOUND));
         let setting = slot.setting.and_then(|s| names.get(s).cloned());
-        match slot.what {
-            What::Latent(l) => {
+        match slot.kind {
+            ParameterKind::Latent(l) => {
                 let (mean, sd) = latents[l];
                 let prior = Marginal::Normal { mean, sd, low, high };
                 ParameterPrior { name: FACTORS[l].name.into(), unit: FACTORS[l].unit, setting, prior }
             }
-            What::Parameter(t, p) => {
+            ParameterKind::EffectParameter(t, p) => {
                 let effect = layout.terms[t].effect;
                 let parameter = &effect.parameters[p];
                 let prior = match parameter.prior_sd.is_finite() {
@@ -58,7 +62,7 @@ pub fn parameter_priors(layout: &Layout, names: &[String], latents: &[(f64, f64)
             }
         }
     };
-    layout.slots.iter().map(of).collect()
+    layout.parameters.iter().map(of).collect()
 }
 
 /// Their joint prior.
@@ -75,7 +79,7 @@ mod tests {
     #[test]
     fn every_parameter_has_a_name_and_a_prior() {
         let friction = factor_index("friction").unwrap();
-        let layout = Layout::new(&[friction], vec![term("quadratic_drag")], 1);
+        let layout = ParameterLayout::new(&[friction], vec![term("quadratic_drag")], 1);
         let numbers = parameter_priors(&layout, &[String::new()], &[(1.0, 0.5), (0.8, 0.4), (0.5, 0.25)]);
         let names: Vec<&str> = numbers.iter().map(|n| n.name.as_str()).collect();
         assert_eq!(names, ["friction", "quadratic_drag.k"]);

@@ -13,8 +13,8 @@ use nalgebra::{DMatrix, DVector};
 use super::basis_field::BasisField;
 use super::discrepancy::DiscrepancyField;
 use super::whitened::WhitenedGroup;
-use crate::discover::gaussian::FREEDOM;
-use crate::discover::model::Layout;
+use crate::discover::gaussian::SCALE_DOF;
+use crate::discover::model::ParameterLayout;
 use crate::estimate::discrepancy_forces::DiscrepancyForces;
 use crate::estimate::sampler::Marginal;
 use crate::world::ParameterVector;
@@ -68,7 +68,7 @@ impl SampledField {
             let (mut gram, mut score) = (prior_precision.clone(), &prior_precision * &prior_offset);
             for (group, jacobians) in groups.iter().zip(&jacobians) {
                 let square = (&group.residual - jacobians * &step).norm_squared();
-                let weight = (FREEDOM + group.residual.len() as f64) / (FREEDOM + square);
+                let weight = (SCALE_DOF + group.residual.len() as f64) / (SCALE_DOF + square);
                 gram += jacobians.tr_mul(jacobians) * weight;
                 score.gemv_tr(weight, jacobians, &group.residual, 1.0);
             }
@@ -96,7 +96,7 @@ impl SampledField {
     }
 
     /// The model's layout with the field of a point.
-    pub fn layout(&self, layout: &Layout, point: &[f64]) -> Layout {
+    pub fn layout(&self, layout: &ParameterLayout, point: &[f64]) -> ParameterLayout {
         self.field_at(point).replacing(layout)
     }
 
@@ -165,15 +165,15 @@ mod tests {
     #[test]
     fn layout_uses_the_field_of_a_point() {
         let basis = monomials(&[vec![[2.0, -1.0, 3.0, 4.0]]]);
-        let named = Layout::new(&[1], vec![term("quadratic_drag")], 1);
+        let named = ParameterLayout::new(&[1], vec![term("quadratic_drag")], 1);
         let layout = basis.appended_to(&named.terms, &named, 1);
-        let parameter_count = layout.slots.len();
+        let parameter_count = layout.parameters.len();
         let along =
             SampledField::new(&[], &basis, &DMatrix::identity(parameter_count, parameter_count)).unwrap();
         let mut point = vec![0.0; parameter_count + basis.coefficients.len()];
         (point[0], point[parameter_count + 2]) = (0.7, 0.4);
         let own = along.layout(&layout, &point);
-        assert_eq!((own.terms.len(), own.slots.len()), (layout.terms.len(), parameter_count));
+        assert_eq!((own.terms.len(), own.parameters.len()), (layout.terms.len(), parameter_count));
         assert_eq!(
             (own.terms[0].effect.name, own.terms[2].start[0]),
             ("quadratic_drag", 0.2),

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::discover::gaussian::{Components, student};
-use crate::discover::launch::Part;
+use crate::discover::gaussian::{VarianceComponents, student_log_density};
+use crate::discover::launch::Group;
 
 /// A group whitened by its covariance, up to scale.
 pub struct WhitenedGroup {
@@ -18,33 +18,33 @@ pub struct WhitenedGroup {
 
 /// Whitens a group given variance components; also returns the lower Cholesky factor.
 pub fn whiten(
-    group: &Part,
-    components: &Components,
+    group: &Group,
+    components: &VarianceComponents,
     parameter_count: usize,
 ) -> Option<(WhitenedGroup, DMatrix<f64>)> {
-    let n: usize = group.blocks.iter().map(|b| b.left.len()).sum();
-    let basis_count = group.blocks.first()?.columns.ncols() - parameter_count;
+    let n: usize = group.blocks.iter().map(|b| b.residual.len()).sum();
+    let basis_count = group.blocks.first()?.jacobian.ncols() - parameter_count;
     let (mut covariance, mut log_det) = (DMatrix::zeros(n, n), 0.0);
     let (mut residual, mut columns) = (DVector::zeros(n), DMatrix::zeros(n, parameter_count + basis_count));
     // Random effects shared by the segments of a trial: nuisance accelerations and scales.
-    let shared_columns = if group.differs { group.blocks[0].alike.ncols() } else { 0 };
+    let shared_columns = if group.has_random_effects { group.blocks[0].z_group.ncols() } else { 0 };
     let mut shared = DMatrix::zeros(n, shared_columns);
     let mut row = 0;
     for block in &group.blocks {
-        let m = block.left.len();
-        log_det += block.log_white;
-        residual.rows_mut(row, m).copy_from(&block.left);
-        columns.rows_mut(row, m).copy_from(&block.columns.columns(0, parameter_count + basis_count));
+        let m = block.residual.len();
+        log_det += block.log_det_noise;
+        residual.rows_mut(row, m).copy_from(&block.residual);
+        columns.rows_mut(row, m).copy_from(&block.jacobian.columns(0, parameter_count + basis_count));
         let mut block_covariance =
-            DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + components.slow.powi(2) * s));
-        for (k, kind) in block.kinds.iter().enumerate() {
-            let column = block.own.column(k) * components.of(*kind);
+            DMatrix::from_diagonal(&block.gp_variance.map(|s| 1.0 + components.discrepancy.powi(2) * s));
+        for (k, kind) in block.z_segment_effects.iter().enumerate() {
+            let column = block.z_segment.column(k) * components.sd_of(*kind);
             block_covariance += &column * column.transpose();
         }
         covariance.view_mut((row, row), (m, m)).copy_from(&block_covariance);
         for k in 0..shared_columns {
-            let sd = components.of(block.alike_of[k]);
-            shared.view_mut((row, k), (m, 1)).copy_from(&(block.alike.column(k) * sd));
+            let sd = components.sd_of(block.z_group_effects[k]);
+            shared.view_mut((row, k), (m, 1)).copy_from(&(block.z_group.column(k) * sd));
         }
         row += m;
     }
@@ -71,6 +71,6 @@ impl WhitenedGroup {
         if !square.is_finite() {
             return f64::NEG_INFINITY;
         }
-        student(square, self.log_det, self.residual.len() as f64)
+        student_log_density(square, self.log_det, self.residual.len() as f64)
     }
 }

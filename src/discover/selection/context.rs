@@ -12,16 +12,16 @@ use std::collections::HashMap;
 
 use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
-use super::prior::Prior;
+use super::prior::FixedEffectsPrior;
 use super::settings::SETTINGS;
-use crate::discover::columns::pushes;
+use crate::discover::columns::nuisance_accelerations;
 use crate::discover::field;
-use crate::discover::fit::{Context, Fitted, Fitter, responses};
-use crate::discover::gaussian::{Components, Told, Weighed};
-use crate::discover::launch::Part;
+use crate::discover::fit::{FittedModel, ModelFitter, RecordingContext, acceleration_responses};
+use crate::discover::gaussian::{CrossProducts, GroupStatistics, VarianceComponents};
+use crate::discover::launch::Group;
 use crate::discover::library::Candidate;
 use crate::discover::model::{self, Term};
-use crate::discover::window::Kind;
+use crate::discover::window::SegmentKind;
 use crate::error::Result;
 use crate::world::effect::EffectTarget;
 
@@ -33,35 +33,51 @@ const STEPS: usize = 12;
 const FIRST_STEP: f64 = 0.8;
 const SHORTEST_STEP: f64 = 0.1;
 /// How far below its start a component's logarithm may end: nothing.
-const SMALLEST: f64 = 4.0;
-const LONGER: f64 = 1.4;
-const SHORTER: f64 = 0.4;
+const MAX_LOG_DECREASE: f64 = 4.0;
+const STEP_GROWTH: f64 = 1.4;
+const STEP_SHRINKAGE: f64 = 0.4;
 
 /// The context of a recording whose base model is fitted; `candidates`: every effect with its starts.
-pub fn context(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<Context> {
-    let measured =
-        fitter.data.windows.iter().any(|w| matches!(w.kind, Kind::Flight | Kind::Contact | Kind::Roll));
+pub fn context(
+    fitter: &ModelFitter,
+    base: &FittedModel,
+    candidates: &[Candidate],
+) -> Result<RecordingContext> {
+    let measured = fitter
+        .data
+        .segments
+        .iter()
+        .any(|w| matches!(w.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling));
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;
-    let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
-    let responses = responses(&looks, model.layout.slots.len());
-    let whole = Context { discrepancy, components: model.components.clone(), responses };
-    let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks) else { return Ok(whole) };
-    let start = Context { discrepancy: whole.discrepancy.reduced(&parts, model.layout.slots.len()), ..whole };
-    let own = Fitter { context: Some(start.clone()), ..own };
-    let components = components(&own, model, start.discrepancy.broad)?;
-    Ok(Context { components: components.unwrap_or_else(|| start.components.clone()), ..start })
+    let looks = model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
+    let responses = acceleration_responses(&looks, model.layout.parameters.len());
+    let whole = RecordingContext { discrepancy, components: model.components.clone(), responses };
+    let own = ModelFitter { context: Some(whole.clone()), ..fitter.clone() };
+    let Some(parts) = own.groups_with_discrepancy(&model.layout, &model.state, &looks) else {
+        return Ok(whole);
+    };
+    let start = RecordingContext {
+        discrepancy: whole.discrepancy.reduced(&parts, model.layout.parameters.len()),
+        ..whole
+    };
+    let own = ModelFitter { context: Some(start.clone()), ..own };
+    let components = components(&own, model, start.discrepancy.broad_ratio)?;
+    Ok(RecordingContext { components: components.unwrap_or_else(|| start.components.clone()), ..start })
 }
 
 /// The richest model, fitted from the base model, with the strongest effect that a linearisation does not lead to.
-fn richest(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<Option<Fitted>> {
-    let strong = |c: &&Candidate| c.strong.is_some();
-    let gain = |c: &Candidate| c.strong.as_ref().map_or(0.0, |(_, gain)| *gain);
+fn richest(
+    fitter: &ModelFitter,
+    base: &FittedModel,
+    candidates: &[Candidate],
+) -> Result<Option<FittedModel>> {
+    let strong = |c: &&Candidate| c.strong_start.is_some();
+    let gain = |c: &Candidate| c.strong_start.as_ref().map_or(0.0, |(_, gain)| *gain);
     let strongest =
         candidates.iter().filter(strong).max_by(|a, b| gain(a).total_cmp(&gain(b))).map(|c| c.effect.name);
-    let start = |c: &Candidate| match &c.strong {
+    let start = |c: &Candidate| match &c.strong_start {
         Some((term, _)) if strongest == Some(c.effect.name) => Some(term.clone()),
         _ if c.effect.in_richest_model || c.effect.target() == EffectTarget::Contact => {
             c.starts.first().cloned()
@@ -69,30 +85,37 @@ fn richest(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<O
         _ => None,
     };
     let terms: Vec<Term> = candidates.iter().filter_map(start).collect();
-    let (layout, start) = base.joined(terms, fitter.data.setting_count());
+    let (layout, start) = base.with_terms(terms, fitter.data.setting_count());
     fitter.fit(layout, start, STEPS)
 }
 
-fn parts(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
-    let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
-    Ok(fitter.with_discrepancy(&model.layout, &model.state, &looks))
+fn discrepancy_groups(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<Group>>> {
+    let looks = model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
+    Ok(fitter.groups_with_discrepancy(&model.layout, &model.state, &looks))
 }
 
 /// The most probable components of a model beside the field that makes it most probable: of any kind where there are flights,
 /// else the shared discrepancy `broad` times its largest plausible size.
-fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Components>> {
-    let mut fields: Vec<(Vec<Part>, f64)> =
-        field::kinds(fitter, model)?.into_iter().map(|parts| (parts, FIELD_SD)).collect();
+fn components(fitter: &ModelFitter, model: &FittedModel, broad: f64) -> Result<Option<VarianceComponents>> {
+    let mut fields: Vec<(Vec<Group>, f64)> =
+        field::groups_by_inputs(fitter, model)?.into_iter().map(|parts| (parts, FIELD_SD)).collect();
     if fields.is_empty() {
-        fields.extend(parts(fitter, model)?.map(|parts| (parts, broad)));
+        fields.extend(discrepancy_groups(fitter, model)?.map(|parts| (parts, broad)));
     }
     let prior = fitter.prior(&model.layout, &model.state);
-    let scales = Scales::of(fitter);
+    let scales = ComponentScales::of(fitter);
     let start = scales.start();
-    let best = |(parts, broad): &(Vec<Part>, f64)| {
+    let best = |(parts, broad): &(Vec<Group>, f64)| {
         let start = start.clone();
-        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products: HashMap::new() }
-            .maximise()
+        ComponentObjective {
+            parts,
+            prior: &prior,
+            broad: *broad,
+            start,
+            scales,
+            cross_products: HashMap::new(),
+        }
+        .maximise()
     };
     let best = fields.iter().map(best).max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(best.map(|(_, components)| components))
@@ -100,63 +123,66 @@ fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Comp
 
 /// Plausible sizes of variance components: standard deviations of half-normal priors.
 #[derive(Clone, Copy)]
-struct Scales {
+struct ComponentScales {
     /// Slow misfit of a trial, in units of the noise.
-    slow: f64,
+    discrepancy: f64,
 }
 
 /// Slow misfit: as a share of the extent of the data, and in units of the noise.
-const SLOW_OF_EXTENT: f64 = 0.002;
-const SLOW_OF_NOISE: f64 = 0.5;
+const DISCREPANCY_OF_EXTENT: f64 = 0.002;
+const DISCREPANCY_OF_NOISE: f64 = 0.5;
 /// Random accelerations of a trial, in the sizes that effects declare.
-const PUSH: f64 = 1.0;
+const ACCELERATION: f64 = 1.0;
 /// Strength of an effect between trials, as a share of it.
-const STRENGTH: f64 = 0.1;
+const SCALE: f64 = 0.1;
 /// Errors of impacts, as a share of the approach speed.
-const LEAP: f64 = 0.03;
+const IMPACT: f64 = 0.03;
 
-impl Scales {
-    fn of(fitter: &Fitter) -> Scales {
+impl ComponentScales {
+    fn of(fitter: &ModelFitter) -> ComponentScales {
         let [x0, y0, x1, y1] = fitter.range.area;
         let noise = fitter.data.sd.iter().copied().filter(|s| s.is_finite()).fold(f64::INFINITY, f64::min);
-        Scales { slow: (SLOW_OF_EXTENT * (x1 - x0).max(y1 - y0) / noise).hypot(SLOW_OF_NOISE) }
-    }
-
-    /// Where a search starts.
-    fn start(&self) -> Components {
-        Components {
-            slow: 0.3 * self.slow,
-            leap: 0.3 * LEAP,
-            strength: 0.3 * STRENGTH,
-            push: vec![0.3 * PUSH; pushes().len()],
+        ComponentScales {
+            discrepancy: (DISCREPANCY_OF_EXTENT * (x1 - x0).max(y1 - y0) / noise).hypot(DISCREPANCY_OF_NOISE),
         }
     }
 
-    fn log_prior(&self, c: &Components) -> f64 {
-        let pushes = c.push.iter().map(|p| p / PUSH);
-        let all = [c.slow / self.slow, c.leap / LEAP, c.strength / STRENGTH].into_iter().chain(pushes);
+    /// Where a search starts.
+    fn start(&self) -> VarianceComponents {
+        VarianceComponents {
+            discrepancy: 0.3 * self.discrepancy,
+            impact: 0.3 * IMPACT,
+            scale: 0.3 * SCALE,
+            accelerations: vec![0.3 * ACCELERATION; nuisance_accelerations().len()],
+        }
+    }
+
+    fn log_prior(&self, c: &VarianceComponents) -> f64 {
+        let pushes = c.accelerations.iter().map(|p| p / ACCELERATION);
+        let all =
+            [c.discrepancy / self.discrepancy, c.impact / IMPACT, c.scale / SCALE].into_iter().chain(pushes);
         -0.5 * all.map(|v| v * v).sum::<f64>()
     }
 }
 
 /// Log marginal likelihood of a model by the logarithms of its components.
-struct Objective<'a> {
-    parts: &'a [Part],
-    prior: &'a Prior,
+struct ComponentObjective<'a> {
+    parts: &'a [Group],
+    prior: &'a FixedEffectsPrior,
     broad: f64,
-    start: Components,
-    scales: Scales,
+    start: VarianceComponents,
+    scales: ComponentScales,
     /// By the slow misfit.
-    cross_products: HashMap<u64, Vec<Weighed>>,
+    cross_products: HashMap<u64, Vec<CrossProducts>>,
 }
 
-impl Objective<'_> {
+impl ComponentObjective<'_> {
     /// The largest value and where it is.
-    fn maximise(&mut self) -> (f64, Components) {
-        let mut logs = self.start.logs();
+    fn maximise(&mut self) -> (f64, VarianceComponents) {
+        let mut logs = self.start.log_values();
         let mut best = self.at(&logs);
         let mut steps = vec![-FIRST_STEP; logs.len()];
-        let least: Vec<f64> = logs.iter().map(|l| l - SMALLEST).collect();
+        let least: Vec<f64> = logs.iter().map(|l| l - MAX_LOG_DECREASE).collect();
         while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
             for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
                 let mut moved = |way: f64| {
@@ -168,25 +194,25 @@ impl Objective<'_> {
                 match moved(steps[k]).or_else(|| moved(-steps[k])) {
                     Some((value, moved, way)) => {
                         (best, logs) = (value, moved);
-                        steps[k] = (LONGER * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
+                        steps[k] = (STEP_GROWTH * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
                     }
-                    None => steps[k] *= SHORTER,
+                    None => steps[k] *= STEP_SHRINKAGE,
                 }
             }
         }
-        (best, self.start.with(&logs))
+        (best, self.start.with_log_values(&logs))
     }
 
     fn at(&mut self, logs: &[f64]) -> f64 {
-        let components = self.start.with(logs);
+        let components = self.start.with_log_values(logs);
         let columns: Vec<usize> =
-            (0..self.parts.first().map_or(0, |p| p.blocks[0].columns.ncols())).collect();
-        let (parts, slow) = (self.parts, components.slow);
+            (0..self.parts.first().map_or(0, |p| p.blocks[0].jacobian.ncols())).collect();
+        let (parts, slow) = (self.parts, components.discrepancy);
         let products = self.cross_products.entry(slow.to_bits());
         let products =
-            products.or_insert_with(|| parts.iter().map(|p| Weighed::of(p, &columns, slow)).collect());
-        let told = products.iter().zip(parts).map(|(w, p)| w.told(p, &columns, &components));
-        let told: Option<Vec<Told>> = told.collect();
+            products.or_insert_with(|| parts.iter().map(|p| CrossProducts::of(p, &columns, slow)).collect());
+        let told = products.iter().zip(parts).map(|(w, p)| w.statistics(p, &columns, &components));
+        let told: Option<Vec<GroupStatistics>> = told.collect();
         let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
         evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
     }
@@ -200,10 +226,13 @@ mod tests {
     /// Of balls that all have one drag, which the base model lacks, none differs by more than effects declare for any trial.
     #[test]
     fn a_missing_effect_is_no_variance_component() {
-        thrown::fitted(&[0.4; 10], &[], 12, |fitter, base| {
+        thrown::with_fit(&[0.4; 10], &[], 12, |fitter, base| {
             let found = context(fitter, base, &[]).unwrap();
             let c = &found.components;
-            assert!(c.push.iter().all(|p| *p < 1.0) && c.slow < 1.0 && c.strength < 0.1, "{c:?}");
+            assert!(
+                c.accelerations.iter().all(|p| *p < 1.0) && c.discrepancy < 1.0 && c.scale < 0.1,
+                "{c:?}"
+            );
             assert!(
                 (0.09..0.5).contains(&found.discrepancy.acceleration),
                 "{}",

@@ -10,12 +10,12 @@
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
 //! models that are set aside because a simpler one is as probable.
 
-use super::explained::{Explained, Explanation, explanation};
+use super::explained::{ExplainedShare, Explanation, explanation};
 use super::settings::SETTINGS;
 use crate::discover::field::{self, FieldFit};
-use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::fit::{FittedModel, ModelFitter};
 use crate::discover::report::Verdict;
-use crate::discover::search::{Found, log_prior};
+use crate::discover::search::{SearchResult, log_prior};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
@@ -24,54 +24,54 @@ use crate::world::effect::Effect;
 pub struct Decision {
     pub verdict: Verdict,
     /// Index of the set that is reported; none if no set is.
-    pub champion: Option<usize>,
+    pub selected: Option<usize>,
     /// Indices of the sets in the credible set, most probable first.
     pub rivals: Vec<usize>,
     /// Posterior probability by fit, and of the base model.
     pub probabilities: Vec<f64>,
     pub base_probability: f64,
-    pub explained: Option<Explained>,
+    pub explained: Option<ExplainedShare>,
     /// Share of the excess error on held-out trials that the reported model removes; `None` without excess or model.
     pub gain: Option<f64>,
     /// The most probable field beside the reported model.
     pub field: Option<FieldFit>,
     /// Log evidence of that field beside the reported model, relative to the model alone, nats.
-    pub unnamed: Option<f64>,
+    pub field_log_bayes_factor: Option<f64>,
 }
 
 impl Decision {
     /// Posterior probability of all sets that hold a fit's effects.
-    pub fn with_all_of(&self, found: &Found, fit: usize) -> f64 {
-        let sets = found.fits.iter().zip(&self.probabilities).filter(|(f, _)| f.holds(&found.fits[fit]));
+    pub fn superset_probability(&self, found: &SearchResult, fit: usize) -> f64 {
+        let sets = found.fits.iter().zip(&self.probabilities).filter(|(f, _)| f.includes(&found.fits[fit]));
         sets.map(|(_, p)| p).sum()
     }
 
     /// Posterior probability that an effect acts.
-    pub fn inclusion(&self, found: &Found, name: &str) -> f64 {
-        let holds = |fit: &Fitted| fit.set.iter().any(|e| e.name == name);
+    pub fn inclusion_probability(&self, found: &SearchResult, name: &str) -> f64 {
+        let holds = |fit: &FittedModel| fit.effects.iter().any(|e| e.name == name);
         let sets = found.fits.iter().zip(&self.probabilities).filter(|(fit, _)| holds(fit));
         sets.map(|(_, p)| p).sum()
     }
 }
 
 /// Decides what a search found.
-pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
+pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<Decision> {
     let all = log_sum_exp(found.log_posterior.iter().chain([&found.base_log_posterior]).copied());
     let probability = |l: f64| libm::exp(l - all);
     let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
     let base_probability = probability(found.base_log_posterior);
-    let credible = credible(&probabilities, base_probability);
+    let credible = credible_set(&probabilities, base_probability);
     let decision =
         |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, unnamed| Decision {
             verdict,
-            champion: rivals.first().copied(),
+            selected: rivals.first().copied(),
             rivals,
             probabilities: probabilities.clone(),
             base_probability,
             explained,
             gain,
             field,
-            unnamed,
+            field_log_bayes_factor: unnamed,
         };
     if credible.contains(&None) {
         let field = field::fit(fitter, &found.base)?;
@@ -80,7 +80,8 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         return Ok(decision(verdict, Vec::new(), (None, None), field, unnamed));
     }
     let sets: Vec<usize> = credible.into_iter().flatten().collect();
-    let (rivals, Explanation { shares, gain }, earned) = earned(fitter, found, simplest(found, &sets), seed)?;
+    let (rivals, Explanation { shares, gain }, earned) =
+        check_necessity(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
@@ -92,7 +93,7 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
         && !unnamed.is_some_and(is_certain)
         && earned
         && is_likelier
-        && !champion.stands_at_bound();
+        && !champion.is_at_bound();
     let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain)
         && (explains || explained.is_none_or(|e| e.interval[0] >= SETTINGS.least_gain));
     if !gains {
@@ -108,11 +109,11 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
 }
 
 /// Indices of the fits of a set's effects but one, or with a special case of one in its place.
-fn simpler(found: &Found, fit: usize) -> Vec<usize> {
+fn immediate_submodels(found: &SearchResult, fit: usize) -> Vec<usize> {
     let all = &found.fits[fit];
-    let is_next = |f: &&Fitted| {
-        let kept = f.set.iter().filter(|e| all.set.iter().any(|own| own.name == e.name)).count();
-        contains(all, f) && kept + 1 == all.set.len()
+    let is_next = |f: &&FittedModel| {
+        let kept = f.effects.iter().filter(|e| all.effects.iter().any(|own| own.name == e.name)).count();
+        contains(all, f) && kept + 1 == all.effects.len()
     };
     (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
 }
@@ -120,15 +121,15 @@ fn simpler(found: &Found, fit: usize) -> Vec<usize> {
 /// Rivals with what the first of them explains, and whether each of its effects is needed: explains its share of what the set without
 /// it, or with a special case in its place, leaves. A small or flexible effect may stand for what trials share of no law. Where
 /// the smaller set explains enough it becomes a rival: the data do not tell which of the two it is.
-fn earned(
-    fitter: &Fitter,
-    found: &Found,
+fn check_necessity(
+    fitter: &ModelFitter,
+    found: &SearchResult,
     mut rivals: Vec<usize>,
     seed: u64,
 ) -> Result<(Vec<usize>, Explanation, bool)> {
     let explain = |fit: usize| -> Result<(Vec<usize>, Explanation)> {
-        let smaller = simpler(found, fit);
-        let fewer: Vec<&Fitted> =
+        let smaller = immediate_submodels(found, fit);
+        let fewer: Vec<&FittedModel> =
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
         Ok((smaller, explanation(fitter, &fewer, &found.fits[fit], seed)?))
     };
@@ -161,7 +162,7 @@ fn is_certain(nats: f64) -> bool {
 }
 
 /// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
-fn credible(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
+fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
     let mut order: Vec<(f64, Option<usize>)> =
         probabilities.iter().enumerate().map(|(i, p)| (*p, Some(i))).collect();
     order.push((base, None));
@@ -179,15 +180,15 @@ fn credible(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
 }
 
 /// Those of some sets that contain no other of them as a special case, in their order.
-fn simplest(found: &Found, sets: &[usize]) -> Vec<usize> {
+fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
     let kept = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
     sets.iter().copied().filter(kept).collect()
 }
 
 /// Whether a set is another, or more than it, for some of its values.
-fn contains(large: &Fitted, small: &Fitted) -> bool {
-    large.parameters() > small.parameters()
-        && small.set.iter().all(|s| large.set.iter().any(|l| l.name == s.name || has_case(l, s)))
+fn contains(large: &FittedModel, small: &FittedModel) -> bool {
+    large.effect_parameter_count() > small.effect_parameter_count()
+        && small.effects.iter().all(|s| large.effects.iter().any(|l| l.name == s.name || has_case(l, s)))
 }
 
 /// Whether an effect is another for some of its values, or by way of one that is.
@@ -209,7 +210,7 @@ mod tests {
 
     #[test]
     fn the_credible_set_holds_its_mass() {
-        assert_eq!(credible(&[0.9, 0.03, 0.02], 0.05), [Some(0), None]);
-        assert_eq!(credible(&[0.5, 0.47, 0.01], 0.02), [Some(0), Some(1)]);
+        assert_eq!(credible_set(&[0.9, 0.03, 0.02], 0.05), [Some(0), None]);
+        assert_eq!(credible_set(&[0.5, 0.47, 0.01], 0.02), [Some(0), Some(1)]);
     }
 }

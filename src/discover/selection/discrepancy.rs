@@ -14,13 +14,13 @@
 use nalgebra::DMatrix;
 
 use super::settings::Settings;
-use crate::discover::field::{Bump, ends, grid};
-use crate::discover::launch::Part;
+use crate::discover::field::{RadialBasisFunction, radial_grid, robust_range};
+use crate::discover::launch::Group;
 use crate::discover::library;
-use crate::discover::model::{self, Data, Layout, State};
+use crate::discover::model::{self, FitState, ParameterLayout, SegmentData};
 use crate::discover::path::Impact;
 use crate::discover::stats::median;
-use crate::discover::window::{Kind, Window};
+use crate::discover::window::{Segment, SegmentKind};
 use crate::error::Result;
 
 /// Numbers of bumps over position (x, y), velocity (x, y) and impacts (approach, slip).
@@ -32,38 +32,43 @@ const IMPACT_BUMPS: [usize; 2] = [4, 3];
 #[derive(Clone)]
 pub struct SharedDiscrepancy {
     /// By segment: response of the points, two rows each, to every basis function at its largest plausible size, m.
-    pub columns: Vec<DMatrix<f64>>,
+    pub responses: Vec<DMatrix<f64>>,
     /// Number of basis functions.
     pub count: usize,
     /// Ratio of a broad field (as large as the acceleration beyond gravity) to the largest plausible discrepancy.
-    pub broad: f64,
+    pub broad_ratio: f64,
     /// Largest plausible discrepancy, m/s^2.
     pub acceleration: f64,
 }
 
 impl SharedDiscrepancy {
     /// Responses along the paths of a model, the richest one.
-    pub fn from_model(data: &Data, layout: &Layout, state: &State, settings: &Settings) -> Result<Self> {
-        let paths = model::paths(data, layout, state)?;
-        let impacts = (data.windows.iter().enumerate())
+    pub fn from_model(
+        data: &SegmentData,
+        layout: &ParameterLayout,
+        state: &FitState,
+        settings: &Settings,
+    ) -> Result<Self> {
+        let paths = model::segment_states(data, layout, state)?;
+        let impacts = (data.segments.iter().enumerate())
             .map(|(w, window)| match window.kind {
-                Kind::Contact => model::impact(window, w, layout, state),
+                SegmentKind::Contact => model::impact(window, w, layout, state),
                 _ => None,
             })
             .collect::<Vec<_>>();
         let typical = typical_acceleration(data, layout, state, &paths);
         let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
         let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
-        let [x0, y0, x1, y1] = library::span(data.windows).area;
+        let [x0, y0, x1, y1] = library::data_range(data.segments).area;
         let position = settings.discrepancy_of_position * (x1 - x0).max(y1 - y0);
-        let fields = Fields::over(data.windows, &paths, &impacts);
-        let column = |(w, window): (usize, &Window)| {
+        let fields = DiscrepancyBasis::over(data.segments, &paths, &impacts);
+        let column = |(w, window): (usize, &Segment)| {
             fields.responses(window, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
         };
-        let columns: Vec<DMatrix<f64>> = data.windows.iter().enumerate().map(column).collect();
+        let columns: Vec<DMatrix<f64>> = data.segments.iter().enumerate().map(column).collect();
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
         let broad = (typical / acceleration).max(3.0 * base / acceleration).max(1.0);
-        Ok(SharedDiscrepancy { columns, count, broad, acceleration })
+        Ok(SharedDiscrepancy { responses: columns, count, broad_ratio: broad, acceleration })
     }
 }
 
@@ -74,13 +79,13 @@ const MAX_DIRECTIONS: usize = 40;
 impl SharedDiscrepancy {
     /// The same in the directions of which the data say most: a prior that is alike in all directions stays so. `parts` have the
     /// basis after the first `parameters` columns.
-    pub fn reduced(&self, parts: &[Part], parameters: usize) -> SharedDiscrepancy {
+    pub fn reduced(&self, parts: &[Group], parameters: usize) -> SharedDiscrepancy {
         if self.count == 0 {
             return self.clone();
         }
         let mut information = DMatrix::zeros(self.count, self.count);
         for block in parts.iter().flat_map(|p| &p.blocks) {
-            let own = block.columns.columns(parameters, self.count);
+            let own = block.jacobian.columns(parameters, self.count);
             information += own.tr_mul(&own);
         }
         let eigen = information.symmetric_eigen();
@@ -89,79 +94,96 @@ impl SharedDiscrepancy {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(MAX_DIRECTIONS);
         let directions = eigen.eigenvectors.select_columns(&order);
-        let columns = self.columns.iter().map(|c| c * &directions).collect();
-        SharedDiscrepancy { columns, count: order.len(), ..*self }
+        let columns = self.responses.iter().map(|c| c * &directions).collect();
+        SharedDiscrepancy { responses: columns, count: order.len(), ..*self }
     }
 }
 
 /// Whether a segment's path is integrated from a free initial state.
-fn is_measured(window: &Window) -> bool {
-    matches!(window.kind, Kind::Flight | Kind::Contact | Kind::Roll)
+fn has_free_initial_state(window: &Segment) -> bool {
+    matches!(window.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling)
 }
 
 /// Median over flights of the root mean square acceleration beyond gravity, m/s^2; 0 without flights.
-fn typical_acceleration(data: &Data, layout: &Layout, state: &State, paths: &[Vec<[f64; 4]>]) -> f64 {
-    let of = |(w, window): (usize, &Window)| {
+fn typical_acceleration(
+    data: &SegmentData,
+    layout: &ParameterLayout,
+    state: &FitState,
+    paths: &[Vec<[f64; 4]>],
+) -> f64 {
+    let of = |(w, window): (usize, &Segment)| {
         let values = state.values_in(w);
-        let all = model::pushes(window, layout, &values, &paths[w]);
+        let all = model::accelerations(window, layout, &values, &paths[w]);
         let g = window.scene.gravity;
         let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
         let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
         (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
     };
-    let flights =
-        data.windows.iter().enumerate().filter(|(_, w)| matches!(w.kind, Kind::Flight | Kind::Roll));
+    let flights = data
+        .segments
+        .iter()
+        .enumerate()
+        .filter(|(_, w)| matches!(w.kind, SegmentKind::Flight | SegmentKind::Rolling));
     median(&flights.map(of).collect::<Vec<_>>())
 }
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
-fn acceleration_scale(data: &Data, paths: &[Vec<[f64; 4]>]) -> f64 {
-    let gravity = library::gravity(data.windows);
+fn acceleration_scale(data: &SegmentData, paths: &[Vec<[f64; 4]>]) -> f64 {
+    let gravity = library::max_gravity(data.segments);
     if gravity > 0.0 {
         return gravity;
     }
     let states = || paths.iter().flatten().filter(|s| s.iter().all(|v| v.is_finite()));
     let speed = median(&states().map(|s| s[2].hypot(s[3])).collect::<Vec<_>>());
     let extent = |k: usize| {
-        let [low, high] = ends(states().map(|s| s[k]).collect());
+        let [low, high] = robust_range(states().map(|s| s[k]).collect());
         high - low
     };
     speed * speed / extent(0).max(extent(1)).max(1e-9)
 }
 
 /// All basis functions with their normalisation.
-struct Fields {
-    position: Vec<Bump>,
-    velocity: Vec<Bump>,
-    impact: Vec<Bump>,
+struct DiscrepancyBasis {
+    position: Vec<RadialBasisFunction>,
+    velocity: Vec<RadialBasisFunction>,
+    impact: Vec<RadialBasisFunction>,
     /// Root mean square of the sum of squares over visited states and over impacts.
     state_norm: f64,
-    place_norm: f64,
+    position_norm: f64,
     impact_norm: f64,
 }
 
-impl Fields {
-    fn over(windows: &[Window], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> Fields {
+impl DiscrepancyBasis {
+    fn over(windows: &[Segment], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> DiscrepancyBasis {
         let states: Vec<[f64; 4]> = (windows.iter().zip(paths))
-            .filter(|(w, _)| is_measured(w))
+            .filter(|(w, _)| has_free_initial_state(w))
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
             .collect();
-        let range = |k: usize| ends(states.iter().map(|s| s[k]).collect());
+        let range = |k: usize| robust_range(states.iter().map(|s| s[k]).collect());
         let hits: Vec<[f64; 2]> = impacts.iter().flatten().map(|i| [i.approach, i.slip]).collect();
-        let hit_range = |k: usize| ends(hits.iter().map(|h| h[k]).collect());
-        let position = grid([range(0), range(1)], POSITION_BUMPS);
-        let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
-        let impact =
-            if hits.is_empty() { Vec::new() } else { grid([hit_range(0), hit_range(1)], IMPACT_BUMPS) };
-        let mut fields =
-            Fields { position, velocity, impact, state_norm: 1.0, place_norm: 1.0, impact_norm: 1.0 };
+        let hit_range = |k: usize| robust_range(hits.iter().map(|h| h[k]).collect());
+        let position = radial_grid([range(0), range(1)], POSITION_BUMPS);
+        let velocity = radial_grid([range(2), range(3)], VELOCITY_BUMPS);
+        let impact = if hits.is_empty() {
+            Vec::new()
+        } else {
+            radial_grid([hit_range(0), hit_range(1)], IMPACT_BUMPS)
+        };
+        let mut fields = DiscrepancyBasis {
+            position,
+            velocity,
+            impact,
+            state_norm: 1.0,
+            position_norm: 1.0,
+            impact_norm: 1.0,
+        };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
         fields.state_norm =
             norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
-        fields.place_norm =
-            norm(states.iter().map(|s| fields.at_place(*s).iter().map(|f| f * f).sum()).collect());
+        fields.position_norm =
+            norm(states.iter().map(|s| fields.at_position(*s).iter().map(|f| f * f).sum()).collect());
         fields.impact_norm =
             norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
         fields
@@ -171,7 +193,7 @@ impl Fields {
         2 * (2 * self.position.len() + self.velocity.len() + self.impact.len())
     }
 
-    fn at_place(&self, [x, y, _, _]: [f64; 4]) -> Vec<f64> {
+    fn at_position(&self, [x, y, _, _]: [f64; 4]) -> Vec<f64> {
         self.position.iter().map(|b| b.at([x, y])).collect()
     }
 
@@ -184,21 +206,21 @@ impl Fields {
     /// error of impacts: two rows a point, x and y of every function in turn.
     fn responses(
         &self,
-        window: &Window,
+        window: &Segment,
         path: &[[f64; 4]],
         impact: Option<&Impact>,
         [acceleration, position]: [f64; 2],
         settings: &Settings,
     ) -> DMatrix<f64> {
-        let mut out = DMatrix::zeros(2 * window.points.len(), self.count());
-        if !is_measured(window) || path.iter().flatten().any(|v| !v.is_finite()) {
+        let mut out = DMatrix::zeros(2 * window.observations.len(), self.count());
+        if !has_free_initial_state(window) || path.iter().flatten().any(|v| !v.is_finite()) {
             return out;
         }
         self.integrate(window, path, acceleration / self.state_norm, &mut out);
         let first = 2 * (self.position.len() + self.velocity.len());
         for (i, state) in path.iter().enumerate() {
-            for (k, f) in self.at_place(*state).into_iter().enumerate() {
-                let moved = position / self.place_norm * f;
+            for (k, f) in self.at_position(*state).into_iter().enumerate() {
+                let moved = position / self.position_norm * f;
                 (0..2).for_each(|axis| out[(2 * i + axis, first + 2 * k + axis)] = moved);
             }
         }
@@ -213,7 +235,7 @@ impl Fields {
                 let here = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
                     let size = sizes[way] * here;
-                    for (i, point) in window.points.iter().enumerate() {
+                    for (i, point) in window.observations.iter().enumerate() {
                         let since = (point.time - impact.time).max(0.0);
                         (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);
                     }
@@ -224,15 +246,15 @@ impl Fields {
     }
 
     /// Integrates every function twice along a path; along the surface where the body rolls.
-    fn integrate(&self, window: &Window, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
+    fn integrate(&self, window: &Segment, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
         let tangent = match (&window.surface, window.kind) {
-            (Some(surface), Kind::Roll) => Some([surface.normal[1], -surface.normal[0]]),
+            (Some(surface), SegmentKind::Rolling) => Some([surface.normal[1], -surface.normal[0]]),
             _ => None,
         };
         let count = self.position.len() + self.velocity.len();
         let (mut speed, mut moved) = (vec![0.0; count], vec![0.0; count]);
         let mut before: Option<(f64, Vec<f64>)> = None;
-        for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
+        for (i, (point, state)) in window.observations.iter().zip(path).enumerate() {
             let now = self.at_state(*state);
             if let Some((time, last)) = before {
                 let dt = point.time - time;
@@ -258,14 +280,15 @@ impl Fields {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{bounces, flights, leaps};
+    use crate::discover::fixture::{bounces, flights, one_step_segments};
     use crate::discover::selection::SETTINGS;
     use crate::world::Engine;
 
-    fn discrepancy_of(windows: &[Window], settings: &[usize]) -> SharedDiscrepancy {
-        let data = Data::new(windows, settings, vec![1e-3; windows.len()], Engine::Auto);
-        let state = State::new(Vec::new(), windows.iter().map(|w| w.nuisances.clone()).collect());
-        SharedDiscrepancy::from_model(&data, &Layout::new(&[], Vec::new(), 1), &state, &SETTINGS).unwrap()
+    fn discrepancy_of(windows: &[Segment], settings: &[usize]) -> SharedDiscrepancy {
+        let data = SegmentData::new(windows, settings, vec![1e-3; windows.len()], Engine::Auto);
+        let state = FitState::new(Vec::new(), windows.iter().map(|w| w.nuisances.clone()).collect());
+        SharedDiscrepancy::from_model(&data, &ParameterLayout::new(&[], Vec::new(), 1), &state, &SETTINGS)
+            .unwrap()
     }
 
     /// Without further accelerations the largest plausible discrepancy is a hundredth of gravity, which moves a ball by about
@@ -278,15 +301,15 @@ mod tests {
         let fields =
             2 * (POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>());
         let rows = |c: &DMatrix<f64>| c.columns(0, fields).row(c.nrows() - 2).norm();
-        let time = windows[0].points[19].time;
+        let time = windows[0].observations[19].time;
         let expected = 0.5 * found.acceleration * time * time;
-        let moved = rows(&found.columns[0]);
+        let moved = rows(&found.responses[0]);
         assert!((0.3 * expected..1.5 * expected).contains(&moved), "{moved} and {expected}");
         let begins = |c: &DMatrix<f64>| c.columns(0, fields).row(0).norm() == 0.0;
-        assert!(found.columns.iter().all(begins), "a path begins where it begins");
+        assert!(found.responses.iter().all(begins), "a path begins where it begins");
         // The displacement of observed positions is a few thousandths of the extent.
-        let [x0, y0, x1, y1] = library::span(&windows).area;
-        let shown = found.columns[0].columns(fields, found.columns[0].ncols() - fields).row(0).norm();
+        let [x0, y0, x1, y1] = library::data_range(&windows).area;
+        let shown = found.responses[0].columns(fields, found.responses[0].ncols() - fields).row(0).norm();
         let plausible = SETTINGS.discrepancy_of_position * (x1 - x0).max(y1 - y0);
         assert!((0.2 * plausible..3.0 * plausible).contains(&shown), "{shown} and {plausible}");
     }
@@ -297,11 +320,15 @@ mod tests {
         let (windows, settings) = bounces(0.8, 3);
         let found = discrepancy_of(&windows, &settings);
         let first = found.count - 2 * IMPACT_BUMPS[0] * IMPACT_BUMPS[1];
-        let (w, contact) = windows.iter().enumerate().find(|(_, w)| w.kind == Kind::Contact).unwrap();
-        let own = found.columns[w].columns(first, found.count - first).into_owned();
+        let (w, contact) = windows.iter().enumerate().find(|(_, w)| w.kind == SegmentKind::Contact).unwrap();
+        let own = found.responses[w].columns(first, found.count - first).into_owned();
         let last = own.nrows() - 1;
-        assert!(own.row(1).norm() == 0.0 && own.row(last).norm() > 0.0, "{} points", contact.points.len());
-        let (windows, settings) = leaps(0.0);
+        assert!(
+            own.row(1).norm() == 0.0 && own.row(last).norm() > 0.0,
+            "{} points",
+            contact.observations.len()
+        );
+        let (windows, settings) = one_step_segments(0.0);
         assert_eq!(discrepancy_of(&windows, &settings).count, 0);
     }
 }

@@ -14,16 +14,16 @@ use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
 use super::settings::SETTINGS;
-use crate::discover::columns::Own;
+use crate::discover::columns::RandomEffect;
 use crate::discover::field;
-use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::launch::{Block, Part};
+use crate::discover::fit::{FittedModel, ModelFitter};
+use crate::discover::launch::{Group, SegmentBlock};
 use crate::discover::stats::median;
 use crate::error::Result;
 use crate::rng;
 
 /// Multiple of the usual trial's squared residual of the base model beyond which a trial counts for no more.
-const CLIP: f64 = 9.0;
+const MAX_TRIAL_WEIGHT_RATIO: f64 = 9.0;
 /// Bootstrap draws.
 const DRAWS: usize = 1000;
 /// Excess of the base model over the floor, as a share of it, below which there is nothing to explain.
@@ -31,13 +31,13 @@ const MIN_EXCESS: f64 = 0.2;
 
 /// Explained share with its bootstrap distribution.
 #[derive(Clone, Copy, Debug)]
-pub struct Explained {
+pub struct ExplainedShare {
     pub share: f64,
     /// Quantiles at the confidence of the settings and its complement: 5 % and 95 %.
     pub interval: [f64; 2],
 }
 
-impl Explained {
+impl ExplainedShare {
     /// Whether it may be as much as a reported set must explain.
     pub fn explains_enough(&self) -> bool {
         self.interval[1] >= SETTINGS.explained_share
@@ -47,40 +47,46 @@ impl Explained {
 /// How much of the misfit a model accounts for.
 pub struct Explanation {
     /// Share of the excess misfit of each simpler model; `None` where that model's misfit is no larger than the floor.
-    pub shares: Vec<Option<Explained>>,
+    pub shares: Vec<Option<ExplainedShare>>,
     /// Share of the excess squared error on held-out trials that the model removes; `None` where the base model leaves no more
     /// than the floor.
     pub gain: Option<f64>,
 }
 
 /// Compares `model` with simpler models (`fewer`), of which the first is the base model.
-pub fn explanation(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64) -> Result<Explanation> {
+pub fn explanation(
+    fitter: &ModelFitter,
+    fewer: &[&FittedModel],
+    model: &FittedModel,
+    seed: u64,
+) -> Result<Explanation> {
     let nothing = Explanation { shares: Vec::new(), gain: None };
-    let Some((_, parts)) = fitter.parts(&model.layout, &model.state, &[])? else { return Ok(nothing) };
-    let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad * c.discrepancy.acceleration);
-    let here = |part: &Part| DVector::zeros(part.blocks[0].columns.ncols());
-    let (modes, broad) = match field::broad(fitter, model, sd)? {
+    let Some((_, parts)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
+    let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
+    let here = |part: &Group| DVector::zeros(part.blocks[0].jacobian.ncols());
+    let (modes, broad) = match field::fit_broad(fitter, model, sd)? {
         Some((parts, step)) => {
-            let modes = modes(model, &parts, |_| step.clone());
-            let left = squares(model, &parts, &modes, |_| step.clone());
+            let modes = acceleration_modes(model, &parts, |_| step.clone());
+            let left = squares_by_trial(model, &parts, &modes, |_| step.clone());
             (modes, Some(left))
         }
-        None => (modes(model, &parts, here), None),
+        None => (acceleration_modes(model, &parts, here), None),
     };
-    let own = squares(model, &parts, &modes, here);
-    let held_out =
-        |m: &Fitted, parts: &[Part]| squares(m, parts, &modes, |part| m.held_out_steps[part.launch].clone());
+    let own = squares_by_trial(model, &parts, &modes, here);
+    let held_out = |m: &FittedModel, parts: &[Group]| {
+        squares_by_trial(m, parts, &modes, |part| m.held_out_steps[part.trial].clone())
+    };
     let after = held_out(model, &parts);
     let mut out = nothing;
     for (k, base) in fewer.iter().enumerate() {
-        let Some((_, parts)) = fitter.parts(&base.layout, &base.state, &[])? else {
+        let Some((_, parts)) = fitter.groups(&base.layout, &base.state, &[])? else {
             out.shares.push(None);
             continue;
         };
-        let (none, floor) = (squares(base, &parts, &modes, here), floor(fitter, base, &parts));
-        out.shares.push(share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
+        let (none, floor) = (squares_by_trial(base, &parts, &modes, here), noise_floor(fitter, base, &parts));
+        out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
-            out.gain = gain(&held_out(base, &parts), &after, floor.iter().sum());
+            out.gain = removed_share(&held_out(base, &parts), &after, floor.iter().sum());
         }
     }
     Ok(out)
@@ -88,7 +94,13 @@ pub fn explanation(fitter: &Fitter, fewer: &[&Fitted], model: &Fitted, seed: u64
 
 /// Explained share from squared residuals by trial: of the model with fewer effects (`none`), of the model (`own`), of the
 /// model beside a broad field, and of noise alone (`floor`).
-fn share(none: &[f64], own: &[f64], broad: &[f64], floor: &[f64], seed: u64) -> Option<Explained> {
+fn explained_share(
+    none: &[f64],
+    own: &[f64],
+    broad: &[f64],
+    floor: &[f64],
+    seed: u64,
+) -> Option<ExplainedShare> {
     let weights = trial_weights(none);
     let gone: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - own[i])).collect();
     let least = |i: usize| own[i].min(broad[i]).max(floor[i].min(none[i]));
@@ -107,14 +119,14 @@ fn share(none: &[f64], own: &[f64], broad: &[f64], floor: &[f64], seed: u64) -> 
         .collect();
     draws.sort_by(f64::total_cmp);
     let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
-    Some(Explained {
+    Some(ExplainedShare {
         share: share(&vec![1.0; gone.len()]),
         interval: [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)],
     })
 }
 
 /// Share of the excess over the floor that a model removes.
-fn gain(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
+fn removed_share(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
     let weights = trial_weights(before);
     let sum = |v: &[f64]| v.iter().zip(&weights).map(|(v, w)| v * w).sum::<f64>();
     let (before, after) = (sum(before), sum(after));
@@ -123,39 +135,49 @@ fn gain(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
 
 /// Weights of trials by what the base model leaves of them.
 fn trial_weights(base: &[f64]) -> Vec<f64> {
-    let most = CLIP * median(base);
+    let most = MAX_TRIAL_WEIGHT_RATIO * median(base);
     base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
 }
 
 /// Random accelerations, in their standard deviations, by segment and place among them.
-type Modes = HashMap<(usize, usize), f64>;
+type AccelerationModes = HashMap<(usize, usize), f64>;
 
 /// A block's columns of random accelerations, of one standard deviation: place, whether all segments of the trial have it alike,
 /// and the column.
 fn random_columns<'a>(
-    model: &'a Fitted,
-    block: &'a Block,
+    model: &'a FittedModel,
+    block: &'a SegmentBlock,
 ) -> impl Iterator<Item = (usize, bool, DVector<f64>)> + 'a {
-    let of = |kinds: &'a [Own], columns: &'a DMatrix<f64>, alike: bool| {
+    let of = |kinds: &'a [RandomEffect], columns: &'a DMatrix<f64>, alike: bool| {
         kinds.iter().zip(columns.column_iter()).filter_map(move |(kind, column)| match kind {
-            Own::Push(place) => Some((*place, alike, column * model.components.of(*kind))),
+            RandomEffect::Acceleration(place) => {
+                Some((*place, alike, column * model.components.sd_of(*kind)))
+            }
             _ => None,
         })
     };
-    of(&block.alike_of, &block.alike, true).chain(of(&block.kinds, &block.own, false))
+    of(&block.z_group_effects, &block.z_group, true).chain(of(
+        &block.z_segment_effects,
+        &block.z_segment,
+        false,
+    ))
 }
 
 /// Conditional modes of the random accelerations after a step of the parameters.
-fn modes(model: &Fitted, parts: &[Part], step: impl Fn(&Part) -> DVector<f64>) -> Modes {
-    let mut out = Modes::new();
-    let slow = model.components.slow;
-    for part in parts.iter().filter(|p| p.differs) {
+fn acceleration_modes(
+    model: &FittedModel,
+    parts: &[Group],
+    step: impl Fn(&Group) -> DVector<f64>,
+) -> AccelerationModes {
+    let mut out = AccelerationModes::new();
+    let slow = model.components.discrepancy;
+    for part in parts.iter().filter(|p| p.has_random_effects) {
         // Unknowns: place, and the segment that has it of its own.
         let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
         let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
         for (b, block) in part.blocks.iter().enumerate() {
             for (place, alike, column) in random_columns(model, block) {
-                let unknown = (place, (!alike).then_some(block.window));
+                let unknown = (place, (!alike).then_some(block.segment));
                 let at = unknowns.iter().position(|u| *u == unknown).unwrap_or(unknowns.len());
                 if at == unknowns.len() {
                     unknowns.push(unknown);
@@ -167,7 +189,7 @@ fn modes(model: &Fitted, parts: &[Part], step: impl Fn(&Part) -> DVector<f64>) -
         let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
         let step = step(part);
         for (b, block) in part.blocks.iter().enumerate() {
-            let weights = block.slow.map(|s| (1.0 + slow * slow * s).recip());
+            let weights = block.gp_variance.map(|s| (1.0 + slow * slow * s).recip());
             let left = block.residual_at(&step);
             let own = || columns.iter().filter(|c| c.0 == b);
             for (_, i, first) in own() {
@@ -179,36 +201,41 @@ fn modes(model: &Fitted, parts: &[Part], step: impl Fn(&Part) -> DVector<f64>) -
         let Some(factor) = precision.cholesky() else { continue };
         let solved = factor.solve(&score);
         for (b, at, _) in &columns {
-            out.insert((part.blocks[*b].window, unknowns[*at].0), solved[*at]);
+            out.insert((part.blocks[*b].segment, unknowns[*at].0), solved[*at]);
         }
     }
     out
 }
 
 /// Squared residuals by trial after a step of the parameters, random accelerations subtracted.
-fn squares(model: &Fitted, parts: &[Part], modes: &Modes, step: impl Fn(&Part) -> DVector<f64>) -> Vec<f64> {
-    let mut out = vec![0.0; model.held.len()];
+fn squares_by_trial(
+    model: &FittedModel,
+    parts: &[Group],
+    modes: &AccelerationModes,
+    step: impl Fn(&Group) -> DVector<f64>,
+) -> Vec<f64> {
+    let mut out = vec![0.0; model.held_out_squares.len()];
     for part in parts {
         let step = step(part);
         for block in &part.blocks {
             let mut left = block.residual_at(&step);
             for (place, _, column) in random_columns(model, block) {
-                left.axpy(-modes.get(&(block.window, place)).copied().unwrap_or(0.0), &column, 1.0);
+                left.axpy(-modes.get(&(block.segment, place)).copied().unwrap_or(0.0), &column, 1.0);
             }
-            out[part.launch] += left.norm_squared();
+            out[part.trial] += left.norm_squared();
         }
     }
     out
 }
 
 /// By trial: what noise and slow misfit leave of the base model, expected.
-fn floor(fitter: &Fitter, base: &Fitted, parts: &[Part]) -> Vec<f64> {
-    let mut out = vec![0.0; fitter.data.trials];
+fn noise_floor(fitter: &ModelFitter, base: &FittedModel, parts: &[Group]) -> Vec<f64> {
+    let mut out = vec![0.0; fitter.data.trial_count];
     let c = &base.components;
     for part in parts {
         for block in &part.blocks {
-            let own = block.slow.iter().map(|s| 1.0 + c.slow * c.slow * s).sum::<f64>();
-            out[part.launch] += own;
+            let own = block.gp_variance.iter().map(|s| 1.0 + c.discrepancy * c.discrepancy * s).sum::<f64>();
+            out[part.trial] += own;
         }
     }
     out
@@ -223,11 +250,12 @@ mod tests {
     /// The drag that balls were thrown with explains all of what the scene misses; no effect explains nothing.
     #[test]
     fn the_true_effect_explains_everything() {
-        thrown::fitted(&[0.4; 8], &[], 11, |fitter, base| {
-            thrown::fitted(&[0.4; 8], &["linear_drag"], 11, |_, model| {
-                let own = Fitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
+        thrown::with_fit(&[0.4; 8], &[], 11, |fitter, base| {
+            thrown::with_fit(&[0.4; 8], &["linear_drag"], 11, |_, model| {
+                let own =
+                    ModelFitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
                 let share =
-                    |m: &Fitted| explanation(&own, &[base], m, 3).unwrap().shares[0].expect("a misfit");
+                    |m: &FittedModel| explanation(&own, &[base], m, 3).unwrap().shares[0].expect("a misfit");
                 let (right, none) = (share(model), share(base));
                 assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
                 assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");

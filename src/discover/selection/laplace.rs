@@ -16,8 +16,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::prior::Prior;
-use crate::discover::gaussian::Told;
+use super::prior::FixedEffectsPrior;
+use crate::discover::gaussian::GroupStatistics;
 use crate::estimate::sampler::log_sum_exp;
 
 /// Standard deviations of the discrepancy, in its largest plausible size.
@@ -42,8 +42,8 @@ pub struct Laplace {
 
 /// Evidence averaged over the discrepancy's standard deviation; mode and covariance at the most probable one. `None` where a
 /// matrix is singular.
-pub fn marginal(groups: &[Told], prior: &Prior) -> Option<Laplace> {
-    let parameters = prior.off.len();
+pub fn marginal_evidence(groups: &[GroupStatistics], prior: &FixedEffectsPrior) -> Option<Laplace> {
+    let parameters = prior.mean_offset.len();
     if groups.first().is_none_or(|g| g.gram.ncols() == parameters) {
         return at_scale(groups, prior, 1.0);
     }
@@ -56,18 +56,23 @@ pub fn marginal(groups: &[Told], prior: &Prior) -> Option<Laplace> {
 }
 
 /// The same at one standard deviation of the discrepancy.
-pub fn at_scale(groups: &[Told], prior: &Prior, scale: f64) -> Option<Laplace> {
+pub fn at_scale(groups: &[GroupStatistics], prior: &FixedEffectsPrior, scale: f64) -> Option<Laplace> {
     from_squares(groups, prior, scale, &mut groups.iter().map(|g| g.square).collect::<Vec<f64>>())
 }
 
 /// The same, the squares at the mode being near `squares`, which become those at the mode.
-fn from_squares(groups: &[Told], prior: &Prior, scale: f64, squares: &mut [f64]) -> Option<Laplace> {
-    let parameters = prior.off.len();
+fn from_squares(
+    groups: &[GroupStatistics],
+    prior: &FixedEffectsPrior,
+    scale: f64,
+    squares: &mut [f64],
+) -> Option<Laplace> {
+    let parameters = prior.mean_offset.len();
     let all = groups.first().map_or(parameters, |g| g.gram.ncols());
     let mut precision = DMatrix::from_diagonal_element(all, all, scale.powi(-2));
     precision.view_mut((0, 0), (parameters, parameters)).copy_from(&prior.precision);
     let mut mean = DVector::zeros(all);
-    mean.rows_mut(0, parameters).copy_from(&prior.off);
+    mean.rows_mut(0, parameters).copy_from(&prior.mean_offset);
     let pull = &precision * &mean;
     let mut step = DVector::zeros(all);
     let mut factor = None;
@@ -94,7 +99,7 @@ fn from_squares(groups: &[Told], prior: &Prior, scale: f64, squares: &mut [f64])
     let factor = factor?;
     let log_det = |l: &DMatrix<f64>| 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let off = &step - &mean;
-    let log_joint = groups.iter().zip(squares.iter()).map(|(g, s)| g.density_at(*s)).sum::<f64>()
+    let log_joint = groups.iter().zip(squares.iter()).map(|(g, s)| g.log_density_at(*s)).sum::<f64>()
         - 0.5 * off.dot(&(&precision * &off))
         + prior.log_weight
         + 0.5 * log_det(precision.cholesky()?.l_dirty());
@@ -111,13 +116,13 @@ fn add_times(to: &mut [f64], from: &[f64], times: f64) {
 }
 
 /// Log of likelihood times prior density where the model stands, the discrepancy at its mode there.
-pub fn profile(groups: &[Told], prior: &Prior, scale: f64) -> f64 {
-    let q = prior.off.len();
-    let own: Vec<Told> = groups.iter().map(|g| g.without_first(q)).collect();
+pub fn profile_log_posterior(groups: &[GroupStatistics], prior: &FixedEffectsPrior, scale: f64) -> f64 {
+    let q = prior.mean_offset.len();
+    let own: Vec<GroupStatistics> = groups.iter().map(|g| g.after_parameters(q)).collect();
     let Some(factor) = prior.precision.clone().cholesky() else { return f64::NEG_INFINITY };
     let fixed = prior.log_weight + factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()
-        - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
-    at_scale(&own, &Prior::none(), scale).map_or(f64::NEG_INFINITY, |mode| mode.log_joint + fixed)
+        - 0.5 * prior.mean_offset.dot(&(&prior.precision * &prior.mean_offset));
+    at_scale(&own, &FixedEffectsPrior::none(), scale).map_or(f64::NEG_INFINITY, |mode| mode.log_joint + fixed)
 }
 
 #[cfg(test)]
@@ -125,27 +130,27 @@ mod tests {
     use super::*;
 
     /// Groups that each observe one parameter `true_value` with unit noise in eight coordinates.
-    fn groups(count: usize, true_value: f64) -> Vec<Told> {
+    fn groups(count: usize, true_value: f64) -> Vec<GroupStatistics> {
         let of = |k: usize| {
             let x = DVector::from_fn(8, |i, _| libm::sin(1.0 + 0.7 * (i + 3 * k) as f64));
             let y = DVector::from_fn(8, |i, _| true_value * x[i] + libm::sin(7.0 * (i * i + 5 * k) as f64));
-            Told {
-                launch: k,
+            GroupStatistics {
+                trial: k,
                 gram: DMatrix::from_element(1, 1, x.norm_squared()),
                 score: DVector::from_element(1, x.dot(&y)),
                 square: y.norm_squared(),
                 log_det: 0.3,
                 count: 8.0,
-                allowed: 0.0,
+                misfit_tolerance: 0.0,
             }
         };
         (0..count).map(of).collect()
     }
 
-    fn prior(sd: f64) -> Prior {
-        Prior {
+    fn prior(sd: f64) -> FixedEffectsPrior {
+        FixedEffectsPrior {
             precision: DMatrix::from_element(1, 1, sd.powi(-2)),
-            off: DVector::from_element(1, -0.2),
+            mean_offset: DVector::from_element(1, -0.2),
             log_weight: 0.0,
         }
     }
@@ -157,7 +162,7 @@ mod tests {
         let found = at_scale(&groups, &prior, 1.0).unwrap();
         let log_density = |x: f64| {
             let step = DVector::from_element(1, x);
-            let likelihood: f64 = groups.iter().map(|g| g.density(&step)).sum();
+            let likelihood: f64 = groups.iter().map(|g| g.log_density_after(&step)).sum();
             likelihood - 0.5 * ((x + 0.2) / 0.7).powi(2) - 0.5 * (2.0 * std::f64::consts::PI * 0.49).ln()
         };
         let h = 1e-3;
@@ -170,7 +175,12 @@ mod tests {
     #[test]
     fn a_wider_prior_costs_its_width() {
         let at = |sd: f64| {
-            at_scale(&groups(40, 0.0), &Prior { off: DVector::zeros(1), ..prior(sd) }, 1.0).unwrap()
+            at_scale(
+                &groups(40, 0.0),
+                &FixedEffectsPrior { mean_offset: DVector::zeros(1), ..prior(sd) },
+                1.0,
+            )
+            .unwrap()
         };
         let cost = at(1.0).log_evidence - at(10.0).log_evidence;
         assert!((cost - 10f64.ln()).abs() < 0.2, "{cost}");
@@ -179,14 +189,14 @@ mod tests {
     /// A shared discrepancy that the data do not show leaves the smallest size most probable.
     #[test]
     fn absent_discrepancy_is_small() {
-        let wide = |g: Told| {
+        let wide = |g: GroupStatistics| {
             let mut gram = DMatrix::zeros(2, 2);
             gram[(0, 0)] = g.gram[(0, 0)];
             gram[(1, 1)] = 400.0;
-            Told { score: DVector::from_vec(vec![g.score[0], 0.0]), gram, ..g }
+            GroupStatistics { score: DVector::from_vec(vec![g.score[0], 0.0]), gram, ..g }
         };
-        let groups: Vec<Told> = groups(10, 0.8).into_iter().map(wide).collect();
-        let found = marginal(&groups, &prior(0.7)).unwrap();
+        let groups: Vec<GroupStatistics> = groups(10, 0.8).into_iter().map(wide).collect();
+        let found = marginal_evidence(&groups, &prior(0.7)).unwrap();
         assert_eq!((found.scale, found.covariance.nrows()), (SCALES[4], 1));
     }
 }

@@ -16,6 +16,6 @@ mod settings;
 pub use context::context;
 pub use decide::{Decision, decide};
 pub use discrepancy::SharedDiscrepancy;
-pub use laplace::{Laplace, at_scale, marginal, profile};
-pub use prior::Prior;
+pub use laplace::{Laplace, at_scale, marginal_evidence, profile_log_posterior};
+pub use prior::FixedEffectsPrior;
 pub use settings::SETTINGS;

@@ -6,8 +6,8 @@
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::scan::Over;
-use crate::discover::model::{Slot, State};
+use super::scan::SearchProblem;
+use crate::discover::model::{FitState, Parameter};
 use crate::error::Result;
 use crate::rng;
 
@@ -17,19 +17,19 @@ const SAMPLES: [usize; 2] = [14, 48];
 const ELITES: f64 = 0.2;
 const ROUNDS: [usize; 2] = [14, 2];
 /// Share of the old mean and covariance that is kept.
-const KEPT: f64 = 0.2;
+const SMOOTHING: f64 = 0.2;
 /// How many times as many values are tried where there are edges, of which as many as elsewhere are the best.
-const EDGES: usize = 3;
+const EDGE_SAMPLE_FACTOR: usize = 3;
 /// Share of their deviation by which latents are moved in half of the first round's values.
-pub const NARROW: f64 = 0.02;
+pub const LATENT_SD_FACTOR: f64 = 0.02;
 
-impl Over<'_> {
+impl SearchProblem<'_> {
     /// The state of the best values drawn about `start`, from deviations `spread`.
-    pub fn drawn(&self, start: &State, spread: &[f64], seed: u64) -> Result<State> {
+    pub fn cross_entropy(&self, start: &FitState, spread: &[f64], seed: u64) -> Result<FitState> {
         let layout = self.layout;
-        let q = layout.slots.len();
-        let shapes = (0..q).filter(|i| layout.shapes(*i)).count();
-        let edges = if layout.has_edges() { EDGES } else { 1 };
+        let q = layout.parameters.len();
+        let shapes = (0..q).filter(|i| layout.is_shape(*i)).count();
+        let edges = if layout.has_discontinuities() { EDGE_SAMPLE_FACTOR } else { 1 };
         let samples = (SAMPLES[0] * q).max(SAMPLES[1]) * edges;
         let elite = (ELITES * samples as f64).ceil() as usize / edges;
         let mut mean = DVector::from_column_slice(&start.values);
@@ -42,11 +42,11 @@ impl Over<'_> {
                 let mut draw: DVector<f64> = DVector::from_fn(q, |_, _| StandardNormal.sample(&mut stream));
                 if round == 0 && k.is_multiple_of(2) {
                     // The latents may be right already, and it is only the effect that is missing.
-                    (0..layout.latents()).for_each(|i| draw[i] *= NARROW);
+                    (0..layout.latent_count()).for_each(|i| draw[i] *= LATENT_SD_FACTOR);
                 }
                 let value = &mean + &factor * draw;
-                let within = |(v, s): (&f64, &Slot)| v.clamp(s.bounds[0], s.bounds[1]);
-                value.iter().zip(&layout.slots).map(within).collect::<Vec<f64>>()
+                let within = |(v, s): (&f64, &Parameter)| v.clamp(s.bounds[0], s.bounds[1]);
+                value.iter().zip(&layout.parameters).map(within).collect::<Vec<f64>>()
             };
             let mut tried: Vec<Vec<f64>> = (0..samples).map(value).collect();
             tried[0].clone_from(&best.1);
@@ -58,10 +58,10 @@ impl Over<'_> {
             }
             let elites = order.iter().take(elite).map(|i| DVector::from_column_slice(&tried[*i]));
             let (centre, own) = moments(&elites.collect::<Vec<_>>());
-            mean = mean * KEPT + centre * (1.0 - KEPT);
-            covariance = covariance * KEPT + own * (1.0 - KEPT);
+            mean = mean * SMOOTHING + centre * (1.0 - SMOOTHING);
+            covariance = covariance * SMOOTHING + own * (1.0 - SMOOTHING);
         }
-        Ok(State::new(best.1, start.nuisances.clone()))
+        Ok(FitState::new(best.1, start.nuisances.clone()))
     }
 }
 
@@ -90,19 +90,19 @@ fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{leaps, term};
-    use crate::discover::model::{Data, Layout};
+    use crate::discover::fixture::{one_step_segments, term};
+    use crate::discover::model::{ParameterLayout, SegmentData};
     use crate::world::Engine;
 
     /// From far off, where nothing is known but a reach, both numbers are found; the same seed finds the same.
     #[test]
     fn two_numbers_are_found_together() {
-        let (windows, settings) = leaps(0.75);
-        let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
-        let layout = Layout::new(&[], vec![term("wind")], 1);
-        let over = Over { data: &data, layout: &layout, stretches: &[0, 3, 5] };
-        let start = State::new(vec![-2.0, 2.0], vec![Vec::new(); windows.len()]);
-        let found = |seed| over.drawn(&start, &[2.0, 2.0], seed).unwrap().values;
+        let (windows, settings) = one_step_segments(0.75);
+        let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
+        let over = SearchProblem { data: &data, layout: &layout, segments: &[0, 3, 5] };
+        let start = FitState::new(vec![-2.0, 2.0], vec![Vec::new(); windows.len()]);
+        let found = |seed| over.cross_entropy(&start, &[2.0, 2.0], seed).unwrap().values;
         let one = found(1);
         assert!((one[0] - 0.75).abs() < 0.02 && one[1].abs() < 0.02, "{one:?}");
         assert_eq!(one, found(1));

@@ -3,63 +3,69 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::hold::without_holds;
-use super::kind::{FLIGHT, Kind, Point, Surface, Window, seen};
-use super::touch::{Touch, rolls, touches};
-use crate::discover::smooth::{Row, smooth};
+use super::kind::{MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, observed_position};
+use super::touch::{ContactEvent, detect_contacts, rolling_intervals};
+use crate::discover::smooth::{TimedPosition, fit_polynomials};
 use crate::discover::stats::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;
 
 /// Observations on each side of a bounce, and the fewest.
-const AROUND: usize = 8;
-const BEFORE: usize = 5;
+const OBSERVATIONS_AROUND_BOUNCE: usize = 8;
+const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// Longest gap between observations within a window, as a multiple of the usual one, and about a bounce.
-const GAP: f64 = 6.0;
-const GAP_AT_BOUNCE: f64 = 3.0;
+const MAX_GAP: f64 = 6.0;
+const MAX_GAP_AT_BOUNCE: f64 = 3.0;
 /// Observations that a first guess of a start is made from.
-const FIRST: usize = 12;
+const INITIAL_STATE_OBSERVATIONS: usize = 12;
 /// rad/s: what a ball may spin at that nobody watched, and the error of a spin that was seen.
-const UNSEEN_SPIN: f64 = 300.0;
-const SEEN_SPIN: f64 = 0.5;
+const UNOBSERVED_SPIN_SD: f64 = 300.0;
+const OBSERVED_SPIN_SD: f64 = 0.5;
 
 /// All windows of one body.
-pub fn flights(trial: &Trial, body: usize) -> Vec<Window> {
+pub fn single_body_segments(trial: &Trial, body: usize) -> Vec<Segment> {
     let track = &trial.observed.bodies[body];
-    let rows: Vec<Row> =
-        trial.observed.times.iter().enumerate().filter_map(|(i, t)| Some((*t, seen(track, i)?))).collect();
+    let rows: Vec<TimedPosition> = trial
+        .observed
+        .times
+        .iter()
+        .enumerate()
+        .filter_map(|(i, t)| Some((*t, observed_position(track, i)?)))
+        .collect();
     if rows.len() < 3 {
         return Vec::new();
     }
-    let touches = touches(trial, body, &rows);
+    let touches = detect_contacts(trial, body, &rows);
     let usual = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
-    let seen = Seen { trial, body, rows, touches, usual };
+    let seen = BodyObservations { trial, body, rows, contacts: touches, typical_interval: usual };
     let [gx, gy] = trial.scene.gravity;
     let of = |piece: (usize, usize)| without_holds(&seen.rows, piece, gx.hypot(gy));
-    let pieces: Vec<(usize, usize)> = seen.pieces().into_iter().map(of).collect();
-    let flights = pieces.iter().filter(|(a, b)| b - a >= FLIGHT).map(|piece| seen.flight(*piece));
+    let pieces: Vec<(usize, usize)> = seen.flight_intervals().into_iter().map(of).collect();
+    let flights =
+        pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS).map(|piece| seen.flight(*piece));
     let contacts = pieces.windows(2).filter_map(|pair| seen.contact(pair[0], pair[1]));
-    let rolls = rolls(&seen.touches, &seen.rows);
-    flights.chain(contacts).chain(rolls.into_iter().filter_map(|roll| seen.roll(roll))).collect()
+    let rolls = rolling_intervals(&seen.contacts, &seen.rows);
+    flights.chain(contacts).chain(rolls.into_iter().filter_map(|roll| seen.rolling(roll))).collect()
 }
 
 /// What was seen of one body.
-struct Seen<'a> {
+struct BodyObservations<'a> {
     trial: &'a Trial,
     body: usize,
-    rows: Vec<Row>,
+    rows: Vec<TimedPosition>,
     /// By row.
-    touches: Vec<Option<Touch>>,
+    contacts: Vec<Option<ContactEvent>>,
     /// Time from row to row, s.
-    usual: f64,
+    typical_interval: f64,
 }
 
-impl Seen<'_> {
+impl BodyObservations<'_> {
     /// Pieces of flight (first row, end): rows without touch and without a long gap.
-    fn pieces(&self) -> Vec<(usize, usize)> {
+    fn flight_intervals(&self) -> Vec<(usize, usize)> {
         let (rows, mut pieces, mut first) = (&self.rows, Vec::new(), None);
         for i in 0..=rows.len() {
-            let touches = self.touches.get(i).is_none_or(Option::is_some);
-            let broken = touches || (i > 0 && rows[i].0 - rows[i - 1].0 > GAP * self.usual);
+            let touches = self.contacts.get(i).is_none_or(Option::is_some);
+            let broken = touches || (i > 0 && rows[i].0 - rows[i - 1].0 > MAX_GAP * self.typical_interval);
             if broken && let Some(from) = first.take() {
                 pieces.push((from, i));
             }
@@ -70,44 +76,50 @@ impl Seen<'_> {
         pieces
     }
 
-    fn flight(&self, (from, to): (usize, usize)) -> Window {
+    fn flight(&self, (from, to): (usize, usize)) -> Segment {
         let rows = &self.rows[from..to];
-        let scene = Scene { statics: Vec::new(), carriers: None, ..self.alone() };
-        let mut window = smoothed(rows, self.window(rows, scene, Kind::Flight));
-        window.nuisances = start_of(&rows[..rows.len().min(FIRST)], window.scene.gravity).to_vec();
+        let scene = Scene { statics: Vec::new(), carriers: None, ..self.single_body_scene() };
+        let mut window = with_smooth(rows, self.segment(rows, scene, SegmentKind::Flight));
+        window.nuisances =
+            initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], window.scene.gravity).to_vec();
         window
     }
 
     /// The bounce between two pieces of flight, if it is one on a static that a disc meets once.
-    fn contact(&self, (a, b): (usize, usize), (c, d): (usize, usize)) -> Option<Window> {
+    fn contact(&self, (a, b): (usize, usize), (c, d): (usize, usize)) -> Option<Segment> {
         let rows = &self.rows;
-        let touch = (b..c).find_map(|i| self.touches[i])?;
-        let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < GAP_AT_BOUNCE * self.usual;
-        if !single || b - a < BEFORE || d - c < BEFORE {
+        let touch = (b..c).find_map(|i| self.contacts[i])?;
+        let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < MAX_GAP_AT_BOUNCE * self.typical_interval;
+        if !single || b - a < MIN_OBSERVATIONS_AROUND_BOUNCE || d - c < MIN_OBSERVATIONS_AROUND_BOUNCE {
             return None;
         }
         let surface = self.surface(touch)?;
-        let (before, after) = (&rows[b - AROUND.min(b - a)..b], &rows[c..c + AROUND.min(d - c)]);
-        let mut window = self.window(&[before, after].concat(), self.alone(), Kind::Contact);
-        let spin = self.spin(before);
-        let held = if spin.is_some() { SEEN_SPIN } else { UNSEEN_SPIN };
+        let (before, after) = (
+            &rows[b - OBSERVATIONS_AROUND_BOUNCE.min(b - a)..b],
+            &rows[c..c + OBSERVATIONS_AROUND_BOUNCE.min(d - c)],
+        );
+        let mut window =
+            self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Contact);
+        let spin = self.observed_spin(before);
+        let held = if spin.is_some() { OBSERVED_SPIN_SD } else { UNOBSERVED_SPIN_SD };
         window.nuisances =
-            [&start_of(before, window.scene.gravity)[..], &[spin.unwrap_or(0.0), 0.0]].concat();
-        window.surface = Some(Surface { spin: held, ..surface });
+            [&initial_state(before, window.scene.gravity)[..], &[spin.unwrap_or(0.0), 0.0]].concat();
+        window.surface = Some(Surface { spin_prior_sd: held, ..surface });
         Some(window)
     }
 
-    fn roll(&self, (from, to, touch): (usize, usize, Touch)) -> Option<Window> {
+    fn rolling(&self, (from, to, touch): (usize, usize, ContactEvent)) -> Option<Segment> {
         let rows = &self.rows[from..to];
-        let mut window = smoothed(rows, self.window(rows, self.alone(), Kind::Roll));
-        let [_, _, vx, vy] = start_of(&rows[..rows.len().min(FIRST)], [0.0; 2]);
+        let mut window =
+            with_smooth(rows, self.segment(rows, self.single_body_scene(), SegmentKind::Rolling));
+        let [_, _, vx, vy] = initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], [0.0; 2]);
         window.nuisances = vec![0.0, vx * touch.normal[1] - vy * touch.normal[0], 0.0, 0.0];
         window.surface = Some(self.surface(touch)?);
         Some(window)
     }
 
     /// The trial's scene with no other body in it.
-    fn alone(&self) -> Scene {
+    fn single_body_scene(&self) -> Scene {
         let scene = &self.trial.scene;
         Scene {
             bodies: vec![scene.bodies[self.body].clone()],
@@ -119,36 +131,41 @@ impl Seen<'_> {
         }
     }
 
-    fn window(&self, rows: &[Row], mut scene: Scene, kind: Kind) -> Window {
+    fn segment(&self, rows: &[TimedPosition], mut scene: Scene, kind: SegmentKind) -> Segment {
         let start = rows[0].0;
-        let point = |(t, seen): &Row| Point { body: 0, time: t - start, seen: *seen, weight: 1.0 };
-        let points: Vec<Point> = rows.iter().map(point).collect();
-        scene.steps = steps(rows[rows.len() - 1].0 - start, scene.time_step);
-        Window::new(kind, scene, start, points)
+        let point = |(t, seen): &TimedPosition| Observation {
+            body: 0,
+            time: t - start,
+            position: *seen,
+            weight: 1.0,
+        };
+        let points: Vec<Observation> = rows.iter().map(point).collect();
+        scene.steps = step_count(rows[rows.len() - 1].0 - start, scene.time_step);
+        Segment::new(kind, scene, start, points)
     }
 
     /// What a disc touches; `None` for other shapes, which turn as they touch, and for what is no static.
-    fn surface(&self, touch: Touch) -> Option<Surface> {
+    fn surface(&self, touch: ContactEvent) -> Option<Surface> {
         let scene = &self.trial.scene;
-        let fixed = touch.fixed?;
+        let fixed = touch.static_index?;
         let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
         let radius = own.shape.disc_radius()?;
         let (mass, inertia) = own.mass_properties(None);
         Some(Surface {
-            fixed,
+            static_index: fixed,
             normal: touch.normal,
             level: touch.level,
             friction: [own.friction, other.friction],
             restitution: [own.restitution, other.restitution],
-            carries: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
+            carries_latents: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
             radius,
             inertia: inertia / (mass * radius * radius),
-            spin: UNSEEN_SPIN,
+            spin_prior_sd: UNOBSERVED_SPIN_SD,
         })
     }
 
     /// Spin over some rows, from angles if they were seen, rad/s.
-    fn spin(&self, rows: &[Row]) -> Option<f64> {
+    fn observed_spin(&self, rows: &[TimedPosition]) -> Option<f64> {
         let observed = &self.trial.observed;
         let angle = |t: f64| {
             let at = observed.times.iter().position(|s| *s == t)?;
@@ -160,9 +177,9 @@ impl Seen<'_> {
 }
 
 /// A window with its data's own smooth, by which outliers do not count.
-fn smoothed(rows: &[Row], mut window: Window) -> Window {
-    let smooth = smooth(rows);
-    for (point, kept) in window.points.iter_mut().zip(&smooth.kept) {
+fn with_smooth(rows: &[TimedPosition], mut window: Segment) -> Segment {
+    let smooth = fit_polynomials(rows);
+    for (point, kept) in window.observations.iter_mut().zip(&smooth.is_inlier) {
         point.weight = if *kept { 1.0 } else { 0.0 };
     }
     window.smooth = Some(smooth);
@@ -170,21 +187,22 @@ fn smoothed(rows: &[Row], mut window: Window) -> Window {
 }
 
 /// Steps that cover a time and a twentieth more: a sensor's clock may run ahead.
-fn steps(time: f64, step: f64) -> u32 {
+fn step_count(time: f64, step: f64) -> u32 {
     (1.05 * time / step + 1e-9).ceil().max(1.0) as u32 + 1
 }
 
-impl Window {
+impl Segment {
     /// Initial state of a flight from its first observations alone, whatever acts: position and velocity by least squares on
     /// parabolas; `None` for other segments.
-    pub fn start_whatever_acts(&self) -> Option<Vec<f64>> {
-        let points: Vec<&Point> = self.points.iter().filter(|p| p.weight > 0.0).take(FIRST).collect();
-        if self.kind != Kind::Flight || points.len() < 4 {
+    pub fn parabola_initial_state(&self) -> Option<Vec<f64>> {
+        let points: Vec<&Observation> =
+            self.observations.iter().filter(|p| p.weight > 0.0).take(INITIAL_STATE_OBSERVATIONS).collect();
+        if self.kind != SegmentKind::Flight || points.len() < 4 {
             return None;
         }
         let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].time.powi(k as i32));
         let fit = |axis: usize| {
-            let seen = DVector::from_fn(points.len(), |i, _| points[i].seen[axis]);
+            let seen = DVector::from_fn(points.len(), |i, _| points[i].position[axis]);
             basis.clone().svd(true, true).solve(&seen, 1e-12).ok()
         };
         let (x, y) = (fit(0)?, fit(1)?);
@@ -193,7 +211,7 @@ impl Window {
 }
 
 /// Position and velocity at the first of some rows: least squares on a parabola with the scene's gravity.
-fn start_of(rows: &[Row], gravity: [f64; 2]) -> [f64; 4] {
+fn initial_state(rows: &[TimedPosition], gravity: [f64; 2]) -> [f64; 4] {
     let n = rows.len() as f64;
     let t0 = rows[0].0;
     let mean_t = rows.iter().map(|r| r.0 - t0).sum::<f64>() / n;
@@ -218,15 +236,21 @@ mod tests {
     fn the_start_of_a_parabola_is_its_start() {
         let at = |t: f64| (5.0 + t, [1.0 + 3.0 * t, 2.0 + 4.0 * t - 4.905 * t * t]);
         let rows = [0.0, 0.1, 0.15, 0.4].map(at);
-        let found = start_of(&rows, [0.0, -9.81]);
+        let found = initial_state(&rows, [0.0, -9.81]);
         assert!(found.iter().zip([1.0, 2.0, 3.0, 4.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
     }
 
     fn seen(trial: &Trial, times: &[f64], touched: &[usize]) -> Vec<(usize, usize)> {
-        let rows: Vec<Row> = times.iter().map(|t| (*t, [0.0; 2])).collect();
-        let touch = |i| touched.contains(&i).then_some(Touch { normal: [0.0, 1.0], level: 0.0, fixed: None });
+        let rows: Vec<TimedPosition> = times.iter().map(|t| (*t, [0.0; 2])).collect();
+        let touch = |i| {
+            touched.contains(&i).then_some(ContactEvent {
+                normal: [0.0, 1.0],
+                level: 0.0,
+                static_index: None,
+            })
+        };
         let touches = (0..times.len()).map(touch).collect();
-        Seen { trial, body: 0, rows, touches, usual: 1.0 }.pieces()
+        BodyObservations { trial, body: 0, rows, contacts: touches, typical_interval: 1.0 }.flight_intervals()
     }
 
     #[test]

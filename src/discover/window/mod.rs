@@ -13,6 +13,9 @@ mod kind;
 mod touch;
 mod whole;
 
-pub use cut::cut;
-pub use kind::{FLIGHT, Kind, Point, Surface, Window, known, leaping, shooting};
-pub use whole::{launch, leave_runs};
+pub use cut::segment_trials;
+pub use kind::{
+    MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, any_known_initial_state,
+    any_multi_step, any_one_step,
+};
+pub use whole::{initial_state_guess, remove_overlaps};

@@ -2,32 +2,32 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::kind::{FLIGHT, seen};
-use crate::discover::noise::by_thirds;
-use crate::discover::smooth::Row;
+use super::kind::{MIN_FLIGHT_OBSERVATIONS, observed_position};
+use crate::discover::noise::third_difference_noise;
+use crate::discover::smooth::TimedPosition;
 use crate::discover::stats::slope;
 use crate::reality::Trial;
 
 /// Rows on each side that tell whether a surface holds a body, and the share of gravity below which it does not fall.
-const SUPPORTED: usize = 6;
-const FALLING: f64 = 0.3;
+const SUPPORT_ROWS: usize = 6;
+const MAX_SUPPORTED_ACCELERATION: f64 = 0.3;
 /// Slope of a straight surface as it may be seen by a camera that is turned a little.
-const TURNED: f64 = 0.02;
+const MAX_CAMERA_TILT: f64 = 0.02;
 
 /// A row at which the body touches something.
 #[derive(Clone, Copy, Debug)]
-pub struct Touch {
+pub struct ContactEvent {
     /// Away from the surface.
     pub normal: [f64; 2],
     /// Where along the normal the body's centre touches, m.
     pub level: f64,
     /// The static, if the other is one.
-    pub fixed: Option<usize>,
+    pub static_index: Option<usize>,
 }
 
 /// For each row whether the body touches something about then: the gap to it has a low minimum where approach turns
 /// into departure, or stays low.
-pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
+pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Vec<Option<ContactEvent>> {
     let mut out = vec![None; rows.len()];
     let scene = &trial.scene;
     let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
@@ -46,16 +46,16 @@ pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
             let length = n[0].hypot(n[1]);
             if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
         };
-        let supported = supported(rows, &gaps, extent, |i| {
+        let supported = supported_rows(rows, &gaps, extent, |i| {
             let n = normal(rows[i].1);
             [n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]]
         });
         let held = supported.iter().zip(&gaps).map(|(held, gap)| if *held { gap.min(0.0) } else { *gap });
         let gaps_held: Vec<f64> = held.collect();
-        mark(&gaps_held, near, |i| {
+        mark_contacts(&gaps_held, near, |i| {
             let (p, normal) = (rows[i].1, normal(rows[i].1));
             let level = p[0] * normal[0] + p[1] * normal[1] - gaps[i];
-            out[i] = Some(Touch { normal, level, fixed: Some(f) });
+            out[i] = Some(ContactEvent { normal, level, static_index: Some(f) });
         });
     }
     for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
@@ -63,19 +63,24 @@ pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
         let at = |t: f64| trial.observed.times.iter().position(|s| *s == t);
         let gaps: Vec<f64> = rows
             .iter()
-            .map(|(t, p)| match at(*t).and_then(|i| seen(other, i)) {
+            .map(|(t, p)| match at(*t).and_then(|i| observed_position(other, i)) {
                 Some(q) => shape.placed(*p, 0.0).signed_distance_to(&theirs.placed(q, 0.0)),
                 None => f64::INFINITY,
             })
             .collect();
-        mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], level: 0.0, fixed: None }));
+        mark_contacts(&gaps, near, |i| {
+            out[i] = Some(ContactEvent { normal: [0.0, 1.0], level: 0.0, static_index: None })
+        });
     }
     out
 }
 
 /// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more
 /// than noise does.
-pub fn rolls(touches: &[Option<Touch>], rows: &[Row]) -> Vec<(usize, usize, Touch)> {
+pub fn rolling_intervals(
+    touches: &[Option<ContactEvent>],
+    rows: &[TimedPosition],
+) -> Vec<(usize, usize, ContactEvent)> {
     let mut out = Vec::new();
     let mut i = 0;
     while i < rows.len() {
@@ -84,11 +89,13 @@ pub fn rolls(touches: &[Option<Touch>], rows: &[Row]) -> Vec<(usize, usize, Touc
             continue;
         };
         let turned = |n: [f64; 2]| (n[0] - touch.normal[0]).hypot(n[1] - touch.normal[1]);
-        let same = |t: Touch| t.fixed.is_some() && t.fixed == touch.fixed && turned(t.normal) < 1e-3;
+        let same = |t: ContactEvent| {
+            t.static_index.is_some() && t.static_index == touch.static_index && turned(t.normal) < 1e-3
+        };
         let end = (i..rows.len()).find(|k| !touches[*k].is_some_and(same)).unwrap_or(rows.len());
         // The first of a landing still slides or hops.
         let from = i + if i > 0 { 2 } else { 0 };
-        if end >= from + FLIGHT && is_level(&rows[from..end], touch.normal) {
+        if end >= from + MIN_FLIGHT_OBSERVATIONS && is_level(&rows[from..end], touch.normal) {
             out.push((from, end, touch));
         }
         i = end.max(i + 1);
@@ -97,12 +104,12 @@ pub fn rolls(touches: &[Option<Touch>], rows: &[Row]) -> Vec<(usize, usize, Touc
 }
 
 /// Whether heights along a normal change no more than noise does, but for a camera that is turned a little.
-fn is_level(rows: &[Row], n: [f64; 2]) -> bool {
+fn is_level(rows: &[TimedPosition], n: [f64; 2]) -> bool {
     let along: Vec<(f64, f64)> =
         rows.iter().map(|(_, p)| (p[0] * n[1] - p[1] * n[0], p[0] * n[0] + p[1] * n[1])).collect();
     let (ways, heights): (Vec<f64>, Vec<f64>) = along.iter().copied().unzip();
-    let noise = by_thirds(&[heights, ways]).unwrap_or(0.0);
-    let tilt = slope(&along).unwrap_or(0.0).clamp(-TURNED, TURNED);
+    let noise = third_difference_noise(&[heights, ways]).unwrap_or(0.0);
+    let tilt = slope(&along).unwrap_or(0.0).clamp(-MAX_CAMERA_TILT, MAX_CAMERA_TILT);
     let levels = along.iter().map(|(way, height)| height - tilt * way);
     let mean = levels.clone().sum::<f64>() / along.len() as f64;
     let spread = levels.map(|l| (l - mean).powi(2)).sum::<f64>() / along.len() as f64;
@@ -111,23 +118,30 @@ fn is_level(rows: &[Row], n: [f64; 2]) -> bool {
 
 /// Rows that a surface holds, seen as far off it as a camera that is turned a little shows it: within a radius of it, and not
 /// falling towards it over some rows about them. `normal`: a surface's normal at a row, and gravity along it.
-fn supported(rows: &[Row], gaps: &[f64], extent: f64, normal: impl Fn(usize) -> [f64; 3]) -> Vec<bool> {
+fn supported_rows(
+    rows: &[TimedPosition],
+    gaps: &[f64],
+    extent: f64,
+    normal: impl Fn(usize) -> [f64; 3],
+) -> Vec<bool> {
     let n = rows.len();
     (0..n)
         .map(|i| {
-            let about = i.saturating_sub(SUPPORTED)..(i + SUPPORTED + 1).min(n);
-            if gaps[i] > extent || about.len() <= SUPPORTED || !about.clone().all(|k| gaps[k] <= extent) {
+            let about = i.saturating_sub(SUPPORT_ROWS)..(i + SUPPORT_ROWS + 1).min(n);
+            if gaps[i] > extent || about.len() <= SUPPORT_ROWS || !about.clone().all(|k| gaps[k] <= extent) {
                 return false;
             }
             let [nx, ny, pull] = normal(i);
             let heights = about.map(|k| (rows[k].0 - rows[i].0, rows[k].1[0] * nx + rows[k].1[1] * ny));
-            pull < 0.0 && bend(&heights.collect::<Vec<_>>()).is_some_and(|a| a.abs() < FALLING * pull.abs())
+            pull < 0.0
+                && curvature(&heights.collect::<Vec<_>>())
+                    .is_some_and(|a| a.abs() < MAX_SUPPORTED_ACCELERATION * pull.abs())
         })
         .collect()
 }
 
 /// Second derivative of the parabola through points (t, y) by least squares.
-fn bend(points: &[(f64, f64)]) -> Option<f64> {
+fn curvature(points: &[(f64, f64)]) -> Option<f64> {
     let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].0.powi(k as i32));
     let y = DVector::from_fn(points.len(), |i, _| points[i].1);
     let beta = basis.svd(true, true).solve(&y, 1e-12).ok()?;
@@ -135,7 +149,7 @@ fn bend(points: &[(f64, f64)]) -> Option<f64> {
 }
 
 /// Calls `touch` for every row about which a series of gaps shows contact.
-fn mark(gaps: &[f64], near: f64, mut touch: impl FnMut(usize)) {
+fn mark_contacts(gaps: &[f64], near: f64, mut touch: impl FnMut(usize)) {
     let n = gaps.len();
     for i in 0..n {
         if !gaps[i].is_finite() {
@@ -164,7 +178,7 @@ mod tests {
     fn a_turn_is_a_touch_only_within_what_a_step_covers() {
         let marked = |gaps: &[f64]| {
             let mut out = Vec::new();
-            mark(gaps, 0.01, |i| out.push(i));
+            mark_contacts(gaps, 0.01, |i| out.push(i));
             out
         };
         assert_eq!(
@@ -180,14 +194,14 @@ mod tests {
     fn the_bend_of_a_fall_is_gravity() {
         let fall: Vec<(f64, f64)> =
             [0.0, 0.1, 0.25, 0.3, 0.5].map(|t: f64| (t, 2.0 + 3.0 * t - 4.905 * t * t)).to_vec();
-        assert!((bend(&fall).unwrap() + 9.81).abs() < 1e-9);
+        assert!((curvature(&fall).unwrap() + 9.81).abs() < 1e-9);
     }
 
     /// Along a slope as along a floor, and not where the height wanders by more than the noise.
     #[test]
     fn what_rolls_stays_level() {
         let normal = [-0.6, 0.8];
-        let rows = |sag: f64| -> Vec<Row> {
+        let rows = |sag: f64| -> Vec<TimedPosition> {
             let at = |i: i32| {
                 let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
                 let way = 0.05 * f64::from(i) + noise(7);
@@ -196,13 +210,15 @@ mod tests {
             };
             (0..30).map(at).collect()
         };
-        let touch = Touch { normal, level: 0.0, fixed: Some(0) };
+        let touch = ContactEvent { normal, level: 0.0, static_index: Some(0) };
         let mut touches = vec![Some(touch); 30];
         touches[..4].fill(None);
-        let found = |sag| rolls(&touches, &rows(sag)).into_iter().map(|(a, b, _)| (a, b)).collect::<Vec<_>>();
+        let found = |sag| {
+            rolling_intervals(&touches, &rows(sag)).into_iter().map(|(a, b, _)| (a, b)).collect::<Vec<_>>()
+        };
         assert_eq!(found(0.0), [(6, 30)], "two rows of the landing do not count");
         assert_eq!(found(0.05), [], "it sinks in");
-        touches[12] = Some(Touch { normal: [0.0, 1.0], ..touch });
-        assert_eq!(rolls(&touches, &rows(0.0))[0].0, 15, "another slope is another roll");
+        touches[12] = Some(ContactEvent { normal: [0.0, 1.0], ..touch });
+        assert_eq!(rolling_intervals(&touches, &rows(0.0))[0].0, 15, "another slope is another roll");
     }
 }

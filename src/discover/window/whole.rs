@@ -1,25 +1,25 @@
 //! Windows of all bodies of a trial whose start is known: its beginning, leaps from one whole observation to the next, and
 //! shots over a few observations of which not everything was seen.
 
-use super::kind::{Kind, Point, Window, seen};
+use super::kind::{Observation, Segment, SegmentKind, observed_position};
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 
 /// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
-const SHOT: usize = 3;
+const MULTI_STEP_INTERVALS: usize = 3;
 /// Most shots of a trial.
-const SHOTS: usize = 6;
+const MAX_MULTI_STEP_SEGMENTS: usize = 6;
 /// m from observation to observation in a leap, or in all of a shot; less is rest.
-const MOVES: f64 = 0.1;
+const MIN_MOVEMENT: f64 = 0.1;
 
 /// The beginning of a trial, of `most` intervals.
-pub fn run(trial: &Trial, most: usize) -> Option<Window> {
+pub fn initial_segment(trial: &Trial, most: usize) -> Option<Segment> {
     let mut scene = Scene { stop: Some(false), ..trial.scene.clone() };
     let observed = &trial.observed;
     let start = *observed.times.first()?;
     let rows = 1..observed.times.len().min(most + 1);
-    let points = points(observed, start, rows);
+    let points = observations(observed, start, rows);
     let last = points.last()?.time;
     let every = scene.observe_every.max(1);
     let on_grid = points.iter().all(|p| {
@@ -30,15 +30,15 @@ pub fn run(trial: &Trial, most: usize) -> Option<Window> {
         scene.observe_every = 1;
     }
     scene.steps = (last / scene.time_step).round().max(1.0) as u32 + u32::from(!on_grid);
-    Some(Window::new(Kind::Run, scene, start, points))
+    Some(Segment::new(SegmentKind::FromInitialState, scene, start, points))
 }
 
 /// At most so many intervals of a trial in which something moves, evenly spread, if everything is seen of what moves.
-pub fn leaps(trial: &Trial, most: usize) -> Vec<Window> {
+pub fn one_step_segments(trial: &Trial, most: usize) -> Vec<Segment> {
     let observed = &trial.observed;
     let whole = |i: usize| {
         let known = |b: &Track| [b.vx[i], b.vy[i], b.omega[i], b.angle[i]].iter().all(|v| v.is_finite());
-        observed.bodies.iter().all(|b| seen(b, i).is_some() && known(b))
+        observed.bodies.iter().all(|b| observed_position(b, i).is_some() && known(b))
     };
     let last = observed.times.len().saturating_sub(1);
     if !(0..=last).all(whole) {
@@ -46,7 +46,7 @@ pub fn leaps(trial: &Trial, most: usize) -> Vec<Window> {
     }
     let leap = |from: usize| {
         let (start, time) = (observed.times[from], observed.times[from + 1] - observed.times[from]);
-        let mut scene = free(&trial.scene);
+        let mut scene = free_running(&trial.scene);
         for (body, track) in scene.bodies.iter_mut().zip(&observed.bodies) {
             body.position = Some([track.x[from], track.y[from]]);
             body.angle = track.angle[from];
@@ -56,22 +56,22 @@ pub fn leaps(trial: &Trial, most: usize) -> Vec<Window> {
         let steps = time / scene.time_step;
         scene.steps = (steps - 1e-6).ceil().max(1.0) as u32;
         scene.observe_every = if (steps - steps.round()).abs() < 1e-6 { scene.steps } else { 1 };
-        let points = points(observed, start, from + 1..from + 2);
-        Window { amid: from > 0, ..Window::new(Kind::Leap, scene, start, points) }
+        let points = observations(observed, start, from + 1..from + 2);
+        Segment { contacts_established: from > 0, ..Segment::new(SegmentKind::OneStep, scene, start, points) }
     };
-    spread((0..last).filter(|i| moves(observed, *i, 1)).collect(), most).map(leap).collect()
+    evenly_spaced((0..last).filter(|i| has_movement(observed, *i, 1)).collect(), most).map(leap).collect()
 }
 
 /// Stretches of a trial of [`SHOT`] intervals in which something moves, evenly spread.
-pub fn shots(trial: &Trial) -> Vec<Window> {
+pub fn multi_step_segments(trial: &Trial) -> Vec<Segment> {
     let observed = &trial.observed;
-    let whole = |i: usize| observed.bodies.iter().all(|b| seen(b, i).is_some());
+    let whole = |i: usize| observed.bodies.iter().all(|b| observed_position(b, i).is_some());
     let shot = |from: usize| {
         let start = observed.times[from];
-        let mut scene = free(&trial.scene);
-        let time = observed.times[from + SHOT] - start;
-        let gap = time / SHOT as f64 / scene.time_step;
-        let even = (1..=SHOT).all(|k| {
+        let mut scene = free_running(&trial.scene);
+        let time = observed.times[from + MULTI_STEP_INTERVALS] - start;
+        let gap = time / MULTI_STEP_INTERVALS as f64 / scene.time_step;
+        let even = (1..=MULTI_STEP_INTERVALS).all(|k| {
             let steps = (observed.times[from + k] - start) / scene.time_step;
             (steps - gap * k as f64).abs() < 1e-6
         });
@@ -80,28 +80,41 @@ pub fn shots(trial: &Trial) -> Vec<Window> {
         for (body, track) in scene.bodies.iter_mut().zip(&observed.bodies) {
             body.angle = if track.angle[from].is_finite() { track.angle[from] } else { 0.0 };
         }
-        let of = |track| launch(track, &observed.times, from, scene.gravity, 0);
+        let of = |track| initial_state_guess(track, &observed.times, from, scene.gravity, 0);
         let nuisances = observed.bodies.iter().flat_map(of).collect();
-        let points = points(observed, start, from..from + SHOT + 1);
-        Window { nuisances, ..Window::new(Kind::Shot, scene, start, points) }
+        let points = observations(observed, start, from..from + MULTI_STEP_INTERVALS + 1);
+        Segment { nuisances, ..Segment::new(SegmentKind::MultiStep, scene, start, points) }
     };
-    let last = observed.times.len().saturating_sub(SHOT);
-    let tells = |i: &usize| (*i..=i + SHOT).all(whole) && moves(observed, *i, SHOT);
-    spread((1..last).step_by(SHOT).filter(tells).collect(), SHOTS).map(shot).collect()
+    let last = observed.times.len().saturating_sub(MULTI_STEP_INTERVALS);
+    let tells = |i: &usize| {
+        (*i..=i + MULTI_STEP_INTERVALS).all(whole) && has_movement(observed, *i, MULTI_STEP_INTERVALS)
+    };
+    evenly_spaced((1..last).step_by(MULTI_STEP_INTERVALS).filter(tells).collect(), MAX_MULTI_STEP_SEGMENTS)
+        .map(shot)
+        .collect()
 }
 
 /// Takes out the shots that show again what a trial's beginning shows.
-pub fn leave_runs(windows: &mut Vec<Window>) {
-    let end = |w: &Window| w.start + w.points.last().map_or(0.0, |p| p.time);
-    let runs: Vec<(usize, f64)> =
-        windows.iter().filter(|w| w.kind == Kind::Run).map(|w| (w.trial, end(w))).collect();
-    let shown = |w: &Window| runs.iter().any(|(trial, until)| *trial == w.trial && w.start < until - 1e-9);
-    windows.retain(|w| w.kind != Kind::Shot || !shown(w));
+pub fn remove_overlaps(windows: &mut Vec<Segment>) {
+    let end = |w: &Segment| w.start + w.observations.last().map_or(0.0, |p| p.time);
+    let runs: Vec<(usize, f64)> = windows
+        .iter()
+        .filter(|w| w.kind == SegmentKind::FromInitialState)
+        .map(|w| (w.trial, end(w)))
+        .collect();
+    let shown = |w: &Segment| runs.iter().any(|(trial, until)| *trial == w.trial && w.start < until - 1e-9);
+    windows.retain(|w| w.kind != SegmentKind::MultiStep || !shown(w));
 }
 
 /// Guesses of a body's position, velocity and spin at an observation: as in flight to the next (0), as if nothing
 /// pulled (1), as in flight from the one before (2).
-pub fn launch(track: &Track, times: &[f64], at: usize, gravity: [f64; 2], way: usize) -> [f64; 5] {
+pub fn initial_state_guess(
+    track: &Track,
+    times: &[f64],
+    at: usize,
+    gravity: [f64; 2],
+    way: usize,
+) -> [f64; 5] {
     let (i, j) = if way == 2 && at > 0 { (at - 1, at) } else { (at, at + 1) };
     let dt = times[j] - times[i];
     let pull = [-0.5, 0.0, 0.5][way] * dt;
@@ -116,26 +129,31 @@ pub fn launch(track: &Track, times: &[f64], at: usize, gravity: [f64; 2], way: u
 }
 
 /// A trial's scene as it goes on, whatever was to be done or reached in it.
-fn free(scene: &Scene) -> Scene {
+fn free_running(scene: &Scene) -> Scene {
     Scene { stop: Some(false), goal: None, action: None, ..scene.clone() }
 }
 
 /// Where bodies were seen at some observations.
-fn points(observed: &Trajectory, start: f64, rows: std::ops::Range<usize>) -> Vec<Point> {
+fn observations(observed: &Trajectory, start: f64, rows: std::ops::Range<usize>) -> Vec<Observation> {
     let point = |i: usize, (body, track): (usize, &Track)| {
-        Some(Point { body, time: observed.times[i] - start, seen: seen(track, i)?, weight: 1.0 })
+        Some(Observation {
+            body,
+            time: observed.times[i] - start,
+            position: observed_position(track, i)?,
+            weight: 1.0,
+        })
     };
     rows.flat_map(|i| observed.bodies.iter().enumerate().filter_map(move |b| point(i, b))).collect()
 }
 
 /// Whether anything moves from one observation to the one `by` later.
-fn moves(observed: &Trajectory, from: usize, by: usize) -> bool {
-    let moved = |b: &Track| (b.x[from + by] - b.x[from]).hypot(b.y[from + by] - b.y[from]) > MOVES;
+fn has_movement(observed: &Trajectory, from: usize, by: usize) -> bool {
+    let moved = |b: &Track| (b.x[from + by] - b.x[from]).hypot(b.y[from + by] - b.y[from]) > MIN_MOVEMENT;
     observed.bodies.iter().any(moved)
 }
 
 /// At most so many, evenly spread.
-fn spread(of: Vec<usize>, most: usize) -> impl Iterator<Item = usize> {
+fn evenly_spaced(of: Vec<usize>, most: usize) -> impl Iterator<Item = usize> {
     let stride = of.len().div_ceil(most).max(1);
     of.into_iter().step_by(stride)
 }
@@ -163,15 +181,15 @@ mod tests {
     #[test]
     fn windows_roll_out_to_what_was_seen() {
         let trial = trial();
-        let leaps = leaps(&trial, 3);
+        let leaps = one_step_segments(&trial, 3);
         assert_eq!(leaps.len(), 3, "no more than asked for");
-        for w in leaps.into_iter().chain(run(&trial, 8)) {
+        for w in leaps.into_iter().chain(initial_segment(&trial, 8)) {
             let usual = Default::default();
             let path = Simulator::new(Engine::Lanes).run(&[w.rollout(&w.scene, &usual)]).unwrap().remove(0);
-            for p in &w.points {
+            for p in &w.observations {
                 let i = path.times.iter().position(|t| (t - p.time).abs() < 1e-9).expect("an observation");
                 let track = &path.bodies[p.body];
-                let off = (track.x[i] - p.seen[0]).hypot(track.y[i] - p.seen[1]);
+                let off = (track.x[i] - p.position[0]).hypot(track.y[i] - p.position[1]);
                 assert!(off < 1e-3, "{:?} {off}", w.kind);
             }
         }
@@ -180,34 +198,41 @@ mod tests {
     #[test]
     fn what_is_not_seen_whole_makes_no_leaps_and_what_rests_no_shots() {
         let mut trial = trial();
-        let all = shots(&trial);
+        let all = multi_step_segments(&trial);
         assert_eq!(all.len(), 3, "from the second observation on, three intervals each");
-        assert!(all.iter().all(|w| w.points.len() == 2 * (SHOT + 1) && w.nuisances.len() == 10));
+        assert!(
+            all.iter()
+                .all(|w| w.observations.len() == 2 * (MULTI_STEP_INTERVALS + 1) && w.nuisances.len() == 10)
+        );
         trial.observed.bodies[1].omega[4] = f64::NAN;
-        assert!(leaps(&trial, 100).is_empty());
+        assert!(one_step_segments(&trial, 100).is_empty());
         trial.observed.bodies[0].x[5] = f64::NAN;
-        assert_eq!(shots(&trial).len(), 2, "the second holds the fifth");
+        assert_eq!(multi_step_segments(&trial).len(), 2, "the second holds the fifth");
         let mut still = self::trial();
         still.observed.bodies[0] = still.observed.bodies[1].clone();
-        assert!(shots(&still).is_empty() && leaps(&still, 100).is_empty());
+        assert!(multi_step_segments(&still).is_empty() && one_step_segments(&still, 100).is_empty());
     }
 
     /// What the beginning shows, no shot shows again.
     #[test]
     fn shots_begin_where_the_run_ends() {
         let trial = trial();
-        let run = run(&trial, 8).unwrap();
-        let end = run.points.last().unwrap().time;
+        let run = initial_segment(&trial, 8).unwrap();
+        let end = run.observations.last().unwrap().time;
         assert!((end - 0.8).abs() < 1e-9, "{end}");
-        let mut windows: Vec<Window> = shots(&trial).into_iter().chain([run]).collect();
+        let mut windows: Vec<Segment> = multi_step_segments(&trial).into_iter().chain([run]).collect();
         assert_eq!(windows.len(), 4);
-        leave_runs(&mut windows);
-        assert!(windows.iter().all(|w| w.kind == Kind::Run), "the last shot begins at 0.7 s");
-        windows.extend(shots(&trial));
-        let run = windows.iter_mut().find(|w| w.kind == Kind::Run).unwrap();
-        run.points.retain(|p| p.time < 0.45);
-        leave_runs(&mut windows);
-        let shots: Vec<f64> = windows.iter().filter(|w| w.kind == Kind::Shot).map(|w| w.start).collect();
+        remove_overlaps(&mut windows);
+        assert!(
+            windows.iter().all(|w| w.kind == SegmentKind::FromInitialState),
+            "the last shot begins at 0.7 s"
+        );
+        windows.extend(multi_step_segments(&trial));
+        let run = windows.iter_mut().find(|w| w.kind == SegmentKind::FromInitialState).unwrap();
+        run.observations.retain(|p| p.time < 0.45);
+        remove_overlaps(&mut windows);
+        let shots: Vec<f64> =
+            windows.iter().filter(|w| w.kind == SegmentKind::MultiStep).map(|w| w.start).collect();
         assert_eq!(shots.len(), 2, "{shots:?}");
     }
 
@@ -223,7 +248,7 @@ mod tests {
             ..Track::default()
         };
         for way in [0, 2] {
-            let [x, y, vx, vy, spin] = launch(&track, &times, 1, [0.0, -9.8], way);
+            let [x, y, vx, vy, spin] = initial_state_guess(&track, &times, 1, [0.0, -9.8], way);
             let off = [x - 0.2, y - 0.251, vx - 2.0, vy - 2.02, spin - 7.0];
             assert!(off.iter().all(|o| o.abs() < 1e-9), "{off:?}");
         }
