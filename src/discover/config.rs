@@ -1,7 +1,7 @@
 //! Configuration and result of a diagnosis.
 
-use super::evidence::Evidence;
-use super::report::Diagnosis;
+use crate::discover::report::Diagnosis;
+use crate::discover::report::evidence::Evidence;
 use crate::task::Scene;
 use crate::world::Engine;
 

@@ -1,84 +1,46 @@
 //! Structural model discrepancy diagnosis: from measured trials to the named missing effect, the extended model
 //! and its gain in predictive accuracy.
 //!
-//! 1. Data. Trials are cut into segments with unknown initial states (`window`); the noise is estimated
-//!    (`smooth`, `noise`), velocity offsets are aligned (`phase`), and segments are truncated at the
-//!    predictability horizon and cleaned of outliers (`trust`); surfaces are moved to where bodies bounce (`geometry`).
-//! 2. Models. `path` and the engines simulate segments; `model` computes residuals and Jacobians; latents are
-//!    fitted with every candidate. `base`: fit of the base model; `steps`: noise inflation for the
-//!    discretisation of another engine.
-//! 3. Evidence. `launch`: residuals of each trial as a mixed-effects model with variance components; `fit`: fitted
-//!    models with the conditional modes of their random effects (`modes`) and their log evidence; `selection`: shared
-//!    discrepancy, Laplace evidence, variance components from the richest model.
-//! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three effects; `survey`:
-//!    global search where initial states are known; `field`: a shared force field without a named effect.
-//! 5. Decision. `selection`: posterior over sets, credible set, explained share, verdict.
-//! 6. Report. `advise`, `parting`: the experiment that best discriminates tied models; `described`, `law`,
-//!    `bumps`: empirical force law for unexplained discrepancy; `conclude`, `sizes`, `gain`, `expected`,
-//!    `leave_out`, `words`: report; `by_launch`: per-trial estimates; `unlike`: between-trial variation;
-//!    `check`: predictive checks; `band`, `paths`: trajectory residuals; `picture`: residual field; `extend`:
-//!    extended scene; `evidence`, `plot_tables`: data for plots.
+//! 1. Data (`data`). Trials are cut into segments with unknown initial states (`segment`); the noise is
+//!    estimated, velocity offsets are aligned, segments are truncated at the predictability horizon and
+//!    cleaned of outliers, and surfaces are moved to where bodies bounce.
+//! 2. Models. `dynamics` and the engines simulate segments; `model` computes residuals and Jacobians.
+//!    `base_model`: fit of the latents without further effects.
+//! 3. Evidence (`mixed_model`). Residuals of each trial as a mixed-effects model with variance components;
+//!    fitted models with the conditional modes of their random effects and their log evidence.
+//! 4. Search (`selection`). Candidates from the effect registry; sets of up to three effects; `global_search`
+//!    where initial states are known; `field`: a shared force field without a named effect.
+//! 5. Decision (`selection`). Shared discrepancy, posterior over sets, credible set, explained share,
+//!    verdict.
+//! 6. Report (`report`). `next_experiment`: the experiment that best discriminates tied models;
+//!    `residual_law`: empirical law of unexplained discrepancy; `trial_checks`: per-trial estimates,
+//!    between-trial variation, predictive checks and odd trials.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a
 //! Gaussian process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), Bayes factors (Kass
 //! and Raftery 1995).
 //!
-//! Differences from the sources: positions are never differentiated; gains are measured on held-out trials; the slow misfit is
-//! independent between trials, and a small discrepancy is shared by all.
+//! Differences from the sources: positions are never differentiated; gains are measured on held-out trials;
+//! the trial discrepancy is independent between trials, and a small discrepancy is shared by all.
 
-mod advise;
-mod band;
-mod base;
-mod bumps;
-mod by_launch;
-mod check;
-mod columns;
-mod components;
-mod conclude;
+mod base_model;
 mod config;
-mod described;
-mod evidence;
-mod expected;
-mod extend;
+mod data;
+mod dynamics;
 mod field;
-mod fit;
-#[cfg(test)]
-mod fixture;
-mod gain;
-mod gaussian;
-mod geometry;
-mod launch;
-mod law;
-mod leave_out;
-mod library;
+mod global_search;
+mod mixed_model;
 mod model;
-mod modes;
-mod noise;
-mod odd;
-mod parting;
-mod path;
-mod paths;
-mod phase;
-mod picture;
-pub mod plot_tables;
+mod next_experiment;
 pub mod posterior;
-mod prepare;
 pub mod report;
-mod score;
-mod search;
+mod residual_law;
+mod segment;
 mod selection;
-mod sizes;
-mod smooth;
-mod start_grid;
-mod stats;
-mod steps;
-mod survey;
+mod statistics;
 #[cfg(test)]
-mod thrown;
-mod trust;
-mod unlike;
-mod window;
-mod words;
+mod testing;
+mod trial_checks;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -87,16 +49,19 @@ use crate::task::Scene;
 use crate::trajectory::Trajectory;
 use crate::world::Engine;
 use crate::world::latent::factor_index;
-use conclude::{ReportInput, build_report, insufficient_data_report};
 pub use config::{DiagnosisConfig, DiagnosisResult};
-pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
-use expected::expected_rss;
-use fit::ModelFitter;
-use gain::ErrorScale;
+use data::preprocessing::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
+use data::{discretisation, surface_offsets};
+use mixed_model::model_fit::ModelFitter;
 use model::{FitState, ParameterLayout, SegmentData};
-use prepare::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
 pub use report::Diagnosis;
-use window::Segment;
+use report::build::{ReportInput, build_report, insufficient_data_report};
+pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
+use report::expected_rss::expected_rss;
+use report::prediction_gain::ErrorScale;
+use segment::Segment;
+use selection::{candidates, search, start_grid};
+use trial_checks::odd_trials;
 
 /// Appended to the reason of a verdict on data with another time step.
 const OTHER_STEPS: &str = " (the measured system uses another time step than the simulation: velocities were shifted to the \
@@ -111,7 +76,7 @@ pub fn diagnose(
 ) -> Result<DiagnosisResult> {
     scene.validate()?;
     let found = diagnose_without(scene, trials, &[], config, progress)?;
-    let suspects = odd::suspects(&found.diagnosis);
+    let suspects = odd_trials::suspects(&found.diagnosis);
     if suspects.is_empty() {
         return Ok(found);
     }
@@ -121,7 +86,7 @@ pub fn diagnose(
     if odd.len() < suspects.len() {
         return Ok(found);
     }
-    rest.diagnosis.reason += &odd::text(&odd);
+    rest.diagnosis.reason += &odd_trials::text(&odd);
     rest.diagnosis.odd_trials = odd;
     Ok(rest)
 }
@@ -149,21 +114,21 @@ fn diagnose_without(
     progress.report("fitting the base model", 0, 1)?;
     let base = (config.engine, config.seed);
     let opened = fit_base(scene, trials, &ready, &ready.segments, &latents, base)?;
-    let offsets = geometry::offsets(&ready.segments, &opened.state);
-    let moved = geometry::shifted(&ready.segments, &offsets);
+    let offsets = surface_offsets::offsets(&ready.segments, &opened.state);
+    let moved = surface_offsets::shifted(&ready.segments, &offsets);
     let opened = match &moved {
-        Some(windows) => fit_base(scene, trials, &ready, windows, &latents, base)?,
+        Some(segments) => fit_base(scene, trials, &ready, segments, &latents, base)?,
         None => opened,
     };
     let BaseFit { mut data, layout, state, observed } = opened;
-    let PreprocessedData { trial_indices: kept, setting_names: names, noise, sd, mismatch: stepping, .. } =
+    let PreprocessedData { trial_indices: used, setting_names: names, noise, sd, mismatch: stepping, .. } =
         &ready;
     let seek = |data: &SegmentData, layout: &ParameterLayout, state: FitState| -> Result<_> {
         let mut fitter = ModelFitter::new(data, noise);
         let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
         let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
         progress.report("estimating variance components", 0, 1)?;
-        let mut candidates = library::candidates(scene, &library::summarise(data.segments));
+        let mut candidates = candidates::candidates(scene, &candidates::summarise(data.segments));
         start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
         fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
         let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
@@ -180,7 +145,13 @@ fn diagnose_without(
         // The discretisation error of contacts can be evaluated once the trajectories are fitted.
         let best = decision.selected.map_or(&found.base, |c| &found.fits[c]);
         data.sd.clone_from(sd);
-        steps::inflate_for_discretisation(&mut data, &observed, &best.layout, &best.state, stepping)?;
+        discretisation::inflate_for_discretisation(
+            &mut data,
+            &observed,
+            &best.layout,
+            &best.state,
+            stepping,
+        )?;
         let state = found.base.state;
         (context, found, decision) = seek(&data, &layout, state)?;
     }
@@ -188,7 +159,7 @@ fn diagnose_without(
         scene,
         trials,
         data: &data,
-        trial_indices: kept,
+        trial_indices: used,
         setting_names: names,
         noise,
         expected: &expected,
@@ -196,11 +167,11 @@ fn diagnose_without(
         context,
     };
     let model = decision.selected.map_or(&found.base, |c| &found.fits[c]);
-    let odd = odd::odd_trials(scene, trials, left_out, model, (noise, config.engine))?;
+    let odd = odd_trials::odd_trials(scene, trials, left_out, model, (noise, config.engine))?;
     let mut finding = build_report(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
-    finding.diagnosis.surface_offsets = geometry::report(scene, &offsets);
-    finding.diagnosis.reason += &geometry::text(&finding.diagnosis.surface_offsets);
+    finding.diagnosis.surface_offsets = surface_offsets::report(scene, &offsets);
+    finding.diagnosis.reason += &surface_offsets::text(&finding.diagnosis.surface_offsets);
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }
@@ -221,18 +192,18 @@ fn fit_base<'a>(
     scene: &Scene,
     trials: &'a [Trial],
     ready: &'a PreprocessedData,
-    windows: &'a [Segment],
+    segments: &'a [Segment],
     latents: &[usize],
     (engine, seed): (Engine, u64),
 ) -> Result<BaseFit<'a>> {
     let layout = ParameterLayout::new(latents, Vec::new(), ready.setting_names.len());
-    let start = base::initial_fit_state(scene, &layout, windows);
+    let start = base_model::initial_fit_state(scene, &layout, segments);
     let observed: Vec<&Trajectory> = ready.trial_indices.iter().map(|i| &trials[*i].observed).collect();
-    let sd = windows.iter().map(|w| ready.residual_sd(w)).collect();
-    let mut data = SegmentData::new(windows, &ready.settings, sd, engine);
+    let sd = segments.iter().map(|w| ready.residual_sd(w)).collect();
+    let mut data = SegmentData::new(segments, &ready.settings, sd, engine);
     if let Some(stepping) = ready.mismatch {
-        steps::inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
+        discretisation::inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
     }
-    let (state, _) = base::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
+    let (state, _) = base_model::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
     Ok(BaseFit { data, layout, state, observed })
 }

@@ -1,40 +1,43 @@
-//! A force field without a name, shared by all trials, beside a fitted model: what no effect of the library describes.
+//! Discrepancy field: a shared force field in addition to a fitted model, without a named effect.
 //!
-//! Functions of position, velocity and time (`functions`), integrated twice along the paths of a fitted model, with a ridge prior.
+//! Basis functions of position, velocity and time (`basis`), integrated twice along the trajectories of a
+//! fitted model, with a ridge prior.
 
-mod functions;
+mod basis;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::components::{ComponentLikelihood, INITIAL_STEP};
-use super::fit::{FittedModel, ModelFitter};
-use super::gaussian::{self, GlsEstimate, GroupStatistics, VarianceComponents};
-use super::launch::Group;
-use super::model;
-use super::selection::FixedEffectsPrior;
-use super::selection::{Laplace, at_scale};
-use super::window::{Segment, SegmentKind};
+use crate::discover::mixed_model::group_statistics::{
+    self, GlsEstimate, GroupStatistics, VarianceComponents,
+};
+use crate::discover::mixed_model::groups::Group;
+use crate::discover::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::discover::mixed_model::variance_components::{ComponentLikelihood, INITIAL_STEP};
+use crate::discover::model;
+use crate::discover::segment::{Segment, SegmentKind};
+use crate::discover::selection::FixedEffectsPrior;
+use crate::discover::selection::{Laplace, at_scale};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
-pub use functions::{
+pub use basis::{
     BASIS_FUNCTION_COUNT, FieldBasis, FieldInputs, RADIAL_INPUTS, RadialBasisFunction, radial_grid,
     robust_range,
 };
 
-/// Standard deviations of coefficients that are tried, m/s^2.
+/// Prior standard deviations of the coefficients that are tried, m/s^2.
 const COEFFICIENT_SDS: [f64; 4] = [0.2, 0.6, 2.0, 6.0];
-/// Directions in the space of coefficients that are kept: those that the data tell most of.
+/// Maximum number of directions in coefficient space, those with most information.
 const MAX_DIRECTIONS: usize = 64;
 
-/// What a field depends on, and the standard deviation of its coefficients, m/s^2.
+/// Inputs of a field, and the prior standard deviation of its coefficients, m/s^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldSpec {
     pub inputs: FieldInputs,
     pub coefficient_sd: f64,
 }
 
-/// A field fitted beside a model.
+/// A field fitted in addition to a model.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldFit {
     pub spec: FieldSpec,
@@ -42,7 +45,7 @@ pub struct FieldFit {
     pub log_evidence: f64,
 }
 
-/// The most probable field beside a model; `None` without flights or where none can be fitted.
+/// The most probable field in addition to a model; `None` without flights or if none can be fitted.
 pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>> {
     if !fitter.data.segments.iter().any(|w| w.kind == SegmentKind::Flight) {
         return Ok(None);
@@ -51,8 +54,8 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
     let mut best: Option<FieldFit> = None;
     let mut evidences = Vec::new();
     for over in RADIAL_INPUTS {
-        let ReducedField { groups: parts, .. } = every.reduced(over);
-        let Some(told) = gaussian::group_statistics(&parts, &model.components) else {
+        let ReducedField { groups, .. } = every.reduced(over);
+        let Some(told) = group_statistics::group_statistics(&groups, &model.components) else {
             continue;
         };
         for strength in COEFFICIENT_SDS {
@@ -72,8 +75,8 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
     Ok(best.map(|b| FieldFit { log_evidence: all, ..b }))
 }
 
-/// The parts of a model with the columns of a field of all inputs, and their mode if the field's standard deviation is `sd`, m/s^2,
-/// and no effect's strength differs between trials; `None` without flights.
+/// Groups of a model with the columns of a field of all inputs, and the mode for coefficients of standard
+/// deviation `sd`, m/s^2, without random scales; `None` without flights.
 pub fn fit_broad(
     fitter: &ModelFitter,
     model: &FittedModel,
@@ -83,14 +86,15 @@ pub fn fit_broad(
         return Ok(None);
     }
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { groups: parts, .. } = every.reduced(FieldInputs::All);
+    let ReducedField { groups, .. } = every.reduced(FieldInputs::All);
     let components = VarianceComponents { scale: 0.0, ..model.components.clone() };
-    let mode =
-        gaussian::group_statistics(&parts, &components).and_then(|told| at_scale(&told, &model.prior, sd));
-    Ok(mode.map(|mode| (parts, mode.step)))
+    let mode = group_statistics::group_statistics(&groups, &components)
+        .and_then(|told| at_scale(&told, &model.prior, sd));
+    Ok(mode.map(|mode| (groups, mode.step)))
 }
 
-/// The parts of a model with the columns of each kind of field after those of its slots; none without flights.
+/// Groups of a model with the columns of each kind of field after those of its parameters; empty without
+/// flights.
 pub fn groups_by_inputs(fitter: &ModelFitter, model: &FittedModel) -> Result<Vec<Vec<Group>>> {
     if !fitter.data.segments.iter().any(|w| w.kind == SegmentKind::Flight) {
         return Ok(Vec::new());
@@ -99,19 +103,20 @@ pub fn groups_by_inputs(fitter: &ModelFitter, model: &FittedModel) -> Result<Vec
     Ok(RADIAL_INPUTS.into_iter().map(|over| every.reduced(over).groups).collect())
 }
 
-/// The functions whose sum a field is, where windows lead.
-pub fn field_basis(windows: &[Segment], paths: &[Vec<[f64; 4]>]) -> FieldBasis {
-    FieldBasis::over(windows, paths)
+/// Basis functions of a field along trajectories.
+pub fn field_basis(segments: &[Segment], paths: &[Vec<[f64; 4]>]) -> FieldBasis {
+    FieldBasis::over(segments, paths)
 }
 
-/// The parts of a model with a column for each function of every field after those of its slots.
+/// Groups of a model with a column for every basis function after those of its parameters.
 struct FieldGroups {
     groups: Vec<Group>,
     functions: FieldBasis,
     parameter_count: usize,
 }
 
-/// The same with the columns of one field, and how those are made of the functions.
+/// The same for one kind of field in reduced coordinates, with the rotation from these to the basis
+/// functions.
 struct ReducedField {
     groups: Vec<Group>,
     rotation: DMatrix<f64>,
@@ -128,31 +133,27 @@ impl FieldGroups {
             }
             _ => None,
         };
-        let parts = fitter.groups_with_columns(layout, state, functions.count(), &field)?;
-        Ok(parts.map(|parts| FieldGroups {
-            groups: parts,
-            functions,
-            parameter_count: layout.parameters.len(),
-        }))
+        let groups = fitter.groups_with_columns(layout, state, functions.count(), &field)?;
+        Ok(groups.map(|groups| FieldGroups { groups, functions, parameter_count: layout.parameters.len() }))
     }
 
-    /// Parts with the columns of one field as they are.
+    /// Groups with the columns of one kind of field.
     fn with_inputs(&self, over: FieldInputs) -> Vec<Group> {
         let range = self.functions.indices(over);
         let columns: Vec<usize> =
             (0..self.parameter_count).chain(range.map(|k| self.parameter_count + k)).collect();
-        let mut parts = self.groups.clone();
-        for block in parts.iter_mut().flat_map(|p| &mut p.blocks) {
+        let mut groups = self.groups.clone();
+        for block in groups.iter_mut().flat_map(|p| &mut p.blocks) {
             block.jacobian = block.jacobian.select_columns(&columns);
         }
-        parts
+        groups
     }
 
-    /// Those columns of a field turned to the directions that all launches together tell most of: a ridge prior is the same in
-    /// every direction.
+    /// The same, rotated to the directions with most information over all trials; an isotropic prior is
+    /// invariant.
     fn reduced(&self, over: FieldInputs) -> ReducedField {
-        let (slots, range) = (self.parameter_count, self.functions.indices(over));
-        let (first, count) = (slots + range.start, range.len());
+        let (parameters, range) = (self.parameter_count, self.functions.indices(over));
+        let (first, count) = (parameters + range.start, range.len());
         let mut gram = DMatrix::zeros(count, count);
         for block in self.groups.iter().flat_map(|p| &p.blocks) {
             let own = block.jacobian.columns(first, count);
@@ -163,45 +164,43 @@ impl FieldGroups {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(MAX_DIRECTIONS);
         let own = eigen.eigenvectors.select_columns(&order);
-        let mut parts = self.groups.clone();
-        for block in parts.iter_mut().flat_map(|p| &mut p.blocks) {
-            let mut columns = DMatrix::zeros(block.jacobian.nrows(), slots + own.ncols());
-            columns.columns_mut(0, slots).copy_from(&block.jacobian.columns(0, slots));
+        let mut groups = self.groups.clone();
+        for block in groups.iter_mut().flat_map(|p| &mut p.blocks) {
+            let mut columns = DMatrix::zeros(block.jacobian.nrows(), parameters + own.ncols());
+            columns.columns_mut(0, parameters).copy_from(&block.jacobian.columns(0, parameters));
             let turned = block.jacobian.columns(first, count) * &own;
-            columns.columns_mut(slots, own.ncols()).copy_from(&turned);
+            columns.columns_mut(parameters, own.ncols()).copy_from(&turned);
             block.jacobian = columns;
         }
         let mut turn = DMatrix::zeros(self.functions.count(), own.ncols());
         turn.rows_mut(range.start, count).copy_from(&own);
-        ReducedField { groups: parts, rotation: turn }
+        ReducedField { groups, rotation: turn }
     }
 }
 
-/// What all launches together say of the field's functions beside a model.
+/// Normal equations of a field in addition to a model.
 pub struct FieldStatistics {
-    /// Information of the model's slots, with what is believed of them, then of the functions; and what goes with it.
+    /// Information matrix and score of the model's parameters (prior included), then of the basis functions.
     pub gram: DMatrix<f64>,
     pub score: DVector<f64>,
-    /// The effects that the functions are, two functions each: their first two parameters are the amplitudes.
+    /// The functions as effects, two functions each: their first two parameters are the amplitudes.
     pub effects: Vec<(&'static Effect, Vec<f64>)>,
 }
 
-/// What launches say of the functions of a field of some strength, under the components and weights that they have beside the
-/// whole field: what it explains is no slow misfit of each launch. (Under the model's own components a swirl that 14 launches
-/// show was three bumps, under these it is six, and rollouts miss new launches by 0.19 m in place of 0.38.) `None` where that
-/// cannot be told.
+/// Normal equations of a field under the components and weights re-estimated with the field, so that it is
+/// not attributed to trial discrepancy; `None` if they cannot be computed.
 pub fn field_statistics(
     fitter: &ModelFitter,
     model: &FittedModel,
     form: FieldSpec,
 ) -> Result<Option<FieldStatistics>> {
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let (parts, range) = (every.with_inputs(form.inputs), every.functions.indices(form.inputs));
+    let (groups, range) = (every.with_inputs(form.inputs), every.functions.indices(form.inputs));
     let said = || {
-        let all = parts.first()?.blocks[0].jacobian.ncols();
+        let all = groups.first()?.blocks[0].jacobian.ncols();
         let prior = model.prior.with_discrepancy(all, form.coefficient_sd);
-        let (step, components) = refit_components(&parts, &model.components, &prior)?;
-        let told = gaussian::group_statistics(&parts, &components)?;
+        let (step, components) = refit_components(&groups, &model.components, &prior)?;
+        let told = group_statistics::group_statistics(&groups, &components)?;
         let q = model.layout.parameters.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
         gram.view_mut((0, 0), (q, q)).copy_from(&prior.precision.view((0, 0), (q, q)));
@@ -217,16 +216,15 @@ pub fn field_statistics(
     Ok(said())
 }
 
-/// Where launches ask slots and field to go under a model's own components, and the components that they show from there: what a
-/// field explains is no slow misfit of each launch.
+/// Estimates parameters and field under the model's components, and re-estimates the components there.
 pub fn refit_components(
-    parts: &[Group],
+    groups: &[Group],
     own: &VarianceComponents,
     prior: &FixedEffectsPrior,
 ) -> Option<(DVector<f64>, VarianceComponents)> {
-    let told = gaussian::group_statistics(parts, own)?;
-    let GlsEstimate { step, .. } = gaussian::gls(told.iter(), prior)?;
-    let mut beside = parts.to_vec();
+    let told = group_statistics::group_statistics(groups, own)?;
+    let GlsEstimate { step, .. } = group_statistics::gls(told.iter(), prior)?;
+    let mut beside = groups.to_vec();
     for block in beside.iter_mut().flat_map(|p| &mut p.blocks) {
         block.residual -= &block.jacobian * &step;
     }
@@ -234,38 +232,38 @@ pub fn refit_components(
     Some((step, components))
 }
 
-/// A field fitted to what a model leaves of all launches.
+/// A field fitted to the residuals of a model.
 pub struct FieldEstimate {
     functions: FieldBasis,
     rotation: DMatrix<f64>,
-    /// Coefficients, m/s^2, and their covariance.
+    /// Coefficients with covariance, m/s^2.
     coefficients: GlsEstimate,
 }
 
-/// The field of some strength beside a model as it stands; `None` where it cannot be fitted.
+/// Fits a field in addition to a fixed model; `None` if it cannot be fitted.
 pub fn field_estimate(
     fitter: &ModelFitter,
     model: &FittedModel,
     form: FieldSpec,
 ) -> Result<Option<FieldEstimate>> {
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { groups: parts, rotation: turn } = every.reduced(form.inputs);
+    let ReducedField { groups, rotation: turn } = every.reduced(form.inputs);
     let functions = every.functions;
     let told = || {
         let prior =
-            model.prior.with_discrepancy(parts.first()?.blocks[0].jacobian.ncols(), form.coefficient_sd);
+            model.prior.with_discrepancy(groups.first()?.blocks[0].jacobian.ncols(), form.coefficient_sd);
         let (q, count) = (model.layout.parameters.len(), turn.ncols());
-        // What the model's sizes could take up is left as long as they stand where they do.
+        // The model's parameters are fixed.
         let only = |t: GroupStatistics| GroupStatistics {
             gram: t.gram.view((q, q), (count, count)).into_owned(),
             score: t.score.rows(q, count).into_owned(),
             ..t
         };
         let all: Vec<GroupStatistics> =
-            gaussian::group_statistics(&parts, &model.components)?.into_iter().map(only).collect();
+            group_statistics::group_statistics(&groups, &model.components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
         let prior = FixedEffectsPrior { precision, mean_offset: DVector::zeros(count), log_weight: 0.0 };
-        gaussian::gls(all.iter(), &prior)
+        group_statistics::gls(all.iter(), &prior)
     };
     Ok(told().map(|told| FieldEstimate { functions, rotation: turn, coefficients: told }))
 }
@@ -275,8 +273,8 @@ impl FieldEstimate {
     pub fn mean(&self, states: &[(f64, [f64; 4])]) -> [[f64; 2]; 2] {
         let mut rows = [0, 1].map(|_| DVector::zeros(self.functions.count()));
         for (time, state) in states {
-            for (k, push) in self.functions.accelerations(*time, *state).iter().enumerate() {
-                (0..2).for_each(|axis| rows[axis][k] += push[axis] / states.len() as f64);
+            for (k, acceleration) in self.functions.accelerations(*time, *state).iter().enumerate() {
+                (0..2).for_each(|axis| rows[axis][k] += acceleration[axis] / states.len() as f64);
             }
         }
         let along = rows.map(|row| self.rotation.tr_mul(&row));

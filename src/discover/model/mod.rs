@@ -1,28 +1,28 @@
-//! A candidate model, and how the windows' residuals depend on it, by simulation only.
+//! Models and their linearization by simulation.
 //!
-//! `layout`: latents to calibrate and effect terms with their parameters, laid out as one vector. `data`: what is fixed during
-//! a diagnosis; `state`: where a fit stands. `moved`: what windows show, and by how much more when a number moves; `engine`: the same of those that a
-//! world's engine simulates. `look`: residuals and derivatives in units of the noise, starts projected out; `loss`: how much
-//! what went astray counts. `least_squares`: fits. `along`: what happens along fitted paths; `shown`: what
-//! windows show, without derivatives.
+//! `parameters`: the parameter vector. `segment_data`: fixed data; `fit_state`: parameters, nuisances and
+//! random effects. `finite_differences`: predictions with Jacobians; `engine_linearization`: the same by a
+//! physics engine. `linearization`: whitened residuals and Jacobians, nuisances projected out; `robust_loss`:
+//! loss of chaotic segments. `least_squares`: fits. `prediction`: predictions without derivatives;
+//! `trajectory_quantities`: states and accelerations along trajectories.
 
-mod along;
-mod data;
-mod engine;
-mod layout;
+mod engine_linearization;
+mod finite_differences;
+mod fit_state;
 mod least_squares;
-mod look;
-mod loss;
-mod moved;
-mod shown;
-mod state;
+mod linearization;
+mod parameters;
+mod prediction;
+mod robust_loss;
+mod segment_data;
+mod trajectory_quantities;
 
-pub use along::{accelerations, impact, segment_states};
-pub use data::{CachedJacobian, SegmentData};
-pub use engine::{apply_initial_state, cache_jacobians, positions_at_observations};
-pub use layout::{Parameter, ParameterKind, ParameterLayout, Term};
+pub use engine_linearization::{apply_initial_state, cache_jacobians, positions_at_observations};
+pub use fit_state::{FitState, Perturbation, RandomEffects};
 pub use least_squares::{FitEvaluation, NormalEquations, fit, sum_by_trial, total_square};
-pub use look::{Linearization, linearise};
-pub use loss::robust_losses;
-pub use shown::{predict, predict_segment};
-pub use state::{FitState, Perturbation, RandomEffects};
+pub use linearization::{Linearization, linearise};
+pub use parameters::{Parameter, ParameterKind, ParameterLayout, Term};
+pub use prediction::{predict, predict_segment};
+pub use robust_loss::robust_losses;
+pub use segment_data::{CachedJacobian, SegmentData};
+pub use trajectory_quantities::{accelerations, impact, segment_states};

@@ -11,9 +11,9 @@ use nalgebra::DVector;
 use super::discrepancy::{FieldMixture, FieldRanges};
 use super::whitened::WhitenedGroup;
 use crate::discover::field::{self, FieldInputs, RADIAL_INPUTS};
-use crate::discover::fit::ModelFitter;
-use crate::discover::law::POWERS;
+use crate::discover::mixed_model::model_fit::ModelFitter;
 use crate::discover::model::{FitState, Parameter, ParameterLayout, Perturbation, Term, segment_states};
+use crate::discover::residual_law::formula::POWERS;
 use crate::error::Result;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::{Effect, monomial};
@@ -202,7 +202,7 @@ impl DiscrepancyModel<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::term;
+    use crate::discover::testing::segments::term;
 
     /// Paths of two bodies.
     fn synthetic_field() -> BasisField {

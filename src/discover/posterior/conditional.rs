@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use super::basis_field::DiscrepancyModel;
 use super::discrepancy::FieldMixture;
 use super::whitened::{WhitenedGroup, whiten};
-use crate::discover::gaussian::VarianceComponents;
-use crate::discover::launch::Group;
+use crate::discover::mixed_model::group_statistics::VarianceComponents;
+use crate::discover::mixed_model::groups::Group;
 
 /// Likelihood given variance components.
 pub struct ConditionalLikelihood {
@@ -25,7 +25,7 @@ pub struct BlockIndex {
     pub group: usize,
     pub row: usize,
     /// Derivative of the group's coordinates with respect to observed positions, 1/m; see
-    /// [`launch::by_position`](crate::discover::launch::by_position).
+    /// [`launch::by_position`](crate::discover::mixed_model::groups::by_position).
     pub by_position: DMatrix<f64>,
 }
 
@@ -94,8 +94,8 @@ impl ConditionalLikelihood {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::components;
-    use crate::discover::launch::SegmentBlock;
+    use crate::discover::mixed_model::groups::SegmentBlock;
+    use crate::discover::mixed_model::variance_components;
     use crate::estimate::sampler::log_sum_exp;
     use crate::rng;
 
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn mean_over_draws_matches_integral() {
         let groups = synthetic_groups();
-        let mut likely = components::ComponentLikelihood::new(&groups, &components_with(1.0));
+        let mut likely = variance_components::ComponentLikelihood::new(&groups, &components_with(1.0));
         let drawn = likely.sample(1500, &mut rng::stream(5, "test"));
         let first = conditional(1.0, None);
         let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);

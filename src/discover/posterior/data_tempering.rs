@@ -20,10 +20,10 @@ use super::horizon::{FitData, MAX_HORIZON, PreparedModel, horizon_loss, truncate
 use super::log_likelihood::LogLikelihood;
 use super::prior;
 use super::whitened::whiten;
-use crate::discover::fit::ModelFitter;
+use crate::discover::data::noise::Noise;
+use crate::discover::mixed_model::model_fit::ModelFitter;
 use crate::discover::model::{self, FitState, SegmentData};
-use crate::discover::noise::Noise;
-use crate::discover::window::{Segment, SegmentKind};
+use crate::discover::segment::{Segment, SegmentKind};
 use crate::error::Result;
 use crate::estimate::sampler::smc::{SmcConfig, smc};
 use crate::estimate::sampler::{JointPrior, ReferenceDensity, Target as _};

@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use super::whitened::WhitenedGroup;
 use crate::discover::field::FieldInputs;
-use crate::discover::gaussian::SCALE_DOF;
+use crate::discover::mixed_model::group_statistics::SCALE_DOF;
 use crate::estimate::sampler::{log_sum_exp, sample_categorical};
 use crate::rng::Stream;
 

@@ -10,15 +10,15 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 
 use super::basis_field::BasisField;
-use crate::discover::base;
+use crate::discover::base_model;
+use crate::discover::data::noise::Noise;
+use crate::discover::data::preprocessing::PreprocessedData;
+use crate::discover::global_search;
 use crate::discover::model::{
     self, CachedJacobian, FitEvaluation, FitState, Parameter, ParameterLayout, SegmentData, Term,
 };
-use crate::discover::noise::Noise;
-use crate::discover::prepare::PreprocessedData;
-use crate::discover::stats::median;
-use crate::discover::survey;
-use crate::discover::window::{Observation, Segment, SegmentKind, remove_overlaps};
+use crate::discover::segment::{Observation, Segment, SegmentKind, remove_overlaps};
+use crate::discover::statistics::median;
 use crate::error::Result;
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, ParameterVector};
@@ -80,10 +80,10 @@ pub fn extend_horizon(grounds: &FitData, layout: &ParameterLayout, values: &[f64
             most,
         );
         let (data, start) = shots.data(grounds, &windows, &best.values, best.noise);
-        if !survey::is_applicable(&data, layout) {
+        if !global_search::is_applicable(&data, layout) {
             break;
         }
-        let other = survey::global_search(&data, layout, &start, grounds.seed)?;
+        let other = global_search::global_search(&data, layout, &start, grounds.seed)?;
         best = best.better(shots.grow(grounds, layout, other.values)?);
     }
     let open = truncate_initial_segments(
@@ -92,8 +92,8 @@ pub fn extend_horizon(grounds: &FitData, layout: &ParameterLayout, values: &[f64
         MAX_HORIZON,
     );
     let (data, start) = shots.data(grounds, &open, &best.values, grounds.ready.engine_sd);
-    if survey::is_applicable(&data, layout) {
-        let other = survey::wide_scan(&data, layout, &start)?;
+    if global_search::is_applicable(&data, layout) {
+        let other = global_search::wide_scan(&data, layout, &start)?;
         if other.values != best.values {
             best = best.better(shots.grow(grounds, layout, other.values)?);
         }
@@ -164,9 +164,9 @@ impl SegmentStates {
         let sd = vec![grounds.ready.engine_sd; windows.len()];
         let mut data = SegmentData::new(&windows, &grounds.ready.settings, sd, grounds.engine);
         let start = FitState::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
-        let nuisances = base::initialise_nuisances(&data, grounds.observed, layout, &start)?;
+        let nuisances = base_model::initialise_nuisances(&data, grounds.observed, layout, &start)?;
         let (state, pass) = model::fit(&data, layout, FitState { nuisances, ..start }, GAUSS_NEWTON_STEPS)?;
-        base::drop_diverged(&mut data, &pass);
+        base_model::drop_diverged(&mut data, &pass);
         let latents: Vec<usize> = layout.parameters.iter().filter_map(Parameter::latent).collect();
         let only = ParameterLayout::new(&latents, Vec::new(), 1);
         let at = FitState::new(state.values[..latents.len()].to_vec(), state.nuisances.clone());
@@ -304,7 +304,7 @@ const MIN_NOISE_RATIO: f64 = 0.2;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::one_step_segments;
+    use crate::discover::testing::segments::one_step_segments;
 
     /// Initial segments of one body with three observations each, and predictions for them.
     fn synthetic_segments(off: [[f64; 3]; 2]) -> (Vec<Segment>, Vec<Vec<f64>>) {

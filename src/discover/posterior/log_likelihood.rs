@@ -23,12 +23,12 @@ use super::basis_field::{BasisField, DiscrepancyModel};
 use super::conditional::{BlockIndex, ConditionalLikelihood};
 use super::discrepancy::DiscrepancyField;
 use super::sampled_field::{SCALE_MIXTURE_PRIOR, SampledField};
-use crate::discover::components;
 use crate::discover::field::FieldInputs;
-use crate::discover::fit::{FittedModel, ModelFitter};
-use crate::discover::launch::{self, Group};
+use crate::discover::mixed_model::groups::{self, Group};
+use crate::discover::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::discover::mixed_model::variance_components;
 use crate::discover::model::{self, FitState, Linearization, ParameterLayout, RandomEffects};
-use crate::discover::window::Segment;
+use crate::discover::segment::Segment;
 use crate::error::Result;
 use crate::estimate::discrepancy_forces::DiscrepancyForces;
 use crate::estimate::sampler::{
@@ -129,7 +129,7 @@ impl LogLikelihood {
             }
             DiscrepancyModel::Absent | DiscrepancyModel::Marginalised(_) => None,
         };
-        let mut objective = components::ComponentLikelihood::new(&groups, &fit.components);
+        let mut objective = variance_components::ComponentLikelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
         if objective.depends_on_components() {
             let drawn = objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
@@ -327,7 +327,7 @@ fn cache_segments(
             let (window, look) = (&data.segments[w], &linearizations[w]);
             let moves = |k: usize| look.jacobian.column(k).amax() > 0.0;
             if !layout.terms.is_empty() || (0..layout.parameters.len()).any(moves) {
-                let by = launch::observation_jacobian(
+                let by = groups::observation_jacobian(
                     (w, window),
                     &fitter.basis_caches[w],
                     look,

@@ -8,14 +8,14 @@ use super::horizon::{
 };
 use super::log_likelihood::{LogLikelihood, REFERENCE_INFLATION};
 use super::prior::{self, ParameterPrior, parameter_priors};
-use crate::discover::fit::{FittedModel, ModelFitter};
+use crate::discover::data::preprocessing::{PreprocessedData, preprocess};
 use crate::discover::fit_base;
-use crate::discover::library;
+use crate::discover::mixed_model::model_fit::{FittedModel, ModelFitter};
 use crate::discover::model::SegmentData;
-use crate::discover::prepare::{PreprocessedData, preprocess};
-use crate::discover::search::ModelSearch;
-use crate::discover::start_grid::add_strong_starts;
-use crate::discover::window::SegmentKind;
+use crate::discover::segment::SegmentKind;
+use crate::discover::selection::candidates;
+use crate::discover::selection::search::ModelSearch;
+use crate::discover::selection::start_grid::add_strong_starts;
 use crate::error::{Error, Result};
 use crate::estimate::sampler::{ReferenceDensity, Target as _, log_sum_exp};
 use crate::progress::Progress;
@@ -63,7 +63,7 @@ pub fn fit_models<T>(
     let opened = fit_base(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
     let fitter = ModelFitter::new(&opened.data, &ready.noise);
     let base = fitter.run_gls(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
-    let mut candidates = library::candidates(scene, &library::summarise(fitter.data.segments));
+    let mut candidates = candidates::candidates(scene, &candidates::summarise(fitter.data.segments));
     add_strong_starts(&fitter, &base, &mut candidates)?;
     let hunt = ModelSearch::new(&fitter, candidates, &latents, config.seed);
     let grounds =

@@ -73,7 +73,7 @@ pub fn joint_prior(numbers: &[ParameterPrior]) -> Result<JointPrior> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::term;
+    use crate::discover::testing::segments::term;
     use crate::world::latent::factor_index;
 
     #[test]

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 use super::basis_field::BasisField;
 use super::discrepancy::DiscrepancyField;
 use super::whitened::WhitenedGroup;
-use crate::discover::gaussian::SCALE_DOF;
+use crate::discover::mixed_model::group_statistics::SCALE_DOF;
 use crate::discover::model::ParameterLayout;
 use crate::estimate::discrepancy_forces::DiscrepancyForces;
 use crate::estimate::sampler::Marginal;
@@ -124,8 +124,8 @@ mod tests {
     use rand::RngExt as _;
 
     use super::*;
-    use crate::discover::fixture::term;
     use crate::discover::posterior::basis_field::monomials;
+    use crate::discover::testing::segments::term;
     use crate::rng;
 
     /// Groups of six residuals that are linear in one parameter and the field's coefficients, almost without

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::discover::gaussian::{VarianceComponents, student_log_density};
-use crate::discover::launch::Group;
+use crate::discover::mixed_model::group_statistics::{VarianceComponents, student_log_density};
+use crate::discover::mixed_model::groups::Group;
 
 /// A group whitened by its covariance, up to scale.
 pub struct WhitenedGroup {

@@ -14,18 +14,20 @@ use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
 use super::prior::FixedEffectsPrior;
 use super::settings::SETTINGS;
-use crate::discover::columns::nuisance_accelerations;
 use crate::discover::field;
-use crate::discover::fit::{FittedModel, ModelFitter, RecordingContext, acceleration_responses};
-use crate::discover::gaussian::{CrossProducts, GroupStatistics, VarianceComponents};
-use crate::discover::launch::Group;
-use crate::discover::library::Candidate;
+use crate::discover::mixed_model::group_statistics::{CrossProducts, GroupStatistics, VarianceComponents};
+use crate::discover::mixed_model::groups::Group;
+use crate::discover::mixed_model::model_fit::{
+    FittedModel, ModelFitter, RecordingContext, acceleration_responses,
+};
+use crate::discover::mixed_model::random_design::nuisance_accelerations;
 use crate::discover::model::{self, Term};
-use crate::discover::window::SegmentKind;
+use crate::discover::segment::SegmentKind;
+use crate::discover::selection::candidates::Candidate;
 use crate::error::Result;
 use crate::world::effect::EffectTarget;
 
-/// Standard deviation of a field's coefficients, m/s^2.
+/// Prior standard deviation of a field's coefficients, m/s^2.
 const FIELD_SD: f64 = 2.0;
 /// Steps of least squares to the richest model.
 const STEPS: usize = 12;
@@ -51,15 +53,16 @@ pub fn context(
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;
-    let looks = model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
-    let responses = acceleration_responses(&looks, model.layout.parameters.len());
+    let linearizations =
+        model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
+    let responses = acceleration_responses(&linearizations, model.layout.parameters.len());
     let whole = RecordingContext { discrepancy, components: model.components.clone(), responses };
     let own = ModelFitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(parts) = own.groups_with_discrepancy(&model.layout, &model.state, &looks) else {
+    let Some(groups) = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations) else {
         return Ok(whole);
     };
     let start = RecordingContext {
-        discrepancy: whole.discrepancy.reduced(&parts, model.layout.parameters.len()),
+        discrepancy: whole.discrepancy.reduced(&groups, model.layout.parameters.len()),
         ..whole
     };
     let own = ModelFitter { context: Some(start.clone()), ..own };
@@ -90,25 +93,26 @@ fn richest(
 }
 
 fn discrepancy_groups(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<Group>>> {
-    let looks = model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
-    Ok(fitter.groups_with_discrepancy(&model.layout, &model.state, &looks))
+    let linearizations =
+        model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
+    Ok(fitter.groups_with_discrepancy(&model.layout, &model.state, &linearizations))
 }
 
-/// The most probable components of a model beside the field that makes it most probable: of any kind where there are flights,
-/// else the shared discrepancy `broad` times its largest plausible size.
+/// Most probable components of a model with the most probable field: of any inputs if there are flights,
+/// otherwise the shared discrepancy at `broad` times its largest plausible size.
 fn components(fitter: &ModelFitter, model: &FittedModel, broad: f64) -> Result<Option<VarianceComponents>> {
     let mut fields: Vec<(Vec<Group>, f64)> =
-        field::groups_by_inputs(fitter, model)?.into_iter().map(|parts| (parts, FIELD_SD)).collect();
+        field::groups_by_inputs(fitter, model)?.into_iter().map(|groups| (groups, FIELD_SD)).collect();
     if fields.is_empty() {
-        fields.extend(discrepancy_groups(fitter, model)?.map(|parts| (parts, broad)));
+        fields.extend(discrepancy_groups(fitter, model)?.map(|groups| (groups, broad)));
     }
     let prior = fitter.prior(&model.layout, &model.state);
     let scales = ComponentScales::of(fitter);
     let start = scales.start();
-    let best = |(parts, broad): &(Vec<Group>, f64)| {
+    let best = |(groups, broad): &(Vec<Group>, f64)| {
         let start = start.clone();
         ComponentObjective {
-            parts,
+            groups,
             prior: &prior,
             broad: *broad,
             start,
@@ -124,11 +128,11 @@ fn components(fitter: &ModelFitter, model: &FittedModel, broad: f64) -> Result<O
 /// Plausible sizes of variance components: standard deviations of half-normal priors.
 #[derive(Clone, Copy)]
 struct ComponentScales {
-    /// Slow misfit of a trial, in units of the noise.
+    /// Trial discrepancy, in units of the noise.
     discrepancy: f64,
 }
 
-/// Slow misfit: as a share of the extent of the data, and in units of the noise.
+/// Trial discrepancy: as a share of the extent of the data, and in units of the noise.
 const DISCREPANCY_OF_EXTENT: f64 = 0.002;
 const DISCREPANCY_OF_NOISE: f64 = 0.5;
 /// Random accelerations of a trial, in the sizes that effects declare.
@@ -147,7 +151,7 @@ impl ComponentScales {
         }
     }
 
-    /// Where a search starts.
+    /// Initial values of the optimisation.
     fn start(&self) -> VarianceComponents {
         VarianceComponents {
             discrepancy: 0.3 * self.discrepancy,
@@ -167,12 +171,12 @@ impl ComponentScales {
 
 /// Log marginal likelihood of a model by the logarithms of its components.
 struct ComponentObjective<'a> {
-    parts: &'a [Group],
+    groups: &'a [Group],
     prior: &'a FixedEffectsPrior,
     broad: f64,
     start: VarianceComponents,
     scales: ComponentScales,
-    /// By the slow misfit.
+    /// By the discrepancy component.
     cross_products: HashMap<u64, Vec<CrossProducts>>,
 }
 
@@ -206,12 +210,12 @@ impl ComponentObjective<'_> {
     fn at(&mut self, logs: &[f64]) -> f64 {
         let components = self.start.with_log_values(logs);
         let columns: Vec<usize> =
-            (0..self.parts.first().map_or(0, |p| p.blocks[0].jacobian.ncols())).collect();
-        let (parts, slow) = (self.parts, components.discrepancy);
+            (0..self.groups.first().map_or(0, |p| p.blocks[0].jacobian.ncols())).collect();
+        let (groups, slow) = (self.groups, components.discrepancy);
         let products = self.cross_products.entry(slow.to_bits());
         let products =
-            products.or_insert_with(|| parts.iter().map(|p| CrossProducts::of(p, &columns, slow)).collect());
-        let told = products.iter().zip(parts).map(|(w, p)| w.statistics(p, &columns, &components));
+            products.or_insert_with(|| groups.iter().map(|p| CrossProducts::of(p, &columns, slow)).collect());
+        let told = products.iter().zip(groups).map(|(w, p)| w.statistics(p, &columns, &components));
         let told: Option<Vec<GroupStatistics>> = told.collect();
         let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
         evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
@@ -221,12 +225,12 @@ impl ComponentObjective<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::thrown;
+    use crate::discover::testing::throws;
 
-    /// Of balls that all have one drag, which the base model lacks, none differs by more than effects declare for any trial.
+    /// A shared drag that the base model lacks is not attributed to variance components.
     #[test]
     fn a_missing_effect_is_no_variance_component() {
-        thrown::with_fit(&[0.4; 10], &[], 12, |fitter, base| {
+        throws::with_fit(&[0.4; 10], &[], 12, |fitter, base| {
             let found = context(fitter, base, &[]).unwrap();
             let c = &found.components;
             assert!(

@@ -13,9 +13,9 @@
 use super::explained::{ExplainedShare, Explanation, explanation};
 use super::settings::SETTINGS;
 use crate::discover::field::{self, FieldFit};
-use crate::discover::fit::{FittedModel, ModelFitter};
+use crate::discover::mixed_model::model_fit::{FittedModel, ModelFitter};
 use crate::discover::report::Verdict;
-use crate::discover::search::{SearchResult, log_prior};
+use crate::discover::selection::search::{SearchResult, log_prior};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
@@ -33,14 +33,14 @@ pub struct Decision {
     pub explained: Option<ExplainedShare>,
     /// Share of the excess error on held-out trials that the reported model removes; `None` without excess or model.
     pub gain: Option<f64>,
-    /// The most probable field beside the reported model.
+    /// The most probable field in addition to the reported model.
     pub field: Option<FieldFit>,
-    /// Log evidence of that field beside the reported model, relative to the model alone, nats.
+    /// Log Bayes factor of that field in addition to the reported model, nats.
     pub field_log_bayes_factor: Option<f64>,
 }
 
 impl Decision {
-    /// Posterior probability of all sets that hold a fit's effects.
+    /// Posterior probability of all sets that contain a fit's effects.
     pub fn superset_probability(&self, found: &SearchResult, fit: usize) -> f64 {
         let sets = found.fits.iter().zip(&self.probabilities).filter(|(f, _)| f.includes(&found.fits[fit]));
         sets.map(|(_, p)| p).sum()
@@ -54,7 +54,7 @@ impl Decision {
     }
 }
 
-/// Decides what a search found.
+/// Decides from the result of a search.
 pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<Decision> {
     let all = log_sum_exp(found.log_posterior.iter().chain([&found.base_log_posterior]).copied());
     let probability = |l: f64| libm::exp(l - all);
@@ -112,15 +112,15 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
 fn immediate_submodels(found: &SearchResult, fit: usize) -> Vec<usize> {
     let all = &found.fits[fit];
     let is_next = |f: &&FittedModel| {
-        let kept = f.effects.iter().filter(|e| all.effects.iter().any(|own| own.name == e.name)).count();
-        contains(all, f) && kept + 1 == all.effects.len()
+        let used = f.effects.iter().filter(|e| all.effects.iter().any(|own| own.name == e.name)).count();
+        contains(all, f) && used + 1 == all.effects.len()
     };
     (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
 }
 
-/// Rivals with what the first of them explains, and whether each of its effects is needed: explains its share of what the set without
-/// it, or with a special case in its place, leaves. A small or flexible effect may stand for what trials share of no law. Where
-/// the smaller set explains enough it becomes a rival: the data do not tell which of the two it is.
+/// Rivals with the explanation by the first, and whether each of its effects is needed: explains its share of
+/// the misfit of the set without it or with a special case of it. A weak or flexible effect may fit a shared
+/// discrepancy. A smaller set that explains enough becomes a rival.
 fn check_necessity(
     fitter: &ModelFitter,
     found: &SearchResult,
@@ -133,7 +133,7 @@ fn check_necessity(
             [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
         Ok((smaller, explanation(fitter, &fewer, &found.fits[fit], seed)?))
     };
-    // The most probable of the smaller sets that leave little more than the larger one.
+    // Most probable smaller set that explains nearly as much.
     let sufficient = |smaller: &[usize], of: &Explanation| {
         let shares = smaller.iter().zip(of.shares.iter().skip(1));
         let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
@@ -181,8 +181,8 @@ fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
 
 /// Those of some sets that contain no other of them as a special case, in their order.
 fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
-    let kept = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
-    sets.iter().copied().filter(kept).collect()
+    let used = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
+    sets.iter().copied().filter(used).collect()
 }
 
 /// Whether a set is another, or more than it, for some of its values.

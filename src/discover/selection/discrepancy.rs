@@ -14,16 +14,16 @@
 use nalgebra::DMatrix;
 
 use super::settings::Settings;
+use crate::discover::dynamics::Impact;
 use crate::discover::field::{RadialBasisFunction, radial_grid, robust_range};
-use crate::discover::launch::Group;
-use crate::discover::library;
+use crate::discover::mixed_model::groups::Group;
 use crate::discover::model::{self, FitState, ParameterLayout, SegmentData};
-use crate::discover::path::Impact;
-use crate::discover::stats::median;
-use crate::discover::window::{Segment, SegmentKind};
+use crate::discover::segment::{Segment, SegmentKind};
+use crate::discover::selection::candidates;
+use crate::discover::statistics::median;
 use crate::error::Result;
 
-/// Numbers of bumps over position (x, y), velocity (x, y) and impacts (approach, slip).
+/// Numbers of radial basis functions over position (x, y), velocity (x, y) and impacts (approach, slip).
 const POSITION_BUMPS: [usize; 2] = [5, 4];
 const VELOCITY_BUMPS: [usize; 2] = [4, 3];
 const IMPACT_BUMPS: [usize; 2] = [4, 3];
@@ -51,19 +51,19 @@ impl SharedDiscrepancy {
     ) -> Result<Self> {
         let paths = model::segment_states(data, layout, state)?;
         let impacts = (data.segments.iter().enumerate())
-            .map(|(w, window)| match window.kind {
-                SegmentKind::Contact => model::impact(window, w, layout, state),
+            .map(|(w, segment)| match segment.kind {
+                SegmentKind::Contact => model::impact(segment, w, layout, state),
                 _ => None,
             })
             .collect::<Vec<_>>();
         let typical = typical_acceleration(data, layout, state, &paths);
         let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
         let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
-        let [x0, y0, x1, y1] = library::data_range(data.segments).area;
+        let [x0, y0, x1, y1] = candidates::data_range(data.segments).area;
         let position = settings.discrepancy_of_position * (x1 - x0).max(y1 - y0);
         let fields = DiscrepancyBasis::over(data.segments, &paths, &impacts);
-        let column = |(w, window): (usize, &Segment)| {
-            fields.responses(window, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
+        let column = |(w, segment): (usize, &Segment)| {
+            fields.responses(segment, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
         };
         let columns: Vec<DMatrix<f64>> = data.segments.iter().enumerate().map(column).collect();
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
@@ -77,14 +77,14 @@ const MIN_INFORMATION: f64 = 0.01;
 const MAX_DIRECTIONS: usize = 40;
 
 impl SharedDiscrepancy {
-    /// The same in the directions of which the data say most: a prior that is alike in all directions stays so. `parts` have the
-    /// basis after the first `parameters` columns.
-    pub fn reduced(&self, parts: &[Group], parameters: usize) -> SharedDiscrepancy {
+    /// Restricts the basis to the directions with most information; an isotropic prior stays isotropic.
+    /// `groups`: groups with the basis after the first `parameters` columns.
+    pub fn reduced(&self, groups: &[Group], parameters: usize) -> SharedDiscrepancy {
         if self.count == 0 {
             return self.clone();
         }
         let mut information = DMatrix::zeros(self.count, self.count);
-        for block in parts.iter().flat_map(|p| &p.blocks) {
+        for block in groups.iter().flat_map(|p| &p.blocks) {
             let own = block.jacobian.columns(parameters, self.count);
             information += own.tr_mul(&own);
         }
@@ -100,8 +100,8 @@ impl SharedDiscrepancy {
 }
 
 /// Whether a segment's path is integrated from a free initial state.
-fn has_free_initial_state(window: &Segment) -> bool {
-    matches!(window.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling)
+fn has_free_initial_state(segment: &Segment) -> bool {
+    matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling)
 }
 
 /// Median over flights of the root mean square acceleration beyond gravity, m/s^2; 0 without flights.
@@ -111,10 +111,10 @@ fn typical_acceleration(
     state: &FitState,
     paths: &[Vec<[f64; 4]>],
 ) -> f64 {
-    let of = |(w, window): (usize, &Segment)| {
+    let of = |(w, segment): (usize, &Segment)| {
         let values = state.values_in(w);
-        let all = model::accelerations(window, layout, &values, &paths[w]);
-        let g = window.scene.gravity;
+        let all = model::accelerations(segment, layout, &values, &paths[w]);
+        let g = segment.scene.gravity;
         let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
         let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
         (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
@@ -129,7 +129,7 @@ fn typical_acceleration(
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
 fn acceleration_scale(data: &SegmentData, paths: &[Vec<[f64; 4]>]) -> f64 {
-    let gravity = library::max_gravity(data.segments);
+    let gravity = candidates::max_gravity(data.segments);
     if gravity > 0.0 {
         return gravity;
     }
@@ -154,8 +154,8 @@ struct DiscrepancyBasis {
 }
 
 impl DiscrepancyBasis {
-    fn over(windows: &[Segment], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> DiscrepancyBasis {
-        let states: Vec<[f64; 4]> = (windows.iter().zip(paths))
+    fn over(segments: &[Segment], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> DiscrepancyBasis {
+        let states: Vec<[f64; 4]> = (segments.iter().zip(paths))
             .filter(|(w, _)| has_free_initial_state(w))
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
@@ -206,17 +206,17 @@ impl DiscrepancyBasis {
     /// error of impacts: two rows a point, x and y of every function in turn.
     fn responses(
         &self,
-        window: &Segment,
+        segment: &Segment,
         path: &[[f64; 4]],
         impact: Option<&Impact>,
         [acceleration, position]: [f64; 2],
         settings: &Settings,
     ) -> DMatrix<f64> {
-        let mut out = DMatrix::zeros(2 * window.observations.len(), self.count());
-        if !has_free_initial_state(window) || path.iter().flatten().any(|v| !v.is_finite()) {
+        let mut out = DMatrix::zeros(2 * segment.observations.len(), self.count());
+        if !has_free_initial_state(segment) || path.iter().flatten().any(|v| !v.is_finite()) {
             return out;
         }
-        self.integrate(window, path, acceleration / self.state_norm, &mut out);
+        self.integrate(segment, path, acceleration / self.state_norm, &mut out);
         let first = 2 * (self.position.len() + self.velocity.len());
         for (i, state) in path.iter().enumerate() {
             for (k, f) in self.at_position(*state).into_iter().enumerate() {
@@ -224,7 +224,7 @@ impl DiscrepancyBasis {
                 (0..2).for_each(|axis| out[(2 * i + axis, first + 2 * k + axis)] = moved);
             }
         }
-        if let (Some(impact), Some(surface)) = (impact, &window.surface) {
+        if let (Some(impact), Some(surface)) = (impact, &segment.surface) {
             let [of_approach, of_tangent] = settings.discrepancy_of_impact;
             let normal = of_approach * impact.approach;
             let sizes =
@@ -235,7 +235,7 @@ impl DiscrepancyBasis {
                 let here = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
                     let size = sizes[way] * here;
-                    for (i, point) in window.observations.iter().enumerate() {
+                    for (i, point) in segment.observations.iter().enumerate() {
                         let since = (point.time - impact.time).max(0.0);
                         (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);
                     }
@@ -246,15 +246,15 @@ impl DiscrepancyBasis {
     }
 
     /// Integrates every function twice along a path; along the surface where the body rolls.
-    fn integrate(&self, window: &Segment, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
-        let tangent = match (&window.surface, window.kind) {
+    fn integrate(&self, segment: &Segment, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
+        let tangent = match (&segment.surface, segment.kind) {
             (Some(surface), SegmentKind::Rolling) => Some([surface.normal[1], -surface.normal[0]]),
             _ => None,
         };
         let count = self.position.len() + self.velocity.len();
         let (mut speed, mut moved) = (vec![0.0; count], vec![0.0; count]);
         let mut before: Option<(f64, Vec<f64>)> = None;
-        for (i, (point, state)) in window.observations.iter().zip(path).enumerate() {
+        for (i, (point, state)) in segment.observations.iter().zip(path).enumerate() {
             let now = self.at_state(*state);
             if let Some((time, last)) = before {
                 let dt = point.time - time;
@@ -280,13 +280,13 @@ impl DiscrepancyBasis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::{bounces, flights, one_step_segments};
     use crate::discover::selection::SETTINGS;
+    use crate::discover::testing::segments::{bounces, flights, one_step_segments};
     use crate::world::Engine;
 
-    fn discrepancy_of(windows: &[Segment], settings: &[usize]) -> SharedDiscrepancy {
-        let data = SegmentData::new(windows, settings, vec![1e-3; windows.len()], Engine::Auto);
-        let state = FitState::new(Vec::new(), windows.iter().map(|w| w.nuisances.clone()).collect());
+    fn discrepancy_of(segments: &[Segment], settings: &[usize]) -> SharedDiscrepancy {
+        let data = SegmentData::new(segments, settings, vec![1e-3; segments.len()], Engine::Auto);
+        let state = FitState::new(Vec::new(), segments.iter().map(|w| w.nuisances.clone()).collect());
         SharedDiscrepancy::from_model(&data, &ParameterLayout::new(&[], Vec::new(), 1), &state, &SETTINGS)
             .unwrap()
     }
@@ -295,32 +295,32 @@ mod tests {
     /// a t^2 / 2.
     #[test]
     fn a_hundredth_of_gravity_is_plausible() {
-        let (windows, settings) = flights([0.0; 2], 4);
-        let found = discrepancy_of(&windows, &settings);
+        let (segments, settings) = flights([0.0; 2], 4);
+        let found = discrepancy_of(&segments, &settings);
         assert!((found.acceleration - 0.0981).abs() < 1e-6, "{}", found.acceleration);
         let fields =
             2 * (POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>());
         let rows = |c: &DMatrix<f64>| c.columns(0, fields).row(c.nrows() - 2).norm();
-        let time = windows[0].observations[19].time;
+        let time = segments[0].observations[19].time;
         let expected = 0.5 * found.acceleration * time * time;
         let moved = rows(&found.responses[0]);
         assert!((0.3 * expected..1.5 * expected).contains(&moved), "{moved} and {expected}");
         let begins = |c: &DMatrix<f64>| c.columns(0, fields).row(0).norm() == 0.0;
         assert!(found.responses.iter().all(begins), "a path begins where it begins");
         // The displacement of observed positions is a few thousandths of the extent.
-        let [x0, y0, x1, y1] = library::data_range(&windows).area;
-        let shown = found.responses[0].columns(fields, found.responses[0].ncols() - fields).row(0).norm();
+        let [x0, y0, x1, y1] = candidates::data_range(&segments).area;
+        let view = found.responses[0].columns(fields, found.responses[0].ncols() - fields).row(0).norm();
         let plausible = SETTINGS.discrepancy_of_position * (x1 - x0).max(y1 - y0);
-        assert!((0.2 * plausible..3.0 * plausible).contains(&shown), "{shown} and {plausible}");
+        assert!((0.2 * plausible..3.0 * plausible).contains(&view), "{view} and {plausible}");
     }
 
-    /// An impact's error shows after the impact alone; a segment from a state seen whole has no discrepancy.
+    /// Impact errors act after the impact only; fully observed segments have no discrepancy.
     #[test]
-    fn impacts_err_after_they_happen() {
-        let (windows, settings) = bounces(0.8, 3);
-        let found = discrepancy_of(&windows, &settings);
+    fn impact_errors_act_after_impact() {
+        let (segments, settings) = bounces(0.8, 3);
+        let found = discrepancy_of(&segments, &settings);
         let first = found.count - 2 * IMPACT_BUMPS[0] * IMPACT_BUMPS[1];
-        let (w, contact) = windows.iter().enumerate().find(|(_, w)| w.kind == SegmentKind::Contact).unwrap();
+        let (w, contact) = segments.iter().enumerate().find(|(_, w)| w.kind == SegmentKind::Contact).unwrap();
         let own = found.responses[w].columns(first, found.count - first).into_owned();
         let last = own.nrows() - 1;
         assert!(
@@ -328,7 +328,7 @@ mod tests {
             "{} points",
             contact.observations.len()
         );
-        let (windows, settings) = one_step_segments(0.0);
-        assert_eq!(discrepancy_of(&windows, &settings).count, 0);
+        let (segments, settings) = one_step_segments(0.0);
+        assert_eq!(discrepancy_of(&segments, &settings).count, 0);
     }
 }

@@ -14,11 +14,11 @@ use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
 use super::settings::SETTINGS;
-use crate::discover::columns::RandomEffect;
 use crate::discover::field;
-use crate::discover::fit::{FittedModel, ModelFitter};
-use crate::discover::launch::{Group, SegmentBlock};
-use crate::discover::stats::median;
+use crate::discover::mixed_model::groups::{Group, SegmentBlock};
+use crate::discover::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::discover::mixed_model::random_design::RandomEffect;
+use crate::discover::statistics::median;
 use crate::error::Result;
 use crate::rng;
 
@@ -61,32 +61,33 @@ pub fn explanation(
     seed: u64,
 ) -> Result<Explanation> {
     let nothing = Explanation { shares: Vec::new(), gain: None };
-    let Some((_, parts)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
+    let Some((_, groups)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
-    let here = |part: &Group| DVector::zeros(part.blocks[0].jacobian.ncols());
+    let here = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
     let (modes, broad) = match field::fit_broad(fitter, model, sd)? {
-        Some((parts, step)) => {
-            let modes = acceleration_modes(model, &parts, |_| step.clone());
-            let left = squares_by_trial(model, &parts, &modes, |_| step.clone());
+        Some((groups, step)) => {
+            let modes = acceleration_modes(model, &groups, |_| step.clone());
+            let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
             (modes, Some(left))
         }
-        None => (acceleration_modes(model, &parts, here), None),
+        None => (acceleration_modes(model, &groups, here), None),
     };
-    let own = squares_by_trial(model, &parts, &modes, here);
-    let held_out = |m: &FittedModel, parts: &[Group]| {
-        squares_by_trial(m, parts, &modes, |part| m.held_out_steps[part.trial].clone())
+    let own = squares_by_trial(model, &groups, &modes, here);
+    let held_out = |m: &FittedModel, groups: &[Group]| {
+        squares_by_trial(m, groups, &modes, |group| m.held_out_steps[group.trial].clone())
     };
-    let after = held_out(model, &parts);
+    let after = held_out(model, &groups);
     let mut out = nothing;
     for (k, base) in fewer.iter().enumerate() {
-        let Some((_, parts)) = fitter.groups(&base.layout, &base.state, &[])? else {
+        let Some((_, groups)) = fitter.groups(&base.layout, &base.state, &[])? else {
             out.shares.push(None);
             continue;
         };
-        let (none, floor) = (squares_by_trial(base, &parts, &modes, here), noise_floor(fitter, base, &parts));
+        let (none, floor) =
+            (squares_by_trial(base, &groups, &modes, here), noise_floor(fitter, base, &groups));
         out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
-            out.gain = removed_share(&held_out(base, &parts), &after, floor.iter().sum());
+            out.gain = removed_share(&held_out(base, &groups), &after, floor.iter().sum());
         }
     }
     Ok(out)
@@ -142,8 +143,8 @@ fn trial_weights(base: &[f64]) -> Vec<f64> {
 /// Random accelerations, in their standard deviations, by segment and place among them.
 type AccelerationModes = HashMap<(usize, usize), f64>;
 
-/// A block's columns of random accelerations, of one standard deviation: place, whether all segments of the trial have it alike,
-/// and the column.
+/// Columns of random accelerations of a block, for one standard deviation: index, whether it acts on all
+/// segments of the trial, and the column.
 fn random_columns<'a>(
     model: &'a FittedModel,
     block: &'a SegmentBlock,
@@ -166,16 +167,16 @@ fn random_columns<'a>(
 /// Conditional modes of the random accelerations after a step of the parameters.
 fn acceleration_modes(
     model: &FittedModel,
-    parts: &[Group],
+    groups: &[Group],
     step: impl Fn(&Group) -> DVector<f64>,
 ) -> AccelerationModes {
     let mut out = AccelerationModes::new();
     let slow = model.components.discrepancy;
-    for part in parts.iter().filter(|p| p.has_random_effects) {
+    for group in groups.iter().filter(|p| p.has_random_effects) {
         // Unknowns: place, and the segment that has it of its own.
         let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
         let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
-        for (b, block) in part.blocks.iter().enumerate() {
+        for (b, block) in group.blocks.iter().enumerate() {
             for (place, alike, column) in random_columns(model, block) {
                 let unknown = (place, (!alike).then_some(block.segment));
                 let at = unknowns.iter().position(|u| *u == unknown).unwrap_or(unknowns.len());
@@ -187,8 +188,8 @@ fn acceleration_modes(
         }
         let n = unknowns.len();
         let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
-        let step = step(part);
-        for (b, block) in part.blocks.iter().enumerate() {
+        let step = step(group);
+        for (b, block) in group.blocks.iter().enumerate() {
             let weights = block.gp_variance.map(|s| (1.0 + slow * slow * s).recip());
             let left = block.residual_at(&step);
             let own = || columns.iter().filter(|c| c.0 == b);
@@ -201,7 +202,7 @@ fn acceleration_modes(
         let Some(factor) = precision.cholesky() else { continue };
         let solved = factor.solve(&score);
         for (b, at, _) in &columns {
-            out.insert((part.blocks[*b].segment, unknowns[*at].0), solved[*at]);
+            out.insert((group.blocks[*b].segment, unknowns[*at].0), solved[*at]);
         }
     }
     out
@@ -210,32 +211,32 @@ fn acceleration_modes(
 /// Squared residuals by trial after a step of the parameters, random accelerations subtracted.
 fn squares_by_trial(
     model: &FittedModel,
-    parts: &[Group],
+    groups: &[Group],
     modes: &AccelerationModes,
     step: impl Fn(&Group) -> DVector<f64>,
 ) -> Vec<f64> {
     let mut out = vec![0.0; model.held_out_squares.len()];
-    for part in parts {
-        let step = step(part);
-        for block in &part.blocks {
+    for group in groups {
+        let step = step(group);
+        for block in &group.blocks {
             let mut left = block.residual_at(&step);
             for (place, _, column) in random_columns(model, block) {
                 left.axpy(-modes.get(&(block.segment, place)).copied().unwrap_or(0.0), &column, 1.0);
             }
-            out[part.trial] += left.norm_squared();
+            out[group.trial] += left.norm_squared();
         }
     }
     out
 }
 
-/// By trial: what noise and slow misfit leave of the base model, expected.
-fn noise_floor(fitter: &ModelFitter, base: &FittedModel, parts: &[Group]) -> Vec<f64> {
+/// Expected squares of noise and trial discrepancy, by trial.
+fn noise_floor(fitter: &ModelFitter, base: &FittedModel, groups: &[Group]) -> Vec<f64> {
     let mut out = vec![0.0; fitter.data.trial_count];
     let c = &base.components;
-    for part in parts {
-        for block in &part.blocks {
+    for group in groups {
+        for block in &group.blocks {
             let own = block.gp_variance.iter().map(|s| 1.0 + c.discrepancy * c.discrepancy * s).sum::<f64>();
-            out[part.trial] += own;
+            out[group.trial] += own;
         }
     }
     out
@@ -245,13 +246,13 @@ fn noise_floor(fitter: &ModelFitter, base: &FittedModel, parts: &[Group]) -> Vec
 mod tests {
     use super::*;
     use crate::discover::selection::context;
-    use crate::discover::thrown;
+    use crate::discover::testing::throws;
 
-    /// The drag that balls were thrown with explains all of what the scene misses; no effect explains nothing.
+    /// The true drag explains all of the misfit; no effect explains nothing.
     #[test]
     fn the_true_effect_explains_everything() {
-        thrown::with_fit(&[0.4; 8], &[], 11, |fitter, base| {
-            thrown::with_fit(&[0.4; 8], &["linear_drag"], 11, |_, model| {
+        throws::with_fit(&[0.4; 8], &[], 11, |fitter, base| {
+            throws::with_fit(&[0.4; 8], &["linear_drag"], 11, |_, model| {
                 let own =
                     ModelFitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
                 let share =

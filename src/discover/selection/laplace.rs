@@ -17,7 +17,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::prior::FixedEffectsPrior;
-use crate::discover::gaussian::GroupStatistics;
+use crate::discover::mixed_model::group_statistics::GroupStatistics;
 use crate::estimate::sampler::log_sum_exp;
 
 /// Standard deviations of the discrepancy, in its largest plausible size.
@@ -60,7 +60,7 @@ pub fn at_scale(groups: &[GroupStatistics], prior: &FixedEffectsPrior, scale: f6
     from_squares(groups, prior, scale, &mut groups.iter().map(|g| g.square).collect::<Vec<f64>>())
 }
 
-/// The same, the squares at the mode being near `squares`, which become those at the mode.
+/// The same from initial squares, which are updated to those at the mode.
 fn from_squares(
     groups: &[GroupStatistics],
     prior: &FixedEffectsPrior,
@@ -110,12 +110,12 @@ fn from_squares(
     log_evidence.is_finite().then_some(Laplace { log_evidence, log_joint, step, covariance, scale })
 }
 
-/// Adds a multiple of some numbers to others.
+/// Adds a multiple of a slice to another.
 fn add_times(to: &mut [f64], from: &[f64], times: f64) {
     to.iter_mut().zip(from).for_each(|(to, from)| *to += times * from);
 }
 
-/// Log of likelihood times prior density where the model stands, the discrepancy at its mode there.
+/// Log joint density at the linearization point, the discrepancy at its mode.
 pub fn profile_log_posterior(groups: &[GroupStatistics], prior: &FixedEffectsPrior, scale: f64) -> f64 {
     let q = prior.mean_offset.len();
     let own: Vec<GroupStatistics> = groups.iter().map(|g| g.after_parameters(q)).collect();
@@ -186,7 +186,7 @@ mod tests {
         assert!((cost - 10f64.ln()).abs() < 0.2, "{cost}");
     }
 
-    /// A shared discrepancy that the data do not show leaves the smallest size most probable.
+    /// Without discrepancy in the data its smallest size is most probable.
     #[test]
     fn absent_discrepancy_is_small() {
         let wide = |g: GroupStatistics| {

@@ -5,13 +5,16 @@
 //! share of the predictable misfit that a set explains; `decide`: from the posterior over sets to a verdict; `settings`: the
 //! constants that decide.
 
+pub mod candidates;
 mod context;
 mod decide;
 mod discrepancy;
 mod explained;
 mod laplace;
 mod prior;
+pub mod search;
 mod settings;
+pub mod start_grid;
 
 pub use context::context;
 pub use decide::{Decision, decide};

@@ -12,28 +12,28 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::settings::SETTINGS;
-use crate::discover::library;
 use crate::discover::model::ParameterLayout;
+use crate::discover::selection::candidates;
 use crate::world::effect::DataRange;
 
-/// Normal prior about where a model stands.
+/// Normal prior relative to a state of the model.
 #[derive(Clone, Debug)]
 pub struct FixedEffectsPrior {
     pub precision: DMatrix<f64>,
-    /// The mean, relative to where the model stands.
+    /// Mean, relative to the state.
     pub mean_offset: DVector<f64>,
     /// Logarithm of the mixture's weight of the normal.
     pub log_weight: f64,
 }
 
-/// Standard deviations of the mixture, in the declared one. The first has all of the probability but the tail's, which the
-/// others share alike.
+/// Standard deviations of the mixture, relative to the declared one. The tail's probability is divided
+/// equally among all but the first.
 const MULTIPLES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4];
-/// Share of a size's prior variance that settings have in common.
+/// Share of an amplitude's prior variance that is common to all settings.
 const COMMON_VARIANCE_SHARE: f64 = 0.5;
 
 impl FixedEffectsPrior {
-    /// Of a layout's parameters where it has some `values`; `gravity`: of the scene, m/s^2.
+    /// Prior of a layout's parameters at `values`; `gravity`: of the scene, m/s^2.
     pub fn of(
         layout: &ParameterLayout,
         values: &[f64],
@@ -49,7 +49,7 @@ impl FixedEffectsPrior {
         for (i, slot) in layout.parameters.iter().enumerate() {
             out.precision[(i, i)] = match layout.declaration(i) {
                 None => slot.min_information(),
-                Some(shape) if !shape.is_amplitude() => library::shape_sd(shape, range).powi(-2),
+                Some(shape) if !shape.is_amplitude() => candidates::shape_sd(shape, range).powi(-2),
                 Some(_) => 0.0,
             };
         }
@@ -61,12 +61,12 @@ impl FixedEffectsPrior {
         out
     }
 
-    /// Of no parameters.
+    /// Prior of an empty parameter vector.
     pub fn none() -> FixedEffectsPrior {
         FixedEffectsPrior { precision: DMatrix::zeros(0, 0), mean_offset: DVector::zeros(0), log_weight: 0.0 }
     }
 
-    /// The same with independent coefficients of standard deviation `scale` after the parameters, `all` in total.
+    /// Adds independent coefficients of standard deviation `scale` after the parameters, `all` in total.
     pub fn with_discrepancy(&self, all: usize, scale: f64) -> FixedEffectsPrior {
         let q = self.mean_offset.len();
         let mut precision = DMatrix::from_diagonal_element(all, all, scale.powi(-2));
@@ -76,7 +76,7 @@ impl FixedEffectsPrior {
         FixedEffectsPrior { precision, mean_offset: off, ..*self }
     }
 
-    /// The amplitudes of a term, in all settings.
+    /// Adds the prior of a term's amplitudes, in all settings.
     fn add_amplitudes(
         &mut self,
         layout: &ParameterLayout,
@@ -127,8 +127,8 @@ fn common_precision(is_diagonal: bool, settings: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::fixture::term;
     use crate::discover::model::Term;
+    use crate::discover::testing::segments::term;
 
     const RANGE: DataRange =
         DataRange { area: [0.0, 0.0, 2.0, 1.0], duration: 1.0, speed: 3.0, interval: 0.02 };

@@ -10,7 +10,7 @@ use super::json::to_value;
 use super::trials;
 use crate::budget::Budget;
 use crate::commands::{DiagnosisRequest, TrialFiles};
-use crate::discover::plot_tables::plot_tables;
+use crate::discover::report::plot_tables::plot_tables;
 use crate::discover::{DiagnosisConfig, diagnose};
 use crate::error::{Error, Result};
 use crate::job::Work;

@@ -1,0 +1,24 @@
+//! Trials cut into segments, each simulated from an initial state of its own.
+//!
+//! `definition`: kinds of segments. `segmentation`: cuts trials. `single_body`: flights, bounces and rolling
+//! of one body, by detected contacts (`contact_detection`) and holds (`holds`); `full_state`: segments of all
+//! bodies of trials whose initial state is known.
+//!
+//! Source: multiple shooting (Bock 1983).
+//!
+//! Differences from the source: initial states of segments are nuisance parameters and are not tied together,
+//! so that errors of contact models do not affect estimates of motion.
+
+mod contact_detection;
+mod definition;
+mod full_state;
+mod holds;
+mod segmentation;
+mod single_body;
+
+pub use definition::{
+    MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, any_known_initial_state,
+    any_multi_step, any_one_step,
+};
+pub use full_state::{initial_state_guess, remove_overlaps};
+pub use segmentation::segment_trials;

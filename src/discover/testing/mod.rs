@@ -1,0 +1,4 @@
+//! Synthetic data for unit tests.
+
+pub mod segments;
+pub mod throws;
