@@ -7,7 +7,7 @@ use crate::sources::{files, import_cycles, imports, library, long_functions, tex
 /// Longest function, in lines.
 const MAX_FUNCTION_LINES: usize = 70;
 /// Files in which an import cycle or a long function is allowed.
-const EXEMPT: [&str; 1] = ["src/discover/launch.rs"];
+const EXEMPT: [&str; 1] = ["src/discover/mixed_model/groups.rs"];
 
 /// Layers, lowest first: each may use itself and those before it.
 const LAYERS: [&str; 27] = [

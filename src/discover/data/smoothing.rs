@@ -54,7 +54,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
             let off: Vec<f64> = (0..n).map(|i| centred[i] - fit[i]).collect();
             let sizes: Vec<f64> = (0..n).filter(|i| used[*i]).map(|i| off[i].abs()).collect();
             let share = (1.0 - (degree + 1) as f64 / n as f64).max(0.2);
-            // Quantised positions can leave half of the residuals at nothing: the mean size guards against that.
+            // Quantised positions can have zero as the median residual: the mean size guards against that.
             let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
             let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
             for i in 0..n {

@@ -245,17 +245,17 @@ impl GroupStatistics {
         student_log_density(self.square_after(step), self.log_det, self.count)
     }
 
-    /// Log density where the square is `square`; squares below the tolerance are no better.
+    /// Log density at a square; squares below the tolerance are no better.
     pub fn log_density_at(&self, square: f64) -> f64 {
         student_log_density(square.max(self.misfit_tolerance), self.log_det, self.count)
     }
 
-    /// The statistics of the first `count` parameters, the others fixed where the model stands.
+    /// Statistics of the first `count` parameters, the others fixed at the linearization point.
     pub fn first_parameters(&self, count: usize) -> GroupStatistics {
         self.parameter_range(0, count)
     }
 
-    /// The statistics of the parameters after the first `count`, which are fixed where the model stands.
+    /// Statistics of the parameters after the first `count`, which are fixed at the linearization point.
     pub fn after_parameters(&self, count: usize) -> GroupStatistics {
         self.parameter_range(count, self.score.len() - count)
     }

@@ -96,7 +96,7 @@ mod tests {
         let (segments, _) = flights([0.0, 0.0], 2);
         let flown = expected_rss(&segments, &[1e-3, f64::INFINITY], 2, &noise());
         assert!((flown.mean[0] - 36.0).abs() < 1e-9 && flown.coordinates == [40.0, 0.0], "{:?}", flown.mean);
-        assert_eq!(flown.mean[1], 0.0, "what is left out leaves nothing");
+        assert_eq!(flown.mean[1], 0.0, "unused segments have no residual");
         let (segments, _) = multi_step_segments();
         assert_eq!(expected_rss(&segments, &[1e-3], 1, &noise()).total(), 16.0 - 10.0);
     }

@@ -53,7 +53,7 @@ fn residual_text([before, after, noise]: [f64; 3], error: f64, floor: f64) -> St
     format!("{slow}; {held_out}")
 }
 
-/// Text of the verdict on `launches` trials.
+/// Text of the verdict; `launches`: number of trials.
 pub fn reason(
     found: &SearchResult,
     decision: &Decision,

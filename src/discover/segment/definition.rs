@@ -84,7 +84,7 @@ pub struct Segment {
     pub nuisances: Vec<f64>,
     /// Surface of a contact or rolling segment.
     pub surface: Option<Surface>,
-    /// The scene's own effects.
+    /// Effects of the scene.
     pub scene_effects: Vec<ActiveEffect>,
     /// Polynomial fit of the observations, for the noise estimate.
     pub smooth: Option<PolynomialSmooth>,
@@ -95,7 +95,7 @@ pub struct Segment {
 pub struct Observation {
     /// Index into the segment's bodies.
     pub body: usize,
-    /// s since the window's start
+    /// Time since the segment's start, s.
     pub time: f64,
     /// m
     pub position: [f64; 2],

@@ -196,8 +196,8 @@ fn step_count(time: f64, step: f64) -> u32 {
 }
 
 impl Segment {
-    /// Initial state of a flight from its first observations alone, whatever acts: position and velocity by least squares on
-    /// parabolas; `None` for other segments.
+    /// Initial state of a flight from its first observations, independent of the forces: position and
+    /// velocity by least squares on parabolas; `None` for other segments.
     pub fn parabola_initial_state(&self) -> Option<Vec<f64>> {
         let points: Vec<&Observation> =
             self.observations.iter().filter(|p| p.weight > 0.0).take(INITIAL_STATE_OBSERVATIONS).collect();

@@ -1,9 +1,10 @@
 //! Estimates that every set of effects shares: the responses to the shared discrepancy and the variance components, both
 //! from the richest model.
 //!
-//! Variance components that every set estimates anew would let a wrong set call its misfit noise. They are those at which the
-//! richest model is most probable: lift, quadratic drag, wind, every contact law, and the most probable kind of force field
-//! (without flights, a discrepancy as broad as the acceleration beyond gravity). This is the pure error of the recording.
+//! If every set estimated its variance components, a wrong set could attribute its misfit to them. They are
+//! therefore estimated once, for the richest model: lift, quadratic drag, wind, every contact law, and the
+//! most probable kind of force field (without flights, a discrepancy as large as the acceleration beyond
+//! gravity). This is the pure error of the recording.
 //!
 //! Source: pattern search: Hooke and Jeeves, J. ACM 8 (1961) 212; pure error: Box and Draper, Empirical Model-Building and
 //! Response Surfaces (1987), 3.4.
@@ -29,17 +30,17 @@ use crate::world::effect::EffectTarget;
 
 /// Prior standard deviation of a field's coefficients, m/s^2.
 const FIELD_SD: f64 = 2.0;
-/// Steps of least squares to the richest model.
+/// Least-squares steps to the richest model.
 const STEPS: usize = 12;
-/// First and shortest steps of the components' logarithms; what a successful step is lengthened and a failed one shortened by.
+/// First and smallest step of the components' logarithms; growth and shrinkage factors.
 const FIRST_STEP: f64 = 0.8;
 const SHORTEST_STEP: f64 = 0.1;
-/// How far below its start a component's logarithm may end: nothing.
+/// Largest decrease of a component's logarithm, at which it is practically zero.
 const MAX_LOG_DECREASE: f64 = 4.0;
 const STEP_GROWTH: f64 = 1.4;
 const STEP_SHRINKAGE: f64 = 0.4;
 
-/// The context of a recording whose base model is fitted; `candidates`: every effect with its starts.
+/// Context of a recording; `candidates`: effects with initial values.
 pub fn context(
     fitter: &ModelFitter,
     base: &FittedModel,
@@ -70,7 +71,7 @@ pub fn context(
     Ok(RecordingContext { components: components.unwrap_or_else(|| start.components.clone()), ..start })
 }
 
-/// The richest model, fitted from the base model, with the strongest effect that a linearisation does not lead to.
+/// The richest model, started from the base model, with the best strong start of all effects.
 fn richest(
     fitter: &ModelFitter,
     base: &FittedModel,
@@ -135,9 +136,9 @@ struct ComponentScales {
 /// Trial discrepancy: as a share of the extent of the data, and in units of the noise.
 const DISCREPANCY_OF_EXTENT: f64 = 0.002;
 const DISCREPANCY_OF_NOISE: f64 = 0.5;
-/// Random accelerations of a trial, in the sizes that effects declare.
+/// Random accelerations of a trial, in declared standard deviations.
 const ACCELERATION: f64 = 1.0;
-/// Strength of an effect between trials, as a share of it.
+/// Scale of an effect between trials, relative.
 const SCALE: f64 = 0.1;
 /// Errors of impacts, as a share of the approach speed.
 const IMPACT: f64 = 0.03;
@@ -181,7 +182,7 @@ struct ComponentObjective<'a> {
 }
 
 impl ComponentObjective<'_> {
-    /// The largest value and where it is.
+    /// Maximum and its components.
     fn maximise(&mut self) -> (f64, VarianceComponents) {
         let mut logs = self.start.log_values();
         let mut best = self.at(&logs);

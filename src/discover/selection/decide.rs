@@ -1,14 +1,15 @@
 //! From the posterior over sets of effects to a verdict.
 //!
-//! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
-//! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
-//! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or beside which a force field without a name is certain, or which are less probable than that
-//! field alone, or of which a strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of
-//! the error, and of those none is reported.
+//! The posterior probability of a set is its evidence times its prior probability (every effect acts with the
+//! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
+//! contain another one as a special case. If the empty set is in it the verdict is `none`; with one set
+//! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
+//! predictable misfit, if an unnamed field is certain in addition to the set or more probable than it, or if
+//! an amplitude is at a bound. It is also `unknown`, without a reported set, if the sets do not certainly
+//! remove half of the error.
 //!
-//! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535, for
-//! models that are set aside because a simpler one is as probable.
+//! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
+//! (1994) 1535, for the exclusion of models with an equally probable simpler one.
 
 use super::explained::{ExplainedShare, Explanation, explanation};
 use super::settings::SETTINGS;
@@ -20,12 +21,12 @@ use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
 
-/// A verdict with what it follows from.
+/// A verdict with its reasons.
 pub struct Decision {
     pub verdict: Verdict,
-    /// Index of the set that is reported; none if no set is.
+    /// Index of the reported set; `None` if no set is reported.
     pub selected: Option<usize>,
-    /// Indices of the sets in the credible set, most probable first.
+    /// Indices of the credible sets, most probable first.
     pub rivals: Vec<usize>,
     /// Posterior probability by fit, and of the base model.
     pub probabilities: Vec<f64>,
@@ -108,7 +109,7 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     Ok(decision(verdict, rivals, (explained, gain), field, unnamed))
 }
 
-/// Indices of the fits of a set's effects but one, or with a special case of one in its place.
+/// Indices of the fits with one effect of a set removed or replaced by a special case.
 fn immediate_submodels(found: &SearchResult, fit: usize) -> Vec<usize> {
     let all = &found.fits[fit];
     let is_next = |f: &&FittedModel| {
@@ -155,7 +156,8 @@ fn check_necessity(
     Ok((rivals, first, true))
 }
 
-/// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.
+/// Whether an unnamed field is certain, given its log Bayes factor; its prior probability is that of an
+/// effect.
 fn is_certain(nats: f64) -> bool {
     let (p, c) = (SETTINGS.inclusion, SETTINGS.confidence);
     nats + (p / (1.0 - p)).ln() > (c / (1.0 - c)).ln()
@@ -179,19 +181,19 @@ fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
     out
 }
 
-/// Those of some sets that contain no other of them as a special case, in their order.
+/// The sets that contain no other one as a special case.
 fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
     let used = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
     sets.iter().copied().filter(used).collect()
 }
 
-/// Whether a set is another, or more than it, for some of its values.
+/// Whether a set contains another one as a special case.
 fn contains(large: &FittedModel, small: &FittedModel) -> bool {
     large.effect_parameter_count() > small.effect_parameter_count()
         && small.effects.iter().all(|s| large.effects.iter().any(|l| l.name == s.name || has_case(l, s)))
 }
 
-/// Whether an effect is another for some of its values, or by way of one that is.
+/// Whether an effect contains another one as a special case, also indirectly.
 fn has_case(large: &Effect, small: &Effect) -> bool {
     large.special_cases.iter().any(|h| h.name == small.name || has_case(h, small))
 }

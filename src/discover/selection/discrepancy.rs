@@ -1,10 +1,11 @@
-//! Model discrepancy that all trials share: a small acceleration field over position and velocity, a small displacement of what is
-//! seen over position, and small errors of impacts over approach and slip speed.
+//! Shared model discrepancy: a small acceleration field over position and velocity, a small displacement of
+//! observed positions over position, and small impact errors over approach and slip speed.
 //!
-//! No set-up follows a textbook law exactly, and what is wrong (lens, air in the room, a drag coefficient that is not quite
-//! constant) is wrong alike in all trials. Models therefore predict y = f(theta) + F w + ..., w ~ N(0, s^2 I), with the same w
-//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, scaled so that s = 1 is the
-//! largest discrepancy that is plausible without further cause: see [`Settings`].
+//! No set-up follows a textbook law exactly, and its errors (lens, air in the room, a drag coefficient that
+//! is not quite constant) are the same in all trials. Models therefore predict y = f(theta) + F w + ..., w ~
+//! N(0, s^2 I), with the same w for every trial. The columns of F are the responses of observed positions to
+//! Gaussian radial basis functions, scaled so that s = 1 is the largest plausible discrepancy: see
+//! [`Settings`].
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007.
 //!
@@ -31,7 +32,8 @@ const IMPACT_BUMPS: [usize; 2] = [4, 3];
 /// Responses of observations to the shared discrepancy.
 #[derive(Clone)]
 pub struct SharedDiscrepancy {
-    /// By segment: response of the points, two rows each, to every basis function at its largest plausible size, m.
+    /// By segment: response of the observations, two rows each, to every basis function at its largest
+    /// plausible size, m.
     pub responses: Vec<DMatrix<f64>>,
     /// Number of basis functions.
     pub count: usize,
@@ -42,7 +44,7 @@ pub struct SharedDiscrepancy {
 }
 
 impl SharedDiscrepancy {
-    /// Responses along the paths of a model, the richest one.
+    /// Responses along the trajectories of the richest model.
     pub fn from_model(
         data: &SegmentData,
         layout: &ParameterLayout,
@@ -72,7 +74,7 @@ impl SharedDiscrepancy {
     }
 }
 
-/// Least information of a direction of the basis, and the most directions that are kept.
+/// Minimum information of a direction of the basis, and maximum number of directions.
 const MIN_INFORMATION: f64 = 0.01;
 const MAX_DIRECTIONS: usize = 40;
 
@@ -99,7 +101,7 @@ impl SharedDiscrepancy {
     }
 }
 
-/// Whether a segment's path is integrated from a free initial state.
+/// Whether a segment has a free initial state.
 fn has_free_initial_state(segment: &Segment) -> bool {
     matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling)
 }
@@ -202,8 +204,8 @@ impl DiscrepancyBasis {
         position.chain(self.velocity.iter().map(|b| b.at([vx, vy]))).collect()
     }
 
-    /// Response of a segment's points to fields of `acceleration`, m/s^2, and displacements of `position`, m, and to the plausible
-    /// error of impacts: two rows a point, x and y of every function in turn.
+    /// Response of a segment's observations to fields of `acceleration`, m/s^2, displacements of `position`,
+    /// m, and the plausible impact errors: two rows per observation, x and y of every function in turn.
     fn responses(
         &self,
         segment: &Segment,
@@ -245,7 +247,7 @@ impl DiscrepancyBasis {
         out
     }
 
-    /// Integrates every function twice along a path; along the surface where the body rolls.
+    /// Integrates every function twice along a trajectory; along the surface if the body rolls.
     fn integrate(&self, segment: &Segment, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
         let tangent = match (&segment.surface, segment.kind) {
             (Some(surface), SegmentKind::Rolling) => Some([surface.normal[1], -surface.normal[0]]),
@@ -291,8 +293,8 @@ mod tests {
             .unwrap()
     }
 
-    /// Without further accelerations the largest plausible discrepancy is a hundredth of gravity, which moves a ball by about
-    /// a t^2 / 2.
+    /// Without other accelerations the largest plausible discrepancy is a hundredth of gravity, with a
+    /// displacement of about a t^2 / 2.
     #[test]
     fn a_hundredth_of_gravity_is_plausible() {
         let (segments, settings) = flights([0.0; 2], 4);

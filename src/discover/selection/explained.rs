@@ -1,10 +1,11 @@
 //! Explained share: how much of the predictable misfit a set of effects accounts for, and how much of the error on held-out trials.
 //!
-//! With m0 the squared residuals of the base model, m1 of the set and m2 of the set beside a broad discrepancy field, starts
-//! projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are everywhere those at their conditional
-//! modes beside the field: what trials differ by is no error of a model, and no model takes up by them what trials share. m2 is
-//! not taken below what noise and slow misfit leave. Trials weigh at most a multiple of the usual one, and the bootstrap over
-//! trials gives the share's uncertainty.
+//! With m0 the squared residuals of the base model, m1 of the set, and m2 of the set with a broad discrepancy
+//! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are
+//! the same in all three: their conditional modes under the model with the field, so that between-trial
+//! variation is not counted as misfit and does not absorb shared misfit. m2 is bounded below by the expected
+//! square of noise and trial discrepancy. Weights of trials are bounded, and the Bayesian bootstrap over
+//! trials gives the uncertainty.
 //!
 //! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
 
@@ -22,23 +23,23 @@ use crate::discover::statistics::median;
 use crate::error::Result;
 use crate::rng;
 
-/// Multiple of the usual trial's squared residual of the base model beyond which a trial counts for no more.
+/// Multiple of the median squared residual above which the weight of a trial decreases.
 const MAX_TRIAL_WEIGHT_RATIO: f64 = 9.0;
 /// Bootstrap draws.
 const DRAWS: usize = 1000;
-/// Excess of the base model over the floor, as a share of it, below which there is nothing to explain.
+/// Minimum excess of the base model over the noise floor, as a share of it, for the share to be defined.
 const MIN_EXCESS: f64 = 0.2;
 
 /// Explained share with its bootstrap distribution.
 #[derive(Clone, Copy, Debug)]
 pub struct ExplainedShare {
     pub share: f64,
-    /// Quantiles at the confidence of the settings and its complement: 5 % and 95 %.
+    /// 90 % interval: quantiles at 5 % and 95 %.
     pub interval: [f64; 2],
 }
 
 impl ExplainedShare {
-    /// Whether it may be as much as a reported set must explain.
+    /// Whether the required share is not excluded.
     pub fn explains_enough(&self) -> bool {
         self.interval[1] >= SETTINGS.explained_share
     }
@@ -53,7 +54,7 @@ pub struct Explanation {
     pub gain: Option<f64>,
 }
 
-/// Compares `model` with simpler models (`fewer`), of which the first is the base model.
+/// Compares `model` with simpler models (`fewer`), first the base model.
 pub fn explanation(
     fitter: &ModelFitter,
     fewer: &[&FittedModel],
@@ -93,8 +94,8 @@ pub fn explanation(
     Ok(out)
 }
 
-/// Explained share from squared residuals by trial: of the model with fewer effects (`none`), of the model (`own`), of the
-/// model beside a broad field, and of noise alone (`floor`).
+/// Explained share from squared residuals by trial: of the simpler model (`none`), of the model (`own`), of
+/// the model with a broad field, and of noise alone (`floor`).
 fn explained_share(
     none: &[f64],
     own: &[f64],
@@ -134,7 +135,7 @@ fn removed_share(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
     (before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor))
 }
 
-/// Weights of trials by what the base model leaves of them.
+/// Weights of trials by their squared residuals under the base model.
 fn trial_weights(base: &[f64]) -> Vec<f64> {
     let most = MAX_TRIAL_WEIGHT_RATIO * median(base);
     base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
@@ -173,7 +174,7 @@ fn acceleration_modes(
     let mut out = AccelerationModes::new();
     let slow = model.components.discrepancy;
     for group in groups.iter().filter(|p| p.has_random_effects) {
-        // Unknowns: place, and the segment that has it of its own.
+        // Unknowns: index of the acceleration, and its segment if it is a segment-level effect.
         let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
         let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
         for (b, block) in group.blocks.iter().enumerate() {

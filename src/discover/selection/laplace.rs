@@ -20,9 +20,9 @@ use super::prior::FixedEffectsPrior;
 use crate::discover::mixed_model::group_statistics::GroupStatistics;
 use crate::estimate::sampler::log_sum_exp;
 
-/// Standard deviations of the discrepancy, in its largest plausible size.
+/// Standard deviations of the discrepancy, relative to its largest plausible size.
 pub const SCALES: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
-/// Iterations of reweighted least squares, and the largest change of a square at which they end.
+/// Maximum number of iterations of reweighted least squares, and convergence tolerance of the squares.
 const MAX_ROUNDS: usize = 30;
 const TOLERANCE: f64 = 1e-3;
 
@@ -36,7 +36,7 @@ pub struct Laplace {
     pub step: DVector<f64>,
     /// Posterior covariance of the parameters, the discrepancy integrated out.
     pub covariance: DMatrix<f64>,
-    /// Standard deviation of the discrepancy, in its largest plausible size, at which the mode was taken.
+    /// Standard deviation of the discrepancy at the mode, relative to its largest plausible size.
     pub scale: f64,
 }
 
@@ -171,7 +171,7 @@ mod tests {
         assert!((found.step[0] - 0.8).abs() < 0.3, "{}", found.step[0]);
     }
 
-    /// A wider prior costs the logarithm of its width where the data say the same.
+    /// A wider prior costs the logarithm of its width for equal data.
     #[test]
     fn a_wider_prior_costs_its_width() {
         let at = |sd: f64| {

@@ -1,9 +1,10 @@
 //! Bayesian selection among sets of effects.
 //!
-//! Every set is a mixed-effects model with a discrepancy that all trials share (`discrepancy`). Its evidence is computed by
-//! Laplace's method (`laplace`), parameters having heavy-tailed priors (`prior`); variance components are estimated once, from the richest model (`context`). `explained`: the
-//! share of the predictable misfit that a set explains; `decide`: from the posterior over sets to a verdict; `settings`: the
-//! constants that decide.
+//! Every set is a mixed-effects model with a shared discrepancy (`discrepancy`). Its evidence is computed by
+//! Laplace's method (`laplace`) with heavy-tailed priors of the parameters (`prior`); variance components are
+//! estimated once, from the richest model (`context`). `candidates`, `start_grid`: candidate effects and
+//! their initial values; `search`: fitted sets. `explained`: share of the predictable misfit that a set
+//! explains; `decide`: verdict from the posterior over sets; `settings`: thresholds.
 
 pub mod candidates;
 mod context;

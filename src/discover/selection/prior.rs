@@ -1,9 +1,10 @@
 //! Prior distribution of a model's parameters.
 //!
-//! An effect's amplitudes are symmetric about their neutral values in the coordinates that they declare: normal, or
-//! heavy-tailed, a mixture of normals whose standard deviations are the declared one and multiples of it, so that a strong
-//! effect costs the logarithm of its size and not its square. Where a model stands the most probable component of the mixture counts. In
-//! several settings half of the variance is common. Shapes are normal over the range of the data.
+//! Amplitudes of an effect have a prior that is symmetric about their neutral values in declared coordinates:
+//! normal or heavy-tailed. The heavy-tailed prior is a scale mixture of normals, so that a strong effect
+//! costs the logarithm of its size, not its square; the most probable component at the current values is
+//! used. Half of the variance is common to all settings. Shape parameters are normal over the range of the
+//! data.
 //!
 //! Source: scale mixtures of normals: Andrews and Mallows, J. R. Stat. Soc. B 36 (1974) 99.
 //!
@@ -133,14 +134,14 @@ mod tests {
     const RANGE: DataRange =
         DataRange { area: [0.0, 0.0, 2.0, 1.0], duration: 1.0, speed: 3.0, interval: 0.02 };
 
-    /// Log density of a layout's values, up to a constant that is the same for layouts of as many parameters.
+    /// Log density of a layout's values, up to a constant that depends on the number of parameters only.
     fn log_density(layout: &ParameterLayout, values: &[f64]) -> f64 {
         let prior = FixedEffectsPrior::of(layout, values, &RANGE, 9.81);
         prior.log_weight + 0.5 * prior.precision.determinant().ln()
             - 0.5 * prior.mean_offset.dot(&(&prior.precision * &prior.mean_offset))
     }
 
-    /// Sizes in several settings have half of their variance in common.
+    /// Amplitudes in several settings have half of their variance in common.
     #[test]
     fn sizes_by_setting_are_correlated() {
         let lift = Term { per_setting: true, ..term("lift") };
@@ -154,8 +155,8 @@ mod tests {
         assert_eq!(covariance[(0, 2)], 0.0);
     }
 
-    /// A clock, a length scale and gravity that change the curvature of flights alike are as probable at every size: densities
-    /// in the logarithm of the curvature's ratio.
+    /// A clock, a length scale and gravity with the same effect on the curvature of flights are equally
+    /// probable at every size: densities of the logarithm of the curvature's ratio.
     #[test]
     fn twins_are_equally_probable() {
         for ratio in [0.0625, 0.25, 0.9, 1.02, 1.5, 4.0f64] {

@@ -1,32 +1,34 @@
-//! The constants that decide: every number that separates one verdict from another. Each stands here once; the figures that
-//! chose them are in `docs/explanation/diagnosis.md`.
+//! Thresholds of the verdict. `docs/calibration.md` says how they were chosen.
 
 /// Settings of model selection.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Prior probability that a given effect acts.
     pub inclusion: f64,
-    /// Prior probability that an effect that acts is stronger than its declared standard deviation allows.
+    /// Prior probability that an acting effect exceeds its declared standard deviation.
     pub strong_effect: f64,
     /// Posterior probability of the credible set of models.
     pub credible_mass: f64,
-    /// Least share of the predictable misfit that the reported effects explain; below it the verdict is `unknown`.
+    /// Minimum share of the predictable misfit that the reported effects explain; below it the verdict is
+    /// `unknown`.
     pub explained_share: f64,
     /// Confidence with which the explained share is below its limit before the verdict is `unknown`.
     pub confidence: f64,
-    /// Least share of the excess error on held-out trials that a reported set removes, and of what a set without one of its effects
-    /// leaves that the effect explains: a strong effect does not speak for a weak one.
+    /// Minimum share of the excess error on held-out trials that a reported set removes, and of the misfit of
+    /// a set without one of its effects that the effect explains: a strong effect does not support a weak
+    /// one.
     pub least_gain: f64,
-    /// Expected number of trials as unlike the others by chance, below which a trial is left out as odd.
+    /// Expected number of equally extreme trials by chance below which a trial is left out as odd.
     pub odd_trial: f64,
-    /// Shared discrepancy: standard deviation in units of gravity, whatever the effects.
+    /// Shared discrepancy: standard deviation in units of gravity.
     pub discrepancy_of_gravity: f64,
     /// Shared discrepancy: standard deviation as a share of the typical acceleration beyond gravity.
     pub discrepancy_of_acceleration: f64,
     /// Shared discrepancy of observed positions: standard deviation as a share of the extent of the data.
     pub discrepancy_of_position: f64,
-    /// Shared discrepancy of impacts: standard deviation of the impulse along the normal as a share of the approach speed, and
-    /// besides that of the impulse along the surface as a share of itself: moments of inertia are seldom known better.
+    /// Shared discrepancy of impacts: standard deviation of the normal impulse as a share of the approach
+    /// speed, and additionally of the tangential impulse as a share of itself, since moments of inertia are
+    /// seldom known better.
     pub discrepancy_of_impact: [f64; 2],
 }
 
