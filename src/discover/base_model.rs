@@ -38,15 +38,15 @@ pub fn fit_base_model(
     start: FitState,
     seed: u64,
 ) -> Result<(FitState, FitEvaluation)> {
-    let (mut state, mut pass) = first_fit(data, observed, layout, start, seed)?;
+    let (mut state, mut evaluation) = first_fit(data, observed, layout, start, seed)?;
     for start in friction_restarts(layout, &state, data.segments) {
         // Sticking contacts have no gradient in friction: restart from low friction.
         let (other, at) = model::fit(data, layout, start, 8)?;
-        if model::total_square(&at) < model::total_square(&pass) {
-            (state, pass) = (other, at);
+        if model::total_square(&at) < model::total_square(&evaluation) {
+            (state, evaluation) = (other, at);
         }
     }
-    let blur = contact_noise_scale(scene, data, layout, &state, &pass)?;
+    let blur = contact_noise_scale(scene, data, layout, &state, &evaluation)?;
     for (w, segment) in data.segments.iter().enumerate() {
         if segment.kind == SegmentKind::Contact {
             data.sd[w] *= blur;
@@ -71,20 +71,20 @@ fn first_fit(
     if global_search::is_applicable(data, layout) {
         state = global_search::global_search(data, layout, &state, seed)?;
     }
-    let (state, pass) = model::fit(data, layout, state, 8)?;
+    let (state, evaluation) = model::fit(data, layout, state, 8)?;
     if !shooting {
-        return Ok((state, pass));
+        return Ok((state, evaluation));
     }
-    drop_diverged(data, &pass);
+    drop_diverged(data, &evaluation);
     model::cache_jacobians(data, layout, &state)?;
     model::fit(data, layout, state, 4)
 }
 
 /// Drops multi-step segments that diverged.
-pub fn drop_diverged(data: &mut SegmentData, pass: &FitEvaluation) {
+pub fn drop_diverged(data: &mut SegmentData, evaluation: &FitEvaluation) {
     for (w, segment) in multi_step_segments(data.segments) {
         let left = (2.0 * segment.observations.len() as f64 - segment.nuisances.len() as f64).max(1.0);
-        if pass.squares[w] > DIVERGENCE_THRESHOLD * left {
+        if evaluation.squares[w] > DIVERGENCE_THRESHOLD * left {
             data.sd[w] = f64::INFINITY;
         }
     }
@@ -119,15 +119,15 @@ pub fn initialise_nuisances(
             tried.nuisances[w] = observed.bodies.iter().enumerate().flat_map(of).collect();
         }
         // Guesses are compared after one step.
-        let (tried, pass) = model::fit(data, layout, tried, 1)?;
-        for (w, square) in pass.squares.iter().enumerate() {
+        let (tried, evaluation) = model::fit(data, layout, tried, 1)?;
+        for (w, square) in evaluation.squares.iter().enumerate() {
             if *square < best[w] {
                 best[w] = *square;
                 chosen[w].clone_from(&tried.nuisances[w]);
             }
         }
         for (w, segment) in multi_step_segments(data.segments) {
-            let left = square_by_body(segment, &pass.residuals[w]);
+            let left = square_by_body(segment, &evaluation.residuals[w]);
             let nearer = |(known, left): (&mut (f64, usize), f64)| {
                 if left < known.0 {
                     *known = (left, round);
@@ -187,10 +187,10 @@ fn contact_noise_scale(
     values[..state.values.len()].copy_from_slice(&state.values);
     let start = FitState::new(values, state.nuisances.clone());
     let (_, helped) = model::fit(data, &layout, start, 8)?;
-    let usual = |pass: &FitEvaluation| {
+    let usual = |evaluation: &FitEvaluation| {
         let contacts = (0..data.segments.len()).filter(|w| contact(&data.segments[*w]));
         let left = |w: usize| (2.0 * data.segments[w].observations.len() as f64 - 5.0).max(1.0);
-        median(&contacts.map(|w| pass.squares[w] / left(w)).collect::<Vec<_>>())
+        median(&contacts.map(|w| evaluation.squares[w] / left(w)).collect::<Vec<_>>())
     };
     Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())
 }
@@ -224,9 +224,9 @@ mod tests {
         let layout = ParameterLayout::new(&[factor_index("restitution").unwrap()], Vec::new(), 1);
         let mut data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Auto);
         let start = initial_fit_state(&scene, &layout, &segments);
-        let (state, pass) = fit_base_model(&scene, &mut data, &[], &layout, start, 0).unwrap();
+        let (state, evaluation) = fit_base_model(&scene, &mut data, &[], &layout, start, 0).unwrap();
         assert!((state.values[0] - 0.83).abs() < 1e-4, "{:?}", state.values);
-        assert!(pass.residuals.iter().flatten().all(|r| r.abs() < 1e-4));
+        assert!(evaluation.residuals.iter().flatten().all(|r| r.abs() < 1e-4));
         assert!(data.sd.iter().all(|sd| *sd == 1e-3), "nothing blurs them");
     }
 }

@@ -38,15 +38,15 @@ pub fn inflate_for_discretisation(
     state: &FitState,
     stepping: IntegratorMismatch,
 ) -> Result<()> {
-    let leaps: Vec<usize> =
+    let one_step: Vec<usize> =
         (0..data.segments.len()).filter(|w| data.segments[*w].kind == SegmentKind::OneStep).collect();
     let mut scenes: Vec<Scene> = Vec::new();
-    for w in &leaps {
+    for w in &one_step {
         scenes.extend(
             (0..=STEP_HALVINGS).map(|k| halve_time_step(&data.segments[*w].scene, k, stepping.simulated)),
         );
     }
-    let physics: Vec<_> = leaps
+    let physics: Vec<_> = one_step
         .iter()
         .map(|w| {
             layout.effects_and_latents(&state.values, data.segments[*w].setting, data.segments[*w].start)
@@ -56,10 +56,10 @@ pub fn inflate_for_discretisation(
     let rollouts: Vec<Rollout> = scenes
         .iter()
         .enumerate()
-        .map(|(i, scene)| data.segments[leaps[i / each]].rollout(scene, &physics[i / each]))
+        .map(|(i, scene)| data.segments[one_step[i / each]].rollout(scene, &physics[i / each]))
         .collect();
     let paths = Simulator::new(data.engine).run(&rollouts)?;
-    for (w, paths) in leaps.into_iter().zip(paths.chunks(each)) {
+    for (w, paths) in one_step.into_iter().zip(paths.chunks(each)) {
         let by_step: f64 = paths.windows(2).map(|p| end_point_mean_square(&p[0], &p[1])).sum::<f64>()
             / f64::from(STEP_HALVINGS);
         let segment = &data.segments[w];
@@ -74,8 +74,8 @@ pub fn inflate_for_discretisation(
         let bounces = paths[0].events.iter().filter(|e| e.speed > fallen);
         let bounced = REBOUND_SPEED_SHARE * fallen * (time - bounces.map(|e| e.time).fold(time, f64::min));
         let squares = [COLD_START_SD, met, bounced, lagged].map(|a| a * a).iter().sum::<f64>();
-        let allowed = (squares + RICHARDSON_FACTOR.powi(2) * by_step).sqrt();
-        data.sd[w] = if allowed.is_finite() { allowed } else { COLD_START_SD };
+        let sd = (squares + RICHARDSON_FACTOR.powi(2) * by_step).sqrt();
+        data.sd[w] = if sd.is_finite() { sd } else { COLD_START_SD };
     }
     Ok(())
 }

@@ -72,10 +72,10 @@ pub fn preprocess(
     let mut segments = segment::segment_trials(scene, trials, &settings, run);
     segments.retain(|w| !left_out.contains(&w.trial));
     let stepping = time_alignment::align_velocities(&mut segments, trials, engine)?;
-    let tells = |i: &usize| segments.iter().any(|w| w.trial == *i && w.kind != SegmentKind::Contact);
-    let telling = (0..trials.len()).filter(tells).count();
-    if telling < MIN_TRIALS {
-        return Ok(Err(too_few_trials(telling, trials.len())));
+    let is_informative = |i: &usize| segments.iter().any(|w| w.trial == *i && w.kind != SegmentKind::Contact);
+    let informative = (0..trials.len()).filter(is_informative).count();
+    if informative < MIN_TRIALS {
+        return Ok(Err(too_few_trials(informative, trials.len())));
     }
     // Trials without segments are dropped: they would count as uninformative clusters.
     let used: Vec<usize> = (0..trials.len()).filter(|i| segments.iter().any(|w| w.trial == *i)).collect();
@@ -153,10 +153,10 @@ fn engine_noise(segments: &[Segment]) -> Option<f64> {
     noise::third_difference_noise(&series).map(|sd| sd.max(ENGINE_DIFFERENCE))
 }
 
-fn too_few_trials(telling: usize, trials: usize) -> InsufficientData {
+fn too_few_trials(informative: usize, trials: usize) -> InsufficientData {
     InsufficientData {
         reason: format!(
-            "{telling} of {trials} trials have a stretch of flight with {MIN_FLIGHT_OBSERVATIONS} or more observations or a start that is known \
+            "{informative} of {trials} trials have a stretch of flight with {MIN_FLIGHT_OBSERVATIONS} or more observations or a start that is known \
              exactly; at least {MIN_TRIALS} are needed to tell an effect from chance"
         ),
         action: "measure more trials, each with ten or more observations between contacts",

@@ -125,7 +125,7 @@ mod tests {
         assert!(shifted(&segments, &[]).is_none());
         let level = |segments: &[Segment]| segments.iter().find_map(|w| w.surface.as_ref()).unwrap().level;
         assert!((level(&moved) - level(&segments) - found[0].mean).abs() < 1e-12);
-        let told = report(&segments[0].scene, &[]);
-        assert!(told.is_empty() && text(&told).is_empty());
+        let reported = report(&segments[0].scene, &[]);
+        assert!(reported.is_empty() && text(&reported).is_empty());
     }
 }

@@ -60,21 +60,21 @@ pub fn align_velocities(
     trials: &[Trial],
     engine: Engine,
 ) -> Result<Option<IntegratorMismatch>> {
-    let leaps: Vec<usize> =
+    let one_step: Vec<usize> =
         (0..segments.len()).filter(|w| segments[*w].kind == SegmentKind::OneStep).collect();
     // Only trials with one-step segments are fully observed.
-    let mut whole: Vec<usize> = leaps.iter().map(|w| segments[*w].trial).collect();
+    let mut whole: Vec<usize> = one_step.iter().map(|w| segments[*w].trial).collect();
     whole.dedup();
     let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
     let Some(stepping) = integrator_mismatch(&whole, engine)? else { return Ok(None) };
     let later = stepping.excess;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..segments[*w].scene.clone() };
-    let steps: Vec<Scene> = leaps.iter().map(step).collect();
+    let steps: Vec<Scene> = one_step.iter().map(step).collect();
     let usual = Default::default();
     let rollouts: Vec<Rollout> =
-        leaps.iter().zip(&steps).map(|(w, scene)| segments[*w].rollout(scene, &usual)).collect();
+        one_step.iter().zip(&steps).map(|(w, scene)| segments[*w].rollout(scene, &usual)).collect();
     let after = Simulator::new(engine).run(&rollouts)?;
-    for (w, after) in leaps.into_iter().zip(after) {
+    for (w, after) in one_step.into_iter().zip(after) {
         let segment = &mut segments[w];
         let observed = &trials[segment.trial].observed;
         let Some(at) = segment.start_index(observed) else { continue };
@@ -126,11 +126,11 @@ fn integrator_mismatch(trials: &[&Trial], engine: Engine) -> Result<Option<Integ
 
 /// Lag by reweighted least squares over falling intervals; `None` if they disagree.
 fn estimate_lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<VelocityLag> {
-    let mut told: Vec<LagObservation> = Vec::new();
+    let mut lag_observations: Vec<LagObservation> = Vec::new();
     for trajectory in trajectories {
         let times = &trajectory.times;
         for track in &trajectory.bodies {
-            told.extend((0..track.len().saturating_sub(2)).filter_map(|i| {
+            lag_observations.extend((0..track.len().saturating_sub(2)).filter_map(|i| {
                 let pull =
                     central_acceleration(track, times, i).filter(|pull| is_mostly_gravity(*pull, gravity))?;
                 let time = times[i + 2] - times[i];
@@ -146,13 +146,16 @@ fn estimate_lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> O
     let by_step = step * gravity[0].hypot(gravity[1]);
     let (mut lag, mut usual) = (VelocityLag { gravity: 0.0, other: 0.0 }, f64::INFINITY);
     for _ in 0..4 {
-        let near: Vec<_> =
-            told.iter().filter(|t| lag.residual(t, gravity) <= OUTLIER_MULTIPLE * usual).copied().collect();
+        let near: Vec<_> = lag_observations
+            .iter()
+            .filter(|t| lag.residual(t, gravity) <= OUTLIER_MULTIPLE * usual)
+            .copied()
+            .collect();
         lag = least_squares(&near, gravity)?;
-        usual = median(&told.iter().map(|t| lag.residual(t, gravity)).collect::<Vec<_>>())
+        usual = median(&lag_observations.iter().map(|t| lag.residual(t, gravity)).collect::<Vec<_>>())
             .max(ROUNDING * by_step);
     }
-    (told.len() >= MIN_STRETCHES && usual < MAX_DISAGREEMENT * by_step).then_some(lag)
+    (lag_observations.len() >= MIN_STRETCHES && usual < MAX_DISAGREEMENT * by_step).then_some(lag)
 }
 
 impl VelocityLag {
@@ -164,10 +167,11 @@ impl VelocityLag {
 }
 
 /// Least-squares lag. Without other accelerations than gravity the two lags are equal.
-fn least_squares(told: &[LagObservation], g: [f64; 2]) -> Option<VelocityLag> {
+fn least_squares(lag_observations: &[LagObservation], g: [f64; 2]) -> Option<VelocityLag> {
     let dot = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
-    let sum = |f: &dyn Fn(&[f64; 2], &[f64; 2]) -> f64| told.iter().map(|(o, r)| f(o, r)).sum::<f64>();
-    let n = told.len() as f64;
+    let sum =
+        |f: &dyn Fn(&[f64; 2], &[f64; 2]) -> f64| lag_observations.iter().map(|(o, r)| f(o, r)).sum::<f64>();
+    let n = lag_observations.len() as f64;
     // Weak prior: equal lags, as if 1 % of the intervals had another acceleration of a tenth of gravity.
     let prior = 1e-4 * n * dot(&g, &g);
     let (gg, gr, rr) =

@@ -136,25 +136,25 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
     fn dense_trajectory(&self, steps: &mut [Option<usize>; 2]) -> (DenseTrajectory, [Option<Impact>; LANES]) {
         let segment = self.paths[0].0.segment;
         let start: [PlanarState; LANES] = from_fn(|lane| state_from_nuisances(self.paths[lane].1));
-        let mut off: [SurfaceEvent; LANES] = [None; LANES];
+        let mut events: [SurfaceEvent; LANES] = [None; LANES];
         let surface = segment.surface.as_ref().filter(|_| segment.kind == SegmentKind::Contact);
         let from = self.true_times(segment.observations.first().map_or(0.0, |p| p.time));
         let first = self.integrate_arc(self.step_times(&from, &mut steps[0]), &start, |step| {
             let Some(surface) = surface else { return true };
-            for (lane, off) in off.iter_mut().enumerate().filter(|(_, off)| off.is_none()) {
-                *off = self.surface_event(step, lane, surface);
+            for (lane, events) in events.iter_mut().enumerate().filter(|(_, events)| events.is_none()) {
+                *events = self.surface_event(step, lane, surface);
             }
-            off.iter().any(Option::is_none)
+            events.iter().any(Option::is_none)
         });
-        let met: LaneValues = from_fn(|lane| off[lane].map_or(f64::INFINITY, |o| o.0));
+        let met: LaneValues = from_fn(|lane| events[lane].map_or(f64::INFINITY, |o| o.0));
         let mut second = SmoothArc::default();
-        if off.iter().any(Option::is_some) {
+        if events.iter().any(Option::is_some) {
             let until = first.times.last().copied().unwrap_or(from);
-            let from: LaneValues = from_fn(|lane| off[lane].map_or(until[lane], |o| o.0));
-            let start: [PlanarState; LANES] = from_fn(|lane| off[lane].map_or(start[lane], |o| o.1));
+            let from: LaneValues = from_fn(|lane| events[lane].map_or(until[lane], |o| o.0));
+            let start: [PlanarState; LANES] = from_fn(|lane| events[lane].map_or(start[lane], |o| o.1));
             second = self.integrate_arc(self.step_times(&from, &mut steps[1]), &start, |_| true);
         }
-        (DenseTrajectory { arcs: [first, second], impact_times: met }, off.map(|o| o.map(|o| o.2)))
+        (DenseTrajectory { arcs: [first, second], impact_times: met }, events.map(|o| o.map(|o| o.2)))
     }
 
     /// True times by lane of a time since the segment's start, s.
@@ -436,15 +436,15 @@ mod tests {
                 [(&physics, &segment.nuisances), (&shorter, &segment.nuisances)];
             let [own, wanted] = paths.map(|path| flown(&[path]).remove(0));
             for (at, wanted) in own.iter().zip(wanted) {
-                let off = |k: usize| (at[k] - wanted[k]).hypot(at[k + 1] - wanted[k + 1]);
-                assert!(off(0) < 1e-6 && off(2) < 1e-5, "{name}: {} and {}", off(0), off(2));
+                let events = |k: usize| (at[k] - wanted[k]).hypot(at[k + 1] - wanted[k + 1]);
+                assert!(events(0) < 1e-6 && events(2) < 1e-5, "{name}: {} and {}", events(0), events(2));
             }
             let met = paths.map(|path| integrate(&[path], |_, _, _| ())[0]);
             assert!(met.iter().all(|m| m.is_some() == (segment.kind == SegmentKind::Contact)));
             if let [Some(a), Some(b)] = met {
-                let off =
+                let events =
                     [a.time - b.time, a.approach - b.approach, a.normal - b.normal, a.tangent - b.tangent];
-                assert!(off.iter().all(|o| o.abs() < 1e-6), "{name}: {off:?}");
+                assert!(events.iter().all(|o| o.abs() < 1e-6), "{name}: {events:?}");
             }
         }
     }

@@ -110,9 +110,9 @@ impl<'a> SegmentPhysics<'a> {
     pub(super) fn measure(&self, body: &PlanarState) -> [f64; 2] {
         let state =
             Measurement { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
-        let view = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
-        let fine = view.x.abs() < 1e7 && view.y.abs() < 1e7;
-        if fine { [view.x, view.y] } else { [f64::NAN; 2] }
+        let measured = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.measure(c, s));
+        let fine = measured.x.abs() < 1e7 && measured.y.abs() < 1e7;
+        if fine { [measured.x, measured.y] } else { [f64::NAN; 2] }
     }
 
     /// Longest integration step from a state, s: short against the relaxation time of velocities there and at
@@ -186,20 +186,20 @@ impl<'a> SegmentPhysics<'a> {
         let n = surface.normal;
         let speed = at[2] * n[0] + at[3] * n[1];
         let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
-        let meeting = ContactState { approach: (-speed).max(0.0), slip, begins: true };
+        let contact = ContactState { approach: (-speed).max(0.0), slip, begins: true };
         let own = ContactResponse { restitution: self.restitution, slip: 0.0 };
-        let answer = self.contact_laws.iter().fold(own, |a, (law, c)| law.respond(c, meeting, a));
+        let response = self.contact_laws.iter().fold(own, |a, (law, c)| law.respond(c, contact, a));
         // Impulses over mass; tangential along (-ny, nx).
-        let normal = -(1.0 + answer.restitution) * speed;
+        let normal = -(1.0 + response.restitution) * speed;
         let mobility = 1.0 + 1.0 / surface.inertia;
         // No tangential impulse without normal impulse.
         let most = (self.friction * normal).max(0.0);
-        let tangent = ((answer.slip - slip) / mobility).clamp(-most, most);
+        let tangent = ((response.slip - slip) / mobility).clamp(-most, most);
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
         at[4] -= tangent / (surface.inertia * surface.radius);
         let impact =
-            Impact { time: self.observed_time(time), approach: meeting.approach, slip, normal, tangent };
+            Impact { time: self.observed_time(time), approach: contact.approach, slip, normal, tangent };
         (at, impact)
     }
 }

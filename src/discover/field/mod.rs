@@ -55,11 +55,11 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
     let mut evidences = Vec::new();
     for over in RADIAL_INPUTS {
         let ReducedField { groups, .. } = every.reduced(over);
-        let Some(told) = group_statistics::group_statistics(&groups, &model.components) else {
+        let Some(statistics) = group_statistics::group_statistics(&groups, &model.components) else {
             continue;
         };
         for strength in COEFFICIENT_SDS {
-            let Some(Laplace { log_evidence, .. }) = at_scale(&told, &model.prior, strength) else {
+            let Some(Laplace { log_evidence, .. }) = at_scale(&statistics, &model.prior, strength) else {
                 continue;
             };
             evidences.push(log_evidence);
@@ -89,7 +89,7 @@ pub fn fit_broad(
     let ReducedField { groups, .. } = every.reduced(FieldInputs::All);
     let components = VarianceComponents { scale: 0.0, ..model.components.clone() };
     let mode = group_statistics::group_statistics(&groups, &components)
-        .and_then(|told| at_scale(&told, &model.prior, sd));
+        .and_then(|statistics| at_scale(&statistics, &model.prior, sd));
     Ok(mode.map(|mode| (groups, mode.step)))
 }
 
@@ -172,9 +172,9 @@ impl FieldGroups {
             columns.columns_mut(parameters, own.ncols()).copy_from(&turned);
             block.jacobian = columns;
         }
-        let mut turn = DMatrix::zeros(self.functions.count(), own.ncols());
-        turn.rows_mut(range.start, count).copy_from(&own);
-        ReducedField { groups, rotation: turn }
+        let mut rotation = DMatrix::zeros(self.functions.count(), own.ncols());
+        rotation.rows_mut(range.start, count).copy_from(&own);
+        ReducedField { groups, rotation }
     }
 }
 
@@ -200,12 +200,12 @@ pub fn field_statistics(
         let all = groups.first()?.blocks[0].jacobian.ncols();
         let prior = model.prior.with_discrepancy(all, form.coefficient_sd);
         let (step, components) = refit_components(&groups, &model.components, &prior)?;
-        let told = group_statistics::group_statistics(&groups, &components)?;
+        let statistics = group_statistics::group_statistics(&groups, &components)?;
         let q = model.layout.parameters.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
         gram.view_mut((0, 0), (q, q)).copy_from(&prior.precision.view((0, 0), (q, q)));
         score.rows_mut(0, q).copy_from(&(&prior.precision * &prior.mean_offset).rows(0, q));
-        for t in &told {
+        for t in &statistics {
             let weight = t.weight_after(&step);
             gram += &t.gram * weight;
             score.axpy(weight, &t.score, 1.0);
@@ -222,8 +222,8 @@ pub fn refit_components(
     own: &VarianceComponents,
     prior: &FixedEffectsPrior,
 ) -> Option<(DVector<f64>, VarianceComponents)> {
-    let told = group_statistics::group_statistics(groups, own)?;
-    let GlsEstimate { step, .. } = group_statistics::gls(told.iter(), prior)?;
+    let statistics = group_statistics::group_statistics(groups, own)?;
+    let GlsEstimate { step, .. } = group_statistics::gls(statistics.iter(), prior)?;
     let mut beside = groups.to_vec();
     for block in beside.iter_mut().flat_map(|p| &mut p.blocks) {
         block.residual -= &block.jacobian * &step;
@@ -247,12 +247,12 @@ pub fn field_estimate(
     form: FieldSpec,
 ) -> Result<Option<FieldEstimate>> {
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { groups, rotation: turn } = every.reduced(form.inputs);
+    let ReducedField { groups, rotation } = every.reduced(form.inputs);
     let functions = every.functions;
-    let told = || {
+    let statistics = || {
         let prior =
             model.prior.with_discrepancy(groups.first()?.blocks[0].jacobian.ncols(), form.coefficient_sd);
-        let (q, count) = (model.layout.parameters.len(), turn.ncols());
+        let (q, count) = (model.layout.parameters.len(), rotation.ncols());
         // The model's parameters are fixed.
         let only = |t: GroupStatistics| GroupStatistics {
             gram: t.gram.view((q, q), (count, count)).into_owned(),
@@ -265,7 +265,7 @@ pub fn field_estimate(
         let prior = FixedEffectsPrior { precision, mean_offset: DVector::zeros(count), log_weight: 0.0 };
         group_statistics::gls(all.iter(), &prior)
     };
-    Ok(told().map(|told| FieldEstimate { functions, rotation: turn, coefficients: told }))
+    Ok(statistics().map(|statistics| FieldEstimate { functions, rotation, coefficients: statistics }))
 }
 
 impl FieldEstimate {

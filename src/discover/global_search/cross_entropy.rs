@@ -99,11 +99,11 @@ mod tests {
     /// Finds two parameters from far off; deterministic given the seed.
     #[test]
     fn two_parameters_are_found_jointly() {
-        let (windows, settings) = one_step_segments(0.75);
-        let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let (segments, settings) = one_step_segments(0.75);
+        let data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
         let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
         let over = SearchProblem { data: &data, layout: &layout, segments: &[0, 3, 5] };
-        let start = FitState::new(vec![-2.0, 2.0], vec![Vec::new(); windows.len()]);
+        let start = FitState::new(vec![-2.0, 2.0], vec![Vec::new(); segments.len()]);
         let found = |seed| over.cross_entropy(&start, &[2.0, 2.0], seed).unwrap().values;
         let one = found(1);
         assert!((one[0] - 0.75).abs() < 0.02 && one[1].abs() < 0.02, "{one:?}");

@@ -120,10 +120,10 @@ mod tests {
     /// Finds the true wind on the grid, without moving the other parameter or leaving the bounds.
     #[test]
     fn grid_scan_finds_grid_points() {
-        let (windows, settings) = one_step_segments(0.75);
-        let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let (segments, settings) = one_step_segments(0.75);
+        let data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
         let mut layout = ParameterLayout::new(&[], vec![term("wind")], 1);
-        let start = || FitState::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
+        let start = || FitState::new(vec![0.0, 0.0], vec![Vec::new(); segments.len()]);
         let over = |layout: &ParameterLayout| {
             let over = SearchProblem { data: &data, layout, segments: &[0, 3, 5] };
             over.scan(start(), &[1.0, 1.0], &[(1.0, 4), (0.1, 4)]).unwrap().values

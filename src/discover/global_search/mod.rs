@@ -207,11 +207,11 @@ fn search_widths(
         let Some(parameter) = layout.declaration(i) else {
             return LATENT_SD_SHARE * (high - low).min(MAX_USUAL_LATENT);
         };
-        let told: f64 = linearizations.iter().map(|l| l.jacobian.column(i).norm_squared()).sum();
+        let information: f64 = linearizations.iter().map(|l| l.jacobian.column(i).norm_squared()).sum();
         match parameter.role {
             ParameterRole::Amplitude => {
                 let usual = parameter.typical_size;
-                (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, MAX_AMPLITUDE * usual)
+                (left / information.max(1e-12)).sqrt().clamp(0.3 * usual, MAX_AMPLITUDE * usual)
             }
             ParameterRole::Shape(ShapeParameter::Place | ShapeParameter::Edge { .. }) => {
                 0.25 * (x1 - x0).max(y1 - y0)
@@ -236,10 +236,10 @@ mod tests {
 
     #[test]
     fn global_search_recovers_wind() {
-        let (windows, settings) = one_step_segments(0.731);
-        let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let (segments, settings) = one_step_segments(0.731);
+        let data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
         let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
-        let start = FitState::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
+        let start = FitState::new(vec![0.0, 0.0], vec![Vec::new(); segments.len()]);
         let found = global_search(&data, &layout, &start, 3).unwrap().values;
         assert!((found[0] - 0.731).abs() < 2e-3 && found[1].abs() < 2e-3, "{found:?}");
     }
@@ -247,14 +247,14 @@ mod tests {
     /// Recovers a wind from far off; unidentified edges do not move.
     #[test]
     fn wide_scan_recovers_wind_and_keeps_edges() {
-        let (windows, settings) = one_step_segments(0.731);
-        let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let (segments, settings) = one_step_segments(0.731);
+        let data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
         let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
-        let start = FitState::new(vec![-0.6, 0.0], vec![Vec::new(); windows.len()]);
+        let start = FitState::new(vec![-0.6, 0.0], vec![Vec::new(); segments.len()]);
         let found = wide_scan(&data, &layout, &start).unwrap().values;
         assert!((found[0] - 0.731).abs() < 2e-2 && found[1].abs() < 2e-2, "{found:?}");
         let layout = ParameterLayout::new(&[], vec![term("sticky_patch")], 1);
-        let start = FitState::new(layout.initial_values(&[0.0, 0.0, 0.0]), vec![Vec::new(); windows.len()]);
+        let start = FitState::new(layout.initial_values(&[0.0, 0.0, 0.0]), vec![Vec::new(); segments.len()]);
         let found = wide_scan(&data, &layout, &start).unwrap().values;
         for i in 0..layout.parameters.len() {
             let edge = layout
@@ -266,8 +266,8 @@ mod tests {
 
     #[test]
     fn global_search_needs_known_states_and_shared_parameters() {
-        let ask = |(windows, settings): (Vec<segment::Segment>, Vec<usize>), per_setting: bool| {
-            let data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let ask = |(segments, settings): (Vec<segment::Segment>, Vec<usize>), per_setting: bool| {
+            let data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
             let term = model::Term { per_setting, ..term("wind") };
             is_applicable(&data, &ParameterLayout::new(&[], vec![term], 2))
         };

@@ -19,19 +19,19 @@ use crate::discover::mixed_model::groups::Group;
 use crate::discover::mixed_model::random_design::{RandomDesign, RandomEffect};
 use crate::discover::model::{Perturbation, RandomEffects};
 
-/// Conditional modes for `segments` segments after a step of the parameters. `pushes`: random accelerations in
+/// Conditional modes for `segments` segments after a step of the parameters. `accelerations`: random accelerations in
 /// the order of their columns.
 pub fn conditional_modes(
     groups: &[Group],
     columns: &RandomDesign,
-    pushes: &[Perturbation],
+    accelerations: &[Perturbation],
     components: &VarianceComponents,
     step: &DVector<f64>,
     segments: usize,
 ) -> Vec<RandomEffects> {
     let like_others = || RandomEffects {
         deviations: vec![0.0; columns.parameter_count],
-        accelerations: pushes.iter().map(|acceleration| (acceleration.clone(), 0.0)).collect(),
+        accelerations: accelerations.iter().map(|acceleration| (acceleration.clone(), 0.0)).collect(),
     };
     let mut out: Vec<RandomEffects> = (0..segments).map(|_| like_others()).collect();
     for group in groups.iter().filter(|group| group.has_random_effects) {

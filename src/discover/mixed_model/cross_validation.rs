@@ -25,14 +25,14 @@ pub fn folds(settings: &[usize]) -> Vec<usize> {
 
 /// Passes the statistics of every group, with the estimate from the other folds, to `of`; `None` where one cannot be made.
 pub fn for_each_held_out(
-    told: &[GroupStatistics],
+    statistics: &[GroupStatistics],
     prior: &FixedEffectsPrior,
     folds: &[usize],
     mut of: impl FnMut(&GroupStatistics, &GlsEstimate),
 ) -> Option<()> {
     for fold in 0..folds.iter().max().map_or(0, |m| m + 1) {
-        let others = gls(told.iter().filter(|t| folds[t.trial] != fold), prior)?;
-        told.iter().filter(|t| folds[t.trial] == fold).for_each(|t| of(t, &others));
+        let others = gls(statistics.iter().filter(|t| folds[t.trial] != fold), prior)?;
+        statistics.iter().filter(|t| folds[t.trial] == fold).for_each(|t| of(t, &others));
     }
     Some(())
 }

@@ -298,7 +298,7 @@ impl GroupStatistics {
 
 /// Generalised least squares with Student weights.
 pub fn gls<'a>(
-    told: impl Iterator<Item = &'a GroupStatistics> + Clone,
+    statistics: impl Iterator<Item = &'a GroupStatistics> + Clone,
     prior: &FixedEffectsPrior,
 ) -> Option<GlsEstimate> {
     let q = prior.mean_offset.len();
@@ -307,7 +307,7 @@ pub fn gls<'a>(
     for _ in 0..4 {
         let mut gram = prior.precision.clone();
         let mut score = &prior.precision * &prior.mean_offset;
-        for t in told.clone() {
+        for t in statistics.clone() {
             let weight = t.weight_after(&step);
             gram += &t.gram * weight;
             score.axpy(weight, &t.score, 1.0);
@@ -398,16 +398,16 @@ mod tests {
     #[test]
     fn group_statistics_match_the_explicit_gaussian() {
         let (group, c) = (part(), components_of_it());
-        let told = group_statistics(std::slice::from_ref(&group), &c).unwrap().remove(0);
+        let statistics = group_statistics(std::slice::from_ref(&group), &c).unwrap().remove(0);
         let (covariance, columns, left) = whole(&group, &c);
         let inverse = covariance.clone().try_inverse().unwrap();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} for {b}");
-        close(told.square, left.dot(&(&inverse * &left)));
-        close(told.log_det, covariance.determinant().ln() + 0.6);
+        close(statistics.square, left.dot(&(&inverse * &left)));
+        close(statistics.log_det, covariance.determinant().ln() + 0.6);
         for k in 0..2 {
-            close(told.score[k], columns.column(k).dot(&(&inverse * &left)));
+            close(statistics.score[k], columns.column(k).dot(&(&inverse * &left)));
             for l in 0..2 {
-                close(told.gram[(k, l)], columns.column(k).dot(&(&inverse * columns.column(l))));
+                close(statistics.gram[(k, l)], columns.column(k).dot(&(&inverse * columns.column(l))));
             }
         }
         // Predictive density: parameter uncertainty adds to the covariance.
@@ -419,7 +419,7 @@ mod tests {
         let off = &left - &columns * &others.step;
         let square = off.dot(&(wide.clone().try_inverse().unwrap() * &off));
         close(
-            told.log_predictive_density(&others),
+            statistics.log_predictive_density(&others),
             student_log_density(square, wide.determinant().ln() + 0.6, 12.0),
         );
     }

@@ -144,17 +144,16 @@ fn segment_block(
     columns: &RandomDesign,
     scale: f64,
 ) -> Option<SegmentBlock> {
-    let (parameters, pushes) = (columns.parameter_count, columns.acceleration_count);
+    let (parameters, accelerations) = (columns.parameter_count, columns.acceleration_count);
     let impact = linearization.impact;
     let n = segment.observations.len();
-    let extras = linearization.jacobian.ncols() - parameters - pushes;
-    let leaps = impact.map_or(0, |_| 2);
-    let order =
-        ColumnIndex { parameters, perturbations: extras, accelerations: pushes, impact_errors: leaps };
+    let perturbations = linearization.jacobian.ncols() - parameters - accelerations;
+    let impact_errors = impact.map_or(0, |_| 2);
+    let order = ColumnIndex { parameters, perturbations, accelerations, impact_errors };
     let of = |c: usize, i: usize| match c {
         _ if c < parameters => linearization.jacobian[(i, c)],
-        _ if c < parameters + extras => linearization.jacobian[(i, c + pushes)],
-        _ if c < order.impact_error(0) => linearization.jacobian[(i, c - extras)],
+        _ if c < parameters + perturbations => linearization.jacobian[(i, c + accelerations)],
+        _ if c < order.impact_error(0) => linearization.jacobian[(i, c - perturbations)],
         _ if c == order.residual() => linearization.residual[i],
         _ => impact_error_response(segment, linearization, impact, c - order.impact_error(0), i),
     };
@@ -236,14 +235,14 @@ impl RowAssembler {
 
     /// Projects a covariance per axis on the complement of the nuisances; `rest`: variance of
     /// pseudo-observations.
-    fn project_covariance(&self, axis: &DMatrix<f64>, rest: f64, across: &NullSpace) -> DMatrix<f64> {
+    fn project_covariance(&self, axis: &DMatrix<f64>, rest: f64, complement: &NullSpace) -> DMatrix<f64> {
         let k = self.coordinates;
         let mut out = DMatrix::zeros(self.dims(), self.dims());
         for b in 0..self.axes.len() {
             out.view_mut((b * k, b * k), (k, k)).copy_from(axis);
         }
         (k * self.axes.len()..self.dims()).for_each(|h| out[(h, h)] = rest);
-        across.project(across.project(out).transpose())
+        complement.project(complement.project(out).transpose())
     }
 }
 
@@ -261,12 +260,12 @@ fn whiten_columns(
     start: &DMatrix<f64>,
     of: DMatrix<f64>,
 ) -> Option<Whitened> {
-    let across = NullSpace::of(start)?;
-    let mut columns = across.project(of);
+    let complement = NullSpace::of(start)?;
+    let mut columns = complement.project(of);
     let mut log_white = 0.0;
-    let mut misfit = frame.gp_covariance.as_ref().map(|slow| rows.project_covariance(slow, 0.0, &across));
+    let mut misfit = frame.gp_covariance.as_ref().map(|slow| rows.project_covariance(slow, 0.0, &complement));
     if let Some(white) = &frame.noise_covariance {
-        let white = rows.project_covariance(white, 1.0, &across).cholesky()?;
+        let white = rows.project_covariance(white, 1.0, &complement).cholesky()?;
         log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let root = white.l();
         columns = root.solve_lower_triangular(&columns)?;
@@ -295,14 +294,16 @@ fn assemble_block(
     let column = |c: usize| simple.columns.column(c).into_owned();
     let m = simple.columns.nrows();
     let mut own: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
-    let mut alike: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
+    let mut group_level: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
     let flies = matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact);
     for (k, (place, fresh)) in columns.accelerations.iter().enumerate() {
         match fresh {
             true if flies => own.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),
             true => (),
-            false if flies => alike.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),
-            false => alike.push((RandomEffect::Acceleration(*place), DVector::zeros(m))),
+            false if flies => {
+                group_level.push((RandomEffect::Acceleration(*place), column(order.acceleration(k))))
+            }
+            false => group_level.push((RandomEffect::Acceleration(*place), DVector::zeros(m))),
         }
     }
     let renewed =
@@ -315,7 +316,7 @@ fn assemble_block(
     for sizes in &columns.amplitude_directions {
         let all =
             sizes.iter().fold(DVector::zeros(m), |all, (parameter, size)| all + column(*parameter) * *size);
-        alike.push((RandomEffect::Scale, all));
+        group_level.push((RandomEffect::Scale, all));
     }
     let beside = |of: &[(RandomEffect, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
     let names = |of: &[(RandomEffect, DVector<f64>)]| of.iter().map(|o| o.0).collect();
@@ -323,8 +324,8 @@ fn assemble_block(
         segment: w,
         residual: column(order.residual()),
         jacobian: simple.columns.columns(0, order.acceleration(0)).into_owned(),
-        z_group: beside(&alike),
-        z_group_effects: names(&alike),
+        z_group: beside(&group_level),
+        z_group_effects: names(&group_level),
         z_segment: beside(&own),
         z_segment_effects: names(&own),
         gp_variance: simple.gp_variance,
@@ -466,11 +467,11 @@ mod tests {
             1 => 1e4 * i as f64,
             _ => 0.0,
         });
-        let across = NullSpace::of(&start).unwrap();
+        let complement = NullSpace::of(&start).unwrap();
         let line = DMatrix::from_fn(6, 1, |i, _| 3.0 - 2.0 * i as f64);
-        assert!(across.project(line).norm() < 1e-9);
+        assert!(complement.project(line).norm() < 1e-9);
         let bend = DMatrix::from_column_slice(6, 1, &[5.0, -1.0, -4.0, -4.0, -1.0, 5.0]);
-        let seen = across.project(bend.clone());
+        let seen = complement.project(bend.clone());
         assert_eq!(seen.nrows(), 4, "a column of nothing takes nothing up");
         assert!((seen.norm() - bend.norm()).abs() < 1e-9);
     }

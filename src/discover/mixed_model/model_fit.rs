@@ -60,9 +60,10 @@ impl RecordingContext {
 }
 
 /// Norms of the responses to random accelerations, whose columns follow those of the parameters.
-pub fn acceleration_responses(looks: &[Linearization], parameters: usize) -> Vec<f64> {
-    let of =
-        |k: usize| looks.iter().map(|l| l.jacobian.column(parameters + k).norm_squared()).sum::<f64>().sqrt();
+pub fn acceleration_responses(linearizations: &[Linearization], parameters: usize) -> Vec<f64> {
+    let of = |k: usize| {
+        linearizations.iter().map(|l| l.jacobian.column(parameters + k).norm_squared()).sum::<f64>().sqrt()
+    };
     (0..nuisance_accelerations().len()).map(of).collect()
 }
 
@@ -177,7 +178,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         let (mut layout, mut state) = (fit.layout.clone(), fit.state.clone());
         layout.parameters[slot].is_fixed = true;
         state.values[slot] = value;
-        Ok(self.gls_iterations(&layout, state)?.map(|stand| stand.log_posterior))
+        Ok(self.gls_iterations(&layout, state)?.map(|iterate| iterate.log_posterior))
     }
 
     /// Final iterate of generalised least squares from a nearby state.
@@ -210,92 +211,104 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         from: &VarianceComponents,
         first: f64,
     ) -> Result<Option<Iterate>> {
-        let Some(looks) =
+        let Some(linearizations) =
             none_if_not_simulable(model::linearise(self.data, layout, &state, &nuisance_accelerations()))?
         else {
             return Ok(None);
         };
         let prior = self.prior(layout, &state);
-        let Some(parts) = self.groups_with_discrepancy(layout, &state, &looks) else { return Ok(None) };
-        let components = match &self.context {
-            Some(context) => context.components_at(&acceleration_responses(&looks, layout.parameters.len())),
-            None => ComponentLikelihood::new(&parts, from).maximise(first),
+        let Some(linearized_groups) = self.groups_with_discrepancy(layout, &state, &linearizations) else {
+            return Ok(None);
         };
-        let Some(told) = group_statistics::group_statistics(&parts, &components) else { return Ok(None) };
-        let Some(laplace) = marginal_evidence(&told, &prior) else { return Ok(None) };
-        let quality = profile_log_posterior(&told, &prior, laplace.scale);
+        let components = match &self.context {
+            Some(context) => {
+                context.components_at(&acceleration_responses(&linearizations, layout.parameters.len()))
+            }
+            None => ComponentLikelihood::new(&linearized_groups, from).maximise(first),
+        };
+        let Some(statistics) = group_statistics::group_statistics(&linearized_groups, &components) else {
+            return Ok(None);
+        };
+        let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
+        let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
         Ok(Some(Iterate {
-            log_posterior: quality,
+            log_posterior,
             state,
             prior,
-            linearizations: looks,
-            groups: parts,
-            group_statistics: told,
+            linearizations,
+            groups: linearized_groups,
+            group_statistics: statistics,
             components,
             laplace,
         }))
     }
 
     /// State after a fraction of the step to the mode, random effects at their conditional modes.
-    fn take_step(&self, layout: &ParameterLayout, stand: &Iterate, share: f64) -> FitState {
-        let mut state = stand.state.clone();
+    fn take_step(&self, layout: &ParameterLayout, iterate: &Iterate, share: f64) -> FitState {
+        let mut state = iterate.state.clone();
         let columns = RandomDesign::of(layout, &state.values, self.gravity);
-        let step = stand.laplace.step.rows(0, layout.parameters.len()).into_owned();
-        let taken = clamp_step(layout, &state.values, &(&step * share));
-        let (parts, looks) = (&stand.groups, &stand.linearizations);
-        let mut all = stand.laplace.step.clone();
-        all.rows_mut(0, taken.len()).copy_from(&taken);
+        let step = iterate.laplace.step.rows(0, layout.parameters.len()).into_owned();
+        let clamped = clamp_step(layout, &state.values, &(&step * share));
+        let (linearized_groups, linearizations) = (&iterate.groups, &iterate.linearizations);
+        let mut all = iterate.laplace.step.clone();
+        all.rows_mut(0, clamped.len()).copy_from(&clamped);
         let mut modes = conditional_modes::conditional_modes(
-            parts,
+            linearized_groups,
             &columns,
             &nuisance_accelerations(),
-            &stand.components,
+            &iterate.components,
             &all,
-            looks.len(),
+            linearizations.len(),
         );
         // If one axis is not observed, a random acceleration along it would only act in second order.
         let unseen = modes.iter_mut().zip(&self.basis_caches).filter(|(_, frame)| !frame.moves_in_plane());
         unseen.flat_map(|(mode, _)| &mut mode.accelerations).for_each(|acceleration| acceleration.1 = 0.0);
-        apply_step(&mut state, looks, &taken, modes);
+        apply_step(&mut state, linearizations, &clamped, modes);
         state
     }
 
     /// The fitted model of the final iterate.
-    fn fitted_model(&self, layout: ParameterLayout, stand: Iterate) -> Option<FittedModel> {
+    fn fitted_model(&self, layout: ParameterLayout, iterate: Iterate) -> Option<FittedModel> {
         let Iterate {
-            log_posterior: quality,
+            log_posterior,
             state,
             prior,
-            linearizations: looks,
-            groups: parts,
-            group_statistics: told,
+            linearizations,
+            groups: linearized_groups,
+            group_statistics: statistics,
             components,
             laplace,
-        } = stand;
+        } = iterate;
         let q = layout.parameters.len();
         // Without convergence the linearisation overestimates the evidence.
-        let excess = laplace.log_joint - quality - LINEARISATION_TOLERANCE;
+        let excess = laplace.log_joint - log_posterior - LINEARISATION_TOLERANCE;
         let log_evidence = laplace.log_evidence - excess.max(0.0);
         let mut step = laplace.step.clone();
         step.rows_mut(q, laplace.step.len() - q).fill(0.0);
         let mut squares = vec![0.0; self.data.trial_count];
-        for group in &parts {
+        for group in &linearized_groups {
             squares[group.trial] += group.square_at(&step);
         }
-        let pass = model::sum_by_trial(self.data, looks, q);
-        let groups: Vec<usize> = (0..pass.normal_equations.len()).collect();
-        let (held, held_out_steps) =
-            leave_group_out(&layout, &state.values, &pass.normal_equations, self.data.settings, &groups, &[]);
+        let evaluation = model::sum_by_trial(self.data, linearizations, q);
+        let groups: Vec<usize> = (0..evaluation.normal_equations.len()).collect();
+        let (held, held_out_steps) = leave_group_out(
+            &layout,
+            &state.values,
+            &evaluation.normal_equations,
+            self.data.settings,
+            &groups,
+            &[],
+        );
         Some(FittedModel {
             effects: layout.terms.iter().map(|t| t.effect).collect(),
-            group_statistics: told.iter().map(|t| t.first_parameters(q)).collect(),
+            group_statistics: statistics.iter().map(|t| t.first_parameters(q)).collect(),
             layout,
             state,
-            evaluation: pass,
+            evaluation,
             held_out_squares: held,
             held_out_steps,
             log_evidence,
-            log_joint: quality,
+            log_joint: log_posterior,
             discrepancy_scale: laplace.scale,
             squares,
             components,
@@ -314,11 +327,12 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
     ) -> Result<Option<(Vec<Linearization>, Vec<Group>)>> {
         let all: Vec<Perturbation> =
             nuisance_accelerations().into_iter().chain(perturbations.iter().cloned()).collect();
-        let Some(looks) = none_if_not_simulable(model::linearise(self.data, layout, state, &all))? else {
+        let Some(linearizations) = none_if_not_simulable(model::linearise(self.data, layout, state, &all))?
+        else {
             return Ok(None);
         };
-        let parts = self.reduce_to_groups(layout, state, &looks);
-        Ok(parts.map(|parts| (looks, parts)))
+        let linearized_groups = self.reduce_to_groups(layout, state, &linearizations);
+        Ok(linearized_groups.map(|linearized_groups| (linearizations, linearized_groups)))
     }
 
     /// As [`ModelFitter::groups`], with `count` additional columns by segment: two rows per observation.
@@ -329,15 +343,15 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         count: usize,
         columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
     ) -> Result<Option<Vec<Group>>> {
-        let Some(mut looks) =
+        let Some(mut linearizations) =
             none_if_not_simulable(model::linearise(self.data, layout, state, &nuisance_accelerations()))?
         else {
             return Ok(None);
         };
-        for (w, linearization) in looks.iter_mut().enumerate() {
+        for (w, linearization) in linearizations.iter_mut().enumerate() {
             linearization.append_columns(count, columns(w));
         }
-        Ok(self.reduce_to_groups(layout, state, &looks))
+        Ok(self.reduce_to_groups(layout, state, &linearizations))
     }
 
     /// Groups with the columns of the shared discrepancy after those of the parameters.
@@ -345,17 +359,18 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         &self,
         layout: &ParameterLayout,
         state: &FitState,
-        looks: &[Linearization],
+        linearizations: &[Linearization],
     ) -> Option<Vec<Group>> {
         match self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) {
             Some(discrepancy) => {
                 let with = |(w, linearization): (usize, &Linearization)| {
                     linearization.with_columns(discrepancy.count, &discrepancy.responses[w])
                 };
-                let looks: Vec<Linearization> = looks.iter().enumerate().map(with).collect();
-                self.reduce_to_groups(layout, state, &looks)
+                let linearizations: Vec<Linearization> =
+                    linearizations.iter().enumerate().map(with).collect();
+                self.reduce_to_groups(layout, state, &linearizations)
             }
-            None => self.reduce_to_groups(layout, state, looks),
+            None => self.reduce_to_groups(layout, state, linearizations),
         }
     }
 
@@ -363,38 +378,38 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         &self,
         layout: &ParameterLayout,
         state: &FitState,
-        looks: &[Linearization],
+        linearizations: &[Linearization],
     ) -> Option<Vec<Group>> {
         let columns = RandomDesign::of(layout, &state.values, self.gravity);
-        groups::groups(self.data.segments, &self.basis_caches, looks, &columns, &self.scales)
+        groups::groups(self.data.segments, &self.basis_caches, linearizations, &columns, &self.scales)
     }
 }
 
 /// A step clamped to the bounds; fixed parameters do not move.
 fn clamp_step(layout: &ParameterLayout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
     let parameters = layout.parameters.iter().zip(values).zip(step.iter());
-    let taken = parameters.map(|((slot, v), s)| match slot.is_fixed {
+    let clamped = parameters.map(|((slot, v), s)| match slot.is_fixed {
         true => 0.0,
         false => (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v,
     });
-    DVector::from_iterator(step.len(), taken)
+    DVector::from_iterator(step.len(), clamped)
 }
 
 /// Applies a step to the parameters, sets the random effects, and updates the nuisances.
 fn apply_step(
     state: &mut FitState,
-    looks: &[Linearization],
-    taken: &DVector<f64>,
+    linearizations: &[Linearization],
+    clamped: &DVector<f64>,
     modes: Vec<RandomEffects>,
 ) {
-    state.values.iter_mut().zip(taken.iter()).for_each(|(v, step)| *v += step);
+    state.values.iter_mut().zip(clamped.iter()).for_each(|(v, step)| *v += step);
     for (w, mode) in modes.iter().enumerate() {
         let before = state.random_effects.get(w);
         let size = |k: usize| mode.deviations[k] - before.map_or(0.0, |m| m.deviations[k]);
         let acceleration = |k: usize| mode.accelerations[k].1 - before.map_or(0.0, |m| m.accelerations[k].1);
-        let parameters = (0..taken.len()).map(|k| taken[k] + size(k));
+        let parameters = (0..clamped.len()).map(|k| clamped[k] + size(k));
         let all = parameters.chain((0..mode.accelerations.len()).map(acceleration)).collect::<Vec<_>>();
-        let moved = looks[w].nuisance_step(&DVector::from_vec(all));
+        let moved = linearizations[w].nuisance_step(&DVector::from_vec(all));
         state.nuisances[w].iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
     }
     state.random_effects = modes;

@@ -229,18 +229,18 @@ impl<'a> ComponentLikelihood<'a> {
     /// Log densities of all groups.
     fn log_densities(&mut self, logs: &[f64]) -> &[f64] {
         let key: Vec<u64> = logs.iter().map(|l| l.to_bits()).collect();
-        let parts = self.groups;
+        let groups = self.groups;
         self.log_densities.entry(key).or_insert_with(|| {
             let own = self.initial.with_log_values(logs);
             let of = |p| CrossProducts::of(p, &[], own.discrepancy);
             let weighed = self.cross_products.entry(own.discrepancy.to_bits());
-            let weighed = weighed.or_insert_with(|| parts.iter().map(of).collect());
+            let weighed = weighed.or_insert_with(|| groups.iter().map(of).collect());
             let kinds = self.segment_effects.iter().map(|kind| own.sd_of(*kind)).chain([own.discrepancy]);
             let with_own = |(w, p): (&CrossProducts, &Group)| w.with_segment_effects(p, &own);
             let summed = self.group_products.entry(kinds.map(f64::to_bits).collect());
-            let summed = summed.or_insert_with(|| weighed.iter().zip(parts).map(with_own).collect());
+            let summed = summed.or_insert_with(|| weighed.iter().zip(groups).map(with_own).collect());
             let density = |(s, p): (&Option<GroupProducts>, &Group)| s.as_ref()?.log_density(p, &own);
-            summed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
+            summed.iter().zip(groups).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
         })
     }
 }
@@ -277,9 +277,9 @@ mod tests {
     /// Draws match quadrature for an identified component, and the prior for one that is not.
     #[test]
     fn sampled_components_match_quadrature() {
-        let parts = parts();
+        let groups = parts();
         let start = VarianceComponents::initial(false);
-        let mut likely = ComponentLikelihood::new(&parts, &start);
+        let mut likely = ComponentLikelihood::new(&groups, &start);
         assert!(likely.depends_on_components());
         let drawn = likely.sample(4000, &mut rng::stream(2, "test"));
         let moments = |values: &[f64], weights: &[f64]| {

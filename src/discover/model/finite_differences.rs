@@ -68,9 +68,9 @@ pub fn linearise_ode(
     shared: &[Stencil],
     perturbations: &[Perturbation],
 ) -> Prediction {
-    let (nuisances, values, beside) =
+    let (nuisances, values, random_effect_terms) =
         (state.nuisances[w].as_slice(), state.values_in(w), state.random_effect_terms(w));
-    let here = layout.segment_physics(segment, &values, &beside);
+    let here = layout.segment_physics(segment, &values, &random_effect_terms);
     let steps: &[f64] =
         if segment.kind == SegmentKind::Rolling { &ROLLING_FD_STEPS } else { &FLIGHT_FD_STEPS };
     let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
@@ -86,7 +86,7 @@ pub fn linearise_ode(
         (value != values[parameter]).then(|| {
             let mut moved = values.clone();
             moved[parameter] = value;
-            layout.segment_physics(segment, &moved, &beside)
+            layout.segment_physics(segment, &moved, &random_effect_terms)
         })
     };
     let ends: Vec<Option<SegmentPhysics>> = ends.map(with_value).collect();
@@ -94,7 +94,7 @@ pub fn linearise_ode(
         layout.segment_physics(
             segment,
             &values,
-            &[beside.as_slice(), &[(e.effect, e.values.clone())]].concat(),
+            &[random_effect_terms.as_slice(), &[(e.effect, e.values.clone())]].concat(),
         )
     };
     let besides: Vec<SegmentPhysics> = perturbations.iter().map(with_extra).collect();

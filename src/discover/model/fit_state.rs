@@ -66,8 +66,10 @@ impl FitState {
 
     /// Random accelerations in a segment as effects.
     pub fn random_effect_terms(&self, segment: usize) -> Vec<(&'static Effect, Vec<f64>)> {
-        let pushes = self.random_effects.get(segment).into_iter().flat_map(|m| &m.accelerations);
-        pushes.map(|(acceleration, amount)| (acceleration.effect, acceleration.scaled(*amount))).collect()
+        let accelerations = self.random_effects.get(segment).into_iter().flat_map(|m| &m.accelerations);
+        accelerations
+            .map(|(acceleration, amount)| (acceleration.effect, acceleration.scaled(*amount)))
+            .collect()
     }
 }
 

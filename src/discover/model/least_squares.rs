@@ -125,13 +125,13 @@ pub fn sum_by_trial(data: &SegmentData, linearizations: Vec<Linearization>, q: u
 }
 
 /// Squared residual of all trials.
-pub fn total_square(pass: &FitEvaluation) -> f64 {
-    pass.normal_equations.iter().map(|t| t.square).sum()
+pub fn total_square(evaluation: &FitEvaluation) -> f64 {
+    evaluation.normal_equations.iter().map(|t| t.square).sum()
 }
 
 /// Objective of a fit: squared residual and prior penalty.
-fn penalised_square(layout: &ParameterLayout, state: &FitState, pass: &FitEvaluation) -> f64 {
-    total_square(pass)
+fn penalised_square(layout: &ParameterLayout, state: &FitState, evaluation: &FitEvaluation) -> f64 {
+    total_square(evaluation)
         + layout.parameters.iter().zip(&state.values).map(|(s, v)| s.prior_precision * v * v).sum::<f64>()
 }
 
@@ -161,13 +161,13 @@ fn take_step(
 fn levenberg_step(
     layout: &ParameterLayout,
     values: &[f64],
-    pass: &FitEvaluation,
+    evaluation: &FitEvaluation,
     damping: f64,
     hold_shapes: bool,
 ) -> DVector<f64> {
     let q = layout.parameters.len();
     let (mut gram, mut score) = (DMatrix::zeros(q, q), DVector::zeros(q));
-    for t in &pass.normal_equations {
+    for t in &evaluation.normal_equations {
         gram += &t.gram;
         score += &t.score;
     }
@@ -204,17 +204,17 @@ mod tests {
         fit(&data, &layout, FitState::new(layout.initial_values(&[0.0; 3]), nuisances), 8).unwrap()
     }
 
-    fn most(pass: &FitEvaluation) -> f64 {
-        pass.residuals.iter().flatten().fold(0.0, |most, r| r.abs().max(most))
+    fn most(evaluation: &FitEvaluation) -> f64 {
+        evaluation.residuals.iter().flatten().fold(0.0, |most, r| r.abs().max(most))
     }
 
     /// Recovers a wind and all initial states; residuals vanish.
     #[test]
     fn wind_and_initial_states_are_recovered() {
-        let (FitState { values, nuisances, .. }, pass) = fitted([0.8, -0.3], &["wind"], None);
+        let (FitState { values, nuisances, .. }, evaluation) = fitted([0.8, -0.3], &["wind"], None);
         assert!((values[0] - 0.8).abs() < 1e-5 && (values[1] + 0.3).abs() < 1e-5, "{values:?}");
         assert!(nuisances.iter().all(|n| (n[2] - 3.0).abs() < 1e-5), "{nuisances:?}");
-        assert!(most(&pass) < 1e-6, "{}", most(&pass));
+        assert!(most(&evaluation) < 1e-6, "{}", most(&evaluation));
     }
 
     /// A prior as precise as the data halves the estimate.
@@ -224,13 +224,13 @@ mod tests {
         let data = SegmentData::new(&segments, &settings, vec![1e-3; 4], Engine::Auto);
         let mut layout = ParameterLayout::new(&[], vec![term("wind")], 1);
         let start = FitState::new(vec![0.0; 2], segments.iter().map(|w| w.nuisances.clone()).collect());
-        let told = evaluate(&data, &layout, &start)
+        let information = evaluate(&data, &layout, &start)
             .unwrap()
             .normal_equations
             .iter()
             .map(|t| t.gram[(0, 0)])
             .sum::<f64>();
-        layout.parameters[0].prior_precision = told;
+        layout.parameters[0].prior_precision = information;
         let (state, _) = fit(&data, &layout, start, 8).unwrap();
         assert!((state.values[0] - 0.4).abs() < 1e-3, "{:?}", state.values);
         assert!((state.values[1] + 0.3).abs() < 1e-3, "{:?}", state.values);

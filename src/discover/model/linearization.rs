@@ -159,13 +159,13 @@ impl Linearization {
 
     /// Restores the contribution of the random effects to first order.
     fn restore_random_effects(&mut self, mode: &RandomEffects, parameters: usize) {
-        let pushes = mode.accelerations.iter().map(|p| p.1);
+        let accelerations = mode.accelerations.iter().map(|p| p.1);
         let sizes = mode
             .deviations
             .iter()
             .copied()
             .enumerate()
-            .chain(pushes.enumerate().map(|(k, a)| (parameters + k, a)));
+            .chain(accelerations.enumerate().map(|(k, a)| (parameters + k, a)));
         for (column, size) in sizes.filter(|(_, size)| *size != 0.0) {
             self.residual.axpy(size, &self.jacobian.column(column), 1.0);
         }

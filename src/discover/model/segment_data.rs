@@ -62,10 +62,10 @@ mod tests {
     /// Multi-step segments have a cached Jacobian; one-step segments have no nuisances to cache.
     #[test]
     fn jacobians_are_cached_for_segments_with_nuisances() {
-        for ((windows, settings), used) in [(multi_step_segments(), true), (one_step_segments(0.0), false)] {
-            let mut data = SegmentData::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        for ((segments, settings), used) in [(multi_step_segments(), true), (one_step_segments(0.0), false)] {
+            let mut data = SegmentData::new(&segments, &settings, vec![1e-3; segments.len()], Engine::Lanes);
             assert!(data.cached_jacobian(0).is_none(), "nothing yet");
-            let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
+            let nuisances = segments.iter().map(|w| w.nuisances.clone()).collect();
             let layout = ParameterLayout::new(&[], vec![term("wind")], 1);
             cache_jacobians(&mut data, &layout, &FitState::new(vec![0.0; 2], nuisances)).unwrap();
             assert_eq!(data.cached_jacobian(0).is_some(), used);

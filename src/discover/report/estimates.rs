@@ -66,15 +66,16 @@ pub fn calibrated_latents(
         let parameter = &f.layout.parameters[i];
         let latent = parameter.latent().expect("latents come first in a layout");
         let half = f.ci_half_width(i);
-        let told: f64 = f.evaluation.normal_equations.iter().map(|t| t.gram[(i, i)]).sum();
+        let information: f64 = f.evaluation.normal_equations.iter().map(|t| t.gram[(i, i)]).sum();
         let width = parameter.bounds[1] - parameter.bounds[0];
         let value = f.state.values[i];
         let excludes = |bound: &f64| -> Result<bool> {
             let at = if (bound - value).abs() > half { fitter.log_joint_with(f, i, *bound)? } else { None };
             Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
         };
-        let is_short =
-            half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * parameter.min_information();
+        let is_short = half.is_finite()
+            && half < 0.25 * width.min(4.0)
+            && information > 10.0 * parameter.min_information();
         let identifiable = is_short && excludes(&parameter.bounds[0])? && excludes(&parameter.bounds[1])?;
         let end = |v: f64| identifiable.then(|| v.clamp(parameter.bounds[0], parameter.bounds[1]));
         let ci95 = [end(value - half), end(value + half)];

@@ -96,20 +96,20 @@ pub fn evidence(
     };
     let paths = model::segment_states(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
-    for (w, window) in data.segments.iter().enumerate() {
-        if window.kind == SegmentKind::Contact {
-            out.bounces.extend(bounce_record(window, w, base, model));
+    for (w, segment) in data.segments.iter().enumerate() {
+        if segment.kind == SegmentKind::Contact {
+            out.bounces.extend(bounce_record(segment, w, base, model));
             continue;
         }
         let point = |i: usize| {
             let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
             let point = EvidencePoint {
-                trial: window.trial,
+                trial: segment.trial,
                 segment: w,
-                body: window.observations[i].body,
-                setting: window.setting,
-                time: window.start + window.observations[i].time,
-                position: window.observations[i].position,
+                body: segment.observations[i].body,
+                setting: segment.setting,
+                time: segment.start + segment.observations[i].time,
+                position: segment.observations[i].position,
                 velocity: [paths[w][i][2], paths[w][i][3]],
                 before: pair(&base.evaluation.residuals[w]),
                 after: pair(&model.evaluation.residuals[w]),
@@ -118,9 +118,9 @@ pub fn evidence(
             let known = point.before.iter().chain(&point.after).all(|v| v.is_finite());
             known.then_some((i, point))
         };
-        let points: Vec<(usize, EvidencePoint)> = (0..window.observations.len()).filter_map(point).collect();
-        if window.kind == SegmentKind::Flight && points.len() >= MIN_PIECE_OBSERVATIONS {
-            let of = |f: &ModelView| model::accelerations(window, f.layout, &f.state.values, &paths[w]);
+        let points: Vec<(usize, EvidencePoint)> = (0..segment.observations.len()).filter_map(point).collect();
+        if segment.kind == SegmentKind::Flight && points.len() >= MIN_PIECE_OBSERVATIONS {
+            let of = |f: &ModelView| model::accelerations(segment, f.layout, &f.state.values, &paths[w]);
             let (with, without) = (of(&model), of(&base));
             let added: Vec<[f64; 2]> =
                 points.iter().map(|(i, _)| [0, 1].map(|k| with[*i][k] - without[*i][k])).collect();
@@ -159,11 +159,12 @@ fn missing_acceleration(piece: &[EvidencePoint], added: &[[f64; 2]]) -> MissingA
 }
 
 /// Impact kinematics: by the models, and by the extended model's residuals before and after.
-fn bounce_record(window: &Segment, w: usize, base: ModelView, model: ModelView) -> Option<BounceRecord> {
-    let [nx, ny] = window.surface.as_ref()?.normal;
-    let of = |f: &ModelView| model::impact(window, w, f.layout, f.state);
+fn bounce_record(segment: &Segment, w: usize, base: ModelView, model: ModelView) -> Option<BounceRecord> {
+    let [nx, ny] = segment.surface.as_ref()?.normal;
+    let of = |f: &ModelView| model::impact(segment, w, f.layout, f.state);
     let (base, extended) = (of(&base)?, of(&model)?);
-    let drift = |after: bool| residual_velocity(window, &model.evaluation.residuals[w], extended.time, after);
+    let drift =
+        |after: bool| residual_velocity(segment, &model.evaluation.residuals[w], extended.time, after);
     let (before, after) = (drift(false)?, drift(true)?);
     let along = |v: [f64; 2]| [v[0] * nx + v[1] * ny, v[1] * nx - v[0] * ny];
     let (before, kink) = (along(before), along([after[0] - before[0], after[1] - before[1]]));
@@ -177,16 +178,16 @@ fn bounce_record(window: &Segment, w: usize, base: ModelView, model: ModelView) 
         slip_speed: extended.slip + before[1],
         impulse: [extended.normal + kink[0], extended.tangent + kink[1]],
     };
-    Some(BounceRecord { setting: window.setting, observed, base: met(&base), extended: met(&extended) })
+    Some(BounceRecord { setting: segment.setting, observed, base: met(&base), extended: met(&extended) })
 }
 
 /// Slope of the residuals before or after a time since the segment's start, m/s; `None` with observations at
 /// fewer than two times.
-fn residual_velocity(window: &Segment, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
+fn residual_velocity(segment: &Segment, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
     let along = |axis: usize| {
         let row = |(i, p): (usize, &Observation)| (p.time, residual[2 * i + axis]);
         let there = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
-        let rows: Vec<(f64, f64)> = window.observations.iter().enumerate().map(row).filter(there).collect();
+        let rows: Vec<(f64, f64)> = segment.observations.iter().enumerate().map(row).filter(there).collect();
         slope(&rows)
     };
     Some([along(0)?, along(1)?])

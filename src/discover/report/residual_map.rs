@@ -71,13 +71,16 @@ mod tests {
             let left = residual_field(fitter, base, FIELD).unwrap().unwrap();
             assert!(left.rows.len() > 10 && left.rows.len() <= CELLS[0] * CELLS[1]);
             // Trials move along x at 4 to 11 m/s.
-            let told: Vec<_> = left.rows.iter().filter(|r| r[2].abs() > 2.0 * r[4]).collect();
-            assert!(told.len() > 5 && told.iter().all(|r| (-6.0..-0.3).contains(&r[2])), "{told:?}");
+            let significant: Vec<_> = left.rows.iter().filter(|r| r[2].abs() > 2.0 * r[4]).collect();
+            assert!(
+                significant.len() > 5 && significant.iter().all(|r| (-6.0..-0.3).contains(&r[2])),
+                "{significant:?}"
+            );
         });
         throws::with_fit(&[0.4; 10], &["linear_drag"], 10, |fitter, with| {
             let left = residual_field(fitter, with, FIELD).unwrap().unwrap();
-            let told = left.rows.iter().filter(|r| r[2].abs() > 3.0 * r[4]).count();
-            assert!(5 * told <= left.rows.len(), "{told} of {}", left.rows.len());
+            let significant = left.rows.iter().filter(|r| r[2].abs() > 3.0 * r[4]).count();
+            assert!(5 * significant <= left.rows.len(), "{significant} of {}", left.rows.len());
         });
     }
 

@@ -24,10 +24,10 @@ const MAX_BASIS_FUNCTIONS: usize = 24;
 
 /// Terms for a field in addition to a model, with both amplitudes free; empty if no function is selected.
 pub fn radial_terms(fitter: &ModelFitter, model: &FittedModel, form: FieldSpec) -> Result<Vec<Term>> {
-    let Some(said) = field_statistics(fitter, model, form)? else { return Ok(Vec::new()) };
-    let joined = forward_selection(&said, model.layout.parameters.len(), form.coefficient_sd.powi(-2));
+    let Some(statistics) = field_statistics(fitter, model, form)? else { return Ok(Vec::new()) };
+    let joined = forward_selection(&statistics, model.layout.parameters.len(), form.coefficient_sd.powi(-2));
     let term = |(bump, amplitudes): (usize, Vector2<f64>)| {
-        let (effect, mut start) = said.effects[bump].clone();
+        let (effect, mut start) = statistics.effects[bump].clone();
         for axis in 0..2 {
             let [low, high] = effect.parameters[axis].bounds;
             start[axis] = amplitudes[axis].clamp(low, high);
@@ -57,12 +57,12 @@ pub fn describe(layout: &ParameterLayout, values: &[f64], first: usize) -> Strin
 /// Forward selection: (function, amplitudes), best first. The first `parameters` columns are the model's;
 /// `precision`: of the prior of an amplitude.
 fn forward_selection(
-    said: &FieldStatistics,
+    statistics: &FieldStatistics,
     parameters: usize,
     precision: f64,
 ) -> Vec<(usize, Vector2<f64>)> {
-    let charge = (said.effects.len() as f64).ln();
-    let (mut gram, mut score) = (said.gram.clone(), said.score.clone());
+    let charge = (statistics.effects.len() as f64).ln();
+    let (mut gram, mut score) = (statistics.gram.clone(), statistics.score.clone());
     let mut chosen: Vec<usize> = Vec::new();
     (0..parameters).for_each(|k| sweep(&mut gram, &mut score, k, 0.0));
     while chosen.len() < MAX_BASIS_FUNCTIONS {
@@ -73,7 +73,7 @@ fn forward_selection(
             let score = score.fixed_rows::<2>(at).into_owned();
             0.5 * (score.dot(&factor.solve(&score)) - (own.determinant() / precision.powi(2)).ln())
         };
-        let others = (0..said.effects.len()).filter(|b| !chosen.contains(b));
+        let others = (0..statistics.effects.len()).filter(|b| !chosen.contains(b));
         let Some((best, gained)) =
             others.map(|b| (b, gain(&b))).max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
         else {
@@ -85,7 +85,7 @@ fn forward_selection(
         chosen.push(best);
         (0..2).for_each(|a| sweep(&mut gram, &mut score, parameters + 2 * best + a, precision));
     }
-    joint_amplitudes(said, parameters, precision, chosen)
+    joint_amplitudes(statistics, parameters, precision, chosen)
 }
 
 /// Sweeps a free coefficient with prior precision out of the normal equations.
@@ -101,7 +101,7 @@ fn sweep(gram: &mut DMatrix<f64>, score: &mut DVector<f64>, number: usize, preci
 
 /// Joint estimate of the selected amplitudes, with the model's parameters.
 fn joint_amplitudes(
-    said: &FieldStatistics,
+    statistics: &FieldStatistics,
     parameters: usize,
     precision: f64,
     chosen: Vec<usize>,
@@ -109,10 +109,10 @@ fn joint_amplitudes(
     let all: Vec<usize> = (0..parameters)
         .chain(chosen.iter().flat_map(|b| [parameters + 2 * b, parameters + 2 * b + 1]))
         .collect();
-    let mut gram = said.gram.select_rows(&all).select_columns(&all);
+    let mut gram = statistics.gram.select_rows(&all).select_columns(&all);
     (parameters..all.len()).for_each(|k| gram[(k, k)] += precision);
     let Some(factor) = gram.cholesky() else { return Vec::new() };
-    let step = factor.solve(&said.score.select_rows(&all));
+    let step = factor.solve(&statistics.score.select_rows(&all));
     let amplitudes = |(i, bump)| (bump, Vector2::new(step[parameters + 2 * i], step[parameters + 2 * i + 1]));
     chosen.into_iter().enumerate().map(amplitudes).collect()
 }
@@ -123,7 +123,7 @@ mod tests {
     use crate::world::effect::place_push;
 
     /// Normal equations of 40 functions with a nuisance column, for data with some amplitudes.
-    fn told(amplitudes: &[(usize, [f64; 2])], noise: f64) -> FieldStatistics {
+    fn normal_equations(amplitudes: &[(usize, [f64; 2])], noise: f64) -> FieldStatistics {
         let (parameters, count, rows) = (1, 40, 400);
         let wave = |i: usize, k: usize| {
             libm::sin(0.37 * ((i + 3) * (k + 1)) as f64) + if k == 0 { 0.5 } else { 0.0 }
@@ -146,12 +146,13 @@ mod tests {
     /// Selects the true functions with their amplitudes, and none from noise.
     #[test]
     fn true_functions_are_selected() {
-        let mut found = forward_selection(&told(&[(5, [1.0, -0.6]), (17, [0.0, 0.8])], 0.3), 1, 1.0);
+        let mut found =
+            forward_selection(&normal_equations(&[(5, [1.0, -0.6]), (17, [0.0, 0.8])], 0.3), 1, 1.0);
         found.sort_by_key(|f| f.0);
         assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [5, 17], "{found:?}");
         for (own, wanted) in found.iter().zip([[1.0, -0.6], [0.0, 0.8]]) {
             assert!((own.1[0] - wanted[0]).abs() < 0.05 && (own.1[1] - wanted[1]).abs() < 0.05, "{found:?}");
         }
-        assert_eq!(forward_selection(&told(&[], 0.3), 1, 1.0), []);
+        assert_eq!(forward_selection(&normal_equations(&[], 0.3), 1, 1.0), []);
     }
 }

@@ -92,12 +92,12 @@ impl BodyObservations<'_> {
     /// Contact segment between two flight intervals; `None` unless a disc bounces once on a static.
     fn contact(&self, (a, b): (usize, usize), (c, d): (usize, usize)) -> Option<Segment> {
         let rows = &self.rows;
-        let touch = (b..c).find_map(|i| self.contacts[i])?;
+        let contact = (b..c).find_map(|i| self.contacts[i])?;
         let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < MAX_GAP_AT_BOUNCE * self.typical_interval;
         if !single || b - a < MIN_OBSERVATIONS_AROUND_BOUNCE || d - c < MIN_OBSERVATIONS_AROUND_BOUNCE {
             return None;
         }
-        let surface = self.surface(touch)?;
+        let surface = self.surface(contact)?;
         let (before, after) = (
             &rows[b - OBSERVATIONS_AROUND_BOUNCE.min(b - a)..b],
             &rows[c..c + OBSERVATIONS_AROUND_BOUNCE.min(d - c)],
@@ -112,13 +112,13 @@ impl BodyObservations<'_> {
         Some(segment)
     }
 
-    fn rolling(&self, (from, to, touch): (usize, usize, ContactEvent)) -> Option<Segment> {
+    fn rolling(&self, (from, to, contact): (usize, usize, ContactEvent)) -> Option<Segment> {
         let rows = &self.rows[from..to];
         let mut segment =
             with_smooth(rows, self.segment(rows, self.single_body_scene(), SegmentKind::Rolling));
         let [_, _, vx, vy] = initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], [0.0; 2]);
-        segment.nuisances = vec![0.0, vx * touch.normal[1] - vy * touch.normal[0], 0.0, 0.0];
-        segment.surface = Some(self.surface(touch)?);
+        segment.nuisances = vec![0.0, vx * contact.normal[1] - vy * contact.normal[0], 0.0, 0.0];
+        segment.surface = Some(self.surface(contact)?);
         Some(segment)
     }
 
@@ -149,16 +149,16 @@ impl BodyObservations<'_> {
     }
 
     /// The surface of a contact; `None` if the body is no disc or the contact is not with a static.
-    fn surface(&self, touch: ContactEvent) -> Option<Surface> {
+    fn surface(&self, contact: ContactEvent) -> Option<Surface> {
         let scene = &self.trial.scene;
-        let fixed = touch.static_index?;
+        let fixed = contact.static_index?;
         let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
         let radius = own.shape.disc_radius()?;
         let (mass, inertia) = own.mass_properties(None);
         Some(Surface {
             static_index: fixed,
-            normal: touch.normal,
-            level: touch.level,
+            normal: contact.normal,
+            level: contact.level,
             friction: [own.friction, other.friction],
             restitution: [own.restitution, other.restitution],
             carries_latents: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
@@ -246,14 +246,14 @@ mod tests {
 
     fn seen(trial: &Trial, times: &[f64], touched: &[usize]) -> Vec<(usize, usize)> {
         let rows: Vec<TimedPosition> = times.iter().map(|t| (*t, [0.0; 2])).collect();
-        let touch = |i| {
+        let contact = |i| {
             touched.contains(&i).then_some(ContactEvent {
                 normal: [0.0, 1.0],
                 level: 0.0,
                 static_index: None,
             })
         };
-        let touches = (0..times.len()).map(touch).collect();
+        let touches = (0..times.len()).map(contact).collect();
         BodyObservations { trial, body: 0, rows, contacts: touches, typical_interval: 1.0 }.flight_intervals()
     }
 

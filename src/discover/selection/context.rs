@@ -216,9 +216,10 @@ impl ComponentObjective<'_> {
         let products = self.cross_products.entry(slow.to_bits());
         let products =
             products.or_insert_with(|| groups.iter().map(|p| CrossProducts::of(p, &columns, slow)).collect());
-        let told = products.iter().zip(groups).map(|(w, p)| w.statistics(p, &columns, &components));
-        let told: Option<Vec<GroupStatistics>> = told.collect();
-        let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
+        let statistics = products.iter().zip(groups).map(|(w, p)| w.statistics(p, &columns, &components));
+        let statistics: Option<Vec<GroupStatistics>> = statistics.collect();
+        let evidence = statistics
+            .and_then(|statistics| Some(at_scale(&statistics, self.prior, self.broad)?.log_evidence));
         evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
     }
 }

@@ -63,50 +63,54 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let base_probability = probability(found.base_log_posterior);
     let credible = credible_set(&probabilities, base_probability);
     let decision =
-        |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, unnamed| Decision {
-            verdict,
-            selected: rivals.first().copied(),
-            rivals,
-            probabilities: probabilities.clone(),
-            base_probability,
-            explained,
-            gain,
-            field,
-            field_log_bayes_factor: unnamed,
+        |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, field_log_bayes_factor| {
+            Decision {
+                verdict,
+                selected: rivals.first().copied(),
+                rivals,
+                probabilities: probabilities.clone(),
+                base_probability,
+                explained,
+                gain,
+                field,
+                field_log_bayes_factor,
+            }
         };
     if credible.contains(&None) {
         let field = field::fit(fitter, &found.base)?;
-        let unnamed = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
-        let verdict = if unnamed.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
-        return Ok(decision(verdict, Vec::new(), (None, None), field, unnamed));
+        let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        let verdict =
+            if field_log_bayes_factor.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
+        return Ok(decision(verdict, Vec::new(), (None, None), field, field_log_bayes_factor));
     }
     let sets: Vec<usize> = credible.into_iter().flatten().collect();
     let (rivals, Explanation { shares, gain }, earned) =
         check_necessity(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
-    let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let alone = field::fit(fitter, &found.base)?;
-    let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
+    let named = found.log_posterior[rivals[0]]
+        + field_log_bayes_factor.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
     let explained = shares.first().copied().flatten();
     let explains = explained.is_none_or(|e| e.explains_enough())
-        && !unnamed.is_some_and(is_certain)
+        && !field_log_bayes_factor.is_some_and(is_certain)
         && earned
         && is_likelier
         && !champion.is_at_bound();
     let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain)
         && (explains || explained.is_none_or(|e| e.interval[0] >= SETTINGS.least_gain));
     if !gains {
-        let unnamed = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
-        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, unnamed));
+        let field_log_bayes_factor = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, field_log_bayes_factor));
     }
     let verdict = match rivals.len() {
         _ if !explains => Verdict::Unknown,
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
-    Ok(decision(verdict, rivals, (explained, gain), field, unnamed))
+    Ok(decision(verdict, rivals, (explained, gain), field, field_log_bayes_factor))
 }
 
 /// Indices of the fits with one effect of a set removed or replaced by a special case.

@@ -108,10 +108,10 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
                     .map(|i| &found.fits[i])
                     .collect(),
             };
-            let unions =
+            let candidate_sets =
                 self.expand(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
-            progress.report(stage[size.min(3) - 1], 0, unions.len() as u64)?;
-            self.fit_sets(&mut found, unions)?;
+            progress.report(stage[size.min(3) - 1], 0, candidate_sets.len() as u64)?;
+            self.fit_sets(&mut found, candidate_sets)?;
             if size > 1 {
                 let simple = self.special_cases(&found, size);
                 self.fit_sets(&mut found, simple)?;
@@ -131,13 +131,13 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         let Some(mut fit) = self.fitter.run_gls(layout, base.state.clone())? else { return Ok(None) };
         for name in names {
             let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
-            let Some(told) = self.screen(&fit)? else { return Ok(None) };
-            let union = CandidateSet {
+            let Some(tests) = self.screen(&fit)? else { return Ok(None) };
+            let candidate_set = CandidateSet {
                 names: Vec::new(),
                 expected_gain: 0.0,
-                starts: self.initial_fits(&fit, c, &told[c], MAX_STARTS),
+                starts: self.initial_fits(&fit, c, &tests[c], MAX_STARTS),
             };
-            match self.fit_set(union)? {
+            match self.fit_set(candidate_set)? {
                 Some(found) => fit = found,
                 None => return Ok(None),
             }
@@ -169,10 +169,10 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         linear.map(joined).chain(strong).collect()
     }
 
-    fn fit_sets(&self, found: &mut SearchResult, unions: Vec<CandidateSet>) -> Result<()> {
-        let names: Vec<Vec<&'static str>> = unions.iter().map(|u| u.names.clone()).collect();
+    fn fit_sets(&self, found: &mut SearchResult, candidate_sets: Vec<CandidateSet>) -> Result<()> {
+        let names: Vec<Vec<&'static str>> = candidate_sets.iter().map(|u| u.names.clone()).collect();
         let fitted: Vec<Result<Option<FittedModel>>> =
-            unions.into_par_iter().map(|u| self.fit_set(u)).collect();
+            candidate_sets.into_par_iter().map(|u| self.fit_set(u)).collect();
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
@@ -202,7 +202,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             again.push((at, CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] }));
         }
         let fitted: Vec<Result<(usize, Option<FittedModel>)>> =
-            again.into_par_iter().map(|(at, union)| Ok((at, self.fit_set(union)?))).collect();
+            again.into_par_iter().map(|(at, candidate_set)| Ok((at, self.fit_set(candidate_set)?))).collect();
         for refitted in fitted {
             let (at, Some(fit)) = refitted? else { continue };
             let log_posterior = fit.log_evidence + log_prior(fit.effects.len());
@@ -214,12 +214,12 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     }
 
     /// Best fit over the initial states of a set.
-    fn fit_set(&self, union: CandidateSet) -> Result<Option<FittedModel>> {
+    fn fit_set(&self, candidate_set: CandidateSet) -> Result<Option<FittedModel>> {
         let mut best: Option<FittedModel> = None;
         let surveyed = |layout: &ParameterLayout| {
             layout.terms.len() < 2 && global_search::is_applicable(self.fitter.data, layout)
         };
-        for (layout, start) in union.starts {
+        for (layout, start) in candidate_set.starts {
             let start = match surveyed(&layout) {
                 true => {
                     match crate::discover::mixed_model::model_fit::none_if_not_simulable(
@@ -249,26 +249,26 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     ) -> Result<Vec<CandidateSet>> {
         let mut all: Vec<CandidateSet> = Vec::new();
         for fit in parents {
-            let Some(told) = self.screen(fit)? else { continue };
+            let Some(tests) = self.screen(fit)? else { continue };
             for (c, Candidate { effect, .. }) in self.library.iter().enumerate() {
                 let mut names = fit.effect_names();
                 names.push(effect.name);
                 names.sort_unstable();
-                if told[c].is_empty() || found.fits.iter().any(|f| f.effect_names() == names) {
+                if tests[c].is_empty() || found.fits.iter().any(|f| f.effect_names() == names) {
                     continue;
                 }
                 // Minus the expected gain by chance and the prior penalty.
                 let own = fit.effect_parameter_count() + effect.parameters.len();
-                let promise = told[c][0].0 - own as f64 + log_prior(names.len());
+                let expected_gain = tests[c][0].0 - own as f64 + log_prior(names.len());
                 // The global search initialises regions itself.
                 let framed = effect.target() == EffectTarget::Region
                     && segment::any_one_step(self.fitter.data.segments);
-                let starts = self.initial_fits(fit, c, &told[c], if framed { 1 } else { MAX_STARTS });
-                let union = CandidateSet { names, expected_gain: promise, starts };
-                match all.iter_mut().find(|u| u.names == union.names) {
-                    Some(known) if known.expected_gain >= promise => {}
-                    Some(known) => *known = union,
-                    None => all.push(union),
+                let starts = self.initial_fits(fit, c, &tests[c], if framed { 1 } else { MAX_STARTS });
+                let candidate_set = CandidateSet { names, expected_gain, starts };
+                match all.iter_mut().find(|u| u.names == candidate_set.names) {
+                    Some(known) if known.expected_gain >= expected_gain => {}
+                    Some(known) => *known = candidate_set,
+                    None => all.push(candidate_set),
                 }
             }
         }
@@ -290,9 +290,9 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
 
     /// Drops candidates that the data cannot identify.
     fn drop_unidentifiable(&mut self, base: &FittedModel) -> Result<()> {
-        let Some(told) = self.screen(base)? else { return Ok(()) };
-        let mut told = told.into_iter();
-        self.library.retain(|_| told.next().is_some_and(|t| !t.is_empty()));
+        let Some(tests) = self.screen(base)? else { return Ok(()) };
+        let mut tests = tests.into_iter();
+        self.library.retain(|_| tests.next().is_some_and(|t| !t.is_empty()));
         Ok(())
     }
 
@@ -317,10 +317,10 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         let mut components = fit.components.clone();
         components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
         components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
-        let Some(told) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
+        let Some(tests) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
         let (own, here) =
             (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + perturbations.len()));
-        let before: f64 = told.iter().map(|t| t.log_density_after(&here)).sum();
+        let before: f64 = tests.iter().map(|t| t.log_density_after(&here)).sum();
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
@@ -328,7 +328,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
             let weak = amplitude_precisions(term);
             let tells = |k: usize| {
-                told.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>()
+                tests.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>()
                     > MIN_SCREENING_INFORMATION * weak[k]
             };
             if !(0..count).any(tells) {
@@ -337,7 +337,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             let gain = |setting: Option<usize>| {
                 let n = chosen.len();
                 let (mut gram, mut score) = (DMatrix::zeros(n, n), DVector::zeros(n));
-                for t in told.iter().filter(|t| setting.is_none_or(|s| settings[t.trial] == s)) {
+                for t in tests.iter().filter(|t| setting.is_none_or(|s| settings[t.trial] == s)) {
                     // Weight of a trial with its scale integrated out.
                     let weight = (SCALE_DOF + t.count) / (SCALE_DOF + t.square.max(0.0));
                     for (i, a) in chosen.iter().enumerate() {
@@ -352,15 +352,15 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
                 let step = gram.cholesky()?.solve(&score);
                 Some((0.5 * score.dot(&step), step.rows(q, count).iter().copied().collect::<Vec<f64>>()))
             };
-            let told: Vec<(f64, Vec<f64>)> = match term.per_setting {
+            let tests: Vec<(f64, Vec<f64>)> = match term.per_setting {
                 true => (0..self.fitter.data.setting_count()).filter_map(|s| gain(Some(s))).collect(),
                 false => gain(None).into_iter().collect(),
             };
-            if told.is_empty() {
+            if tests.is_empty() {
                 continue;
             }
-            let sizes = (0..count).map(|k| told.iter().map(|t| t.1[k]).sum::<f64>() / told.len() as f64);
-            out[c].push((before + told.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
+            let sizes = (0..count).map(|k| tests.iter().map(|t| t.1[k]).sum::<f64>() / tests.len() as f64);
+            out[c].push((before + tests.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
         }
         out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
         Ok(Some(out))

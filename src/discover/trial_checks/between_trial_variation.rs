@@ -23,13 +23,13 @@ pub fn between_trial_variation(model: &FittedModel) -> Vec<BetweenTrialVariation
         let Some(p) = (0..acceleration.values.len()).find(moved) else { continue };
         let parameter = &acceleration.effect.parameters[p];
         let spread = usual * (acceleration.values[p] - parameter.neutral).abs() / acceleration.unit;
-        let told = BetweenTrialVariation {
+        let variation = BetweenTrialVariation {
             effect: acceleration.effect.name.into(),
             parameter: parameter.name.into(),
             spread: round_to_six_digits(spread),
             unit: parameter.unit.into(),
         };
-        out.push((*usual, told));
+        out.push((*usual, variation));
     }
     out.sort_by(|a, b| b.0.total_cmp(&a.0));
     out.into_iter().map(|o| o.1).collect()
@@ -77,10 +77,13 @@ mod tests {
                 fit.components.accelerations[at] = times;
                 between_trial_variation(&fit)
             };
-            let told = with(2.0, &["linear_drag"]);
-            assert_eq!((told.len(), told[0].effect.as_str(), told[0].unit.as_str()), (1, "lift", "1/s"));
-            assert!((told[0].spread - 2.0 * usual).abs() < 1e-6);
-            assert!(text(&told).contains("lift.s by 0.400 1/s"), "{}", text(&told));
+            let variation = with(2.0, &["linear_drag"]);
+            assert_eq!(
+                (variation.len(), variation[0].effect.as_str(), variation[0].unit.as_str()),
+                (1, "lift", "1/s")
+            );
+            assert!((variation[0].spread - 2.0 * usual).abs() < 1e-6);
+            assert!(text(&variation).contains("lift.s by 0.400 1/s"), "{}", text(&variation));
             assert!(with(0.4, &["linear_drag"]).is_empty());
             assert!(with(2.0, &["lift"]).is_empty(), "the set has it, and says its spread itself");
         });

@@ -95,12 +95,12 @@ fn probability(
         step: DVector::zeros(model.layout.parameters.len()),
         covariance: model.covariance.clone(),
     };
-    let told = group_statistics::group_statistics(&groups, &model.components).unwrap_or_default();
+    let statistics = group_statistics::group_statistics(&groups, &model.components).unwrap_or_default();
     let survival = |t: &group_statistics::GroupStatistics| {
         let (square, _) = t.predictive_distance(&others)?;
         Some(f_survival(square / t.count, t.count, SCALE_DOF))
     };
-    let all: Vec<f64> = told.iter().filter_map(survival).collect();
+    let all: Vec<f64> = statistics.iter().filter_map(survival).collect();
     Ok(if all.is_empty() { 1.0 } else { fisher_combine(&all) })
 }
 

@@ -36,14 +36,15 @@ pub fn trial_estimates(
     let none = || vec![Vec::new(); settings.len()];
     let alike = without_amplitude_components(model);
     let prior = model.prior.clone();
-    let Some(told) = group_statistics::group_statistics(groups, &alike).filter(|_| !amplitudes.is_empty())
+    let Some(statistics) =
+        group_statistics::group_statistics(groups, &alike).filter(|_| !amplitudes.is_empty())
     else {
         return none();
     };
     // Latents and shapes have their common values.
     let here = DVector::zeros(model.layout.parameters.len());
     let of = |trial: usize| {
-        let own = trial_information(trial, model, groups, &told, &here);
+        let own = trial_information(trial, model, groups, &statistics, &here);
         let others =
             group_statistics::gls(model.group_statistics.iter().filter(|t| t.trial != trial), &prior)?;
         let concerns = |k: &usize| model.layout.parameters[*k].setting.is_none_or(|s| s == settings[trial]);
@@ -54,13 +55,14 @@ pub fn trial_estimates(
             let ParameterKind::EffectParameter(t, p) = model.layout.parameters[*k].kind else { return None };
             let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
             // Less precise estimates than the prior are not reported.
-            let told = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].prior_sd);
+            let statistics = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].prior_sd);
             Some(TrialEffectEstimate {
                 effect: effect.name.into(),
                 parameter: effect.parameters[p].name.into(),
                 value: round_to_six_digits(value + among[i][0]),
                 sd: round_to_six_digits(among[i][1]),
-                alone: told.map(|[off, sd]| [round_to_six_digits(value + off), round_to_six_digits(sd)]),
+                alone: statistics
+                    .map(|[off, sd]| [round_to_six_digits(value + off), round_to_six_digits(sd)]),
             })
         };
         Some(chosen.iter().enumerate().filter_map(size).collect())
@@ -81,7 +83,7 @@ fn trial_information(
     trial: usize,
     model: &FittedModel,
     groups: &[Group],
-    told: &[GroupStatistics],
+    statistics: &[GroupStatistics],
     step: &DVector<f64>,
 ) -> TrialInformation {
     let q = step.len();
@@ -92,8 +94,8 @@ fn trial_information(
     };
     for (p, group) in groups.iter().enumerate().filter(|(_, group)| group.trial == trial) {
         let weight = model.group_statistics[p].weight_after(step);
-        out.gram += &told[p].gram * weight;
-        out.score.axpy(weight, &told[p].score, 1.0);
+        out.gram += &statistics[p].gram * weight;
+        out.score.axpy(weight, &statistics[p].score, 1.0);
         if group.has_random_effects {
             out.covariance = amplitude_covariance(model) / weight;
         }

@@ -29,14 +29,14 @@ pub fn predictive_check(
     used: &[usize],
 ) -> Option<PredictiveCheck> {
     let groups = fitter.groups_with_discrepancy(&model.layout, &model.state, linearizations)?;
-    let told = group_statistics::group_statistics(&groups, &model.components)?;
-    let prior = model.prior.with_discrepancy(told.first()?.gram.ncols(), model.discrepancy_scale);
+    let statistics = group_statistics::group_statistics(&groups, &model.components)?;
+    let prior = model.prior.with_discrepancy(statistics.first()?.gram.ncols(), model.discrepancy_scale);
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); used.len()];
-    cross_validation::for_each_held_out(&told, &prior, &fitter.folds, |told, others| {
-        let Some((square, _)) = told.predictive_distance(others) else { return };
-        let (all, squares, count) = &mut of[told.trial];
-        all.push(f_survival(square / told.count, told.count, SCALE_DOF));
-        (*squares, *count) = (*squares + square, *count + told.count);
+    cross_validation::for_each_held_out(&statistics, &prior, &fitter.folds, |statistics, others| {
+        let Some((square, _)) = statistics.predictive_distance(others) else { return };
+        let (all, squares, count) = &mut of[statistics.trial];
+        all.push(f_survival(square / statistics.count, statistics.count, SCALE_DOF));
+        (*squares, *count) = (*squares + square, *count + statistics.count);
     })?;
     let launches: Vec<TrialPredictiveCheck> = of
         .iter()
@@ -169,10 +169,11 @@ mod tests {
                         log_det_noise: 0.0,
                     };
                     let group = Group { trial: 0, blocks: vec![block], has_random_effects: true };
-                    let told = group_statistics::group_statistics(&[group], &components).unwrap().remove(0);
+                    let statistics =
+                        group_statistics::group_statistics(&[group], &components).unwrap().remove(0);
                     f_survival(
-                        told.predictive_distance(&others).unwrap().0 / told.count,
-                        told.count,
+                        statistics.predictive_distance(&others).unwrap().0 / statistics.count,
+                        statistics.count,
                         SCALE_DOF,
                     )
                 })

@@ -35,16 +35,16 @@ pub fn predictive_sds(
             return vec![[f64::NAN; 2]; segment.observations.len()];
         }
         let (linearization, frame) = (&linearizations[w], &fitter.basis_caches[w]);
-        let own = NuisanceProjector::of(&linearization.nuisance_jacobian);
+        let total = NuisanceProjector::of(&linearization.nuisance_jacobian);
         let mut variance =
-            own.noise_variance(segment, frame, linearization, scale, components.discrepancy, noise);
+            total.noise_variance(segment, frame, linearization, scale, components.discrepancy, noise);
         add_parameter_variance(&mut variance, segment, frame, linearization, &columns, components, known);
         if let (SegmentKind::Contact, Some(_)) = (segment.kind, &segment.surface) {
             for way in 0..2 {
                 let error = DVector::from_fn(variance.len(), |i, _| {
                     impact_error_response(segment, linearization, linearization.impact, way, i)
                 });
-                let error = own.project(&error) * components.impact;
+                let error = total.project(&error) * components.impact;
                 variance += error.component_mul(&error);
             }
         }
@@ -72,27 +72,27 @@ fn add_parameter_variance(
 ) {
     let flies = matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact);
     let mut add = |of: &[(usize, f64)], sd: f64| {
-        let own = of.iter().fold(DVector::zeros(linearization.jacobian.nrows()), |all, (c, size)| {
+        let total = of.iter().fold(DVector::zeros(linearization.jacobian.nrows()), |all, (c, size)| {
             all + linearization.jacobian.column(*c) * (*size * sd)
         });
-        *variance += own.component_mul(&own);
+        *variance += total.component_mul(&total);
     };
     if !segment.kind.uses_engine() {
         columns.amplitude_directions.iter().for_each(|sizes| add(sizes, components.scale));
     }
     if flies {
-        let pushes = columns.accelerations.iter().enumerate();
-        pushes.for_each(|(k, (place, _))| {
+        let accelerations = columns.accelerations.iter().enumerate();
+        accelerations.for_each(|(k, (place, _))| {
             add(&[(columns.parameter_count + k, 1.0)], components.accelerations[*place])
         });
         let renewed = columns.contact_resets.iter().filter(|_| frame.may_be_reset_by_contact(segment));
         renewed.for_each(|(c, plausible)| add(&[(*c, 1.0)], *plausible));
     }
     let count = known.nrows().min(columns.parameter_count);
-    let told = linearization.jacobian.columns(0, count);
-    let within = told * known.view((0, 0), (count, count));
+    let known_columns = linearization.jacobian.columns(0, count);
+    let within = known_columns * known.view((0, 0), (count, count));
     for i in 0..variance.len() {
-        variance[i] += within.row(i).dot(&told.row(i));
+        variance[i] += within.row(i).dot(&known_columns.row(i));
     }
 }
 
@@ -132,19 +132,21 @@ impl<'a> NuisanceProjector<'a> {
         let rows = linearization.nuisance_jacobian.nrows();
         let k = linearization.nuisance_jacobian.ncols();
         // N S, axis by axis; pseudo-observations are independent.
-        let mut moved = DMatrix::zeros(rows, k);
+        let mut projected = DMatrix::zeros(rows, k);
         for axis in 0..2 {
-            let along = DMatrix::from_fn(n, k, |i, c| self.columns[(2 * i + axis, c)] * unit(i));
-            let along = &within * along;
-            (0..n).for_each(|i| (0..k).for_each(|c| moved[(2 * i + axis, c)] = unit(i) * along[(i, c)]));
+            let correlated = DMatrix::from_fn(n, k, |i, c| self.columns[(2 * i + axis, c)] * unit(i));
+            let correlated = &within * correlated;
+            (0..n).for_each(|i| {
+                (0..k).for_each(|c| projected[(2 * i + axis, c)] = unit(i) * correlated[(i, c)])
+            });
         }
         let held = linearization.irls_scale * linearization.irls_scale;
-        (2 * n..rows).for_each(|i| (0..k).for_each(|c| moved[(i, c)] = held * self.columns[(i, c)]));
+        (2 * n..rows).for_each(|i| (0..k).for_each(|c| projected[(i, c)] = held * self.columns[(i, c)]));
         let taken = self.columns * &self.inverse;
-        let both = &taken * self.columns.tr_mul(&moved);
+        let both = &taken * self.columns.tr_mul(&projected);
         DVector::from_fn(rows, |i, _| {
-            let own = if i < 2 * n { unit(i / 2).powi(2) * within[(i / 2, i / 2)] } else { held };
-            own - 2.0 * moved.row(i).dot(&taken.row(i)) + both.row(i).dot(&taken.row(i))
+            let total = if i < 2 * n { unit(i / 2).powi(2) * within[(i / 2, i / 2)] } else { held };
+            total - 2.0 * projected.row(i).dot(&taken.row(i)) + both.row(i).dot(&taken.row(i))
         })
     }
 }
