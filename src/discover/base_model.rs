@@ -108,7 +108,7 @@ pub fn initialise_nuisances(
     let own = |w: &Segment| vec![(f64::INFINITY, 0); w.scene.bodies.len()];
     let mut by_body: Vec<Vec<(f64, usize)>> = data.segments.iter().map(own).collect();
     for round in 0..=INITIAL_GUESSES {
-        let mut tried = state.clone();
+        let mut proposed = state.clone();
         for (w, segment) in multi_step_segments(data.segments) {
             let observed = observed[segment.trial];
             let Some(at) = segment.start_index(observed) else { continue };
@@ -116,14 +116,14 @@ pub fn initialise_nuisances(
             let of = |(b, track)| {
                 segment::initial_state_guess(track, &observed.times, at, segment.scene.gravity, way(b))
             };
-            tried.nuisances[w] = observed.bodies.iter().enumerate().flat_map(of).collect();
+            proposed.nuisances[w] = observed.bodies.iter().enumerate().flat_map(of).collect();
         }
         // Guesses are compared after one step.
-        let (tried, evaluation) = model::fit(data, layout, tried, 1)?;
+        let (proposed, evaluation) = model::fit(data, layout, proposed, 1)?;
         for (w, square) in evaluation.squares.iter().enumerate() {
             if *square < best[w] {
                 best[w] = *square;
-                chosen[w].clone_from(&tried.nuisances[w]);
+                chosen[w].clone_from(&proposed.nuisances[w]);
             }
         }
         for (w, segment) in multi_step_segments(data.segments) {

@@ -225,11 +225,11 @@ mod tests {
     #[test]
     fn lags_are_estimated_from_smooth_motion() {
         let step = 1.0 / 240.0;
-        for wanted in [0.0, 0.5 * step, -0.625 * step] {
-            for wind in [wanted, 0.0] {
-                let (one, other) = (thrown(wanted, wind, 0.0), thrown(wanted, wind, 0.3));
+        for expected in [0.0, 0.5 * step, -0.625 * step] {
+            for wind in [expected, 0.0] {
+                let (one, other) = (thrown(expected, wind, 0.0), thrown(expected, wind, 0.3));
                 let found = estimate_lag(&[&one, &other], G, step).unwrap();
-                assert!((found.gravity - wanted).abs() < 0.02 * step, "{found:?} for {wanted}");
+                assert!((found.gravity - expected).abs() < 0.02 * step, "{found:?} for {expected}");
                 assert!((found.other - wind).abs() < 0.02 * step, "{found:?} for {wind}");
             }
         }

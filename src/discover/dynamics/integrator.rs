@@ -434,17 +434,17 @@ mod tests {
             let shorter = SegmentPhysics { max_step: MAX_STEPS[1], ..with(segment, name, values) };
             let paths: [InitialCondition; 2] =
                 [(&physics, &segment.nuisances), (&shorter, &segment.nuisances)];
-            let [own, wanted] = paths.map(|path| flown(&[path]).remove(0));
-            for (at, wanted) in own.iter().zip(wanted) {
-                let events = |k: usize| (at[k] - wanted[k]).hypot(at[k + 1] - wanted[k + 1]);
-                assert!(events(0) < 1e-6 && events(2) < 1e-5, "{name}: {} and {}", events(0), events(2));
+            let [own, expected] = paths.map(|path| flown(&[path]).remove(0));
+            for (at, expected) in own.iter().zip(expected) {
+                let off = |k: usize| (at[k] - expected[k]).hypot(at[k + 1] - expected[k + 1]);
+                assert!(off(0) < 1e-6 && off(2) < 1e-5, "{name}: {} and {}", off(0), off(2));
             }
             let met = paths.map(|path| integrate(&[path], |_, _, _| ())[0]);
             assert!(met.iter().all(|m| m.is_some() == (segment.kind == SegmentKind::Contact)));
             if let [Some(a), Some(b)] = met {
-                let events =
+                let off =
                     [a.time - b.time, a.approach - b.approach, a.normal - b.normal, a.tangent - b.tangent];
-                assert!(events.iter().all(|o| o.abs() < 1e-6), "{name}: {events:?}");
+                assert!(off.iter().all(|o| o.abs() < 1e-6), "{name}: {off:?}");
             }
         }
     }

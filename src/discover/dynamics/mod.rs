@@ -115,11 +115,12 @@ mod tests {
         segments[0].scene.gravity = [0.0, 0.0];
         let (k, v) = (0.15, 8.0);
         let mut speeds = Vec::new();
-        let seen = with(&segments[0], "quadratic_drag", &[k])
+        let observed = with(&segments[0], "quadratic_drag", &[k])
             .predict_positions(&[1.0, 2.0, v, 0.0], |_, s| speeds.push(s[2]));
         for (i, t) in segments[0].observations.iter().map(|p| p.time).enumerate() {
-            let wanted = 1.0 + libm::log(1.0 + k * v * t) / k;
-            let off = [seen[2 * i] - wanted, seen[2 * i + 1] - 2.0, speeds[i] - v / (1.0 + k * v * t)];
+            let expected = 1.0 + libm::log(1.0 + k * v * t) / k;
+            let off =
+                [observed[2 * i] - expected, observed[2 * i + 1] - 2.0, speeds[i] - v / (1.0 + k * v * t)];
             assert!(off.iter().all(|o| o.abs() < 2e-5), "{off:?} at {t}");
         }
     }

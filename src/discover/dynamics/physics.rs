@@ -131,12 +131,12 @@ impl<'a> SegmentPhysics<'a> {
 
     /// Largest derivative of an acceleration by a velocity, 1/s.
     fn relaxation_rate(&self, body: &PlanarState) -> f64 {
-        let here = self.acceleration(self.clock[1], body);
+        let current = self.acceleration(self.clock[1], body);
         let by = |k: usize| {
             let mut moved = *body;
             moved[k] += SMALL_SPEED;
-            let there = self.acceleration(self.clock[1], &moved);
-            (there[0] - here[0]).hypot(there[1] - here[1]) / SMALL_SPEED
+            let candidate = self.acceleration(self.clock[1], &moved);
+            (candidate[0] - current[0]).hypot(candidate[1] - current[1]) / SMALL_SPEED
         };
         by(2).max(by(3))
     }

@@ -30,7 +30,7 @@ pub enum FieldInputs {
     Clock,
     /// Position and direction of motion.
     Heading,
-    /// Monomials of position, velocity and speed, without radial basis functions; see `law`.
+    /// Monomials of position, velocity and speed, without radial basis functions; see `formula`.
     Powers,
 }
 
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(2 * effects.len(), functions.count());
         let around = SimulationContext { time_step: dt, gravity: [0.0, -9.81] };
         for (time, [x, y, vx, vy]) in [(0.3, [0.1, 1.2, 2.0, -1.0]), (1.1, [1.7, 2.9, -3.0, 0.5])] {
-            for (k, wanted) in functions.accelerations(time, [x, y, vx, vy]).into_iter().enumerate() {
+            for (k, expected) in functions.accelerations(time, [x, y, vx, vy]).into_iter().enumerate() {
                 let (effect, mut values) = effects[k / 2].clone();
                 values[k % 2] = 1.0;
                 let EffectKind::Motion(law) = effect.kind else {
@@ -218,8 +218,8 @@ mod tests {
                 let body = MotionState { time, x, y, vx, vy, omega: 0.0 };
                 let kicked = law.kick(&law.constants(&values, &around), body, dt);
                 let got = [(kicked[0] - vx) / dt, (kicked[1] - vy) / dt];
-                let off = (0..2).map(|a| (got[a] - wanted[a]).abs()).fold(0.0, f64::max);
-                assert!(off < 1e-5, "{} {k}: {got:?} for {wanted:?}", effect.name);
+                let off = (0..2).map(|a| (got[a] - expected[a]).abs()).fold(0.0, f64::max);
+                assert!(off < 1e-5, "{} {k}: {got:?} for {expected:?}", effect.name);
             }
         }
     }

@@ -50,15 +50,15 @@ impl SearchProblem<'_> {
                 let within = |(v, s): (&f64, &Parameter)| v.clamp(s.bounds[0], s.bounds[1]);
                 value.iter().zip(&layout.parameters).map(within).collect::<Vec<f64>>()
             };
-            let mut tried: Vec<Vec<f64>> = (0..samples).map(value).collect();
-            tried[0].clone_from(&best.1);
-            let losses = self.losses(&tried)?;
+            let mut proposed: Vec<Vec<f64>> = (0..samples).map(value).collect();
+            proposed[0].clone_from(&best.1);
+            let losses = self.losses(&proposed)?;
             let mut order: Vec<usize> = (0..samples).collect();
             order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]).then(a.cmp(b)));
             if losses[order[0]] < best.0 {
-                best = (losses[order[0]], tried[order[0]].clone());
+                best = (losses[order[0]], proposed[order[0]].clone());
             }
-            let elites = order.iter().take(elite).map(|i| DVector::from_column_slice(&tried[*i]));
+            let elites = order.iter().take(elite).map(|i| DVector::from_column_slice(&proposed[*i]));
             let (centre, own) = moments(&elites.collect::<Vec<_>>());
             mean = mean * SMOOTHING + centre * (1.0 - SMOOTHING);
             covariance = covariance * SMOOTHING + own * (1.0 - SMOOTHING);

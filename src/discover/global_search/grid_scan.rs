@@ -38,8 +38,8 @@ impl SearchProblem<'_> {
             for i in first.iter().chain(&then).copied().filter(|i| spread[*i] > 0.0) {
                 for (width, side) in widths.iter().copied() {
                     let to = self.grid_values(&best.1, spread, i, width, side);
-                    let tried = to.into_iter().map(|to| replaced(&best.1, &[(i, to)])).collect();
-                    best = self.better(best, tried)?;
+                    let proposed = to.into_iter().map(|to| replaced(&best.1, &[(i, to)])).collect();
+                    best = self.better(best, proposed)?;
                 }
             }
             if best.0 > CONVERGENCE_RATIO * before {
@@ -69,8 +69,8 @@ impl SearchProblem<'_> {
             for (width, side) in PAIR_GRIDS {
                 let [rows, columns] = [l, e].map(|i| self.grid_values(&best.1, spread, i, width, side));
                 let pairs = rows.iter().flat_map(|r| columns.iter().map(|c| (*r, *c)));
-                let tried = pairs.map(|(r, c)| replaced(&best.1, &[(l, r), (e, c)])).collect();
-                best = self.better(best, tried)?;
+                let proposed = pairs.map(|(r, c)| replaced(&best.1, &[(l, r), (e, c)])).collect();
+                best = self.better(best, proposed)?;
             }
         }
         Ok(FitState::new(best.1, start.nuisances))
@@ -81,9 +81,9 @@ impl SearchProblem<'_> {
     }
 
     /// The best of all; the known one on ties.
-    fn better(&self, known: ScoredValues, tried: Vec<Vec<f64>>) -> Result<ScoredValues> {
-        let losses = self.losses(&tried)?;
-        Ok(losses.into_iter().zip(tried).fold(known, |best, new| if new.0 < best.0 { new } else { best }))
+    fn better(&self, known: ScoredValues, proposed: Vec<Vec<f64>>) -> Result<ScoredValues> {
+        let losses = self.losses(&proposed)?;
+        Ok(losses.into_iter().zip(proposed).fold(known, |best, new| if new.0 < best.0 { new } else { best }))
     }
 
     /// Grid of a parameter about its value, `side` points on each side up to `width` standard deviations,

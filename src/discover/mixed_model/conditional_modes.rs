@@ -144,8 +144,8 @@ mod tests {
     fn unconverged_fits_gain_no_evidence() {
         let (_, fits, _) = segments::fitted_models(&[&["wind"], &["gust"], &["position_field"]]);
         for f in fits {
-            let here = nalgebra::DVector::zeros(f.layout.parameters.len());
-            let fitted: f64 = f.group_statistics.iter().map(|t| t.log_density_after(&here)).sum();
+            let current = nalgebra::DVector::zeros(f.layout.parameters.len());
+            let fitted: f64 = f.group_statistics.iter().map(|t| t.log_density_after(&current)).sum();
             assert!(f.log_evidence < fitted + 2.0, "{:?}: {} and {fitted}", f.effect_names(), f.log_evidence);
         }
     }

@@ -9,16 +9,16 @@ const MAX_FOLDS: usize = 10;
 /// Fold of every trial; every setting is spread over all folds.
 pub fn folds(settings: &[usize]) -> Vec<usize> {
     let count = MAX_FOLDS.min(settings.len()).max(1);
-    let mut seen = vec![0usize; settings.iter().max().map_or(0, |m| m + 1)];
+    let mut observed = vec![0usize; settings.iter().max().map_or(0, |m| m + 1)];
     let mut first = 0;
     let mut out = Vec::with_capacity(settings.len());
     for setting in settings {
-        if seen[*setting] == 0 {
-            seen[*setting] = first + 1;
+        if observed[*setting] == 0 {
+            observed[*setting] = first + 1;
             first += 1;
         }
-        out.push((seen[*setting] - 1) % count);
-        seen[*setting] += 1;
+        out.push((observed[*setting] - 1) % count);
+        observed[*setting] += 1;
     }
     out
 }

@@ -471,8 +471,8 @@ mod tests {
         let line = DMatrix::from_fn(6, 1, |i, _| 3.0 - 2.0 * i as f64);
         assert!(complement.project(line).norm() < 1e-9);
         let bend = DMatrix::from_column_slice(6, 1, &[5.0, -1.0, -4.0, -4.0, -1.0, 5.0]);
-        let seen = complement.project(bend.clone());
-        assert_eq!(seen.nrows(), 4, "a column of nothing takes nothing up");
-        assert!((seen.norm() - bend.norm()).abs() < 1e-9);
+        let observed = complement.project(bend.clone());
+        assert_eq!(observed.nrows(), 4, "a column of nothing takes nothing up");
+        assert!((observed.norm() - bend.norm()).abs() < 1e-9);
     }
 }

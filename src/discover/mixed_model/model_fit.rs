@@ -188,10 +188,10 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         let mut share = 1.0;
         for _ in 0..MAX_GLS_ROUNDS {
             let next = self.take_step(layout, &best, share);
-            let Some(there) = self.evaluate(layout, next, &best.components, WARM_STEP)? else { break };
-            let gained = there.log_posterior - best.log_posterior;
+            let Some(candidate) = self.evaluate(layout, next, &best.components, WARM_STEP)? else { break };
+            let gained = candidate.log_posterior - best.log_posterior;
             if gained > 0.0 {
-                best = there;
+                best = candidate;
                 share = 1.0;
             } else {
                 share *= 0.5;

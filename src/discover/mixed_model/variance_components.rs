@@ -174,7 +174,7 @@ impl<'a> ComponentLikelihood<'a> {
         let quality = |own: &mut ComponentLikelihood, logs: &[f64]| {
             own.log_densities(logs).iter().sum::<f64>() + from.log_prior(logs)
         };
-        let mut here = quality(self, &begun);
+        let mut current = quality(self, &begun);
         let mut out = Vec::with_capacity(count);
         for round in 1..=BURN_IN + THINNING * count {
             for k in (0..begun.len()).filter(|k| matter[*k]) {
@@ -188,9 +188,9 @@ impl<'a> ComponentLikelihood<'a> {
                 if logs[k] > most[k] {
                     continue;
                 }
-                let there = quality(self, &logs);
-                if libm::log(u) < there - here {
-                    (here, steps) = (there, moved);
+                let candidate = quality(self, &logs);
+                if libm::log(u) < candidate - current {
+                    (current, steps) = (candidate, moved);
                 }
             }
             if round > BURN_IN && (round - BURN_IN).is_multiple_of(THINNING) {
@@ -304,10 +304,10 @@ mod tests {
         let of = |l: &f64| likely.log_densities(&at(*l)).iter().sum::<f64>() + start.log_prior(&at(*l));
         let logs: Vec<f64> = grid.iter().map(of).collect();
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let wanted = moments(&grid, &logs.iter().map(|l| (l - most).exp()).collect::<Vec<_>>());
-        assert!((found[0] - wanted[0]).abs() < 0.1 * wanted[1], "{found:?} for {wanted:?}");
-        assert!((found[1] / wanted[1] - 1.0).abs() < 0.1, "{found:?} for {wanted:?}");
-        assert!(wanted[1] < 0.8, "the parts tell the push: {wanted:?}");
+        let expected = moments(&grid, &logs.iter().map(|l| (l - most).exp()).collect::<Vec<_>>());
+        assert!((found[0] - expected[0]).abs() < 0.1 * expected[1], "{found:?} for {expected:?}");
+        assert!((found[1] / expected[1] - 1.0).abs() < 0.1, "{found:?} for {expected:?}");
+        assert!(expected[1] < 0.8, "the parts tell the push: {expected:?}");
         let slow = moments(&drawn.iter().map(|c| c.discrepancy.ln()).collect::<Vec<_>>(), &even);
         assert!(
             (slow[0] - LOG_DISCREPANCY_PRIOR[0]).abs() < 0.3

@@ -31,8 +31,8 @@ pub fn linearise_engine(
     if plans.is_empty() {
         return Ok(Vec::new());
     }
-    let mut seen = batch.predict(data)?.into_iter();
-    let mut next = || seen.next().unwrap_or_default();
+    let mut observed = batch.predict(data)?.into_iter();
+    let mut next = || observed.next().unwrap_or_default();
     let mut out = Vec::new();
     for (w, shared) in plans {
         let base = next();
@@ -86,9 +86,9 @@ impl RolloutBatch {
         let (segment, nuisances, cached) = (&data.segments[w], &state.nuisances[w], data.cached_jacobian(w));
         let physics = |values: &[f64]| layout.effects_and_latents(values, segment.setting, segment.start);
         let (effects, latents) = physics(&state.values);
-        let here = self.scenes.len();
+        let current = self.scenes.len();
         self.scenes.push(apply_initial_state(segment, nuisances));
-        self.jobs.push((w, here, (effects.clone(), latents)));
+        self.jobs.push((w, current, (effects.clone(), latents)));
         if cached.is_none() {
             for (k, to) in (0..nuisances.len()).flat_map(|k| [(k, -1.0), (k, 1.0)]) {
                 let mut moved = nuisances.clone();
@@ -103,12 +103,12 @@ impl RolloutBatch {
         {
             let mut moved = state.values.clone();
             moved[parameter] = end;
-            self.jobs.push((w, here, physics(&moved)));
+            self.jobs.push((w, current, physics(&moved)));
         }
         for e in perturbations {
             let mut effects = effects.clone();
             effects.push(e.effect.term_at_clock(&e.values, segment.start));
-            self.jobs.push((w, here, (effects, latents)));
+            self.jobs.push((w, current, (effects, latents)));
         }
     }
 

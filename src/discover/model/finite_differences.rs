@@ -70,7 +70,7 @@ pub fn linearise_ode(
 ) -> Prediction {
     let (nuisances, values, random_effect_terms) =
         (state.nuisances[w].as_slice(), state.values_in(w), state.random_effect_terms(w));
-    let here = layout.segment_physics(segment, &values, &random_effect_terms);
+    let current = layout.segment_physics(segment, &values, &random_effect_terms);
     let steps: &[f64] =
         if segment.kind == SegmentKind::Rolling { &ROLLING_FD_STEPS } else { &FLIGHT_FD_STEPS };
     let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
@@ -99,7 +99,8 @@ pub fn linearise_ode(
     };
     let besides: Vec<SegmentPhysics> = perturbations.iter().map(with_extra).collect();
 
-    let from_here = [(&here, nuisances)].into_iter().chain(starts.iter().map(|s| (&here, s.as_slice())));
+    let from_here =
+        [(&current, nuisances)].into_iter().chain(starts.iter().map(|s| (&current, s.as_slice())));
     let others = ends.iter().flatten().chain(&besides).map(|p| (p, nuisances));
     let mut found = predict_batch(&from_here.chain(others).collect::<Vec<_>>()).into_iter();
     let (base, impact) = found.next().unwrap_or_default();

@@ -67,17 +67,18 @@ pub fn fit(
     most: usize,
 ) -> Result<(FitState, FitEvaluation)> {
     let mut state = FitState { random_effects: Vec::new(), ..start };
-    let mut here = evaluate(data, layout, &state)?;
+    let mut current = evaluate(data, layout, &state)?;
     let mut damping = INITIAL_DAMPING;
     let shaped = (0..layout.parameters.len()).any(|i| layout.is_shape(i));
     let held = if shaped { SHAPE_DELAY_STEPS } else { 0 };
     for round in 0..most + held {
-        let step = levenberg_step(layout, &state.values, &here, damping, round < held);
-        let tried = take_step(layout, &state, &step, &here.nuisance_updates);
-        let there = evaluate(data, layout, &tried)?;
-        let (old, new) = (penalised_square(layout, &state, &here), penalised_square(layout, &tried, &there));
+        let step = levenberg_step(layout, &state.values, &current, damping, round < held);
+        let proposed = take_step(layout, &state, &step, &current.nuisance_updates);
+        let candidate = evaluate(data, layout, &proposed)?;
+        let (old, new) =
+            (penalised_square(layout, &state, &current), penalised_square(layout, &proposed, &candidate));
         if new <= old * (1.0 + 1e-9) {
-            (state, here) = (tried, there);
+            (state, current) = (proposed, candidate);
             damping = (damping * DAMPING_DECREASE).max(MIN_DAMPING);
             if round >= held
                 && old - new
@@ -93,7 +94,7 @@ pub fn fit(
             }
         }
     }
-    Ok((state, here))
+    Ok((state, current))
 }
 
 /// Evaluation at a state without random effects.

@@ -197,17 +197,17 @@ fn whiten(
     moved: Prediction,
 ) -> Linearization {
     let held = regularised_nuisances(segment);
-    let (seen, count) = (moved.positions.len(), moved.by_nuisance.len());
-    let n = seen + 2 * held.len();
+    let (observed, count) = (moved.positions.len(), moved.by_nuisance.len());
+    let n = observed + 2 * held.len();
     let off = |i: usize| {
-        if i < seen { segment.observations[i / 2].position[i % 2] - moved.positions[i] } else { 0.0 }
+        if i < observed { segment.observations[i / 2].position[i % 2] - moved.positions[i] } else { 0.0 }
     };
     let mut residual = DVector::from_fn(n, |i, _| off(i));
     let mut weights = observation_weights(segment, sd, &residual);
     weights.extend(held.iter().map(|(_, plausible)| 1.0 / plausible));
     let mut start = DMatrix::zeros(n, count);
     let mut columns = DMatrix::zeros(n, parameters + moved.by_perturbation.len());
-    for i in 0..seen {
+    for i in 0..observed {
         let weight = weights[i / 2];
         for (k, slope) in moved.by_nuisance.iter().enumerate() {
             start[(i, k)] = slope[i] * weight;
@@ -221,7 +221,7 @@ fn whiten(
         }
     }
     for (h, (k, _)) in held.iter().enumerate().filter(|(_, (k, _))| *k < count) {
-        let row = seen + 2 * h;
+        let row = observed + 2 * h;
         start[(row, *k)] = weights[row / 2];
         residual[row] =
             if segment.kind == SegmentKind::MultiStep { 0.0 } else { segment.nuisances[*k] - nuisances[*k] };

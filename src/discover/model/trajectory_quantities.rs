@@ -123,8 +123,8 @@ mod tests {
         let states = vec![[0.0; 4]; segments[0].observations.len()];
         let accelerations = accelerations(&segments[0], &layout, &[1.5, 0.0, 2.0, 0.4], &states);
         for (point, [x, _]) in segments[0].observations.iter().zip(accelerations) {
-            let wanted = 1.5 * libm::sin(std::f64::consts::PI * (0.3 + point.time) + 0.4);
-            assert!((x - wanted).abs() < 1e-5, "{x} for {wanted}");
+            let expected = 1.5 * libm::sin(std::f64::consts::PI * (0.3 + point.time) + 0.4);
+            assert!((x - expected).abs() < 1e-5, "{x} for {expected}");
         }
     }
 }

@@ -121,25 +121,25 @@ fn observed_segment(typical: &Segment, start: [f64; 4]) -> Segment {
 /// Residual square in units of the noise with which `other` fits [`REPEATS`] throws predicted by `own`, after
 /// refitting initial states and parameters, the latter with the information of the trials so far.
 fn discrimination(trial: &CandidateThrow, own: &FittedModel, other: &FittedModel, noise: &Noise) -> f64 {
-    let seen = |fit: &FittedModel, values: &[f64], start: &[f64]| {
+    let observed = |fit: &FittedModel, values: &[f64], start: &[f64]| {
         DVector::from_vec(
             fit.layout.segment_physics(&trial.segment, values, &[]).predict_positions(start, |_, _| ()),
         )
     };
     let (values, parameters) = (&other.state.values, &other.layout.parameters);
-    let truth = seen(own, &own.state.values, &trial.nuisances);
+    let truth = observed(own, &own.state.values, &trial.nuisances);
     let mut start = trial.nuisances;
     let mut left = 0.0;
     // Two Gauss-Newton steps for the initial state.
     for _ in 0..2 {
-        let base = seen(other, values, &start);
+        let base = observed(other, values, &start);
         let mut residual = &truth - &base;
         let from = DMatrix::from_columns(
             &(0..4)
                 .map(|k| {
                     let mut moved = start;
                     moved[k] += 1e-4;
-                    (seen(other, values, &moved) - &base) / 1e-4
+                    (observed(other, values, &moved) - &base) / 1e-4
                 })
                 .collect::<Vec<_>>(),
         );
@@ -153,7 +153,7 @@ fn discrimination(trial: &CandidateThrow, own: &FittedModel, other: &FittedModel
                 parameter.fd_step
             };
             moved[k] += by;
-            columns.set_column(k, &((seen(other, &moved, &start) - &base) / by));
+            columns.set_column(k, &((observed(other, &moved, &start) - &base) / by));
         }
         if !residual.iter().chain(columns.iter()).chain(from.iter()).all(|v| v.is_finite()) {
             return 0.0;

@@ -1,7 +1,7 @@
 //! Discrepancy fields as parts of a model, expanded in basis functions.
 //!
 //! A field is a sum of basis functions, each with a pair of amplitudes: Gaussian radial basis functions
-//! (`field`) or monomials of position, velocity and speed (`law`). It acts as a force and not as an offset of
+//! (`field`) or monomials of position, velocity and speed (`formula`). It acts as a force and not as an offset of
 //! observations, so it persists through contacts.
 
 use std::ops::Range;

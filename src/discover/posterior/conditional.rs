@@ -25,7 +25,7 @@ pub struct BlockIndex {
     pub group: usize,
     pub row: usize,
     /// Derivative of the group's coordinates with respect to observed positions, 1/m; see
-    /// [`launch::by_position`](crate::discover::mixed_model::groups::by_position).
+    /// [`observation_jacobian`](crate::discover::mixed_model::groups::observation_jacobian).
     pub by_position: DMatrix<f64>,
 }
 

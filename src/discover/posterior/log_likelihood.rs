@@ -7,7 +7,7 @@
 //! multivariate Student t. A shared force field that the model lacks is integrated out
 //! ([`super::discrepancy`]).
 //!
-//! Sources: as in `launch`; model discrepancy: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
+//! Sources: as in `groups`; model discrepancy: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 //!
 //! Differences from the source: the dependence of segments on their initial states is linearised at the fit.
 //! Variance components are drawn once, at the fit, with upper bounds from there: the average is inaccurate far

@@ -53,7 +53,7 @@ impl<'a> ReportInput<'a> {
 
 /// Report, extended scene and evidence of a diagnosis.
 pub fn build_report(
-    given: &ReportInput,
+    input: &ReportInput,
     found: SearchResult,
     decision: &Decision,
     config: &DiagnosisConfig,
@@ -68,12 +68,12 @@ pub fn build_report(
         expected,
         scale,
         ..
-    } = given;
+    } = input;
     let (segments, settings, verdict) = (data.segments, data.settings, decision.verdict);
     let SearchResult { base, fits, .. } = &found;
     let best = decision.selected.map(|c| &fits[c]);
     let model = best.unwrap_or(base);
-    let fitter = given.fitter();
+    let fitter = input.fitter();
     let law = match verdict {
         Verdict::Unknown => {
             LawProblem { fitter: &fitter, base, model, field: decision.field.as_ref() }.law(noise)?
@@ -92,12 +92,12 @@ pub fn build_report(
     let rival_names = |i: &usize| strings(&fits[*i].effect_names());
     let unlike = between_trial_variation::between_trial_variation(model);
     let remainder = residual_summary(base, model, decision, noise, &gain, scale);
-    let (launches, predictive) = per_trial(given, model, model_to_check(&found, best, verdict))?;
+    let (launches, predictive) = per_trial(input, model, model_to_check(&found, best, verdict))?;
     let field = match &decision.field {
         Some(field) => residual_map::residual_field(&fitter, model, field.spec)?,
         None => None,
     };
-    let bands = [predictive_sds(given, base, base.view())?, predictive_sds(given, model, view)?];
+    let bands = [predictive_sds(input, base, base.view())?, predictive_sds(input, model, view)?];
     let evidence = evidence::evidence(data, [base.view(), view], bands, names)?;
     let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
     let described = residual_law.as_ref().map_or(String::new(), text::law_text);
@@ -147,12 +147,12 @@ fn model_to_check<'f>(
 
 /// Estimates of a model by trial, and how trials compare with the predictions that the model `checked` makes from the others.
 fn per_trial(
-    given: &ReportInput,
+    input: &ReportInput,
     model: &FittedModel,
     checked: &FittedModel,
 ) -> Result<(Vec<TrialEffects>, Option<PredictiveCheck>)> {
-    let ReportInput { trials, data, trial_indices: used, setting_names: names, .. } = given;
-    let fitter = given.fitter();
+    let ReportInput { trials, data, trial_indices: used, setting_names: names, .. } = input;
+    let fitter = input.fitter();
     let Some((mut linearizations, groups)) = fitter.groups(&model.layout, &model.state, &[])? else {
         return Ok((Vec::new(), None));
     };
@@ -175,8 +175,8 @@ fn per_trial(
 
 /// Predictive standard deviations of residuals; `view` may have more terms than the model whose components
 /// are used.
-fn predictive_sds(given: &ReportInput, model: &FittedModel, view: ModelView) -> Result<Option<ResidualSds>> {
-    let fitter = given.fitter();
+fn predictive_sds(input: &ReportInput, model: &FittedModel, view: ModelView) -> Result<Option<ResidualSds>> {
+    let fitter = input.fitter();
     let linearizations = fitter.groups(view.layout, view.state, &[])?;
     let of = |(linearizations, _): (Vec<Linearization>, _)| {
         predictive_sd::predictive_sds(
@@ -185,7 +185,7 @@ fn predictive_sds(given: &ReportInput, model: &FittedModel, view: ModelView) -> 
             &linearizations,
             &model.components,
             &model.covariance,
-            given.noise,
+            input.noise,
         )
     };
     Ok(linearizations.map(of))

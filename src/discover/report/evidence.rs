@@ -186,8 +186,9 @@ fn bounce_record(segment: &Segment, w: usize, base: ModelView, model: ModelView)
 fn residual_velocity(segment: &Segment, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
     let along = |axis: usize| {
         let row = |(i, p): (usize, &Observation)| (p.time, residual[2 * i + axis]);
-        let there = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
-        let rows: Vec<(f64, f64)> = segment.observations.iter().enumerate().map(row).filter(there).collect();
+        let candidate = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
+        let rows: Vec<(f64, f64)> =
+            segment.observations.iter().enumerate().map(row).filter(candidate).collect();
         slope(&rows)
     };
     Some([along(0)?, along(1)?])

@@ -104,8 +104,8 @@ mod tests {
             set_initial_states(&mut own, &from, fitted);
             own.bodies.iter().map(|b| (b.position.unwrap(), b.velocity)).collect::<Vec<_>>()
         };
-        let (seen, fitted) = (([1.0, 2.0], [3.0, 4.0]), ([5.0, 6.0], [7.0, 8.0]));
-        assert_eq!(starts(scene(None, [0.0; 2]), Some(("b", &[5.0, 6.0, 7.0, 8.0]))), [seen, fitted]);
+        let (observed, fitted) = (([1.0, 2.0], [3.0, 4.0]), ([5.0, 6.0], [7.0, 8.0]));
+        assert_eq!(starts(scene(None, [0.0; 2]), Some(("b", &[5.0, 6.0, 7.0, 8.0]))), [observed, fitted]);
         let own = scene(Some([9.0, 9.0]), [0.0, 1.0]);
         assert_eq!(starts(own, None), [([9.0, 9.0], [0.0, 1.0]); 2]);
     }

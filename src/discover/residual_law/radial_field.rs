@@ -129,16 +129,16 @@ mod tests {
             libm::sin(0.37 * ((i + 3) * (k + 1)) as f64) + if k == 0 { 0.5 } else { 0.0 }
         };
         let columns = DMatrix::from_fn(rows, parameters + 2 * count, wave);
-        let mut seen = columns.column(0) * 7.0;
+        let mut observed = columns.column(0) * 7.0;
         for (bump, own) in amplitudes {
-            (0..2).for_each(|a| seen.axpy(own[a], &columns.column(parameters + 2 * bump + a), 1.0));
+            (0..2).for_each(|a| observed.axpy(own[a], &columns.column(parameters + 2 * bump + a), 1.0));
         }
-        (0..rows).for_each(|i| seen[i] += noise * libm::sin(12.9 * (i * i) as f64) * 1.4);
+        (0..rows).for_each(|i| observed[i] += noise * libm::sin(12.9 * (i * i) as f64) * 1.4);
         let mut gram = columns.tr_mul(&columns) / (noise * noise);
         gram[(0, 0)] += 1e-6;
         FieldStatistics {
             gram,
-            score: columns.tr_mul(&seen) / (noise * noise),
+            score: columns.tr_mul(&observed) / (noise * noise),
             effects: vec![(&place_push::EFFECT, Vec::new()); count],
         }
     }
@@ -150,8 +150,11 @@ mod tests {
             forward_selection(&normal_equations(&[(5, [1.0, -0.6]), (17, [0.0, 0.8])], 0.3), 1, 1.0);
         found.sort_by_key(|f| f.0);
         assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [5, 17], "{found:?}");
-        for (own, wanted) in found.iter().zip([[1.0, -0.6], [0.0, 0.8]]) {
-            assert!((own.1[0] - wanted[0]).abs() < 0.05 && (own.1[1] - wanted[1]).abs() < 0.05, "{found:?}");
+        for (own, expected) in found.iter().zip([[1.0, -0.6], [0.0, 0.8]]) {
+            assert!(
+                (own.1[0] - expected[0]).abs() < 0.05 && (own.1[1] - expected[1]).abs() < 0.05,
+                "{found:?}"
+            );
         }
         assert_eq!(forward_selection(&normal_equations(&[], 0.3), 1, 1.0), []);
     }

@@ -25,12 +25,12 @@ pub fn without_holds(rows: &[TimedPosition], (from, to): (usize, usize), g: f64)
 /// Number of the first rows in which the body is held.
 fn held_count<'a>(rows: impl Iterator<Item = &'a TimedPosition>, noise: f64, g: f64) -> usize {
     let (mut count, mut sum, mut first, mut last) = (0usize, [0.0; 2], None, 0.0);
-    for (time, seen) in rows {
+    for (time, observed) in rows {
         let mean = sum.map(|s| s / count.max(1) as f64);
-        if count > 0 && (0..2).any(|axis| (seen[axis] - mean[axis]).abs() > MAX_REST_DEVIATION * noise) {
+        if count > 0 && (0..2).any(|axis| (observed[axis] - mean[axis]).abs() > MAX_REST_DEVIATION * noise) {
             break;
         }
-        (0..2).for_each(|axis| sum[axis] += seen[axis]);
+        (0..2).for_each(|axis| sum[axis] += observed[axis]);
         count += 1;
         last = *time;
         first.get_or_insert(*time);

@@ -234,9 +234,9 @@ impl DiscrepancyBasis {
             let [nx, ny] = surface.normal;
             let first = first + 2 * self.position.len();
             for (k, bump) in self.impact.iter().enumerate() {
-                let here = bump.at([impact.approach, impact.slip]);
+                let current = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
-                    let size = sizes[way] * here;
+                    let size = sizes[way] * current;
                     for (i, point) in segment.observations.iter().enumerate() {
                         let since = (point.time - impact.time).max(0.0);
                         (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);

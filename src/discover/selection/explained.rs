@@ -64,16 +64,16 @@ pub fn explanation(
     let nothing = Explanation { shares: Vec::new(), gain: None };
     let Some((_, groups)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
-    let here = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
+    let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
     let (modes, broad) = match field::fit_broad(fitter, model, sd)? {
         Some((groups, step)) => {
             let modes = acceleration_modes(model, &groups, |_| step.clone());
             let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
             (modes, Some(left))
         }
-        None => (acceleration_modes(model, &groups, here), None),
+        None => (acceleration_modes(model, &groups, current), None),
     };
-    let own = squares_by_trial(model, &groups, &modes, here);
+    let own = squares_by_trial(model, &groups, &modes, current);
     let held_out = |m: &FittedModel, groups: &[Group]| {
         squares_by_trial(m, groups, &modes, |group| m.held_out_steps[group.trial].clone())
     };
@@ -85,7 +85,7 @@ pub fn explanation(
             continue;
         };
         let (none, floor) =
-            (squares_by_trial(base, &groups, &modes, here), noise_floor(fitter, base, &groups));
+            (squares_by_trial(base, &groups, &modes, current), noise_floor(fitter, base, &groups));
         out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
             out.gain = removed_share(&held_out(base, &groups), &after, floor.iter().sum());

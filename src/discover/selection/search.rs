@@ -318,9 +318,9 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
         components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
         let Some(tests) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
-        let (own, here) =
+        let (own, current) =
             (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + perturbations.len()));
-        let before: f64 = tests.iter().map(|t| t.log_density_after(&here)).sum();
+        let before: f64 = tests.iter().map(|t| t.log_density_after(&current)).sum();
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {

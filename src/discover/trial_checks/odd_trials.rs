@@ -119,8 +119,8 @@ mod tests {
     #[test]
     fn odd_trials_are_named() {
         let one = |p: f64| OddTrial { trial: 3, name: "throw 3".into(), p };
-        let wanted = "; left out: trial \"throw 3\" (p = 2.0e-9), which is unlike what the others predict";
-        assert_eq!(text(&[one(2e-9)]), wanted);
+        let expected = "; left out: trial \"throw 3\" (p = 2.0e-9), which is unlike what the others predict";
+        assert_eq!(text(&[one(2e-9)]), expected);
         assert!(text(&[one(1e-9), one(1e-5)]).contains("which are unlike"));
     }
 

@@ -42,15 +42,15 @@ pub fn trial_estimates(
         return none();
     };
     // Latents and shapes have their common values.
-    let here = DVector::zeros(model.layout.parameters.len());
+    let current = DVector::zeros(model.layout.parameters.len());
     let of = |trial: usize| {
-        let own = trial_information(trial, model, groups, &statistics, &here);
+        let own = trial_information(trial, model, groups, &statistics, &current);
         let others =
             group_statistics::gls(model.group_statistics.iter().filter(|t| t.trial != trial), &prior)?;
         let concerns = |k: &usize| model.layout.parameters[*k].setting.is_none_or(|s| s == settings[trial]);
         let chosen: Vec<usize> = amplitudes.iter().copied().filter(concerns).collect();
-        let among = own.blup(&chosen, &here, &others)?;
-        let alone = own.least_squares(&chosen, &here);
+        let among = own.blup(&chosen, &current, &others)?;
+        let alone = own.least_squares(&chosen, &current);
         let size = |(i, k): (usize, &usize)| {
             let ParameterKind::EffectParameter(t, p) = model.layout.parameters[*k].kind else { return None };
             let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
@@ -185,7 +185,7 @@ mod tests {
         let wave = |k: usize| libm::sin(1.7 * k as f64);
         let columns: Vec<DMatrix<f64>> =
             (0..3).map(|j| DMatrix::from_fn(5, 2, |i, k| wave(7 * i + 31 * j + k))).collect();
-        let seen: Vec<DVector<f64>> =
+        let observed: Vec<DVector<f64>> =
             (0..3).map(|j| DVector::from_fn(5, |i, _| 2.0 * wave(100 + i + 9 * j))).collect();
         let (believed, spread) = (DMatrix::from_row_slice(2, 2, &[2.0, 0.3, 0.3, 1.0]), 0.6);
         // Unknowns theta, b_1, b_2, b_3 of fifteen observations.
@@ -197,7 +197,7 @@ mod tests {
             _ if k - 2 == i / 5 => columns[i / 5][(i % 5, 0)],
             _ => 0.0,
         });
-        let all = DVector::from_fn(15, |i, _| seen[i / 5][i % 5]);
+        let all = DVector::from_fn(15, |i, _| observed[i / 5][i % 5]);
         let covariance = &design * &behind * design.transpose() + DMatrix::identity(15, 15);
         let gain = &behind * design.transpose() * covariance.try_inverse().unwrap();
         let (mean, left) = (&gain * &all, &behind - &gain * &design * &behind);
@@ -210,13 +210,13 @@ mod tests {
             let own = columns[j].column(0) * spread;
             let apart = (DMatrix::identity(5, 5) + &own * own.transpose()).try_inverse().unwrap();
             precision += columns[j].tr_mul(&(&apart * &columns[j]));
-            score += columns[j].tr_mul(&(&apart * &seen[j]));
+            score += columns[j].tr_mul(&(&apart * &observed[j]));
         }
         let covariance = precision.try_inverse().unwrap();
         let others = GlsEstimate { step: &covariance * score, covariance };
         let says = TrialInformation {
             gram: columns[0].tr_mul(&columns[0]),
-            score: columns[0].tr_mul(&seen[0]),
+            score: columns[0].tr_mul(&observed[0]),
             covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![spread * spread, 0.0])),
         };
         let close = |found: [f64; 2], mean: f64, variance: f64| {
@@ -235,7 +235,7 @@ mod tests {
         // Least squares of the trial alone.
         let alone = says.least_squares(&[0, 1], &none).unwrap();
         let inverse = columns[0].tr_mul(&columns[0]).try_inverse().unwrap();
-        let solved = &inverse * columns[0].tr_mul(&seen[0]);
+        let solved = &inverse * columns[0].tr_mul(&observed[0]);
         assert!((0..2).all(|k| (alone[k][0] - solved[k]).abs() < 1e-10));
         assert!((alone[0][1] - inverse[(0, 0)].sqrt()).abs() < 1e-10);
     }

@@ -117,12 +117,12 @@ fn kolmogorov_p(distance: f64, n: usize) -> f64 {
 /// 95 % interval of an order statistic of `n` uniform values: Beta(place, n + 1 - place).
 fn order_statistic_interval(place: usize, n: usize) -> [f64; 2] {
     let (a, b) = (place as f64, (n + 1 - place) as f64);
-    [1.0 - TAIL_PROBABILITY, TAIL_PROBABILITY].map(|wanted| {
+    [1.0 - TAIL_PROBABILITY, TAIL_PROBABILITY].map(|expected| {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
             let middle: f64 = 0.5 * (low + high);
             let above = f_survival(b * middle / (a * (1.0 - middle)), 2.0 * a, 2.0 * b);
-            if above > wanted { low = middle } else { high = middle }
+            if above > expected { low = middle } else { high = middle }
         }
         0.5 * (low + high)
     })
