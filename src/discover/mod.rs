@@ -50,9 +50,11 @@ use crate::trajectory::Trajectory;
 use crate::world::Engine;
 use crate::world::latent::factor_index;
 pub use config::{DiagnosisConfig, DiagnosisResult};
+use data::discretisation::inflate_for_discretisation;
+use data::noise::Noise;
 use data::preprocessing::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
-use data::{discretisation, surface_offsets};
-use mixed_model::model_fit::ModelFitter;
+use data::surface_offsets;
+use mixed_model::model_fit::{ModelFitter, RecordingContext};
 use model::{FitState, ParameterLayout, SegmentData};
 pub use report::Diagnosis;
 use report::build::{ReportInput, build_report, insufficient_data_report};
@@ -60,7 +62,8 @@ pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, 
 use report::expected_rss::expected_rss;
 use report::prediction_gain::ErrorScale;
 use segment::Segment;
-use selection::{candidates, search, start_grid};
+use selection::search::{ModelSearch, SearchResult};
+use selection::{Decision, candidates, start_grid};
 use trial_checks::odd_trials;
 
 /// Appended to the reason of a verdict on data with another time step.
@@ -123,37 +126,17 @@ fn diagnose_without(
     let BaseFit { mut data, layout, state, observed } = opened;
     let PreprocessedData { trial_indices: used, setting_names: names, noise, sd, mismatch: stepping, .. } =
         &ready;
-    let seek = |data: &SegmentData, layout: &ParameterLayout, state: FitState| -> Result<_> {
-        let mut fitter = ModelFitter::new(data, noise);
-        let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
-        let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
-        progress.report("estimating variance components", 0, 1)?;
-        let mut candidates = candidates::candidates(scene, &candidates::summarise(data.segments));
-        start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
-        fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
-        let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
-        let found = search::ModelSearch::new(&fitter, candidates, &latents, config.seed).search(
-            base,
-            config.max_effects,
-            progress,
-        )?;
-        let decision = selection::decide(&fitter, &found, config.seed)?;
-        Ok((fitter.context, found, decision))
+    let select = |data: &SegmentData, layout: &ParameterLayout, state: FitState| {
+        select_model(scene, noise, &latents, config, progress, (data, layout, state))
     };
-    let (mut context, mut found, mut decision) = seek(&data, &layout, state)?;
+    let (mut context, mut found, mut decision) = select(&data, &layout, state)?;
     if let Some(stepping) = *stepping {
         // The discretisation error of contacts can be evaluated once the trajectories are fitted.
         let best = decision.selected.map_or(&found.base, |c| &found.fits[c]);
         data.sd.clone_from(sd);
-        discretisation::inflate_for_discretisation(
-            &mut data,
-            &observed,
-            &best.layout,
-            &best.state,
-            stepping,
-        )?;
+        inflate_for_discretisation(&mut data, &observed, &best.layout, &best.state, stepping)?;
         let state = found.base.state;
-        (context, found, decision) = seek(&data, &layout, state)?;
+        (context, found, decision) = select(&data, &layout, state)?;
     }
     let given = ReportInput {
         scene,
@@ -176,6 +159,29 @@ fn diagnose_without(
         finding.diagnosis.reason += OTHER_STEPS;
     }
     Ok(finding)
+}
+
+/// Estimates the recording's context, searches sets of effects, and decides.
+fn select_model(
+    scene: &Scene,
+    noise: &Noise,
+    latents: &[usize],
+    config: &DiagnosisConfig,
+    progress: &dyn Progress,
+    (data, layout, state): (&SegmentData, &ParameterLayout, FitState),
+) -> Result<(Option<RecordingContext>, SearchResult, Decision)> {
+    let mut fitter = ModelFitter::new(data, noise);
+    let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
+    let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
+    progress.report("estimating variance components", 0, 1)?;
+    let mut candidates = candidates::candidates(scene, &candidates::summarise(data.segments));
+    start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
+    fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
+    let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
+    let mut search = ModelSearch::new(&fitter, candidates, latents, config.seed);
+    let found = search.search(base, config.max_effects, progress)?;
+    let decision = selection::decide(&fitter, &found, config.seed)?;
+    Ok((fitter.context, found, decision))
 }
 
 /// Segments with the fitted base model.
@@ -202,7 +208,7 @@ fn fit_base<'a>(
     let sd = segments.iter().map(|w| ready.residual_sd(w)).collect();
     let mut data = SegmentData::new(segments, &ready.settings, sd, engine);
     if let Some(stepping) = ready.mismatch {
-        discretisation::inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
+        inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
     }
     let (state, _) = base_model::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
     Ok(BaseFit { data, layout, state, observed })

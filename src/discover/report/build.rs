@@ -5,6 +5,7 @@ use crate::discover::mixed_model::model_fit::{
     FittedModel, ModelFitter, ModelView, RecordingContext, held_out_square,
 };
 use crate::discover::model::{Linearization, SegmentData};
+use crate::discover::next_experiment::next_experiment;
 use crate::discover::report::estimates::{calibrated_latents, effect_estimates, model_scores, strings};
 use crate::discover::report::evidence::{self, Evidence, ResidualSds};
 use crate::discover::report::expected_rss::ExpectedRss;
@@ -24,7 +25,7 @@ use crate::discover::trial_checks::between_trial_variation;
 use crate::discover::trial_checks::per_trial;
 use crate::discover::trial_checks::predictive_check;
 use crate::discover::trial_checks::predictive_sd;
-use crate::discover::{DiagnosisConfig, DiagnosisResult, next_experiment};
+use crate::discover::{DiagnosisConfig, DiagnosisResult};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
@@ -58,17 +59,8 @@ pub fn build_report(
     decision: &Decision,
     config: &DiagnosisConfig,
 ) -> Result<DiagnosisResult> {
-    let ReportInput {
-        scene,
-        trials,
-        data,
-        trial_indices: used,
-        setting_names: names,
-        noise,
-        expected,
-        scale,
-        ..
-    } = input;
+    let ReportInput { scene, trials, data, trial_indices: used, .. } = input;
+    let (names, noise, scale) = (input.setting_names, input.noise, input.scale);
     let (segments, settings, verdict) = (data.segments, data.settings, decision.verdict);
     let SearchResult { base, fits, .. } = &found;
     let best = decision.selected.map(|c| &fits[c]);
@@ -87,8 +79,7 @@ pub fn build_report(
     if let (Some(held_out), Some(_)) = (&mut gain.held_out, decision.gain) {
         held_out.excess_removed = decision.gain;
     }
-    let next =
-        next_experiment::next_experiment(scene, segments, fits, &decision.rivals, verdict, noise, config)?;
+    let next = next_experiment(scene, segments, fits, &decision.rivals, verdict, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].effect_names());
     let unlike = between_trial_variation::between_trial_variation(model);
     let remainder = residual_summary(base, model, decision, noise, &gain, scale);
@@ -100,21 +91,20 @@ pub fn build_report(
     let bands = [predictive_sds(input, base, base.view())?, predictive_sds(input, model, view)?];
     let evidence = evidence::evidence(data, [base.view(), view], bands, names)?;
     let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
-    let described = residual_law.as_ref().map_or(String::new(), text::law_text);
+    let law_text = residual_law.as_ref().map_or(String::new(), text::law_text);
+    let described = law_text + &between_trial_variation::text(&unlike);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
-        reason: reason(&found, decision, &remainder, used.len())
-            + &described
-            + &between_trial_variation::text(&unlike),
+        reason: reason(&found, decision, &remainder, used.len()) + &described,
         effects: effect_estimates(model, names, |name| decision.inclusion_probability(&found, name)),
         rivals: decision.rivals.iter().map(rival_names).collect(),
         calibrated: calibrated_latents(&fitter, model, base.layout.latent_count())?,
-        residual: Some(prediction_gain::base_misfit(base, segments, expected, noise, scale)),
+        residual: Some(prediction_gain::base_misfit(base, segments, input.expected, noise, scale)),
         gain,
         unexplained_share: match verdict {
             Verdict::None => Some(0.0),
-            _ => unexplained_share(base, model, expected, segments),
+            _ => unexplained_share(base, model, input.expected, segments),
         },
         residual_law,
         next_experiment: next,
