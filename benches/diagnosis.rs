@@ -8,7 +8,7 @@ mod worlds;
 
 use std::time::Instant;
 
-use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use worlds::{DOUBLES, HiddenForce, Noise, SINGLES};
 

@@ -10,8 +10,8 @@ mod worlds;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 
-use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::inference::report::{Diagnosis, Verdict};
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use iplw::rng;

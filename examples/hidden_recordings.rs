@@ -17,8 +17,8 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 use clap::CommandFactory as _;
-use iplw::discover::report::{Diagnosis, ParameterEstimate, Verdict};
-use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::inference::report::{Diagnosis, ParameterEstimate, Verdict};
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use worlds::recorded::{Kind, Size, World, kinds, world};

@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{CommandFactory as _, Parser};
-use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{DiagnosisConfig, diagnose};
 use iplw::experiment::random_trials;
+use iplw::inference::report::{Diagnosis, Verdict};
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard, with_trial_settings};
 use iplw::rng;

@@ -13,11 +13,11 @@ use std::path::PathBuf;
 
 use clap::Parser;
 use iplw::design::{DesignConfig, Question, design, training_and_test_tasks};
-use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument, Sampler, posterior};
 use iplw::error::{Error, Result};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
+use iplw::inference::posterior::{PosteriorConfig, PosteriorDocument, Sampler, posterior};
 use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, with_trial_settings};
 use iplw::rng;

@@ -13,7 +13,7 @@
 //! | `reality/` | measured trials and hidden worlds; the only module that reads hidden latents |
 //! | `explore/` | selection of actions to measure in the real world |
 //! | `estimate/` | trials -> latents: cross-entropy method, shooting, posterior sampling |
-//! | `discover/` | diagnosis of model discrepancy: the effects that the simulation lacks |
+//! | `inference/` | diagnosis of model discrepancy: the effects that the simulation lacks |
 //! | `policy/` | scoring of actions |
 //! | `plan/` | actions ranked by rollouts over a posterior |
 //! | `design/` | optimal experimental design |
@@ -41,12 +41,12 @@ pub mod access;
 pub mod budget;
 pub mod commands;
 pub mod design;
-pub mod discover;
 pub mod distribution;
 pub mod error;
 pub mod estimate;
 pub mod experiment;
 pub mod explore;
+pub mod inference;
 pub mod job;
 pub mod json;
 mod names;

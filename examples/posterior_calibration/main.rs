@@ -18,9 +18,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Parser;
-use iplw::discover::posterior::{PosteriorConfig, Sampler, posterior};
 use iplw::error::Result;
 use iplw::estimate::sampler::smc::SmcConfig;
+use iplw::inference::posterior::{PosteriorConfig, Sampler, posterior};
 use iplw::progress::NoProgress;
 use iplw::reality::Trial;
 use iplw::task::Scene;

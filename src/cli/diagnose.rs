@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use iplw::commands::DiagnosisRequest;
-use iplw::discover::report::{
+use iplw::error::Result;
+use iplw::inference::report::{
     CalibratedLatent, Diagnosis, EffectEstimate, HeldOutError, ModelScore, ParameterEstimate,
 };
-use iplw::discover::{DiagnosisConfig, DiagnosisResult, diagnose};
-use iplw::error::Result;
+use iplw::inference::{DiagnosisConfig, DiagnosisResult, diagnose};
 
 use iplw::picture::report::{Block, HtmlReport, Section};
 use iplw::progress::Progress;

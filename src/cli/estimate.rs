@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use iplw::commands::EstimationRequest;
-use iplw::discover;
-use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument};
 use iplw::error::{Error, Result};
 use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, OrderConstraint, acquisition, estimate_with};
 use iplw::explore::Importance;
+use iplw::inference;
+use iplw::inference::posterior::{PosteriorConfig, PosteriorDocument};
 use iplw::reality::{HiddenWorld, Trial, standard, with_trial_settings};
 use iplw::task::{Family, Scene, Split, split};
 use iplw::world::{Engine, LINEAR_DRAG};
@@ -117,7 +117,7 @@ fn posterior_document(
         ..PosteriorConfig::standard(config.seed)
     };
     Ok(PosteriorDocument::new(
-        &discover::posterior::posterior(&scene, &trials, &posterior_config, bar)?,
+        &inference::posterior::posterior(&scene, &trials, &posterior_config, bar)?,
         &posterior_config,
     ))
 }

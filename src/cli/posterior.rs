@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use iplw::commands::{PosteriorRequest, set_calibrate};
-use iplw::discover::posterior::{PosteriorDocument, posterior};
 use iplw::error::Result;
+use iplw::inference::posterior::{PosteriorDocument, posterior};
 use iplw::picture::plot::{Heatmap, heatmaps};
 use iplw::picture::report::{Block, HtmlReport, Section};
 use iplw::reality::LoadedTrials;

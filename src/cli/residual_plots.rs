@@ -1,7 +1,7 @@
 //! Plots of the evidence of a diagnosis: residuals before and after the extension, missing accelerations, and impacts.
 
-use iplw::discover::report::plot_tables::autocorrelation;
-use iplw::discover::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
+use iplw::inference::report::plot_tables::autocorrelation;
+use iplw::inference::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use iplw::picture::plot::{Arrows, Series, lines, quiver, scatter, scatter_with};
 
 /// File name, caption and SVG.

@@ -1,6 +1,6 @@
 //! Plots of trajectories before and after the extension, with predictive bands, and of the residual force field.
 
-use iplw::discover::report::{Diagnosis, ResidualField, TrialResiduals};
+use iplw::inference::report::{Diagnosis, ResidualField, TrialResiduals};
 use iplw::picture::plot::{Arrows, Series, quiver, scatter_with};
 
 use super::residual_plots::PlotFile;

@@ -1,9 +1,9 @@
 //! Plots of a diagnosis by trial: parameter estimates and predictive p-values.
 
-use iplw::discover::report::{
+use iplw::distribution::NORMAL_95;
+use iplw::inference::report::{
     Diagnosis, ParameterEstimate, PredictiveCheck, TrialEffectEstimate, TrialEffects,
 };
-use iplw::distribution::NORMAL_95;
 use iplw::picture::plot::{Series, lines, scatter_with};
 
 use super::residual_plots::PlotFile;

@@ -6,10 +6,10 @@ use serde::{Deserialize, Deserializer};
 use utoipa::ToSchema;
 
 use super::diagnosis::{DiagnosisRequest, TrialFiles};
-use crate::discover::posterior::{PosteriorConfig, Sampler};
 use crate::error::{Error, Result, check_range};
 use crate::estimate::sampler::mcmc::McmcConfig;
 use crate::estimate::sampler::smc::SmcConfig;
+use crate::inference::posterior::{PosteriorConfig, Sampler};
 use crate::json::JsonObject;
 use crate::reality::TrackParseOptions;
 use crate::task::Scene;

@@ -2,7 +2,7 @@
 //!
 //! | estimator | result |
 //! |---|---|
-//! | `posterior` | posterior draws by sequential Monte Carlo: [`crate::discover::posterior`] |
+//! | `posterior` | posterior draws by sequential Monte Carlo: [`crate::inference::posterior`] |
 //! | `galileo` | posterior draws by Markov chain Monte Carlo with the same likelihood (Wu et al. 2015) |
 //! | `iplw` | refined point estimate of the cross-entropy method (Semage et al.), as `iplw estimate` reports it |
 //! | `tunenet` | point estimate after learned update steps (Allevato et al. 2019) |
@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 
 use super::config::EstimateConfig;
 use super::fit::{fit_round, simulation};
-use crate::discover::posterior::{PosteriorConfig, PosteriorDocument, Sampler, posterior};
 use crate::error::{Error, Result};
 use crate::estimate::sampler::mcmc::McmcConfig;
 use crate::estimate::sampler::smc::SmcConfig;
 use crate::estimate::tunenet::{TuneNetConfig, tune};
 use crate::estimate::{Cem, ParameterSample, ParameterSamples};
+use crate::inference::posterior::{PosteriorConfig, PosteriorDocument, Sampler, posterior};
 use crate::names::names;
 use crate::progress::Progress;
 use crate::reality::{Trial, with_trial_settings};

@@ -5,8 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{EstimateConfig, refit};
-use crate::discover::{self, DiagnosisResult, diagnose};
 use crate::error::{Error, Result};
+use crate::inference::{self, DiagnosisResult, diagnose};
 use crate::policy::TrainingPhysics;
 use crate::progress::Progress;
 use crate::reality::{Trial, with_trial_settings};
@@ -41,9 +41,9 @@ pub fn diagnose_trials(
 ) -> Result<(Scene, DiagnosisResult)> {
     let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
     let (scene, trials) = with_trial_settings(&first.scene.clone(), trials.to_vec())?;
-    let setup = discover::DiagnosisConfig {
+    let setup = inference::DiagnosisConfig {
         engine: config.engine,
-        ..discover::DiagnosisConfig::standard(config.seed)
+        ..inference::DiagnosisConfig::standard(config.seed)
     };
     let finding = diagnose(&scene, &trials, &setup, progress)?;
     Ok((scene, finding))

@@ -15,8 +15,8 @@ use super::progress_prefix::PrefixedProgress;
 use super::statistics::Summary;
 use super::study::with_drag;
 use super::{EstimateConfig, EstimateReport, Round, Workflow, refit, run};
-use crate::discover::DiagnosisResult;
 use crate::error::{Result, check_range};
+use crate::inference::DiagnosisResult;
 use crate::policy::{
     EvaluateConfig, Evaluation, LabelConfig, Policy, RandomPolicy, TrainConfig, TrainingPhysics, label, train,
 };

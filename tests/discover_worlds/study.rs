@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::{CommandFactory as _, FromArgMatches as _};
-use iplw::discover::report::Diagnosis;
+use iplw::inference::report::Diagnosis;
 
 /// Studies worlds, appends each outcome to a log next to the table, and resumes an interrupted study
 #[derive(Clone, Debug, clap::Parser)]

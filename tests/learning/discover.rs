@@ -3,10 +3,10 @@
 
 use crate::worlds::{self, HiddenForce, NOISES, Noise, SINGLES};
 use crate::{all_cases, cases};
-use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{DiagnosisConfig, DiagnosisResult, diagnose};
 use iplw::experiment::EstimateConfig;
 use iplw::experiment::extension::{diagnose_trials, extend_simulation};
+use iplw::inference::report::{Diagnosis, Verdict};
+use iplw::inference::{DiagnosisConfig, DiagnosisResult, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Trial, standard, trials_from_csv, with_trial_settings};
 use iplw::task::Scene;

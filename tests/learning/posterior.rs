@@ -1,11 +1,11 @@
 //! Posteriors from trials of hidden worlds: draws cover the truth, and report model discrepancy.
 
 use crate::all_cases;
-use iplw::discover::posterior::{PosteriorConfig, PosteriorDocument, Sampler, TrialLikelihood, posterior};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
+use iplw::inference::posterior::{PosteriorConfig, PosteriorDocument, Sampler, TrialLikelihood, posterior};
 use iplw::progress::NoProgress;
 use iplw::reality::{HiddenConfig, HiddenWorld, Trial, standard, with_trial_settings};
 use iplw::task::scene::EffectTerm;

@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
-use iplw::discover::report::{Diagnosis, Verdict};
-use iplw::discover::{DiagnosisConfig, diagnose};
+use iplw::inference::report::{Diagnosis, Verdict};
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::{Trial, trials_from_csv, trials_to_csv};
 

@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use iplw::budget::{Budget, Unlimited};
-use iplw::discover::{DiagnosisConfig, diagnose};
 use iplw::error::Error;
+use iplw::inference::{DiagnosisConfig, diagnose};
 use iplw::progress::NoProgress;
 use iplw::reality::{LoadedTrials, Subject, TrackFile, TrackParseOptions, load_tracks};
 use iplw::task::ball::{BallScene, STANDARD_GRAVITY_M_S2};

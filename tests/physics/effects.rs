@@ -826,7 +826,7 @@ fn errors_list_known_names() {
 #[test]
 fn effects_are_named_only_in_their_own_files() {
     /// Compiled for unit tests only.
-    const FOR_TESTS: [&str; 2] = ["discover/testing/segments.rs", "discover/testing/throws.rs"];
+    const FOR_TESTS: [&str; 2] = ["inference/testing/segments.rs", "inference/testing/throws.rs"];
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let (mut pending, mut offences) = (vec![root.clone()], Vec::new());
     while let Some(folder) = pending.pop() {

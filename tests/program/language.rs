@@ -10,7 +10,7 @@ use syn::visit::{self, Visit};
 use crate::sources::{files, text};
 
 /// A file with texts of the report, which are part of its format.
-const EXEMPT: &str = "src/discover/next_experiment/mod.rs";
+const EXEMPT: &str = "src/inference/next_experiment/mod.rs";
 
 /// Type names that may be defined more than once, with the reason; at most ten.
 const REPEATED_TYPES: [(&str, &str); 3] = [

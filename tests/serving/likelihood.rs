@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use iplw::commands::PosteriorRequest;
-use iplw::discover::posterior::TrialLikelihood;
+use iplw::inference::posterior::TrialLikelihood;
 use iplw::progress::NoProgress;
 use iplw::reality::{trials_from_csv, trials_to_csv};
 use iplw::serve::ServeConfig;

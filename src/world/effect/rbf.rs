@@ -3,7 +3,7 @@
 //!
 //! Source: radial basis functions (Broomhead and Lowe, Complex Systems 2 (1988) 321). A sum of Gaussians on a
 //! grid with spacing equal to their width approximates any smooth function, and each vanishes a few widths away: unlike
-//! polynomials they do not extrapolate. A diagnosis fits such a sum (`discover::field`) and writes it as
+//! polynomials they do not extrapolate. A diagnosis fits such a sum (`inference::field`) and writes it as
 //! effects.
 //!
 //! Differences from the source: widths differ by axis, and the functions are not normalised to sum to 1.

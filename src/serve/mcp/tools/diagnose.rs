@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::estimate::seconds;
 use crate::commands::TrialFiles;
-use crate::discover::report::{EffectEstimate, ParameterEstimate, RecommendedExperiment, Verdict};
+use crate::inference::report::{EffectEstimate, ParameterEstimate, RecommendedExperiment, Verdict};
 use crate::reality::TrackParseOptions;
 use crate::serve::mcp::tool::{SideEffect, Tool, ToolCall, ToolResult, tool as declared};
 use crate::serve::problem::HandlerResult;

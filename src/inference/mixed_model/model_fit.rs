@@ -1,0 +1,569 @@
+//! Fit of a model to all trials, with its evidence.
+//!
+//! First by least squares (`model::fit`), then by generalised least squares with the shared discrepancy and
+//! variance components, linearized at the conditional modes until convergence. The variance components are
+//! those of the recording ([`RecordingContext`]), estimated once from the richest model, so that no model
+//! attributes its misfit to noise.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::distribution::t_quantile;
+use crate::error::{Error, Result};
+use crate::inference::data::noise::Noise;
+use crate::inference::mixed_model::conditional_modes;
+use crate::inference::mixed_model::cross_validation;
+use crate::inference::mixed_model::group_statistics::{self, GroupStatistics, VarianceComponents};
+use crate::inference::mixed_model::groups::{self, BasisCache, Group};
+use crate::inference::mixed_model::leave_group_out::leave_group_out;
+use crate::inference::mixed_model::random_design::{RandomDesign, nuisance_accelerations};
+use crate::inference::mixed_model::variance_components::{ComponentLikelihood, INITIAL_STEP, WARM_STEP};
+use crate::inference::model::{
+    self, FitEvaluation, FitState, Linearization, Parameter, ParameterKind, ParameterLayout, Perturbation,
+    RandomEffects, SegmentData, Term,
+};
+use crate::inference::segment::SegmentKind;
+use crate::inference::selection::candidates;
+use crate::inference::selection::{
+    FixedEffectsPrior, Laplace, SharedDiscrepancy, marginal_evidence, profile_log_posterior,
+};
+use crate::world::effect::{DataRange, Effect};
+
+/// Maximum number of rounds of generalised least squares, and convergence tolerance, nats.
+const MAX_GLS_ROUNDS: usize = 8;
+const GLS_TOLERANCE: f64 = 0.05;
+/// Excess of the linearised log posterior over the actual one, nats, above which a fit has not converged.
+const LINEARISATION_TOLERANCE: f64 = 1.0;
+/// Minimum step length in the line search.
+const MIN_STEP_SHARE: f64 = 0.2;
+
+/// Estimates of a recording that are the same for every set of effects.
+#[derive(Clone)]
+pub struct RecordingContext {
+    pub discrepancy: SharedDiscrepancy,
+    pub components: VarianceComponents,
+    /// Norm of the response to each random acceleration in the richest model.
+    pub responses: Vec<f64>,
+}
+
+impl RecordingContext {
+    /// Components for a model whose responses to random accelerations differ, for example by a clock error:
+    /// their observed effect is the same for every model.
+    fn components_at(&self, responses: &[f64]) -> VarianceComponents {
+        let mut out = self.components.clone();
+        for (acceleration, (richest, own)) in
+            out.accelerations.iter_mut().zip(self.responses.iter().zip(responses))
+        {
+            *acceleration *= if *own > 0.0 && *richest > 0.0 { richest / own } else { 1.0 };
+        }
+        out
+    }
+}
+
+/// Norms of the responses to random accelerations, whose columns follow those of the parameters.
+pub fn acceleration_responses(linearizations: &[Linearization], parameters: usize) -> Vec<f64> {
+    let of = |k: usize| {
+        linearizations.iter().map(|l| l.jacobian.column(parameters + k).norm_squared()).sum::<f64>().sqrt()
+    };
+    (0..nuisance_accelerations().len()).map(of).collect()
+}
+
+/// A model fitted to all trials.
+pub struct FittedModel {
+    /// The effects, in the layout's order.
+    pub effects: Vec<&'static Effect>,
+    pub layout: ParameterLayout,
+    pub state: FitState,
+    pub evaluation: FitEvaluation,
+    /// Held-out squares by trial in units of the noise, for prediction gains.
+    pub held_out_squares: Vec<f64>,
+    /// Change of the parameters without each trial.
+    pub held_out_steps: Vec<DVector<f64>>,
+    /// Log evidence, nats.
+    pub log_evidence: f64,
+    /// Log joint density at the fitted state, the shared discrepancy at its mode.
+    pub log_joint: f64,
+    /// Most probable standard deviation of the shared discrepancy, relative to its largest plausible one.
+    pub discrepancy_scale: f64,
+    /// Squared residuals by trial at the mode, in units of the noise, the shared discrepancy not subtracted.
+    pub squares: Vec<f64>,
+    /// Variance components.
+    pub components: VarianceComponents,
+    /// Posterior covariance of the parameters.
+    pub covariance: DMatrix<f64>,
+    /// Statistics of every group of observations about the parameters, at the variance components.
+    pub group_statistics: Vec<GroupStatistics>,
+    /// Prior relative to the fitted values.
+    pub prior: FixedEffectsPrior,
+    /// Of the scene, m/s^2.
+    pub gravity: f64,
+}
+
+/// Iterate of generalised least squares.
+struct Iterate {
+    /// Log posterior density.
+    log_posterior: f64,
+    state: FitState,
+    prior: FixedEffectsPrior,
+    linearizations: Vec<Linearization>,
+    groups: Vec<Group>,
+    group_statistics: Vec<GroupStatistics>,
+    components: VarianceComponents,
+    laplace: Laplace,
+}
+
+/// A fitted model for plots and for the extended scene.
+#[derive(Clone, Copy)]
+pub struct ModelView<'a> {
+    pub layout: &'a ParameterLayout,
+    pub state: &'a FitState,
+    pub evaluation: &'a FitEvaluation,
+}
+
+/// Fits models of one recording.
+#[derive(Clone)]
+pub struct ModelFitter<'a, 'b> {
+    pub data: &'b SegmentData<'a>,
+    pub basis_caches: Vec<BasisCache>,
+    /// By segment: ratio of its residual standard deviation to the noise.
+    pub scales: Vec<f64>,
+    pub folds: Vec<usize>,
+    /// Ranges of position, speed and time in the data.
+    pub range: DataRange,
+    /// m/s^2
+    pub gravity: f64,
+    pub context: Option<RecordingContext>,
+}
+
+impl<'a, 'b> ModelFitter<'a, 'b> {
+    /// Without shared discrepancy; every model estimates its variance components.
+    pub fn new(data: &'b SegmentData<'a>, noise: &Noise) -> ModelFitter<'a, 'b> {
+        let scale = |(w, sd): (&crate::inference::segment::Segment, &f64)| match w.kind {
+            SegmentKind::Contact => sd / noise.sd,
+            _ if sd.is_finite() => 1.0,
+            _ => f64::NAN,
+        };
+        ModelFitter {
+            data,
+            basis_caches: groups::basis_caches(data.segments, noise),
+            scales: data.segments.iter().zip(&data.sd).map(scale).collect(),
+            folds: cross_validation::folds(data.settings),
+            range: candidates::data_range(data.segments),
+            gravity: candidates::max_gravity(data.segments),
+            context: None,
+        }
+    }
+
+    /// Fits a layout from an initial state; `None` if it cannot be simulated or its covariance is singular.
+    pub fn fit(
+        &self,
+        layout: ParameterLayout,
+        start: FitState,
+        rounds: usize,
+    ) -> Result<Option<FittedModel>> {
+        match none_if_not_simulable(model::fit(self.data, &layout, start, rounds))? {
+            Some((state, _)) => self.run_gls(layout, state),
+            None => Ok(None),
+        }
+    }
+
+    /// Generalised least squares from a nearby state; steps that decrease the posterior are halved.
+    pub fn run_gls(&self, layout: ParameterLayout, state: FitState) -> Result<Option<FittedModel>> {
+        let best = self.gls_iterations(&layout, state)?;
+        Ok(best.and_then(|best| self.fitted_model(layout, best)))
+    }
+
+    /// Log joint density of a fitted model with one parameter fixed at another value and all others at their
+    /// mode.
+    pub fn log_joint_with(&self, fit: &FittedModel, slot: usize, value: f64) -> Result<Option<f64>> {
+        let (mut layout, mut state) = (fit.layout.clone(), fit.state.clone());
+        layout.parameters[slot].is_fixed = true;
+        state.values[slot] = value;
+        Ok(self.gls_iterations(&layout, state)?.map(|iterate| iterate.log_posterior))
+    }
+
+    /// Final iterate of generalised least squares from a nearby state.
+    fn gls_iterations(&self, layout: &ParameterLayout, state: FitState) -> Result<Option<Iterate>> {
+        let first = VarianceComponents::initial(!layout.terms.is_empty());
+        let Some(mut best) = self.evaluate(layout, state, &first, INITIAL_STEP)? else { return Ok(None) };
+        let mut share = 1.0;
+        for _ in 0..MAX_GLS_ROUNDS {
+            let next = self.take_step(layout, &best, share);
+            let Some(candidate) = self.evaluate(layout, next, &best.components, WARM_STEP)? else { break };
+            let gained = candidate.log_posterior - best.log_posterior;
+            if gained > 0.0 {
+                best = candidate;
+                share = 1.0;
+            } else {
+                share *= 0.5;
+            }
+            if (-LINEARISATION_TOLERANCE..GLS_TOLERANCE).contains(&gained) || share < MIN_STEP_SHARE {
+                break;
+            }
+        }
+        Ok(Some(best))
+    }
+
+    /// The iterate at a state; `None` if it cannot be simulated or its covariance is singular.
+    fn evaluate(
+        &self,
+        layout: &ParameterLayout,
+        state: FitState,
+        from: &VarianceComponents,
+        first: f64,
+    ) -> Result<Option<Iterate>> {
+        let Some(linearizations) =
+            none_if_not_simulable(model::linearise(self.data, layout, &state, &nuisance_accelerations()))?
+        else {
+            return Ok(None);
+        };
+        let prior = self.prior(layout, &state);
+        let Some(linearized_groups) = self.groups_with_discrepancy(layout, &state, &linearizations) else {
+            return Ok(None);
+        };
+        let components = match &self.context {
+            Some(context) => {
+                context.components_at(&acceleration_responses(&linearizations, layout.parameters.len()))
+            }
+            None => ComponentLikelihood::new(&linearized_groups, from).maximise(first),
+        };
+        let Some(statistics) = group_statistics::group_statistics(&linearized_groups, &components) else {
+            return Ok(None);
+        };
+        let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
+        let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
+        Ok(Some(Iterate {
+            log_posterior,
+            state,
+            prior,
+            linearizations,
+            groups: linearized_groups,
+            group_statistics: statistics,
+            components,
+            laplace,
+        }))
+    }
+
+    /// State after a fraction of the step to the mode, random effects at their conditional modes.
+    fn take_step(&self, layout: &ParameterLayout, iterate: &Iterate, share: f64) -> FitState {
+        let mut state = iterate.state.clone();
+        let columns = RandomDesign::of(layout, &state.values, self.gravity);
+        let step = iterate.laplace.step.rows(0, layout.parameters.len()).into_owned();
+        let clamped = clamp_step(layout, &state.values, &(&step * share));
+        let (linearized_groups, linearizations) = (&iterate.groups, &iterate.linearizations);
+        let mut all = iterate.laplace.step.clone();
+        all.rows_mut(0, clamped.len()).copy_from(&clamped);
+        let mut modes = conditional_modes::conditional_modes(
+            linearized_groups,
+            &columns,
+            &nuisance_accelerations(),
+            &iterate.components,
+            &all,
+            linearizations.len(),
+        );
+        // If one axis is not observed, a random acceleration along it would only act in second order.
+        let unseen = modes.iter_mut().zip(&self.basis_caches).filter(|(_, frame)| !frame.moves_in_plane());
+        unseen.flat_map(|(mode, _)| &mut mode.accelerations).for_each(|acceleration| acceleration.1 = 0.0);
+        apply_step(&mut state, linearizations, &clamped, modes);
+        state
+    }
+
+    /// The fitted model of the final iterate.
+    fn fitted_model(&self, layout: ParameterLayout, iterate: Iterate) -> Option<FittedModel> {
+        let Iterate {
+            log_posterior,
+            state,
+            prior,
+            linearizations,
+            groups: linearized_groups,
+            group_statistics: statistics,
+            components,
+            laplace,
+        } = iterate;
+        let q = layout.parameters.len();
+        // Without convergence the linearisation overestimates the evidence.
+        let excess = laplace.log_joint - log_posterior - LINEARISATION_TOLERANCE;
+        let log_evidence = laplace.log_evidence - excess.max(0.0);
+        let mut step = laplace.step.clone();
+        step.rows_mut(q, laplace.step.len() - q).fill(0.0);
+        let mut squares = vec![0.0; self.data.trial_count];
+        for group in &linearized_groups {
+            squares[group.trial] += group.square_at(&step);
+        }
+        let evaluation = model::sum_by_trial(self.data, linearizations, q);
+        let groups: Vec<usize> = (0..evaluation.normal_equations.len()).collect();
+        let (held, held_out_steps) = leave_group_out(
+            &layout,
+            &state.values,
+            &evaluation.normal_equations,
+            self.data.settings,
+            &groups,
+            &[],
+        );
+        Some(FittedModel {
+            effects: layout.terms.iter().map(|t| t.effect).collect(),
+            group_statistics: statistics.iter().map(|t| t.first_parameters(q)).collect(),
+            layout,
+            state,
+            evaluation,
+            held_out_squares: held,
+            held_out_steps,
+            log_evidence,
+            log_joint: log_posterior,
+            discrepancy_scale: laplace.scale,
+            squares,
+            components,
+            covariance: laplace.covariance,
+            prior,
+            gravity: self.gravity,
+        })
+    }
+
+    /// Linearizations and groups at a state, with columns for `perturbations` after those of the parameters.
+    pub fn groups(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        perturbations: &[Perturbation],
+    ) -> Result<Option<(Vec<Linearization>, Vec<Group>)>> {
+        let all: Vec<Perturbation> =
+            nuisance_accelerations().into_iter().chain(perturbations.iter().cloned()).collect();
+        let Some(linearizations) = none_if_not_simulable(model::linearise(self.data, layout, state, &all))?
+        else {
+            return Ok(None);
+        };
+        let linearized_groups = self.reduce_to_groups(layout, state, &linearizations);
+        Ok(linearized_groups.map(|linearized_groups| (linearizations, linearized_groups)))
+    }
+
+    /// As [`ModelFitter::groups`], with `count` additional columns by segment: two rows per observation.
+    pub fn groups_with_columns(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        count: usize,
+        columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
+    ) -> Result<Option<Vec<Group>>> {
+        let Some(mut linearizations) =
+            none_if_not_simulable(model::linearise(self.data, layout, state, &nuisance_accelerations()))?
+        else {
+            return Ok(None);
+        };
+        for (w, linearization) in linearizations.iter_mut().enumerate() {
+            linearization.append_columns(count, columns(w));
+        }
+        Ok(self.reduce_to_groups(layout, state, &linearizations))
+    }
+
+    /// Groups with the columns of the shared discrepancy after those of the parameters.
+    pub fn groups_with_discrepancy(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        linearizations: &[Linearization],
+    ) -> Option<Vec<Group>> {
+        match self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) {
+            Some(discrepancy) => {
+                let with = |(w, linearization): (usize, &Linearization)| {
+                    linearization.with_columns(discrepancy.count, &discrepancy.responses[w])
+                };
+                let linearizations: Vec<Linearization> =
+                    linearizations.iter().enumerate().map(with).collect();
+                self.reduce_to_groups(layout, state, &linearizations)
+            }
+            None => self.reduce_to_groups(layout, state, linearizations),
+        }
+    }
+
+    fn reduce_to_groups(
+        &self,
+        layout: &ParameterLayout,
+        state: &FitState,
+        linearizations: &[Linearization],
+    ) -> Option<Vec<Group>> {
+        let columns = RandomDesign::of(layout, &state.values, self.gravity);
+        groups::groups(self.data.segments, &self.basis_caches, linearizations, &columns, &self.scales)
+    }
+}
+
+/// A step clamped to the bounds; fixed parameters do not move.
+fn clamp_step(layout: &ParameterLayout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
+    let parameters = layout.parameters.iter().zip(values).zip(step.iter());
+    let clamped = parameters.map(|((slot, v), s)| match slot.is_fixed {
+        true => 0.0,
+        false => (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v,
+    });
+    DVector::from_iterator(step.len(), clamped)
+}
+
+/// Applies a step to the parameters, sets the random effects, and updates the nuisances.
+fn apply_step(
+    state: &mut FitState,
+    linearizations: &[Linearization],
+    clamped: &DVector<f64>,
+    modes: Vec<RandomEffects>,
+) {
+    state.values.iter_mut().zip(clamped.iter()).for_each(|(v, step)| *v += step);
+    for (w, mode) in modes.iter().enumerate() {
+        let before = state.random_effects.get(w);
+        let size = |k: usize| mode.deviations[k] - before.map_or(0.0, |m| m.deviations[k]);
+        let acceleration = |k: usize| mode.accelerations[k].1 - before.map_or(0.0, |m| m.accelerations[k].1);
+        let parameters = (0..clamped.len()).map(|k| clamped[k] + size(k));
+        let all = parameters.chain((0..mode.accelerations.len()).map(acceleration)).collect::<Vec<_>>();
+        let moved = linearizations[w].nuisance_step(&DVector::from_vec(all));
+        state.nuisances[w].iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
+    }
+    state.random_effects = modes;
+}
+
+impl ModelFitter<'_, '_> {
+    /// Prior of the parameters relative to a state.
+    pub fn prior(&self, layout: &ParameterLayout, state: &FitState) -> FixedEffectsPrior {
+        FixedEffectsPrior::of(layout, &state.values, &self.range, self.gravity)
+    }
+}
+
+impl FittedModel {
+    /// View for plots and the extended scene.
+    pub fn view(&self) -> ModelView<'_> {
+        ModelView { layout: &self.layout, state: &self.state, evaluation: &self.evaluation }
+    }
+
+    /// Names, sorted.
+    pub fn effect_names(&self) -> Vec<&'static str> {
+        let mut names: Vec<_> = self.effects.iter().map(|e| e.name).collect();
+        names.sort_unstable();
+        names
+    }
+
+    /// Whether an amplitude is at a bound of its range.
+    pub fn is_at_bound(&self) -> bool {
+        let is_stuck = |(i, slot): (usize, &Parameter)| {
+            let value = self.state.values[i];
+            let amplitude = self.layout.declaration(i).filter(|p| p.is_amplitude());
+            amplitude.is_some_and(|p| slot.bounds.iter().any(|b| *b == value && *b != p.neutral))
+        };
+        self.layout.parameters.iter().enumerate().any(is_stuck)
+    }
+
+    /// Whether it contains all effects of another model.
+    pub fn includes(&self, other: &FittedModel) -> bool {
+        other.effects.iter().all(|e| self.effects.iter().any(|own| own.name == e.name))
+    }
+
+    /// Layout and initial state of this model with `more` terms.
+    pub fn with_terms(
+        &self,
+        more: impl IntoIterator<Item = Term>,
+        settings: usize,
+    ) -> (ParameterLayout, FitState) {
+        let latents: Vec<usize> = self.layout.parameters.iter().filter_map(Parameter::latent).collect();
+        let terms = self.layout.terms.iter().cloned().chain(more).collect();
+        let layout = ParameterLayout::new(&latents, terms, settings);
+        let mut values = layout.initial_values(&[0.0; 3]);
+        values[..self.state.values.len()].copy_from_slice(&self.state.values);
+        (layout, FitState::new(values, self.state.nuisances.clone()))
+    }
+
+    /// Layout and values without one term.
+    pub fn without_term(&self, term: usize, settings: usize) -> (ParameterLayout, Vec<f64>) {
+        let latents: Vec<usize> = self.layout.parameters.iter().filter_map(Parameter::latent).collect();
+        let mut terms = self.layout.terms.clone();
+        terms.remove(term);
+        let gone = self.layout.parameters_of_term(term);
+        let used = self.state.values.iter().enumerate().filter(|(i, _)| !gone.contains(i));
+        (ParameterLayout::new(&latents, terms, settings), used.map(|(_, v)| *v).collect())
+    }
+
+    /// Number of effect parameters; one of many settings counts once for comparisons between models.
+    pub fn effect_parameter_count(&self) -> usize {
+        self.layout.terms.iter().map(|t| t.free.iter().filter(|f| **f).count()).sum()
+    }
+
+    /// Half width of a parameter's 95 % interval; infinite if it is not identifiable.
+    pub fn ci_half_width(&self, slot: usize) -> f64 {
+        let information: f64 = self.group_statistics.iter().map(|t| t.gram[(slot, slot)]).sum();
+        if information <= 0.0 {
+            return f64::INFINITY;
+        }
+        self.t_quantile_95() * self.covariance[(slot, slot)].max(0.0).sqrt()
+    }
+
+    /// Quantile of Student's t for 95 % intervals.
+    fn t_quantile_95(&self) -> f64 {
+        t_quantile(0.05, (self.held_out_squares.len() as f64 - 1.0).max(1.0))
+    }
+
+    /// Root mean square residual in excess of the noise, in its units.
+    pub fn excess_rms(&self) -> f64 {
+        let count: f64 = self.group_statistics.iter().map(|t| t.count).sum();
+        (self.squares.iter().sum::<f64>() / count.max(1.0) - 1.0).max(0.0).sqrt()
+    }
+
+    /// Between-trial standard deviation of a parameter, from the scale of its effect and its random
+    /// acceleration; `None` if it does not vary.
+    pub fn between_trial_sd(&self, slot: usize) -> Option<f64> {
+        let strengths = self.layout.amplitude_directions(&self.state.values, self.gravity);
+        let size = strengths.iter().flatten().find(|(i, _)| *i == slot).map_or(0.0, |(_, size)| *size);
+        Some(self.acceleration_sd(slot).hypot(self.components.scale * size)).filter(|s| *s > 0.0)
+    }
+
+    /// Between-trial standard deviation of a parameter's random acceleration; 0 without one.
+    pub fn acceleration_sd(&self, slot: usize) -> f64 {
+        let own = (nuisance_accelerations().iter().zip(&self.components.accelerations)).find_map(
+            |(acceleration, sd)| {
+                let ParameterKind::EffectParameter(t, p) = self.layout.parameters[slot].kind else {
+                    return None;
+                };
+                if acceleration.effect.name != self.layout.terms[t].effect.name {
+                    return None;
+                }
+                let moved = acceleration.values[p] - acceleration.effect.parameters[p].neutral;
+                (moved != 0.0).then(|| sd * moved.abs() / acceleration.unit)
+            },
+        );
+        own.unwrap_or(0.0)
+    }
+}
+
+/// Held-out square of all trials, in units of the noise.
+pub fn held_out_square(fit: &FittedModel) -> f64 {
+    fit.held_out_squares.iter().sum()
+}
+
+/// `None` for a model that cannot be simulated; other errors propagate.
+pub fn none_if_not_simulable<T>(fitted: Result<T>) -> Result<Option<T>> {
+    match fitted {
+        Ok(found) => Ok(Some(found)),
+        Err(Error::Input(_) | Error::Failed(_)) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
+/// Initial values of a term with amplitudes `sizes`, inside the bounds.
+pub fn with_amplitudes(term: &Term, sizes: &[f64]) -> Vec<f64> {
+    let mut sizes = sizes.iter();
+    let value = |(p, parameter): (usize, &crate::world::effect::ParameterDeclaration)| {
+        if !parameter.is_amplitude() || !term.free[p] {
+            return term.start[p];
+        }
+        let value = parameter.neutral + sizes.next().copied().unwrap_or(0.0);
+        let [low, high] = parameter.bounds;
+        // Off the bound, where derivatives vanish.
+        let hair = 1e-3 * parameter.fd_step;
+        value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
+    };
+    term.effect.parameters.iter().enumerate().map(value).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::testing::segments::term;
+
+    #[test]
+    fn steps_are_clamped_to_bounds() {
+        let layout = ParameterLayout::new(&[], vec![term("quadratic_drag"), term("lift")], 1);
+        let step = DVector::from_vec(vec![-0.5, -0.5]);
+        assert_eq!(clamp_step(&layout, &[0.1, 0.1], &step).as_slice(), [-0.1, -0.5]);
+    }
+}

@@ -1,0 +1,191 @@
+//! Segments: their kinds, observations, nuisances and surfaces.
+
+use crate::inference::data::smoothing::PolynomialSmooth;
+use crate::task::Scene;
+use crate::task::scene::EffectTerm;
+use crate::trajectory::{Track, Trajectory};
+use crate::world::effect::{self, ActiveEffect};
+use crate::world::{Latents, Rollout};
+
+/// Kind of a segment; it determines which nuisance parameters its initial state has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SegmentKind {
+    /// One body between contacts; nuisances x, y, vx, vy. The scene has no other body and no static, so that
+    /// no perturbed initial state can collide.
+    Flight,
+    /// A few observations before and after one bounce on a static; nuisances x, y, vx, vy, omega, and the
+    /// offset of the surface along its normal.
+    Contact,
+    /// A disc rolling on a straight static; nuisances are its distance and speed along it, and the offset and
+    /// slope of the surface.
+    Rolling,
+    /// The beginning of a trial whose initial state is known exactly, up to the predictability horizon; no
+    /// nuisances.
+    FromInitialState,
+    /// One-step-ahead prediction from a fully observed state (velocities and spins included); no nuisances.
+    OneStep,
+    /// A few observations of all bodies of a trial; nuisances x, y, vx, vy, omega of each body. Simulated
+    /// with all contacts; short, so that a collision does not hide what precedes it.
+    MultiStep,
+}
+
+impl SegmentKind {
+    /// Whether a physics engine simulates it, with all contacts.
+    pub fn uses_engine(self) -> bool {
+        matches!(self, SegmentKind::FromInitialState | SegmentKind::OneStep | SegmentKind::MultiStep)
+    }
+
+    /// Whether its initial state is known, so that it has no nuisance parameters.
+    pub fn has_known_initial_state(self) -> bool {
+        matches!(self, SegmentKind::FromInitialState | SegmentKind::OneStep)
+    }
+
+    /// Whether a collision can make it diverge from its simulation under the true model.
+    pub fn is_chaotic(self) -> bool {
+        matches!(self, SegmentKind::OneStep | SegmentKind::MultiStep)
+    }
+}
+
+/// Minimum number of observations of a flight: 4 nuisances must leave residual degrees of freedom.
+pub const MIN_FLIGHT_OBSERVATIONS: usize = 7;
+
+/// Whether any segment has a known initial state.
+pub fn any_known_initial_state(segments: &[Segment]) -> bool {
+    segments.iter().any(|w| w.kind.has_known_initial_state())
+}
+
+/// Whether any segment is a one-step prediction.
+pub fn any_one_step(segments: &[Segment]) -> bool {
+    segments.iter().any(|w| w.kind == SegmentKind::OneStep)
+}
+
+/// Whether any segment has several steps from an estimated initial state; collisions can make those diverge.
+pub fn any_multi_step(segments: &[Segment]) -> bool {
+    segments.iter().any(|w| w.kind == SegmentKind::MultiStep)
+}
+
+/// A piece of a trial that is simulated from an initial state of its own.
+#[derive(Clone)]
+pub struct Segment {
+    /// Index of the trial.
+    pub trial: usize,
+    /// Index of the setting.
+    pub setting: usize,
+    pub kind: SegmentKind,
+    /// The simulated scene.
+    pub scene: Scene,
+    /// Clock time at the start, s.
+    pub start: f64,
+    /// Whether contacts may exist before the start: the segment starts in the middle of a trial.
+    pub contacts_established: bool,
+    /// In order of time.
+    pub observations: Vec<Observation>,
+    /// Initial values of the nuisance parameters; see [`SegmentKind`].
+    pub nuisances: Vec<f64>,
+    /// Surface of a contact or rolling segment.
+    pub surface: Option<Surface>,
+    /// Effects of the scene.
+    pub scene_effects: Vec<ActiveEffect>,
+    /// Polynomial fit of the observations, for the noise estimate.
+    pub smooth: Option<PolynomialSmooth>,
+}
+
+/// One observed position.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// Index into the segment's bodies.
+    pub body: usize,
+    /// Time since the segment's start, s.
+    pub time: f64,
+    /// m
+    pub position: [f64; 2],
+    /// 1, or 0 for an outlier.
+    pub weight: f64,
+}
+
+/// The straight piece of a static that a disc bounces off or rolls along.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Index of the static.
+    pub static_index: usize,
+    /// Away from the static.
+    pub normal: [f64; 2],
+    /// The disc's centre is at `normal . p = level` when it touches, m.
+    pub level: f64,
+    /// Coefficients of the body and of the static, and whether each carries the latents.
+    pub friction: [f64; 2],
+    pub restitution: [f64; 2],
+    pub carries_latents: [bool; 2],
+    /// m
+    pub radius: f64,
+    /// Moment of inertia over mass and radius squared.
+    pub inertia: f64,
+    /// Prior standard deviation of the spin, rad/s; small if the spin was observed.
+    pub spin_prior_sd: f64,
+}
+
+impl Segment {
+    /// A segment of a validated scene, without nuisances, surface and polynomial fit, of the first trial.
+    pub fn new(kind: SegmentKind, scene: Scene, start: f64, observations: Vec<Observation>) -> Segment {
+        let scene_effects = effect::scene_effects(&scene).unwrap_or_default();
+        let nuisances = Vec::new();
+        let (trial, setting, contacts_established, surface, smooth) = (0, 0, false, None, None);
+        Segment {
+            trial,
+            setting,
+            kind,
+            scene,
+            start,
+            contacts_established,
+            observations,
+            nuisances,
+            surface,
+            scene_effects,
+            smooth,
+        }
+    }
+
+    /// Rollout of a scene of the segment; contacts are established if it starts in the middle of a trial.
+    pub fn rollout<'a>(
+        &self,
+        scene: &'a Scene,
+        (effects, latents): &'a (Vec<EffectTerm>, Latents),
+    ) -> Rollout<'a> {
+        Rollout {
+            latents: *latents,
+            effects,
+            stop_at_goal: false,
+            contacts_established: self.contacts_established,
+            ..Rollout::of(scene)
+        }
+    }
+
+    /// Index of the observation at the segment's start time, if there is one.
+    pub fn start_index(&self, observed: &Trajectory) -> Option<usize> {
+        observed.times.iter().position(|t| *t == self.start)
+    }
+}
+
+/// Position of a body at an observation, m; `None` if it was not observed.
+pub fn observed_position(track: &Track, i: usize) -> Option<[f64; 2]> {
+    (track.x[i].is_finite() && track.y[i].is_finite()).then(|| [track.x[i], track.y[i]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::scene::EffectTerm;
+
+    /// A scene's damping acts in segments as an effect, in addition to the scene's effects.
+    #[test]
+    fn damping_is_a_scene_effect() {
+        let wind = EffectTerm { name: "wind".into(), parameters: [("ax".to_string(), 1.0)].into() };
+        let own = |damping: f64| {
+            let scene = Scene { damping: Some(damping), effects: vec![wind.clone()], ..Scene::empty() };
+            let own = Segment::new(SegmentKind::Flight, scene, 0.0, Vec::new()).scene_effects;
+            own.iter().map(|a| a.effect.name).collect::<Vec<_>>()
+        };
+        assert_eq!(own(0.8), ["linear_drag", "wind"]);
+        assert_eq!(own(1.0), ["wind"], "a body that keeps all of its speed is not damped");
+    }
+}

@@ -1,0 +1,273 @@
+//! Segments of one body: flights, bounces and rolling.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::contact_detection::{ContactEvent, detect_contacts, rolling_intervals};
+use super::definition::{
+    MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, observed_position,
+};
+use super::holds::without_holds;
+use crate::inference::data::smoothing::{TimedPosition, fit_polynomials};
+use crate::inference::statistics::{median, slope};
+use crate::reality::Trial;
+use crate::task::Scene;
+
+/// Maximum and minimum number of observations on each side of a bounce.
+const OBSERVATIONS_AROUND_BOUNCE: usize = 8;
+const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
+/// Longest gap between observations within a segment, and around a bounce, as multiples of the typical
+/// interval.
+const MAX_GAP: f64 = 6.0;
+const MAX_GAP_AT_BOUNCE: f64 = 3.0;
+/// Number of observations from which an initial state is estimated.
+const INITIAL_STATE_OBSERVATIONS: usize = 12;
+/// Prior standard deviation of a spin that was not observed and of one that was, rad/s.
+const UNOBSERVED_SPIN_SD: f64 = 300.0;
+const OBSERVED_SPIN_SD: f64 = 0.5;
+
+/// All segments of one body.
+pub fn single_body_segments(trial: &Trial, body: usize) -> Vec<Segment> {
+    let track = &trial.observed.bodies[body];
+    let rows: Vec<TimedPosition> = trial
+        .observed
+        .times
+        .iter()
+        .enumerate()
+        .filter_map(|(i, t)| Some((*t, observed_position(track, i)?)))
+        .collect();
+    if rows.len() < 3 {
+        return Vec::new();
+    }
+    let touches = detect_contacts(trial, body, &rows);
+    let usual = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
+    let seen = BodyObservations { trial, body, rows, contacts: touches, typical_interval: usual };
+    let [gx, gy] = trial.scene.gravity;
+    let of = |piece: (usize, usize)| without_holds(&seen.rows, piece, gx.hypot(gy));
+    let pieces: Vec<(usize, usize)> = seen.flight_intervals().into_iter().map(of).collect();
+    let flights =
+        pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS).map(|piece| seen.flight(*piece));
+    let contacts = pieces.windows(2).filter_map(|pair| seen.contact(pair[0], pair[1]));
+    let rolls = rolling_intervals(&seen.contacts, &seen.rows);
+    flights.chain(contacts).chain(rolls.into_iter().filter_map(|roll| seen.rolling(roll))).collect()
+}
+
+/// Observations of one body.
+struct BodyObservations<'a> {
+    trial: &'a Trial,
+    body: usize,
+    rows: Vec<TimedPosition>,
+    /// Detected contact by row.
+    contacts: Vec<Option<ContactEvent>>,
+    /// Typical interval between rows, s.
+    typical_interval: f64,
+}
+
+impl BodyObservations<'_> {
+    /// Intervals of flight (first row, end): rows without contact and without long gaps.
+    fn flight_intervals(&self) -> Vec<(usize, usize)> {
+        let (rows, mut pieces, mut first) = (&self.rows, Vec::new(), None);
+        for i in 0..=rows.len() {
+            let touches = self.contacts.get(i).is_none_or(Option::is_some);
+            let broken = touches || (i > 0 && rows[i].0 - rows[i - 1].0 > MAX_GAP * self.typical_interval);
+            if broken && let Some(from) = first.take() {
+                pieces.push((from, i));
+            }
+            if !touches && first.is_none() {
+                first = Some(i);
+            }
+        }
+        pieces
+    }
+
+    fn flight(&self, (from, to): (usize, usize)) -> Segment {
+        let rows = &self.rows[from..to];
+        let scene = Scene { statics: Vec::new(), carriers: None, ..self.single_body_scene() };
+        let mut segment = with_smooth(rows, self.segment(rows, scene, SegmentKind::Flight));
+        segment.nuisances =
+            initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], segment.scene.gravity)
+                .to_vec();
+        segment
+    }
+
+    /// Contact segment between two flight intervals; `None` unless a disc bounces once on a static.
+    fn contact(&self, (a, b): (usize, usize), (c, d): (usize, usize)) -> Option<Segment> {
+        let rows = &self.rows;
+        let contact = (b..c).find_map(|i| self.contacts[i])?;
+        let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < MAX_GAP_AT_BOUNCE * self.typical_interval;
+        if !single || b - a < MIN_OBSERVATIONS_AROUND_BOUNCE || d - c < MIN_OBSERVATIONS_AROUND_BOUNCE {
+            return None;
+        }
+        let surface = self.surface(contact)?;
+        let (before, after) = (
+            &rows[b - OBSERVATIONS_AROUND_BOUNCE.min(b - a)..b],
+            &rows[c..c + OBSERVATIONS_AROUND_BOUNCE.min(d - c)],
+        );
+        let mut segment =
+            self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Contact);
+        let spin = self.observed_spin(before);
+        let held = if spin.is_some() { OBSERVED_SPIN_SD } else { UNOBSERVED_SPIN_SD };
+        segment.nuisances =
+            [&initial_state(before, segment.scene.gravity)[..], &[spin.unwrap_or(0.0), 0.0]].concat();
+        segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
+        Some(segment)
+    }
+
+    fn rolling(&self, (from, to, contact): (usize, usize, ContactEvent)) -> Option<Segment> {
+        let rows = &self.rows[from..to];
+        let mut segment =
+            with_smooth(rows, self.segment(rows, self.single_body_scene(), SegmentKind::Rolling));
+        let [_, _, vx, vy] = initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], [0.0; 2]);
+        segment.nuisances = vec![0.0, vx * contact.normal[1] - vy * contact.normal[0], 0.0, 0.0];
+        segment.surface = Some(self.surface(contact)?);
+        Some(segment)
+    }
+
+    /// The trial's scene with this body alone.
+    fn single_body_scene(&self) -> Scene {
+        let scene = &self.trial.scene;
+        Scene {
+            bodies: vec![scene.bodies[self.body].clone()],
+            goal: None,
+            action: None,
+            settings: Default::default(),
+            observe_every: 1,
+            ..scene.clone()
+        }
+    }
+
+    fn segment(&self, rows: &[TimedPosition], mut scene: Scene, kind: SegmentKind) -> Segment {
+        let start = rows[0].0;
+        let point = |(t, seen): &TimedPosition| Observation {
+            body: 0,
+            time: t - start,
+            position: *seen,
+            weight: 1.0,
+        };
+        let points: Vec<Observation> = rows.iter().map(point).collect();
+        scene.steps = step_count(rows[rows.len() - 1].0 - start, scene.time_step);
+        Segment::new(kind, scene, start, points)
+    }
+
+    /// The surface of a contact; `None` if the body is no disc or the contact is not with a static.
+    fn surface(&self, contact: ContactEvent) -> Option<Surface> {
+        let scene = &self.trial.scene;
+        let fixed = contact.static_index?;
+        let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
+        let radius = own.shape.disc_radius()?;
+        let (mass, inertia) = own.mass_properties(None);
+        Some(Surface {
+            static_index: fixed,
+            normal: contact.normal,
+            level: contact.level,
+            friction: [own.friction, other.friction],
+            restitution: [own.restitution, other.restitution],
+            carries_latents: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
+            radius,
+            inertia: inertia / (mass * radius * radius),
+            spin_prior_sd: UNOBSERVED_SPIN_SD,
+        })
+    }
+
+    /// Spin from observed angles, rad/s; `None` with fewer than four.
+    fn observed_spin(&self, rows: &[TimedPosition]) -> Option<f64> {
+        let observed = &self.trial.observed;
+        let angle = |t: f64| {
+            let at = observed.times.iter().position(|s| *s == t)?;
+            observed.bodies[self.body].angle.get(at).copied().filter(|a| a.is_finite())
+        };
+        let seen: Vec<(f64, f64)> = rows.iter().filter_map(|(t, _)| Some((*t, angle(*t)?))).collect();
+        if seen.len() < 4 { None } else { slope(&seen) }
+    }
+}
+
+/// Adds the polynomial fit; outliers get weight 0.
+fn with_smooth(rows: &[TimedPosition], mut segment: Segment) -> Segment {
+    let smooth = fit_polynomials(rows);
+    for (point, used) in segment.observations.iter_mut().zip(&smooth.is_inlier) {
+        point.weight = if *used { 1.0 } else { 0.0 };
+    }
+    segment.smooth = Some(smooth);
+    segment
+}
+
+/// Number of steps that cover a duration and 5 % more, since a sensor's clock may be fast.
+fn step_count(time: f64, step: f64) -> u32 {
+    (1.05 * time / step + 1e-9).ceil().max(1.0) as u32 + 1
+}
+
+impl Segment {
+    /// Initial state of a flight from its first observations, independent of the forces: position and
+    /// velocity by least squares on parabolas; `None` for other segments.
+    pub fn parabola_initial_state(&self) -> Option<Vec<f64>> {
+        let points: Vec<&Observation> =
+            self.observations.iter().filter(|p| p.weight > 0.0).take(INITIAL_STATE_OBSERVATIONS).collect();
+        if self.kind != SegmentKind::Flight || points.len() < 4 {
+            return None;
+        }
+        let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].time.powi(k as i32));
+        let fit = |axis: usize| {
+            let seen = DVector::from_fn(points.len(), |i, _| points[i].position[axis]);
+            basis.clone().svd(true, true).solve(&seen, 1e-12).ok()
+        };
+        let (x, y) = (fit(0)?, fit(1)?);
+        Some(vec![x[0], y[0], x[1], y[1]])
+    }
+}
+
+/// Initial position and velocity: least squares on a parabola with the scene's gravity.
+fn initial_state(rows: &[TimedPosition], gravity: [f64; 2]) -> [f64; 4] {
+    let n = rows.len() as f64;
+    let t0 = rows[0].0;
+    let mean_t = rows.iter().map(|r| r.0 - t0).sum::<f64>() / n;
+    let mut out = [0.0; 4];
+    for axis in 0..2 {
+        let fallen = |t: f64| 0.5 * gravity[axis] * t * t;
+        let straight: Vec<(f64, f64)> =
+            rows.iter().map(|(t, p)| (t - t0, p[axis] - fallen(t - t0))).collect();
+        let mean = straight.iter().map(|r| r.1).sum::<f64>() / n;
+        let speed = slope(&straight).unwrap_or(0.0);
+        (out[axis], out[2 + axis]) = (mean - speed * mean_t, speed);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The initial state of a parabola is recovered exactly from uneven times.
+    #[test]
+    fn initial_state_of_a_parabola_is_exact() {
+        let at = |t: f64| (5.0 + t, [1.0 + 3.0 * t, 2.0 + 4.0 * t - 4.905 * t * t]);
+        let rows = [0.0, 0.1, 0.15, 0.4].map(at);
+        let found = initial_state(&rows, [0.0, -9.81]);
+        assert!(found.iter().zip([1.0, 2.0, 3.0, 4.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+    }
+
+    fn seen(trial: &Trial, times: &[f64], touched: &[usize]) -> Vec<(usize, usize)> {
+        let rows: Vec<TimedPosition> = times.iter().map(|t| (*t, [0.0; 2])).collect();
+        let contact = |i| {
+            touched.contains(&i).then_some(ContactEvent {
+                normal: [0.0, 1.0],
+                level: 0.0,
+                static_index: None,
+            })
+        };
+        let touches = (0..times.len()).map(contact).collect();
+        BodyObservations { trial, body: 0, rows, contacts: touches, typical_interval: 1.0 }.flight_intervals()
+    }
+
+    #[test]
+    fn contacts_and_gaps_end_flights() {
+        let (scene, observed) = (Scene::empty(), Default::default());
+        let trial = Trial { name: String::new(), setting: None, scene, observed };
+        let times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
+        assert_eq!(seen(&trial, &times, &[]), [(0, 6)]);
+        assert_eq!(seen(&trial, &times, &[0, 3]), [(1, 3), (4, 6)]);
+        assert_eq!(
+            seen(&trial, &[0.0, 1.0, 6.5, 13.0, 14.0], &[]),
+            [(0, 3), (3, 5)],
+            "longer than six times the usual"
+        );
+    }
+}

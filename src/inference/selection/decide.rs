@@ -1,0 +1,222 @@
+//! From the posterior over sets of effects to a verdict.
+//!
+//! The posterior probability of a set is its evidence times its prior probability (every effect acts with the
+//! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
+//! contain another one as a special case. If the empty set is in it the verdict is `none`; with one set
+//! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
+//! predictable misfit, if an unnamed field is certain in addition to the set or more probable than it, or if
+//! an amplitude is at a bound. It is also `unknown`, without a reported set, if the sets do not certainly
+//! remove half of the error.
+//!
+//! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
+//! (1994) 1535, for the exclusion of models with an equally probable simpler one.
+
+use super::explained::{ExplainedShare, Explanation, explanation};
+use super::settings::SETTINGS;
+use crate::error::Result;
+use crate::estimate::sampler::log_sum_exp;
+use crate::inference::field::{self, FieldFit};
+use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::report::Verdict;
+use crate::inference::selection::search::{SearchResult, log_prior};
+use crate::world::effect::Effect;
+
+/// A verdict with its reasons.
+pub struct Decision {
+    pub verdict: Verdict,
+    /// Index of the reported set; `None` if no set is reported.
+    pub selected: Option<usize>,
+    /// Indices of the credible sets, most probable first.
+    pub rivals: Vec<usize>,
+    /// Posterior probability by fit, and of the base model.
+    pub probabilities: Vec<f64>,
+    pub base_probability: f64,
+    pub explained: Option<ExplainedShare>,
+    /// Share of the excess error on held-out trials that the reported model removes; `None` without excess or model.
+    pub gain: Option<f64>,
+    /// The most probable field in addition to the reported model.
+    pub field: Option<FieldFit>,
+    /// Log Bayes factor of that field in addition to the reported model, nats.
+    pub field_log_bayes_factor: Option<f64>,
+}
+
+impl Decision {
+    /// Posterior probability of all sets that contain a fit's effects.
+    pub fn superset_probability(&self, found: &SearchResult, fit: usize) -> f64 {
+        let sets = found.fits.iter().zip(&self.probabilities).filter(|(f, _)| f.includes(&found.fits[fit]));
+        sets.map(|(_, p)| p).sum()
+    }
+
+    /// Posterior probability that an effect acts.
+    pub fn inclusion_probability(&self, found: &SearchResult, name: &str) -> f64 {
+        let holds = |fit: &FittedModel| fit.effects.iter().any(|e| e.name == name);
+        let sets = found.fits.iter().zip(&self.probabilities).filter(|(fit, _)| holds(fit));
+        sets.map(|(_, p)| p).sum()
+    }
+}
+
+/// Decides from the result of a search.
+pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<Decision> {
+    let all = log_sum_exp(found.log_posterior.iter().chain([&found.base_log_posterior]).copied());
+    let probability = |l: f64| libm::exp(l - all);
+    let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
+    let base_probability = probability(found.base_log_posterior);
+    let credible = credible_set(&probabilities, base_probability);
+    let decision =
+        |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, field_log_bayes_factor| {
+            Decision {
+                verdict,
+                selected: rivals.first().copied(),
+                rivals,
+                probabilities: probabilities.clone(),
+                base_probability,
+                explained,
+                gain,
+                field,
+                field_log_bayes_factor,
+            }
+        };
+    if credible.contains(&None) {
+        let field = field::fit(fitter, &found.base)?;
+        let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        let verdict =
+            if field_log_bayes_factor.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
+        return Ok(decision(verdict, Vec::new(), (None, None), field, field_log_bayes_factor));
+    }
+    let sets: Vec<usize> = credible.into_iter().flatten().collect();
+    let (rivals, Explanation { shares, gain }, earned) =
+        check_necessity(fitter, found, simplest(found, &sets), seed)?;
+    let champion = &found.fits[rivals[0]];
+    let field = field::fit(fitter, champion)?;
+    let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let alone = field::fit(fitter, &found.base)?;
+    let named = found.log_posterior[rivals[0]]
+        + field_log_bayes_factor.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
+    let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
+    let explained = shares.first().copied().flatten();
+    let explains = explained.is_none_or(|e| e.explains_enough())
+        && !field_log_bayes_factor.is_some_and(is_certain)
+        && earned
+        && is_likelier
+        && !champion.is_at_bound();
+    let gains = gain.is_none_or(|g| g >= SETTINGS.least_gain)
+        && (explains || explained.is_none_or(|e| e.interval[0] >= SETTINGS.least_gain));
+    if !gains {
+        let field_log_bayes_factor = alone.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
+        return Ok(decision(Verdict::Unknown, Vec::new(), (None, None), alone, field_log_bayes_factor));
+    }
+    let verdict = match rivals.len() {
+        _ if !explains => Verdict::Unknown,
+        1 => Verdict::Named,
+        _ => Verdict::Ambiguous,
+    };
+    Ok(decision(verdict, rivals, (explained, gain), field, field_log_bayes_factor))
+}
+
+/// Indices of the fits with one effect of a set removed or replaced by a special case.
+fn immediate_submodels(found: &SearchResult, fit: usize) -> Vec<usize> {
+    let all = &found.fits[fit];
+    let is_next = |f: &&FittedModel| {
+        let used = f.effects.iter().filter(|e| all.effects.iter().any(|own| own.name == e.name)).count();
+        contains(all, f) && used + 1 == all.effects.len()
+    };
+    (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
+}
+
+/// Rivals with the explanation by the first, and whether each of its effects is needed: explains its share of
+/// the misfit of the set without it or with a special case of it. A weak or flexible effect may fit a shared
+/// discrepancy. A smaller set that explains enough becomes a rival.
+fn check_necessity(
+    fitter: &ModelFitter,
+    found: &SearchResult,
+    mut rivals: Vec<usize>,
+    seed: u64,
+) -> Result<(Vec<usize>, Explanation, bool)> {
+    let explain = |fit: usize| -> Result<(Vec<usize>, Explanation)> {
+        let smaller = immediate_submodels(found, fit);
+        let fewer: Vec<&FittedModel> =
+            [&found.base].into_iter().chain(smaller.iter().map(|s| &found.fits[*s])).collect();
+        Ok((smaller, explanation(fitter, &fewer, &found.fits[fit], seed)?))
+    };
+    // Most probable smaller set that explains nearly as much.
+    let sufficient = |smaller: &[usize], of: &Explanation| {
+        let shares = smaller.iter().zip(of.shares.iter().skip(1));
+        let suffices = shares.filter(|(_, e)| e.is_some_and(|e| e.interval[1] < SETTINGS.least_gain));
+        let posterior = |s: &usize| found.log_posterior[*s];
+        suffices.map(|(s, _)| *s).max_by(|a, b| posterior(a).total_cmp(&posterior(b)))
+    };
+    let (smaller, first) = explain(rivals[0])?;
+    let mut next = sufficient(&smaller, &first);
+    while let Some(enough) = next {
+        let (smaller, other) = explain(enough)?;
+        if !other.shares.first().copied().flatten().is_none_or(|e| e.explains_enough()) {
+            return Ok((rivals, first, false));
+        }
+        if !rivals.contains(&enough) {
+            rivals.push(enough);
+        }
+        next = sufficient(&smaller, &other);
+    }
+    Ok((rivals, first, true))
+}
+
+/// Whether an unnamed field is certain, given its log Bayes factor; its prior probability is that of an
+/// effect.
+fn is_certain(nats: f64) -> bool {
+    let (p, c) = (SETTINGS.inclusion, SETTINGS.confidence);
+    nats + (p / (1.0 - p)).ln() > (c / (1.0 - c)).ln()
+}
+
+/// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
+fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
+    let mut order: Vec<(f64, Option<usize>)> =
+        probabilities.iter().enumerate().map(|(i, p)| (*p, Some(i))).collect();
+    order.push((base, None));
+    order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut mass = 0.0;
+    let mut out = Vec::new();
+    for (p, model) in order {
+        out.push(model);
+        mass += p;
+        if mass >= SETTINGS.credible_mass {
+            break;
+        }
+    }
+    out
+}
+
+/// The sets that contain no other one as a special case.
+fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
+    let used = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
+    sets.iter().copied().filter(used).collect()
+}
+
+/// Whether a set contains another one as a special case.
+fn contains(large: &FittedModel, small: &FittedModel) -> bool {
+    large.effect_parameter_count() > small.effect_parameter_count()
+        && small.effects.iter().all(|s| large.effects.iter().any(|l| l.name == s.name || has_case(l, s)))
+}
+
+/// Whether an effect contains another one as a special case, also indirectly.
+fn has_case(large: &Effect, small: &Effect) -> bool {
+    large.special_cases.iter().any(|h| h.name == small.name || has_case(h, small))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::effect::find;
+
+    #[test]
+    fn special_cases_are_transitive() {
+        let case = |l: &str, s: &str| has_case(find(l).unwrap(), find(s).unwrap());
+        assert!(case("gust", "wind") && case("moving_air", "quadratic_drag"));
+        assert!(!case("wind", "gust") && !case("lift", "linear_drag"));
+    }
+
+    #[test]
+    fn the_credible_set_holds_its_mass() {
+        assert_eq!(credible_set(&[0.9, 0.03, 0.02], 0.05), [Some(0), None]);
+        assert_eq!(credible_set(&[0.5, 0.47, 0.01], 0.02), [Some(0), Some(1)]);
+    }
+}

@@ -1,0 +1,267 @@
+//! Explained share: how much of the predictable misfit a set of effects accounts for, and how much of the error on held-out trials.
+//!
+//! With m0 the squared residuals of the base model, m1 of the set, and m2 of the set with a broad discrepancy
+//! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are
+//! the same in all three: their conditional modes under the model with the field, so that between-trial
+//! variation is not counted as misfit and does not absorb shared misfit. m2 is bounded below by the expected
+//! square of noise and trial discrepancy. Weights of trials are bounded, and the Bayesian bootstrap over
+//! trials gives the uncertainty.
+//!
+//! Source: coefficient of determination against pure error (Box and Draper 1987, 3.4); bootstrap: Rubin, Ann. Stat. 9 (1981) 130.
+
+use std::collections::HashMap;
+
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, Exp1};
+
+use super::settings::SETTINGS;
+use crate::error::Result;
+use crate::inference::field;
+use crate::inference::mixed_model::groups::{Group, SegmentBlock};
+use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::random_design::RandomEffect;
+use crate::inference::statistics::median;
+use crate::rng;
+
+/// Multiple of the median squared residual above which the weight of a trial decreases.
+const MAX_TRIAL_WEIGHT_RATIO: f64 = 9.0;
+/// Bootstrap draws.
+const DRAWS: usize = 1000;
+/// Minimum excess of the base model over the noise floor, as a share of it, for the share to be defined.
+const MIN_EXCESS: f64 = 0.2;
+
+/// Explained share with its bootstrap distribution.
+#[derive(Clone, Copy, Debug)]
+pub struct ExplainedShare {
+    pub share: f64,
+    /// 90 % interval: quantiles at 5 % and 95 %.
+    pub interval: [f64; 2],
+}
+
+impl ExplainedShare {
+    /// Whether the required share is not excluded.
+    pub fn explains_enough(&self) -> bool {
+        self.interval[1] >= SETTINGS.explained_share
+    }
+}
+
+/// How much of the misfit a model accounts for.
+pub struct Explanation {
+    /// Share of the excess misfit of each simpler model; `None` where that model's misfit is no larger than the floor.
+    pub shares: Vec<Option<ExplainedShare>>,
+    /// Share of the excess squared error on held-out trials that the model removes; `None` where the base model leaves no more
+    /// than the floor.
+    pub gain: Option<f64>,
+}
+
+/// Compares `model` with simpler models (`fewer`), first the base model.
+pub fn explanation(
+    fitter: &ModelFitter,
+    fewer: &[&FittedModel],
+    model: &FittedModel,
+    seed: u64,
+) -> Result<Explanation> {
+    let nothing = Explanation { shares: Vec::new(), gain: None };
+    let Some((_, groups)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
+    let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
+    let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
+    let (modes, broad) = match field::fit_broad(fitter, model, sd)? {
+        Some((groups, step)) => {
+            let modes = acceleration_modes(model, &groups, |_| step.clone());
+            let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
+            (modes, Some(left))
+        }
+        None => (acceleration_modes(model, &groups, current), None),
+    };
+    let own = squares_by_trial(model, &groups, &modes, current);
+    let held_out = |m: &FittedModel, groups: &[Group]| {
+        squares_by_trial(m, groups, &modes, |group| m.held_out_steps[group.trial].clone())
+    };
+    let after = held_out(model, &groups);
+    let mut out = nothing;
+    for (k, base) in fewer.iter().enumerate() {
+        let Some((_, groups)) = fitter.groups(&base.layout, &base.state, &[])? else {
+            out.shares.push(None);
+            continue;
+        };
+        let (none, floor) =
+            (squares_by_trial(base, &groups, &modes, current), noise_floor(fitter, base, &groups));
+        out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
+        if k == 0 {
+            out.gain = removed_share(&held_out(base, &groups), &after, floor.iter().sum());
+        }
+    }
+    Ok(out)
+}
+
+/// Explained share from squared residuals by trial: of the simpler model (`none`), of the model (`own`), of
+/// the model with a broad field, and of noise alone (`floor`).
+fn explained_share(
+    none: &[f64],
+    own: &[f64],
+    broad: &[f64],
+    floor: &[f64],
+    seed: u64,
+) -> Option<ExplainedShare> {
+    let weights = trial_weights(none);
+    let gone: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - own[i])).collect();
+    let least = |i: usize| own[i].min(broad[i]).max(floor[i].min(none[i]));
+    let all: Vec<f64> = (0..none.len()).map(|i| weights[i] * (none[i] - least(i))).collect();
+    if none.iter().sum::<f64>() < (1.0 + MIN_EXCESS) * floor.iter().sum::<f64>() {
+        return None;
+    }
+    let share = |weights: &[f64]| {
+        let sum = |v: &[f64]| v.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
+        let all = sum(&all);
+        if all > 0.0 { (sum(&gone) / all).clamp(0.0, 1.0) } else { 1.0 }
+    };
+    let mut stream = rng::stream(seed, "explained share");
+    let mut draws: Vec<f64> = (0..DRAWS)
+        .map(|_| share(&(0..gone.len()).map(|_| Exp1.sample(&mut stream)).collect::<Vec<f64>>()))
+        .collect();
+    draws.sort_by(f64::total_cmp);
+    let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
+    Some(ExplainedShare {
+        share: share(&vec![1.0; gone.len()]),
+        interval: [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)],
+    })
+}
+
+/// Share of the excess over the floor that a model removes.
+fn removed_share(before: &[f64], after: &[f64], floor: f64) -> Option<f64> {
+    let weights = trial_weights(before);
+    let sum = |v: &[f64]| v.iter().zip(&weights).map(|(v, w)| v * w).sum::<f64>();
+    let (before, after) = (sum(before), sum(after));
+    (before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor))
+}
+
+/// Weights of trials by their squared residuals under the base model.
+fn trial_weights(base: &[f64]) -> Vec<f64> {
+    let most = MAX_TRIAL_WEIGHT_RATIO * median(base);
+    base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
+}
+
+/// Random accelerations, in their standard deviations, by segment and place among them.
+type AccelerationModes = HashMap<(usize, usize), f64>;
+
+/// Columns of random accelerations of a block, for one standard deviation: index, whether it acts on all
+/// segments of the trial, and the column.
+fn random_columns<'a>(
+    model: &'a FittedModel,
+    block: &'a SegmentBlock,
+) -> impl Iterator<Item = (usize, bool, DVector<f64>)> + 'a {
+    let of = |kinds: &'a [RandomEffect], columns: &'a DMatrix<f64>, alike: bool| {
+        kinds.iter().zip(columns.column_iter()).filter_map(move |(kind, column)| match kind {
+            RandomEffect::Acceleration(place) => {
+                Some((*place, alike, column * model.components.sd_of(*kind)))
+            }
+            _ => None,
+        })
+    };
+    of(&block.z_group_effects, &block.z_group, true).chain(of(
+        &block.z_segment_effects,
+        &block.z_segment,
+        false,
+    ))
+}
+
+/// Conditional modes of the random accelerations after a step of the parameters.
+fn acceleration_modes(
+    model: &FittedModel,
+    groups: &[Group],
+    step: impl Fn(&Group) -> DVector<f64>,
+) -> AccelerationModes {
+    let mut out = AccelerationModes::new();
+    let slow = model.components.discrepancy;
+    for group in groups.iter().filter(|p| p.has_random_effects) {
+        // Unknowns: index of the acceleration, and its segment if it is a segment-level effect.
+        let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
+        let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
+        for (b, block) in group.blocks.iter().enumerate() {
+            for (place, alike, column) in random_columns(model, block) {
+                let unknown = (place, (!alike).then_some(block.segment));
+                let at = unknowns.iter().position(|u| *u == unknown).unwrap_or(unknowns.len());
+                if at == unknowns.len() {
+                    unknowns.push(unknown);
+                }
+                columns.push((b, at, column));
+            }
+        }
+        let n = unknowns.len();
+        let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
+        let step = step(group);
+        for (b, block) in group.blocks.iter().enumerate() {
+            let weights = block.gp_variance.map(|s| (1.0 + slow * slow * s).recip());
+            let left = block.residual_at(&step);
+            let own = || columns.iter().filter(|c| c.0 == b);
+            for (_, i, first) in own() {
+                let weighed = first.component_mul(&weights);
+                score[*i] += weighed.dot(&left);
+                own().for_each(|(_, j, second)| precision[(*i, *j)] += weighed.dot(second));
+            }
+        }
+        let Some(factor) = precision.cholesky() else { continue };
+        let solved = factor.solve(&score);
+        for (b, at, _) in &columns {
+            out.insert((group.blocks[*b].segment, unknowns[*at].0), solved[*at]);
+        }
+    }
+    out
+}
+
+/// Squared residuals by trial after a step of the parameters, random accelerations subtracted.
+fn squares_by_trial(
+    model: &FittedModel,
+    groups: &[Group],
+    modes: &AccelerationModes,
+    step: impl Fn(&Group) -> DVector<f64>,
+) -> Vec<f64> {
+    let mut out = vec![0.0; model.held_out_squares.len()];
+    for group in groups {
+        let step = step(group);
+        for block in &group.blocks {
+            let mut left = block.residual_at(&step);
+            for (place, _, column) in random_columns(model, block) {
+                left.axpy(-modes.get(&(block.segment, place)).copied().unwrap_or(0.0), &column, 1.0);
+            }
+            out[group.trial] += left.norm_squared();
+        }
+    }
+    out
+}
+
+/// Expected squares of noise and trial discrepancy, by trial.
+fn noise_floor(fitter: &ModelFitter, base: &FittedModel, groups: &[Group]) -> Vec<f64> {
+    let mut out = vec![0.0; fitter.data.trial_count];
+    let c = &base.components;
+    for group in groups {
+        for block in &group.blocks {
+            let own = block.gp_variance.iter().map(|s| 1.0 + c.discrepancy * c.discrepancy * s).sum::<f64>();
+            out[group.trial] += own;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::selection::context;
+    use crate::inference::testing::throws;
+
+    /// The true drag explains all of the misfit; no effect explains nothing.
+    #[test]
+    fn the_true_effect_explains_everything() {
+        throws::with_fit(&[0.4; 8], &[], 11, |fitter, base| {
+            throws::with_fit(&[0.4; 8], &["linear_drag"], 11, |_, model| {
+                let own =
+                    ModelFitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
+                let share =
+                    |m: &FittedModel| explanation(&own, &[base], m, 3).unwrap().shares[0].expect("a misfit");
+                let (right, none) = (share(model), share(base));
+                assert!(right.share > 0.98 && right.interval[0] > 0.95, "{right:?}");
+                assert!(none.share < 0.1 && none.interval[1] < 0.2, "{none:?}");
+            });
+        });
+    }
+}

@@ -1,0 +1,465 @@
+//! Search over sets of effects: singles, then pairs and triples.
+//!
+//! Candidates are screened by a score test at the best smaller sets; the most promising are fitted. Larger
+//! sets are tried while the best of a size is more probable than every smaller one.
+
+use std::cmp::Ordering;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::inference::global_search;
+use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
+use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter, with_amplitudes};
+use crate::inference::model::{FitState, ParameterLayout, Perturbation, Term};
+use crate::inference::segment;
+use crate::inference::selection::SETTINGS;
+use crate::inference::selection::candidates::Candidate;
+use crate::progress::Progress;
+use crate::world::effect::{Effect, EffectTarget, REGISTRY};
+
+/// Number of smaller sets that are extended, and number of extended sets that are fitted, for pairs and
+/// triples.
+const BEAM: [(usize, usize); 2] = [(usize::MAX, 12), (3, 6)];
+/// Minimum number of fitted pairs without shape parameters, since shapes adapt to any misfit.
+const MIN_AMPLITUDE_ONLY_PAIRS: usize = 8;
+/// Maximum number of initial values per effect.
+const MAX_STARTS: usize = 2;
+/// Least-squares steps before generalised least squares.
+const LEAST_SQUARES_STEPS: usize = 12;
+/// Minimum squared response to a plausible amplitude, in units of the noise, for an effect to be
+/// identifiable.
+const MIN_SCREENING_INFORMATION: f64 = 1.0;
+/// Upper limit of the components in the score test: without the effect they absorb its misfit.
+const MAX_SCREENING_SD: f64 = 1.0;
+
+/// Result of a search.
+pub struct SearchResult {
+    pub base: FittedModel,
+    pub fits: Vec<FittedModel>,
+    /// Log posterior (evidence times prior probability) of every fit, and of the base model.
+    pub log_posterior: Vec<f64>,
+    pub base_log_posterior: f64,
+    /// Sets whose fit failed.
+    pub failed: Vec<Vec<&'static str>>,
+}
+
+/// Search over sets of effects.
+pub struct ModelSearch<'a, 'b, 'c> {
+    pub fitter: &'c ModelFitter<'a, 'b>,
+    /// Candidates with their initial values.
+    library: Vec<Candidate>,
+    latents: &'c [usize],
+    seed: u64,
+}
+
+/// Log prior probability of a set of `size` effects, relative to the empty set.
+pub fn log_prior(size: usize) -> f64 {
+    size as f64 * (SETTINGS.inclusion / (1.0 - SETTINGS.inclusion)).ln()
+}
+
+/// Score test of a candidate: expected log density, index of the initial values, and amplitudes.
+type ScoreTest = (f64, usize, Vec<f64>);
+
+/// A candidate set with its initial states.
+struct CandidateSet {
+    names: Vec<&'static str>,
+    /// Expected log posterior by the score test.
+    expected_gain: f64,
+    starts: Vec<(ParameterLayout, FitState)>,
+}
+
+impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
+    pub fn new(
+        fitter: &'c ModelFitter<'a, 'b>,
+        library: Vec<Candidate>,
+        latents: &'c [usize],
+        seed: u64,
+    ) -> Self {
+        ModelSearch { fitter, library, latents, seed }
+    }
+
+    /// Searches sets of up to `most` effects.
+    pub fn search(
+        &mut self,
+        base: FittedModel,
+        most: usize,
+        progress: &dyn Progress,
+    ) -> Result<SearchResult> {
+        let base_log_posterior = base.log_evidence;
+        let mut found = SearchResult {
+            base,
+            fits: Vec::new(),
+            log_posterior: Vec::new(),
+            base_log_posterior,
+            failed: Vec::new(),
+        };
+        self.drop_unidentifiable(&found.base)?;
+        for size in 1..=most {
+            let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"];
+            let before = found.best_log_posterior();
+            let parents: Vec<&FittedModel> = match size {
+                1 => vec![&found.base],
+                _ => found
+                    .ranked(|f| f.effects.len() == size - 1)
+                    .into_iter()
+                    .take(BEAM[size.min(3) - 2].0)
+                    .map(|i| &found.fits[i])
+                    .collect(),
+            };
+            let candidate_sets =
+                self.expand(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
+            progress.report(stage[size.min(3) - 1], 0, candidate_sets.len() as u64)?;
+            self.fit_sets(&mut found, candidate_sets)?;
+            if size > 1 {
+                let simple = self.special_cases(&found, size);
+                self.fit_sets(&mut found, simple)?;
+                self.refit_subsets(&mut found, size)?;
+            }
+            if found.best_log_posterior() <= before {
+                break;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Fits a set of effects by name, adding one effect after the other. `None` if an effect is no candidate,
+    /// cannot be identified, or the fit fails.
+    pub fn fit_named(&self, base: &FittedModel, names: &[&str]) -> Result<Option<FittedModel>> {
+        let layout = ParameterLayout::new(self.latents, Vec::new(), self.fitter.data.setting_count());
+        let Some(mut fit) = self.fitter.run_gls(layout, base.state.clone())? else { return Ok(None) };
+        for name in names {
+            let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
+            let Some(tests) = self.screen(&fit)? else { return Ok(None) };
+            let candidate_set = CandidateSet {
+                names: Vec::new(),
+                expected_gain: 0.0,
+                starts: self.initial_fits(&fit, c, &tests[c], MAX_STARTS),
+            };
+            match self.fit_set(candidate_set)? {
+                Some(found) => fit = found,
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(fit))
+    }
+
+    /// Initial states of a fit extended by a candidate: at `most` of its initial values with amplitudes from
+    /// the score test, and at its strong start if the fit is the base model.
+    fn initial_fits(
+        &self,
+        fit: &FittedModel,
+        candidate: usize,
+        promised: &[ScoreTest],
+        most: usize,
+    ) -> Vec<(ParameterLayout, FitState)> {
+        let Candidate { starts, strong_start: strong, .. } = &self.library[candidate];
+        let linear = promised.iter().take(most).map(|(_, start, sizes)| {
+            let term = &starts[*start];
+            Term { start: with_amplitudes(term, sizes), ..term.clone() }
+        });
+        let joined = |term: Term| fit.with_terms([term], self.fitter.data.setting_count());
+        let strong = strong.iter().filter(|_| fit.effects.is_empty()).map(|(term, _)| {
+            let (layout, state) = joined(term.clone());
+            let segments = self.fitter.data.segments.iter().zip(state.nuisances);
+            let nuisances = segments.map(|(w, n)| w.parabola_initial_state().unwrap_or(n)).collect();
+            (layout, FitState::new(state.values, nuisances))
+        });
+        linear.map(joined).chain(strong).collect()
+    }
+
+    fn fit_sets(&self, found: &mut SearchResult, candidate_sets: Vec<CandidateSet>) -> Result<()> {
+        let names: Vec<Vec<&'static str>> = candidate_sets.iter().map(|u| u.names.clone()).collect();
+        let fitted: Vec<Result<Option<FittedModel>>> =
+            candidate_sets.into_par_iter().map(|u| self.fit_set(u)).collect();
+        for (fit, names) in fitted.into_iter().zip(names) {
+            match fit? {
+                Some(fit) => {
+                    found.log_posterior.push(fit.log_evidence + log_prior(fit.effects.len()));
+                    found.fits.push(fit);
+                }
+                None => found.failed.push(names),
+            }
+        }
+        Ok(())
+    }
+
+    /// Refits subsets of the best sets from the fitted values of those: a larger model may have found a
+    /// better optimum.
+    fn refit_subsets(&self, found: &mut SearchResult, size: usize) -> Result<()> {
+        let best: Vec<usize> =
+            found.ranked(|f| f.effects.len() == size).into_iter().take(BEAM[1].0).collect();
+        let mut again: Vec<(usize, CandidateSet)> = Vec::new();
+        for (i, t) in best.iter().flat_map(|i| (0..size).map(move |t| (*i, t))) {
+            let large = &found.fits[i];
+            let mut names: Vec<&'static str> = large.effects.iter().map(|e| e.name).collect();
+            names.remove(t);
+            names.sort_unstable();
+            let Some(at) = found.fits.iter().position(|f| f.effect_names() == names) else { continue };
+            let (layout, values) = large.without_term(t, self.fitter.data.setting_count());
+            let start = FitState::new(values, found.fits[at].state.nuisances.clone());
+            again.push((at, CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] }));
+        }
+        let fitted: Vec<Result<(usize, Option<FittedModel>)>> =
+            again.into_par_iter().map(|(at, candidate_set)| Ok((at, self.fit_set(candidate_set)?))).collect();
+        for refitted in fitted {
+            let (at, Some(fit)) = refitted? else { continue };
+            let log_posterior = fit.log_evidence + log_prior(fit.effects.len());
+            if log_posterior > found.log_posterior[at] {
+                (found.fits[at], found.log_posterior[at]) = (fit, log_posterior);
+            }
+        }
+        Ok(())
+    }
+
+    /// Best fit over the initial states of a set.
+    fn fit_set(&self, candidate_set: CandidateSet) -> Result<Option<FittedModel>> {
+        let mut best: Option<FittedModel> = None;
+        let surveyed = |layout: &ParameterLayout| {
+            layout.terms.len() < 2 && global_search::is_applicable(self.fitter.data, layout)
+        };
+        for (layout, start) in candidate_set.starts {
+            let start = match surveyed(&layout) {
+                true => {
+                    match crate::inference::mixed_model::model_fit::none_if_not_simulable(
+                        global_search::global_search(self.fitter.data, &layout, &start, self.seed),
+                    )? {
+                        Some(found) => found,
+                        None => continue,
+                    }
+                }
+                false => start,
+            };
+            let rounds = if self.fitter.data.cached_jacobians.is_empty() { LEAST_SQUARES_STEPS } else { 5 };
+            let Some(fit) = self.fitter.fit(layout, start, rounds)? else { continue };
+            if best.as_ref().is_none_or(|b| fit.log_evidence > b.log_evidence) {
+                best = Some(fit);
+            }
+        }
+        Ok(best)
+    }
+
+    /// Extensions of fits by one candidate, most promising first.
+    fn expand(
+        &self,
+        parents: &[&FittedModel],
+        found: &SearchResult,
+        most: usize,
+    ) -> Result<Vec<CandidateSet>> {
+        let mut all: Vec<CandidateSet> = Vec::new();
+        for fit in parents {
+            let Some(tests) = self.screen(fit)? else { continue };
+            for (c, Candidate { effect, .. }) in self.library.iter().enumerate() {
+                let mut names = fit.effect_names();
+                names.push(effect.name);
+                names.sort_unstable();
+                if tests[c].is_empty() || found.fits.iter().any(|f| f.effect_names() == names) {
+                    continue;
+                }
+                // Minus the expected gain by chance and the prior penalty.
+                let own = fit.effect_parameter_count() + effect.parameters.len();
+                let expected_gain = tests[c][0].0 - own as f64 + log_prior(names.len());
+                // The global search initialises regions itself.
+                let framed = effect.target() == EffectTarget::Region
+                    && segment::any_one_step(self.fitter.data.segments);
+                let starts = self.initial_fits(fit, c, &tests[c], if framed { 1 } else { MAX_STARTS });
+                let candidate_set = CandidateSet { names, expected_gain, starts };
+                match all.iter_mut().find(|u| u.names == candidate_set.names) {
+                    Some(known) if known.expected_gain >= expected_gain => {}
+                    Some(known) => *known = candidate_set,
+                    None => all.push(candidate_set),
+                }
+            }
+        }
+        all.sort_by(|a, b| b.expected_gain.total_cmp(&a.expected_gain));
+        // Pairs without shape parameters are always tried.
+        let shaped = |e: &Effect| e.parameters.iter().any(|p| !p.is_amplitude());
+        let plain = |u: &CandidateSet| {
+            u.names.len() == 2
+                && !self.library.iter().any(|c| u.names.contains(&c.effect.name) && shaped(c.effect))
+        };
+        let (mut place, mut plainer) = (0, 0);
+        all.retain(|u| {
+            place += 1;
+            plainer += usize::from(plain(u));
+            place <= most || (plain(u) && plainer <= MIN_AMPLITUDE_ONLY_PAIRS)
+        });
+        Ok(all)
+    }
+
+    /// Drops candidates that the data cannot identify.
+    fn drop_unidentifiable(&mut self, base: &FittedModel) -> Result<()> {
+        let Some(tests) = self.screen(base)? else { return Ok(()) };
+        let mut tests = tests.into_iter();
+        self.library.retain(|_| tests.next().is_some_and(|t| !t.is_empty()));
+        Ok(())
+    }
+
+    /// Score tests by candidate, best first; empty for effects in the model.
+    fn screen(&self, fit: &FittedModel) -> Result<Option<Vec<Vec<ScoreTest>>>> {
+        let mut perturbations = Vec::new();
+        let mut of = Vec::new();
+        for (c, Candidate { effect, starts: terms, .. }) in self.library.iter().enumerate() {
+            if fit.effects.iter().any(|e| e.name == effect.name) {
+                continue;
+            }
+            for (s, term) in terms.iter().enumerate() {
+                let own = amplitude_perturbations(term);
+                of.push((c, s, perturbations.len(), own.len()));
+                perturbations.extend(own);
+            }
+        }
+        let Some((_, groups)) = self.fitter.groups(&fit.layout, &fit.state, &perturbations)? else {
+            return Ok(None);
+        };
+        let q = fit.layout.parameters.len();
+        let mut components = fit.components.clone();
+        components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
+        components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
+        let Some(tests) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
+        let (own, current) =
+            (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + perturbations.len()));
+        let before: f64 = tests.iter().map(|t| t.log_density_after(&current)).sum();
+        let settings = self.fitter.data.settings;
+        let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
+        for (c, s, from, count) in of {
+            let term = &self.library[c].starts[s];
+            let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
+            let weak = amplitude_precisions(term);
+            let tells = |k: usize| {
+                tests.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>()
+                    > MIN_SCREENING_INFORMATION * weak[k]
+            };
+            if !(0..count).any(tells) {
+                continue;
+            }
+            let gain = |setting: Option<usize>| {
+                let n = chosen.len();
+                let (mut gram, mut score) = (DMatrix::zeros(n, n), DVector::zeros(n));
+                for t in tests.iter().filter(|t| setting.is_none_or(|s| settings[t.trial] == s)) {
+                    // Weight of a trial with its scale integrated out.
+                    let weight = (SCALE_DOF + t.count) / (SCALE_DOF + t.square.max(0.0));
+                    for (i, a) in chosen.iter().enumerate() {
+                        score[i] += weight * t.score[*a];
+                        for (j, b) in chosen.iter().enumerate() {
+                            gram[(i, j)] += weight * t.gram[(*a, *b)];
+                        }
+                    }
+                }
+                (0..q).for_each(|i| (0..q).for_each(|j| gram[(i, j)] += own.precision[(i, j)]));
+                (q..n).for_each(|k| gram[(k, k)] += weak[k - q]);
+                let step = gram.cholesky()?.solve(&score);
+                Some((0.5 * score.dot(&step), step.rows(q, count).iter().copied().collect::<Vec<f64>>()))
+            };
+            let tests: Vec<(f64, Vec<f64>)> = match term.per_setting {
+                true => (0..self.fitter.data.setting_count()).filter_map(|s| gain(Some(s))).collect(),
+                false => gain(None).into_iter().collect(),
+            };
+            if tests.is_empty() {
+                continue;
+            }
+            let sizes = (0..count).map(|k| tests.iter().map(|t| t.1[k]).sum::<f64>() / tests.len() as f64);
+            out[c].push((before + tests.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
+        }
+        out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
+        Ok(Some(out))
+    }
+
+    /// Special cases of the best sets that were not tried.
+    fn special_cases(&self, found: &SearchResult, size: usize) -> Vec<CandidateSet> {
+        let mut out: Vec<CandidateSet> = Vec::new();
+        for i in found.ranked(|f| f.effects.len() == size).into_iter().take(3) {
+            let own = &found.fits[i].layout.terms;
+            for (large, small) in
+                REGISTRY.iter().flat_map(|e| e.special_cases.iter().map(move |h| (e.name, h.name)))
+            {
+                let candidate = self.library.iter().find(|c| c.effect.name == small);
+                let (Some(at), Some(term)) = (
+                    own.iter().position(|t| t.effect.name == large),
+                    candidate.and_then(|c| c.starts.first()),
+                ) else {
+                    continue;
+                };
+                let mut terms = own.clone();
+                terms[at] = term.clone();
+                let mut names: Vec<&'static str> = terms.iter().map(|t| t.effect.name).collect();
+                names.sort_unstable();
+                names.dedup();
+                let known = |n: &Vec<&str>| {
+                    found.fits.iter().any(|f| f.effect_names() == *n) || out.iter().any(|u| u.names == *n)
+                };
+                if names.len() < terms.len() || known(&names) {
+                    continue;
+                }
+                let layout = ParameterLayout::new(self.latents, terms, self.fitter.data.setting_count());
+                let mut values = layout.initial_values(&[0.0; 3]);
+                let latents = found.base.layout.latent_count();
+                values[..latents].copy_from_slice(&found.base.state.values[..latents]);
+                let start = FitState::new(values, found.base.state.nuisances.clone());
+                out.push(CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] });
+            }
+        }
+        out
+    }
+}
+
+/// Perturbations by the amplitudes of a term at its initial values.
+fn amplitude_perturbations(term: &Term) -> Vec<Perturbation> {
+    let parameters = term.effect.parameters;
+    let shapes = |p: usize| !parameters[p].is_amplitude();
+    let direction = |p: usize| {
+        let own = |k: usize| match k {
+            _ if shapes(k) => term.start[k],
+            _ if k == p => parameters[k].neutral + parameters[k].fd_step,
+            _ => parameters[k].neutral,
+        };
+        Perturbation {
+            effect: term.effect,
+            values: (0..parameters.len()).map(own).collect(),
+            unit: parameters[p].fd_step,
+        }
+    };
+    (0..parameters.len()).filter(|p| !shapes(*p) && term.free[*p]).map(direction).collect()
+}
+
+/// Prior precisions of a term's amplitudes.
+fn amplitude_precisions(term: &Term) -> Vec<f64> {
+    let parameters = term.effect.parameters.iter().zip(&term.free);
+    parameters.filter(|(p, free)| p.is_amplitude() && **free).map(|(p, _)| p.prior_sd.powi(-2)).collect()
+}
+
+impl SearchResult {
+    /// Indices of fits, most probable first.
+    pub fn ranked(&self, which: impl Fn(&FittedModel) -> bool) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.fits.len()).filter(|i| which(&self.fits[*i])).collect();
+        order.sort_by(|a, b| self.log_posterior[*b].total_cmp(&self.log_posterior[*a]).then(a.cmp(b)));
+        order
+    }
+
+    /// Largest log posterior, the base model included.
+    pub fn best_log_posterior(&self) -> f64 {
+        self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::testing::segments::term;
+
+    /// A gust is perturbed by its amplitudes along x and y at the initial period and phase.
+    #[test]
+    fn perturbations_change_one_amplitude() {
+        let mut gust = term("gust");
+        gust.start[2] = 1.7;
+        let all = amplitude_perturbations(&gust);
+        assert_eq!(all.len(), 2);
+        for (k, perturbation) in all.iter().enumerate() {
+            assert!(
+                perturbation.values[k] != gust.start[k] && perturbation.values[1 - k] == gust.start[1 - k]
+            );
+            assert_eq!(perturbation.values[2..], gust.start[2..]);
+        }
+    }
+}
