@@ -164,6 +164,8 @@ fn diagnose_without(
         progress.report("estimating variance components", 0, 1)?;
         let mut candidates = library::candidates(scene, &library::ground(data.windows));
         start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
+        let candidates =
+            search::Hunt::new(&fitter, candidates, &latents, config.seed).identifiable(&first)?;
         fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
         let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
         let found = search::Hunt::new(&fitter, candidates, &latents, config.seed).search(

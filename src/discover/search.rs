@@ -76,7 +76,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     }
 
     /// Searches sets of up to `most` effects.
-    pub fn search(&mut self, base: Fitted, most: usize, progress: &dyn Progress) -> Result<Found> {
+    pub fn search(&self, base: Fitted, most: usize, progress: &dyn Progress) -> Result<Found> {
         let base_log_posterior = base.log_evidence;
         let mut found = Found {
             base,
@@ -85,7 +85,6 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             base_log_posterior,
             failed: Vec::new(),
         };
-        self.leave_untold(&found.base)?;
         for size in 1..=most {
             let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"];
             let before = found.best_total();
@@ -265,12 +264,16 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         Ok(all)
     }
 
-    /// Takes candidates away of which the data cannot tell anything: what a plausible size does, the starts take up.
-    fn leave_untold(&mut self, base: &Fitted) -> Result<()> {
-        let Some(told) = self.promises(base)? else { return Ok(()) };
-        let mut told = told.into_iter();
-        self.library.retain(|_| told.next().is_some_and(|t| !t.is_empty()));
-        Ok(())
+    /// The candidates that the data say something of: what a plausible size does, the starts do not take up.
+    pub fn identifiable(self, base: &Fitted) -> Result<Vec<Candidate>> {
+        let Some(scores) = self.promises(base)? else { return Ok(self.library) };
+        Ok(self
+            .library
+            .into_iter()
+            .zip(scores)
+            .filter(|(_, scores)| !scores.is_empty())
+            .map(|c| c.0)
+            .collect())
     }
 
     /// By candidate: what its starts promise (log density, start, sizes of amplitudes), best first; empty for what is in the set.

@@ -2,8 +2,8 @@
 //! from the richest model.
 //!
 //! Variance components that every set estimates anew would let a wrong set call its misfit noise. They are those at which the
-//! richest model is most probable: lift, quadratic drag, wind, every contact law, and the most probable kind of force field
-//! (without flights, a discrepancy as broad as the acceleration beyond gravity). This is the pure error of the recording.
+//! richest model is most probable: lift, quadratic drag, wind, every contact law, and the shared discrepancy or the most probable
+//! kind of force field (without flights, a discrepancy as broad as the acceleration beyond gravity), whichever is more probable. This is the pure error of the recording.
 //!
 //! Source: pattern search: Hooke and Jeeves, J. ACM 8 (1961) 212; pure error: Box and Draper, Empirical Model-Building and
 //! Response Surfaces (1987), 3.4.
@@ -78,13 +78,16 @@ fn parts(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
     Ok(fitter.with_discrepancy(&model.layout, &model.state, &looks))
 }
 
-/// The most probable components of a model beside the field that makes it most probable: of any kind where there are flights,
-/// else the shared discrepancy `broad` times its largest plausible size.
+/// The most probable components of a model beside the field that makes it most probable: the shared discrepancy at its largest
+/// plausible size, or a force field of any kind where there are flights, else the shared discrepancy `broad` times as large.
 fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Components>> {
     let mut fields: Vec<(Vec<Part>, f64)> =
         field::kinds(fitter, model)?.into_iter().map(|parts| (parts, FIELD_SD)).collect();
-    if fields.is_empty() {
-        fields.extend(parts(fitter, model)?.map(|parts| (parts, broad)));
+    if let Some(parts) = parts(fitter, model)? {
+        if fields.is_empty() {
+            fields.push((parts.clone(), broad));
+        }
+        fields.push((parts, 1.0));
     }
     let prior = fitter.prior(&model.layout, &model.state);
     let scales = Scales::of(fitter);

@@ -3,10 +3,11 @@
 //!
 //! No set-up follows a textbook law exactly, and what is wrong (lens, air in the room, a drag coefficient that is not quite
 //! constant) is wrong alike in all trials. Models therefore predict y = f(theta) + F w + ..., w ~ N(0, s^2 I), with the same w
-//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, scaled so that s = 1 is the
-//! largest discrepancy that is plausible without further cause: see [`Settings`].
+//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, and displacements by a lens and by
+//! an oblique view, scaled so that s = 1 is the largest discrepancy that is plausible without further cause: see [`Settings`].
 //!
-//! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007.
+//! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007;
+//! radial and decentring distortion of lenses: Brown, Photogramm. Eng. 32 (1966) 444.
 //!
 //! Differences from the sources: basis functions of fixed widths replace a Gaussian process; responses are computed once,
 //! along the paths of the richest model, and are the same for every set of effects.
@@ -27,6 +28,8 @@ use crate::error::Result;
 const POSITION_BUMPS: [usize; 2] = [5, 4];
 const VELOCITY_BUMPS: [usize; 2] = [4, 3];
 const IMPACT_BUMPS: [usize; 2] = [4, 3];
+/// Number of ways in which a camera displaces what is seen.
+const CAMERA_MODES: usize = 5;
 
 /// Responses of observations to the shared discrepancy.
 #[derive(Clone)]
@@ -134,9 +137,12 @@ struct Fields {
     position: Vec<Bump>,
     velocity: Vec<Bump>,
     impact: Vec<Bump>,
-    /// Root mean square of the sum of squares over visited states and over impacts.
+    /// Centre of the visited positions, m, and half of their larger extent, m.
+    centre: [f64; 2],
+    half_extent: f64,
+    /// Root mean square, along an axis, of all functions at the visited states and at impacts.
     state_norm: f64,
-    place_norm: f64,
+    camera_norm: f64,
     impact_norm: f64,
 }
 
@@ -154,25 +160,44 @@ impl Fields {
         let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
         let impact =
             if hits.is_empty() { Vec::new() } else { grid([hit_range(0), hit_range(1)], IMPACT_BUMPS) };
-        let mut fields =
-            Fields { position, velocity, impact, state_norm: 1.0, place_norm: 1.0, impact_norm: 1.0 };
+        let [x, y] = [range(0), range(1)];
+        let mut fields = Fields {
+            position,
+            velocity,
+            impact,
+            centre: [x, y].map(|[low, high]| 0.5 * (low + high)),
+            half_extent: (0.5 * (x[1] - x[0]).max(y[1] - y[0])).max(1e-9),
+            state_norm: 1.0,
+            camera_norm: 1.0,
+            impact_norm: 1.0,
+        };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
         fields.state_norm =
             norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
-        fields.place_norm =
-            norm(states.iter().map(|s| fields.at_place(*s).iter().map(|f| f * f).sum()).collect());
+        let displaced = |s: &[f64; 4]| fields.displacements(*s).iter().flatten().map(|d| 0.5 * d * d).sum();
+        fields.camera_norm = norm(states.iter().map(displaced).collect());
         fields.impact_norm =
             norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
         fields
     }
 
     fn count(&self) -> usize {
-        2 * (2 * self.position.len() + self.velocity.len() + self.impact.len())
+        2 * (self.position.len() + self.velocity.len() + self.impact.len()) + CAMERA_MODES
     }
 
-    fn at_place(&self, [x, y, _, _]: [f64; 4]) -> Vec<f64> {
-        self.position.iter().map(|b| b.at([x, y])).collect()
+    /// How a camera may displace a position: radial distortion, both of decentring, and an oblique view along x and y. In all
+    /// of them the displacement is small at the centre and grows towards the edges.
+    fn displacements(&self, [x, y, _, _]: [f64; 4]) -> [[f64; 2]; CAMERA_MODES] {
+        let [x, y] = [x - self.centre[0], y - self.centre[1]].map(|d| d / self.half_extent);
+        let square = x * x + y * y;
+        [
+            [square * x, square * y],
+            [square + 2.0 * x * x, 2.0 * x * y],
+            [2.0 * x * y, square + 2.0 * y * y],
+            [x * x, x * y],
+            [x * y, y * y],
+        ]
     }
 
     fn at_state(&self, [x, y, vx, vy]: [f64; 4]) -> Vec<f64> {
@@ -197,9 +222,8 @@ impl Fields {
         self.integrate(window, path, acceleration / self.state_norm, &mut out);
         let first = 2 * (self.position.len() + self.velocity.len());
         for (i, state) in path.iter().enumerate() {
-            for (k, f) in self.at_place(*state).into_iter().enumerate() {
-                let moved = position / self.place_norm * f;
-                (0..2).for_each(|axis| out[(2 * i + axis, first + 2 * k + axis)] = moved);
+            for (k, moved) in self.displacements(*state).into_iter().enumerate() {
+                (0..2).for_each(|a| out[(2 * i + a, first + k)] = position / self.camera_norm * moved[a]);
             }
         }
         if let (Some(impact), Some(surface)) = (impact, &window.surface) {
@@ -208,7 +232,7 @@ impl Fields {
             let sizes =
                 [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
             let [nx, ny] = surface.normal;
-            let first = first + 2 * self.position.len();
+            let first = first + CAMERA_MODES;
             for (k, bump) in self.impact.iter().enumerate() {
                 let here = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
