@@ -3,7 +3,7 @@
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or beside which a force field without a name is certain, or which are less probable than that
+//! little of the predictable misfit, or beside which a force field without a name or a larger shared discrepancy than is plausible is certain, or which are less probable than that
 //! field alone, or of which a strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of
 //! the error, and of those none is reported.
 //!
@@ -11,14 +11,21 @@
 //! models that are set aside because a simpler one is as probable.
 
 use super::explained::{Explained, Explanation, explanation};
+use super::laplace::{at_scale, marginal};
 use super::settings::SETTINGS;
+use crate::discover::columns::pushes;
 use crate::discover::field::{self, FieldFit};
 use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::gaussian::all_told;
+use crate::discover::model;
 use crate::discover::report::Verdict;
 use crate::discover::search::{Found, log_prior};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
+
+/// Multiples of the shared discrepancy's largest plausible size that are tried beside the reported model.
+const OVERSIZES: [f64; 3] = [2.0, 4.0, 8.0];
 
 /// A verdict with what it follows from.
 pub struct Decision {
@@ -83,7 +90,9 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let (rivals, Explanation { shares, gain }, earned) = earned(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
-    let unnamed = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let by_field = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let by_size = oversized(fitter, champion)?;
+    let unnamed = by_field.into_iter().chain(by_size).max_by(f64::total_cmp);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
@@ -154,10 +163,30 @@ fn earned(
     Ok((rivals, first, true))
 }
 
+/// Log evidence of a shared discrepancy that is several times its largest plausible size beside a model, relative to one that is
+/// not, nats.
+fn oversized(fitter: &Fitter, fit: &Fitted) -> Result<Option<f64>> {
+    let looks = model::looks(fitter.data, &fit.layout, &fit.state, &pushes())?;
+    let parts = fitter.with_discrepancy(&fit.layout, &fit.state, &looks);
+    let Some(told) = parts.and_then(|parts| all_told(&parts, &fit.components)) else { return Ok(None) };
+    if told.first().is_none_or(|t| t.gram.ncols() == fit.layout.slots.len()) {
+        return Ok(None);
+    }
+    let larger: Option<Vec<f64>> =
+        OVERSIZES.iter().map(|s| Some(at_scale(&told, &fit.prior, *s)?.log_evidence)).collect();
+    let average = larger.map(|all| log_sum_exp(all) - (OVERSIZES.len() as f64).ln());
+    let plausible = marginal(&told, &fit.prior);
+    Ok(average.zip(plausible).map(|(larger, plausible)| larger - plausible.log_evidence))
+}
+
 /// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.
 fn is_certain(nats: f64) -> bool {
-    let (p, c) = (SETTINGS.inclusion, SETTINGS.confidence);
-    nats + (p / (1.0 - p)).ln() > (c / (1.0 - c)).ln()
+    nats + log_prior(1) > certain()
+}
+
+/// Log odds that are beyond doubt.
+fn certain() -> f64 {
+    (SETTINGS.confidence / (1.0 - SETTINGS.confidence)).ln()
 }
 
 /// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
@@ -178,9 +207,11 @@ fn credible(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
     out
 }
 
-/// Those of some sets that contain no other of them as a special case, in their order.
+/// Those of some sets that contain no other of them as a special case, unless they are certainly more probable, in their order.
 fn simplest(found: &Found, sets: &[usize]) -> Vec<usize> {
-    let kept = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
+    let is_likelier = |i: usize, j: usize| found.log_posterior[i] - found.log_posterior[j] > certain();
+    let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !is_likelier(i, j);
+    let kept = |i: &usize| !sets.iter().any(|j| j != i && covers(*i, *j));
     sets.iter().copied().filter(kept).collect()
 }
 

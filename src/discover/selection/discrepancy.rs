@@ -3,8 +3,8 @@
 //!
 //! No set-up follows a textbook law exactly, and what is wrong (lens, air in the room, a drag coefficient that is not quite
 //! constant) is wrong alike in all trials. Models therefore predict y = f(theta) + F w + ..., w ~ N(0, s^2 I), with the same w
-//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, and displacements by a lens and by
-//! an oblique view, scaled so that s = 1 is the largest discrepancy that is plausible without further cause: see [`Settings`].
+//! for every trial. The columns of F are the responses of observed positions to Gaussian bumps, constants and trends, and displacements
+//! by a lens and by an oblique view, scaled so that s = 1 is the largest discrepancy that is plausible without further cause: see [`Settings`].
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007;
 //! radial and decentring distortion of lenses: Brown, Photogramm. Eng. 32 (1966) 444.
@@ -28,6 +28,8 @@ use crate::error::Result;
 const POSITION_BUMPS: [usize; 2] = [5, 4];
 const VELOCITY_BUMPS: [usize; 2] = [4, 3];
 const IMPACT_BUMPS: [usize; 2] = [4, 3];
+/// Number of acceleration fields along an axis that are constant or linear in the state.
+const TRENDS: usize = 5;
 /// Number of ways in which a camera displaces what is seen.
 const CAMERA_MODES: usize = 5;
 
@@ -137,11 +139,12 @@ struct Fields {
     position: Vec<Bump>,
     velocity: Vec<Bump>,
     impact: Vec<Bump>,
-    /// Centre of the visited positions, m, and half of their larger extent, m.
-    centre: [f64; 2],
-    half_extent: f64,
+    /// Centre and half of the extent of the visited states (m, m/s).
+    centre: [f64; 4],
+    half: [f64; 4],
     /// Root mean square, along an axis, of all functions at the visited states and at impacts.
-    state_norm: f64,
+    bump_norm: f64,
+    trend_norm: f64,
     camera_norm: f64,
     impact_norm: f64,
 }
@@ -160,21 +163,23 @@ impl Fields {
         let velocity = grid([range(2), range(3)], VELOCITY_BUMPS);
         let impact =
             if hits.is_empty() { Vec::new() } else { grid([hit_range(0), hit_range(1)], IMPACT_BUMPS) };
-        let [x, y] = [range(0), range(1)];
+        let ranges = [0, 1, 2, 3].map(range);
         let mut fields = Fields {
             position,
             velocity,
             impact,
-            centre: [x, y].map(|[low, high]| 0.5 * (low + high)),
-            half_extent: (0.5 * (x[1] - x[0]).max(y[1] - y[0])).max(1e-9),
-            state_norm: 1.0,
+            centre: ranges.map(|[low, high]| 0.5 * (low + high)),
+            half: ranges.map(|[low, high]| (0.5 * (high - low)).max(1e-9)),
+            bump_norm: 1.0,
+            trend_norm: 1.0,
             camera_norm: 1.0,
             impact_norm: 1.0,
         };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
-        fields.state_norm =
-            norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
+        let square = |values: Vec<f64>| values.iter().map(|f| f * f).sum::<f64>();
+        fields.bump_norm = norm(states.iter().map(|s| square(fields.bumps(*s).collect())).collect());
+        fields.trend_norm = norm(states.iter().map(|s| square(fields.trends(*s).to_vec())).collect());
         let displaced = |s: &[f64; 4]| fields.displacements(*s).iter().flatten().map(|d| 0.5 * d * d).sum();
         fields.camera_norm = norm(states.iter().map(displaced).collect());
         fields.impact_norm =
@@ -183,13 +188,14 @@ impl Fields {
     }
 
     fn count(&self) -> usize {
-        2 * (self.position.len() + self.velocity.len() + self.impact.len()) + CAMERA_MODES
+        2 * (self.accelerations() + self.impact.len()) + CAMERA_MODES
     }
 
     /// How a camera may displace a position: radial distortion, both of decentring, and an oblique view along x and y. In all
     /// of them the displacement is small at the centre and grows towards the edges.
     fn displacements(&self, [x, y, _, _]: [f64; 4]) -> [[f64; 2]; CAMERA_MODES] {
-        let [x, y] = [x - self.centre[0], y - self.centre[1]].map(|d| d / self.half_extent);
+        let half = self.half[0].max(self.half[1]);
+        let [x, y] = [x - self.centre[0], y - self.centre[1]].map(|d| d / half);
         let square = x * x + y * y;
         [
             [square * x, square * y],
@@ -200,9 +206,27 @@ impl Fields {
         ]
     }
 
-    fn at_state(&self, [x, y, vx, vy]: [f64; 4]) -> Vec<f64> {
-        let position = self.position.iter().map(|b| b.at([x, y]));
-        position.chain(self.velocity.iter().map(|b| b.at([vx, vy]))).collect()
+    /// Number of acceleration fields along an axis.
+    fn accelerations(&self) -> usize {
+        self.position.len() + self.velocity.len() + TRENDS
+    }
+
+    fn bumps(&self, [x, y, vx, vy]: [f64; 4]) -> impl Iterator<Item = f64> {
+        let position = self.position.iter().map(move |b| b.at([x, y]));
+        position.chain(self.velocity.iter().map(move |b| b.at([vx, vy])))
+    }
+
+    /// An acceleration that is the same everywhere, and four that grow with position and velocity.
+    fn trends(&self, state: [f64; 4]) -> [f64; TRENDS] {
+        let [x, y, vx, vy] = std::array::from_fn(|k| (state[k] - self.centre[k]) / self.half[k]);
+        [1.0, x, y, vx, vy]
+    }
+
+    /// All acceleration fields of root mean square one: half of the variance is the bumps', half the trends'.
+    fn at_state(&self, state: [f64; 4]) -> Vec<f64> {
+        let [bump, trend] = [self.bump_norm, self.trend_norm].map(|norm| 0.5f64.sqrt() / norm);
+        let bumps = self.bumps(state).map(|f| bump * f);
+        bumps.chain(self.trends(state).map(|f| trend * f)).collect()
     }
 
     /// Response of a segment's points to fields of `acceleration`, m/s^2, and displacements of `position`, m, and to the plausible
@@ -219,8 +243,8 @@ impl Fields {
         if !is_measured(window) || path.iter().flatten().any(|v| !v.is_finite()) {
             return out;
         }
-        self.integrate(window, path, acceleration / self.state_norm, &mut out);
-        let first = 2 * (self.position.len() + self.velocity.len());
+        self.integrate(window, path, acceleration, &mut out);
+        let first = 2 * self.accelerations();
         for (i, state) in path.iter().enumerate() {
             for (k, moved) in self.displacements(*state).into_iter().enumerate() {
                 (0..2).for_each(|a| out[(2 * i + a, first + k)] = position / self.camera_norm * moved[a]);
@@ -253,7 +277,7 @@ impl Fields {
             (Some(surface), Kind::Roll) => Some([surface.normal[1], -surface.normal[0]]),
             _ => None,
         };
-        let count = self.position.len() + self.velocity.len();
+        let count = self.accelerations();
         let (mut speed, mut moved) = (vec![0.0; count], vec![0.0; count]);
         let mut before: Option<(f64, Vec<f64>)> = None;
         for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
@@ -299,8 +323,8 @@ mod tests {
         let (windows, settings) = flights([0.0; 2], 4);
         let found = discrepancy_of(&windows, &settings);
         assert!((found.acceleration - 0.0981).abs() < 1e-6, "{}", found.acceleration);
-        let fields =
-            2 * (POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>());
+        let bumps = POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>();
+        let fields = 2 * (bumps + TRENDS);
         let rows = |c: &DMatrix<f64>| c.columns(0, fields).row(c.nrows() - 2).norm();
         let time = windows[0].points[19].time;
         let expected = 0.5 * found.acceleration * time * time;
