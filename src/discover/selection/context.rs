@@ -23,6 +23,7 @@ use crate::discover::library::Candidate;
 use crate::discover::model::{self, Term};
 use crate::discover::window::Kind;
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::world::effect::EffectTarget;
 
 /// Standard deviation of a field's coefficients, m/s^2.
@@ -48,8 +49,9 @@ pub fn context(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Resu
     let responses = responses(&looks, model.layout.slots.len());
     let whole = Context { discrepancy, components: model.components.clone(), responses };
     let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks) else { return Ok(whole) };
-    let start = Context { discrepancy: whole.discrepancy.reduced(&parts, model.layout.slots.len()), ..whole };
+    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks)? else { return Ok(whole) };
+    let discrepancy = whole.discrepancy.reduced(fitter.data, &parts, model.layout.slots.len())?;
+    let start = Context { discrepancy, ..whole };
     let own = Fitter { context: Some(start.clone()), ..own };
     let components = components(&own, model, start.discrepancy.broad)?;
     Ok(Context { components: components.unwrap_or_else(|| start.components.clone()), ..start })
@@ -75,7 +77,7 @@ fn richest(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<O
 
 fn parts(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
     let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
-    Ok(fitter.with_discrepancy(&model.layout, &model.state, &looks))
+    fitter.with_discrepancy(&model.layout, &model.state, &looks)
 }
 
 /// The most probable components of a model beside the field that makes it most probable: of any kind where there are flights,
@@ -92,9 +94,10 @@ fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Comp
     let best = |(parts, broad): &(Vec<Part>, f64)| {
         let start = start.clone();
         Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products: HashMap::new() }
-            .maximise()
+            .maximise(fitter.data.progress)
     };
-    let best = fields.iter().map(best).max_by(|a, b| a.0.total_cmp(&b.0));
+    let all = fields.iter().map(best).collect::<Result<Vec<_>>>()?;
+    let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(best.map(|(_, components)| components))
 }
 
@@ -152,13 +155,14 @@ struct Objective<'a> {
 
 impl Objective<'_> {
     /// The largest value and where it is.
-    fn maximise(&mut self) -> (f64, Components) {
+    fn maximise(&mut self, progress: &dyn Progress) -> Result<(f64, Components)> {
         let mut logs = self.start.logs();
         let mut best = self.at(&logs);
         let mut steps = vec![-FIRST_STEP; logs.len()];
         let least: Vec<f64> = logs.iter().map(|l| l - SMALLEST).collect();
         while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
             for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
+                progress.check_stop()?;
                 let mut moved = |way: f64| {
                     let mut moved = logs.clone();
                     moved[k] = (moved[k] + way).max(least[k]);
@@ -174,7 +178,7 @@ impl Objective<'_> {
                 }
             }
         }
-        (best, self.start.with(&logs))
+        Ok((best, self.start.with(&logs)))
     }
 
     fn at(&mut self, logs: &[f64]) -> f64 {

@@ -1,5 +1,6 @@
 //! What a window is.
 
+use super::blocks::Averaged;
 use crate::discover::smooth::Smooth;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -87,6 +88,8 @@ pub struct Window {
     pub own: Vec<ActiveEffect>,
     /// The data's own smooth, for the noise floor.
     pub smooth: Option<Smooth>,
+    /// Observations that points are the means of.
+    pub averaged: Averaged,
 }
 
 /// One observed position.
@@ -98,7 +101,7 @@ pub struct Point {
     pub time: f64,
     /// m
     pub seen: [f64; 2],
-    /// 1, or 0 for an outlier.
+    /// Number of observations that it is the mean of: 1, or 0 for an outlier, but in long flights.
     pub weight: f64,
 }
 
@@ -129,7 +132,8 @@ impl Window {
         let own = effect::scene_effects(&scene).unwrap_or_default();
         let nuisances = Vec::new();
         let (trial, setting, amid, surface, smooth) = (0, 0, false, None, None);
-        Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth }
+        let averaged = Averaged::default();
+        Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth, averaged }
     }
 
     /// How an engine rolls a scene of the window out: in the middle of a trial, contacts have lasted before.

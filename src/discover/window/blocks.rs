@@ -1,0 +1,118 @@
+//! Averages of neighbouring observations of a long flight or roll, so that the cost of a diagnosis does not grow with the rate at
+//! which a camera sees.
+//!
+//! A block of m observations becomes one at their mean time, with their mean position and a weight of m. A path hardly bends
+//! within a block: a block spans a five-hundredth of the flight, and the mean of a parabola is off by less than a millionth of
+//! its height. The first and the last observation stay, since a path starts and ends with them. The squared deviations
+//! within blocks, which no model explains, are added to the squared residuals (sufficiency of the block means: Searle, Linear
+//! Models (1971), chapter 9).
+
+use super::kind::{Kind, Point, Window};
+
+/// Observations of a segment up to which none are averaged; blocks of a longer one.
+pub const MAX_POINTS: usize = 500;
+
+/// Observations that were averaged in a segment.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Averaged {
+    /// Observations beyond one a block.
+    pub count: usize,
+    /// Sum of squared deviations from the blocks' means, of both coordinates, m^2.
+    pub square: f64,
+}
+
+/// Averages the observations of a long flight or roll.
+pub fn average(window: &mut Window) {
+    let n = window.points.len();
+    if !matches!(window.kind, Kind::Flight | Kind::Roll) || n <= MAX_POINTS {
+        return;
+    }
+    let Some(smooth) = &mut window.smooth else { return };
+    let size = (n - 2).div_ceil(MAX_POINTS - 2);
+    let inner = (1..n - 1).step_by(size).map(|from| from..(from + size).min(n - 1));
+    let blocks: Vec<_> = std::iter::once(0..1).chain(inner).chain(std::iter::once(n - 1..n)).collect();
+    let square = |block: &std::ops::Range<usize>| {
+        let counted = || block.clone().filter(|i| window.points[*i].weight > 0.0);
+        let along = |residual: &[f64]| {
+            let mean = mean(counted().map(|i| residual[i])).unwrap_or(0.0);
+            counted().map(|i| (residual[i] - mean).powi(2)).sum::<f64>()
+        };
+        smooth.residual.iter().map(|r| along(r)).sum::<f64>()
+    };
+    let square = blocks.iter().map(square).sum();
+    let points: Vec<Point> = blocks.into_iter().map(|block| block_mean(&window.points[block])).collect();
+    window.averaged = Averaged { count: n - points.len(), square };
+    window.points = points;
+    (smooth.residual, smooth.kept) = (Default::default(), Vec::new());
+}
+
+/// The mean of those observations that count; of all, with weight 0, where none does.
+fn block_mean(points: &[Point]) -> Point {
+    let count = points.iter().filter(|p| p.weight > 0.0).count();
+    let counted = || points.iter().filter(|p| p.weight > 0.0 || count == 0);
+    let of = |value: &dyn Fn(&Point) -> f64| mean(counted().map(value)).unwrap_or(f64::NAN);
+    Point {
+        body: points[0].body,
+        time: of(&|p| p.time),
+        seen: [of(&|p| p.seen[0]), of(&|p| p.seen[1])],
+        weight: count as f64,
+    }
+}
+
+/// Mean of some values, exactly theirs where they are all the same; `None` of nothing.
+fn mean(values: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let first = values.clone().next()?;
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + (v - first), count + 1));
+    Some(first + sum / count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::smooth::{Row, smooth};
+    use crate::task::Scene;
+
+    fn flight(n: usize) -> Window {
+        let rows: Vec<Row> = (0..n)
+            .map(|i| {
+                let t = 1.2 * i as f64 / (n - 1) as f64;
+                let noise = |k: usize| 1e-3 * libm::sin((i * i + k) as f64);
+                (t, [3.0 * t + noise(0), 2.0])
+            })
+            .collect();
+        let points = rows.iter().map(|(time, seen)| Point { body: 0, time: *time, seen: *seen, weight: 1.0 });
+        let window = Window::new(Kind::Flight, Scene::empty(), 0.0, points.collect());
+        Window { smooth: Some(smooth(&rows)), ..window }
+    }
+
+    #[test]
+    fn a_short_flight_stays_as_it_is() {
+        let mut window = flight(MAX_POINTS);
+        average(&mut window);
+        assert_eq!((window.points.len(), window.averaged.count), (MAX_POINTS, 0));
+    }
+
+    /// Weights and squares are those of all observations but the outliers, and ends stay.
+    #[test]
+    fn blocks_keep_what_was_observed() {
+        let mut window = flight(3001);
+        let rejected = [700, 701, 1500];
+        rejected.iter().for_each(|i| window.points[*i].weight = 0.0);
+        let before = window.clone();
+        average(&mut window);
+        assert!(window.points.len() <= MAX_POINTS && window.averaged.count == 3001 - window.points.len());
+        assert_eq!(window.points.iter().map(|p| p.weight).sum::<f64>(), 2998.0);
+        assert!(window.points.windows(2).all(|p| p[0].time < p[1].time));
+        let ends = |w: &Window| [w.points[0], w.points[w.points.len() - 1]].map(|p| (p.time, p.seen));
+        assert_eq!(ends(&window), ends(&before));
+        assert!(
+            window.points.iter().all(|p| p.seen[1] == 2.0),
+            "along an axis in which nothing moves nothing does"
+        );
+        // About the line that the observations are on.
+        let off = |p: &Point| p.weight * (p.seen[0] - 3.0 * p.time).powi(2);
+        let square = |w: &Window| w.points.iter().map(off).sum::<f64>();
+        let all = square(&window) + window.averaged.square;
+        assert!((all / square(&before) - 1.0).abs() < 0.01, "{all} of {}", square(&before));
+    }
+}
