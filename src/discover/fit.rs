@@ -201,6 +201,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             None => Likelihood::new(&parts, from).most(first, self.data.progress)?,
         };
         let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
+        self.data.progress.check_stop()?;
         let Some(laplace) = marginal(&told, &prior) else { return Ok(None) };
         let quality = profile(&told, &prior, laplace.scale);
         Ok(Some(Stand { quality, state, prior, looks, parts, told, components, laplace }))

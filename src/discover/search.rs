@@ -315,6 +315,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<Promise>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
+            self.fitter.data.progress.check_stop()?;
             let term = &self.library[c].starts[s];
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
             let weak = weak(term);

@@ -69,8 +69,18 @@ fn mean(values: impl Iterator<Item = f64> + Clone) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::fit::Fitter;
+    use crate::discover::fixture::{seen, term};
+    use crate::discover::model::{self, Data, Layout, State};
+    use crate::discover::noise::Noise;
     use crate::discover::smooth::{Row, smooth};
+    use crate::discover::window::cut;
+    use crate::progress::NoProgress;
+    use crate::rng;
     use crate::task::Scene;
+    use crate::task::ball::BallScene;
+    use crate::world::Engine;
+    use rand_distr::{Distribution, StandardNormal};
 
     fn flight(n: usize) -> Window {
         let rows: Vec<Row> = (0..n)
@@ -114,5 +124,49 @@ mod tests {
         let square = |w: &Window| w.points.iter().map(off).sum::<f64>();
         let all = square(&window) + window.averaged.square;
         assert!((all / square(&before) - 1.0).abs() < 0.01, "{all} of {}", square(&before));
+    }
+
+    /// Flights with a drag and correlated noise of a millimetre.
+    fn flights() -> Vec<Window> {
+        let mut stream = rng::stream(1, "blocks");
+        let rho = 0.5;
+        let scene = BallScene { radius: 0.05, mass: None, gravity: Some(9.81), floor: None };
+        let mut throw = |k: u32| {
+            let mut off = [0.0; 2];
+            let mut row = |i: u32| {
+                for off in &mut off {
+                    let draw: f64 = StandardNormal.sample(&mut stream);
+                    *off = rho * *off + 1e-3 * (1.0 - rho * rho).sqrt() * draw;
+                }
+                let (rate, t) = (0.4, f64::from(i) / 1500.0);
+                let along = (1.0 - libm::exp(-rate * t)) / rate;
+                let fallen = 9.81 * (t - along) / rate;
+                [t, (3.0 + f64::from(k)) * along + off[0], 2.0 + 4.0 * along - fallen + off[1]]
+            };
+            (0..1501).map(&mut row).collect::<Vec<_>>()
+        };
+        let trials = seen(&(0..4).map(&mut throw).collect::<Vec<_>>());
+        cut(&scene.build("ball", 1.0).unwrap(), &trials, &[0; 4], 8, &NoProgress).unwrap()
+    }
+
+    /// A drag, its error, its evidence and the squares that it leaves are those of all observations.
+    #[test]
+    fn blocks_say_what_all_observations_say() {
+        let all = flights();
+        let mut blocks = all.clone();
+        blocks.iter_mut().for_each(average);
+        assert!(all.iter().zip(&blocks).all(|(a, b)| 2 * b.points.len() < a.points.len()));
+        let [a, b] = [all, blocks].map(|windows| {
+            let data = Data::new(&windows, &[0; 4], vec![1e-3; windows.len()], Engine::Auto);
+            let fitter = Fitter::new(&data, &Noise { sd: 1e-3, rho: 0.5, freedom: 1e4 });
+            let layout = Layout::new(&[], vec![term("linear_drag")], 1);
+            let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
+            let start = State::new(layout.start(&[0.0; 3]), starts);
+            let fit = fitter.fit(layout, start, 12).unwrap().unwrap();
+            [fit.state.values[0], fit.half_width(0), fit.log_evidence, model::total(&fit.pass)]
+        });
+        assert!((a[0] - 0.4).abs() < a[1], "{a:?}");
+        assert!((a[0] - b[0]).abs() < 0.05 * a[1] && (a[1] / b[1] - 1.0).abs() < 0.02, "{a:?} {b:?}");
+        assert!((a[2] - b[2]).abs() < 0.5 && (a[3] / b[3] - 1.0).abs() < 2e-3, "{a:?} {b:?}");
     }
 }
