@@ -167,11 +167,8 @@ fn diagnose_without(
         progress.report("estimating variance components", 0, 1)?;
         fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
         let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
-        let found = search::Hunt::new(&fitter, candidates, &latents, config.seed).search(
-            base,
-            config.max_effects,
-            progress,
-        )?;
+        let mut hunt = search::Hunt::new(&fitter, candidates, &latents, config.seed);
+        let found = hunt.search(base, config.max_effects, progress)?;
         progress.report("comparing sets of effects", 0, 1)?;
         let decision = selection::decide(&fitter, &found, config.seed)?;
         Ok((fitter.context, found, decision))

@@ -16,7 +16,7 @@ pub struct Data<'a> {
     /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
     pub frozen: Vec<Frozen>,
     pub engine: Engine,
-    /// What may end a computation on the data.
+    /// Ends computations on the data once they are cancelled.
     pub progress: &'a dyn Progress,
 }
 

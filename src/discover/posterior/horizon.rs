@@ -59,7 +59,7 @@ impl PreparedModel {
 /// Data of the fits.
 pub struct FitData<'a> {
     pub ready: &'a Ready,
-    /// What may end the computation.
+    /// Ends the computation once it is cancelled.
     pub progress: &'a dyn Progress,
     /// Observations by trial.
     pub observed: &'a [&'a Trajectory],

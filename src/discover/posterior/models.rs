@@ -66,13 +66,8 @@ pub fn fit_models<T>(
     let mut candidates = library::candidates(scene, &library::ground(fitter.data.windows));
     add_strong_starts(&fitter, &base, &mut candidates)?;
     let hunt = Hunt::new(&fitter, candidates, &latents, config.seed);
-    let grounds = FitData {
-        ready: &ready,
-        progress,
-        observed: &opened.observed,
-        engine: config.engine,
-        seed: config.seed,
-    };
+    let (observed, engine, seed) = (&opened.observed[..], config.engine, config.seed);
+    let grounds = FitData { ready: &ready, progress, observed, engine, seed };
     let (mut models, mut log_evidences) = (Vec::new(), Vec::new());
     for (i, set) in config.sets.iter().enumerate() {
         progress.report("fitting sets of effects", i as u64, config.sets.len() as u64)?;
@@ -123,7 +118,7 @@ pub struct LikelihoodBuilder<'a> {
     pub model: &'a PreparedModel,
     pub ready: &'a Ready,
     pub config: &'a PosteriorConfig,
-    /// What may end the computation.
+    /// Ends the computation once it is cancelled.
     pub progress: &'a dyn Progress,
 }
 

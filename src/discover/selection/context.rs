@@ -9,6 +9,7 @@
 //! Response Surfaces (1987), 3.4.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
@@ -93,8 +94,8 @@ fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Comp
     let start = scales.start();
     let best = |(parts, broad): &(Vec<Part>, f64)| {
         let start = start.clone();
-        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products: HashMap::new() }
-            .maximise(fitter.data.progress)
+        let (cross_products, progress) = (HashMap::new(), fitter.data.progress);
+        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products, progress }.maximise()
     };
     let all = fields.iter().map(best).collect::<Result<Vec<_>>>()?;
     let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
@@ -151,25 +152,27 @@ struct Objective<'a> {
     scales: Scales,
     /// By the slow misfit.
     cross_products: HashMap<u64, Vec<Weighed>>,
+    progress: &'a dyn Progress,
 }
 
 impl Objective<'_> {
     /// The largest value and where it is.
-    fn maximise(&mut self, progress: &dyn Progress) -> Result<(f64, Components)> {
+    fn maximise(&mut self) -> Result<(f64, Components)> {
         let mut logs = self.start.logs();
-        let mut best = self.at(&logs);
+        let mut best = self.at(&logs)?;
         let mut steps = vec![-FIRST_STEP; logs.len()];
         let least: Vec<f64> = logs.iter().map(|l| l - SMALLEST).collect();
         while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
             for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
-                progress.check_stop()?;
-                let mut moved = |way: f64| {
+                let mut moved = |way: f64| -> Result<Option<(f64, Vec<f64>, f64)>> {
                     let mut moved = logs.clone();
                     moved[k] = (moved[k] + way).max(least[k]);
-                    let value = self.at(&moved);
-                    (value > best).then_some((value, moved, way))
+                    let value = self.at(&moved)?;
+                    Ok((value > best).then_some((value, moved, way)))
                 };
-                match moved(steps[k]).or_else(|| moved(-steps[k])) {
+                let onwards = moved(steps[k])?;
+                let better = if onwards.is_some() { onwards } else { moved(-steps[k])? };
+                match better {
                     Some((value, moved, way)) => {
                         (best, logs) = (value, moved);
                         steps[k] = (LONGER * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
@@ -181,18 +184,24 @@ impl Objective<'_> {
         Ok((best, self.start.with(&logs)))
     }
 
-    fn at(&mut self, logs: &[f64]) -> f64 {
+    fn at(&mut self, logs: &[f64]) -> Result<f64> {
         let components = self.start.with(logs);
         let columns: Vec<usize> =
             (0..self.parts.first().map_or(0, |p| p.blocks[0].columns.ncols())).collect();
         let (parts, slow) = (self.parts, components.slow);
-        let products = self.cross_products.entry(slow.to_bits());
-        let products =
-            products.or_insert_with(|| parts.iter().map(|p| Weighed::of(p, &columns, slow)).collect());
+        let products = match self.cross_products.entry(slow.to_bits()) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(free) => {
+                let each =
+                    parts.iter().map(|p| self.progress.check_stop().map(|()| Weighed::of(p, &columns, slow)));
+                free.insert(each.collect::<Result<_>>()?)
+            }
+        };
+        self.progress.check_stop()?;
         let told = products.iter().zip(parts).map(|(w, p)| w.told(p, &columns, &components));
         let told: Option<Vec<Told>> = told.collect();
         let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
-        evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
+        Ok(evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components)))
     }
 }
 

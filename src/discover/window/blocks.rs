@@ -7,19 +7,10 @@
 //! within blocks, which no model explains, are added to the squared residuals (sufficiency of the block means: Searle, Linear
 //! Models (1971), chapter 9).
 
-use super::kind::{Kind, Point, Window};
+use super::kind::{Averaged, Kind, Point, Window};
 
 /// Observations of a segment up to which none are averaged; blocks of a longer one.
 pub const MAX_POINTS: usize = 500;
-
-/// Observations that were averaged in a segment.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Averaged {
-    /// Observations beyond one a block.
-    pub count: usize,
-    /// Sum of squared deviations from the blocks' means, of both coordinates, m^2.
-    pub square: f64,
-}
 
 /// Averages the observations of a long flight or roll.
 pub fn average(window: &mut Window) {
@@ -129,7 +120,7 @@ mod tests {
     /// Flights with a drag and correlated noise of a millimetre.
     fn flights() -> Vec<Window> {
         let mut stream = rng::stream(1, "blocks");
-        let rho = 0.5;
+        let rho: f64 = 0.5;
         let scene = BallScene { radius: 0.05, mass: None, gravity: Some(9.81), floor: None };
         let mut throw = |k: u32| {
             let mut off = [0.0; 2];

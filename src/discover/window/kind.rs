@@ -1,6 +1,5 @@
 //! What a window is.
 
-use super::blocks::Averaged;
 use crate::discover::smooth::Smooth;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -124,6 +123,15 @@ pub struct Surface {
     pub inertia: f64,
     /// By how much the spin may differ from where it starts, rad/s: little where it was seen.
     pub spin: f64,
+}
+
+/// Observations that were averaged in a segment.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Averaged {
+    /// Observations beyond one a block.
+    pub count: usize,
+    /// Sum of squared deviations from the blocks' means, of both coordinates, m^2.
+    pub square: f64,
 }
 
 impl Window {
