@@ -10,11 +10,13 @@ use nalgebra::{DMatrix, DVector};
 use super::columns::Columns;
 use super::fit::{Fitter, Shown};
 use super::gaussian::Components;
+use super::kernels;
 use super::launch::{Frame, leap};
 use super::model::Look;
-use super::noise::{self, Noise};
+use super::noise::Noise;
 use super::stats::inverse;
 use super::window::{Kind, Window};
+use crate::error::Result;
 
 /// Standard deviations of residuals by window and point along x and y, m; not a number where an observation does not count.
 /// `looks` of the model, its pushes after its slots; what its slots are known by may leave out the last.
@@ -25,10 +27,9 @@ pub fn bands(
     components: &Components,
     known: &DMatrix<f64>,
     noise: &Noise,
-) -> Vec<Vec<[f64; 2]>> {
+) -> Result<Vec<Vec<[f64; 2]>>> {
     let columns = Columns::of(model.layout, &model.state.values, fitter.gravity);
-    let windows = fitter.data.windows;
-    let of = |(w, window): (usize, &Window)| {
+    let of = |w: usize, window: &Window| {
         let scale = fitter.scales[w];
         if !scale.is_finite() {
             return vec![[f64::NAN; 2]; window.points.len()];
@@ -51,7 +52,7 @@ pub fn bands(
         };
         (0..window.points.len()).map(one).collect()
     };
-    windows.iter().enumerate().map(of).collect()
+    fitter.data.each_window(of)
 }
 
 /// Adds what columns make of the variances of a launch's sizes and pushes, and of what is known of the model's.
@@ -115,19 +116,28 @@ impl<'a> Start<'a> {
     ) -> DVector<f64> {
         let n = window.points.len();
         let rho = if window.kind.simulated() { 0.0 } else { noise.rho };
-        let mut within = noise::correlation(n, rho);
-        if let Some(misfit) = frame.slow_at_points() {
-            within += misfit * (slow * slow);
-        }
-        // Rows of a point are its deviation over this.
-        let unit = |i: usize| window.points[i].weight.sqrt() * look.share / scale;
+        let sizes: Vec<f64> = window.points.iter().map(|p| p.weight).collect();
+        let misfit = frame.slow_at_points().filter(|_| slow > 0.0);
+        let within = |along: DMatrix<f64>| {
+            let noise = kernels::autoregressive(rho, &sizes, &along);
+            match &misfit {
+                Some((half, basis)) => noise + basis.tr_mul(&(half * along)) * (slow * slow),
+                None => noise,
+            }
+        };
+        let own = |i: usize| {
+            let misfit = misfit.as_ref().map_or(0.0, |(half, basis)| half.column(i).dot(&basis.column(i)));
+            kernels::block_variance(rho, sizes[i]) + misfit * slow * slow
+        };
+        // Rows of a point are its deviation, over its own noise, times this.
+        let unit = |i: usize| f64::from(sizes[i] > 0.0) * look.share / scale;
         let rows = look.start.nrows();
         let k = look.start.ncols();
         // N S, axis by axis; what is held of a start stands for itself.
         let mut moved = DMatrix::zeros(rows, k);
         for axis in 0..2 {
             let along = DMatrix::from_fn(n, k, |i, c| self.columns[(2 * i + axis, c)] * unit(i));
-            let along = &within * along;
+            let along = within(along);
             (0..n).for_each(|i| (0..k).for_each(|c| moved[(2 * i + axis, c)] = unit(i) * along[(i, c)]));
         }
         let held = look.share * look.share;
@@ -135,7 +145,7 @@ impl<'a> Start<'a> {
         let taken = self.columns * &self.inverse;
         let both = &taken * self.columns.tr_mul(&moved);
         DVector::from_fn(rows, |i, _| {
-            let own = if i < 2 * n { unit(i / 2).powi(2) * within[(i / 2, i / 2)] } else { held };
+            let own = if i < 2 * n { unit(i / 2).powi(2) * own(i / 2) } else { held };
             own - 2.0 * moved.row(i).dot(&taken.row(i)) + both.row(i).dot(&taken.row(i))
         })
     }
@@ -149,7 +159,7 @@ mod tests {
     fn of(fitter: &Fitter, f: &crate::discover::fit::Fitted, components: &Components) -> Vec<Vec<[f64; 2]>> {
         let (looks, _) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
         let noise = Noise { sd: NOISE, rho: 0.0, freedom: 1e3 };
-        bands(fitter, f.shown(), &looks, components, &f.covariance, &noise)
+        bands(fitter, f.shown(), &looks, components, &f.covariance, &noise).unwrap()
     }
 
     /// Noise alone: a start of two numbers an axis takes two observations' worth of its variance, as in any least squares.

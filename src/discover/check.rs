@@ -14,11 +14,13 @@
 
 use super::fit::{Fitted, Fitter};
 use super::gaussian::{self, FREEDOM};
+use super::launch::Part;
 use super::model::Look;
 use super::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
 use super::score;
 use super::stats::median;
 use crate::distribution::f_survival;
+use crate::error::Result;
 
 /// Probability on either side of the range that predictions are held against.
 const TAIL: f64 = 0.025;
@@ -29,9 +31,14 @@ pub fn predictive(
     model: &Fitted,
     looks: &[Look],
     kept: &[usize],
-) -> Option<PredictiveCheck> {
+) -> Result<Option<PredictiveCheck>> {
     let parts = fitter.with_discrepancy(&model.layout, &model.state, looks)?;
-    let told = gaussian::all_told(&parts, &model.components)?;
+    fitter.data.progress.check_stop()?;
+    Ok(parts.and_then(|parts| of_parts(fitter, model, &parts, kept)))
+}
+
+fn of_parts(fitter: &Fitter, model: &Fitted, parts: &[Part], kept: &[usize]) -> Option<PredictiveCheck> {
+    let told = gaussian::all_told(parts, &model.components)?;
     let prior = model.prior.with_discrepancy(told.first()?.gram.ncols(), model.discrepancy_scale);
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); kept.len()];
     score::each_held_out(&told, &prior, &fitter.folds, |told, others| {
@@ -197,7 +204,7 @@ mod tests {
         thrown::fitted(&drags, &["linear_drag"], 6, |fitter, f| {
             let (looks, _) = fitter.parts(&f.layout, &f.state, &[]).unwrap().unwrap();
             let kept: Vec<usize> = (100..112).collect();
-            let found = predictive(fitter, f, &looks, &kept).unwrap();
+            let found = predictive(fitter, f, &looks, &kept).unwrap().unwrap();
             let least = found.launches.iter().min_by(|a, b| a.p.total_cmp(&b.p)).unwrap();
             assert_eq!((least.trial, found.launches.len(), found.sorted.len()), (107, 12, 12), "{found:?}");
             assert_eq!(found.sorted[0][0], least.p);

@@ -14,6 +14,8 @@ use rand_distr::{Distribution, StandardNormal};
 use super::columns::{Own, pushes};
 use super::gaussian::{Components, Summed, Weighed};
 use super::launch::Part;
+use crate::error::Result;
+use crate::progress::Progress;
 use crate::rng::Stream;
 
 /// First steps of the components' logarithms: of a first search, about what is nearly right, and about what a few launches less
@@ -112,7 +114,7 @@ impl<'a> Likelihood<'a> {
 
     /// Components that make the parts most likely, sought in steps of `first` at first, launches differing by no more than they
     /// have reason to.
-    pub fn most(&mut self, first: f64) -> Components {
+    pub fn most(&mut self, first: f64, progress: &dyn Progress) -> Result<Components> {
         let most = self.from.most();
         let from = self.from.clone();
         let matter = self.matter();
@@ -125,6 +127,7 @@ impl<'a> Likelihood<'a> {
             let mut steps = vec![first; logs.len()];
             while steps.iter().zip(&matter).any(|(s, matters)| *matters && s.abs() >= FINEST) {
                 for k in (0..logs.len()).filter(|k| matter[*k]) {
+                    progress.check_stop()?;
                     let step = steps[k];
                     let mut better = |way: f64| {
                         let mut moved = logs.clone();
@@ -149,7 +152,7 @@ impl<'a> Likelihood<'a> {
             }
             first = HELD;
         }
-        from.with(&logs)
+        Ok(from.with(&logs))
     }
 
     /// Components as they may be where the model stands, beginning where the search did; launches differ by no more than they have

@@ -151,7 +151,7 @@ fn by_launch(
         };
         looks = others;
     }
-    Ok((launches, check::predictive(&fitter, checked, &looks, kept)))
+    Ok((launches, check::predictive(&fitter, checked, &looks, kept)?))
 }
 
 /// How wide residuals should be; `shown` may hold more than the model whose components they are.
@@ -161,7 +161,7 @@ fn bands(given: &Given, model: &Fitted, shown: Shown) -> Result<Option<Bands>> {
     let of = |(looks, _): (Vec<Look>, _)| {
         band::bands(&fitter, shown, &looks, &model.components, &model.covariance, given.noise)
     };
-    Ok(looks.map(of))
+    looks.map(of).transpose()
 }
 
 /// The report where too little can be told from the trials to judge anything.

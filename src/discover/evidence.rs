@@ -97,6 +97,7 @@ pub fn evidence(
     let paths = model::paths(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, window) in data.windows.iter().enumerate() {
+        data.progress.check_stop()?;
         if window.kind == Kind::Contact {
             out.bounces.extend(bounce(window, w, base, model));
             continue;

@@ -4,6 +4,8 @@
 //! the variance components, linearised anew until it stays. The variance components are those of the recording
 //! ([`Context`]): they are estimated once, from the richest model, so that no model calls its misfit noise.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::{Columns, pushes};
@@ -193,12 +195,13 @@ impl<'a, 'b> Fitter<'a, 'b> {
             return Ok(None);
         };
         let prior = self.prior(layout, &state);
-        let Some(parts) = self.with_discrepancy(layout, &state, &looks) else { return Ok(None) };
+        let Some(parts) = self.with_discrepancy(layout, &state, &looks)? else { return Ok(None) };
         let components = match &self.context {
             Some(context) => context.components_at(&responses(&looks, layout.slots.len())),
-            None => Likelihood::new(&parts, from).most(first),
+            None => Likelihood::new(&parts, from).most(first, self.data.progress)?,
         };
         let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
+        self.data.progress.check_stop()?;
         let Some(laplace) = marginal(&told, &prior) else { return Ok(None) };
         let quality = profile(&told, &prior, laplace.scale);
         Ok(Some(Stand { quality, state, prior, looks, parts, told, components, laplace }))
@@ -266,7 +269,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
     ) -> Result<Option<(Vec<Look>, Vec<Part>)>> {
         let all: Vec<Extra> = pushes().into_iter().chain(extras.iter().cloned()).collect();
         let Some(looks) = simulated(model::looks(self.data, layout, state, &all))? else { return Ok(None) };
-        let parts = self.reduced(layout, state, &looks);
+        let parts = self.reduced(layout, state, |w| Cow::Borrowed(&looks[w]))?;
         Ok(parts.map(|parts| (looks, parts)))
     }
 
@@ -278,30 +281,35 @@ impl<'a, 'b> Fitter<'a, 'b> {
         count: usize,
         columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
     ) -> Result<Option<Vec<Part>>> {
-        let Some(mut looks) = simulated(model::looks(self.data, layout, state, &pushes()))? else {
+        let Some(looks) = simulated(model::looks(self.data, layout, state, &pushes()))? else {
             return Ok(None);
         };
-        for (w, look) in looks.iter_mut().enumerate() {
-            look.append(count, columns(w));
-        }
-        Ok(self.reduced(layout, state, &looks))
+        self.reduced(layout, state, |w| Cow::Owned(looks[w].with(count, columns(w))))
     }
 
     /// Parts with the columns of the shared discrepancy after those of the slots, if there is one.
-    pub fn with_discrepancy(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
-        match self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) {
-            Some(discrepancy) => {
-                let with = |(w, look): (usize, &Look)| look.with(discrepancy.count, &discrepancy.columns[w]);
-                let looks: Vec<Look> = looks.iter().enumerate().map(with).collect();
-                self.reduced(layout, state, &looks)
-            }
-            None => self.reduced(layout, state, looks),
-        }
+    pub fn with_discrepancy(
+        &self,
+        layout: &Layout,
+        state: &State,
+        looks: &[Look],
+    ) -> Result<Option<Vec<Part>>> {
+        let discrepancy = self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0);
+        self.reduced(layout, state, |w| match discrepancy {
+            Some(d) => Cow::Owned(looks[w].with(d.count, Some(d.columns[w].clone()))),
+            None => Cow::Borrowed(&looks[w]),
+        })
     }
 
-    fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
+    /// Parts of looks that are made one at a time: their columns take far more memory than the parts.
+    fn reduced<'l>(
+        &self,
+        layout: &Layout,
+        state: &State,
+        look: impl Fn(usize) -> Cow<'l, Look>,
+    ) -> Result<Option<Vec<Part>>> {
         let columns = Columns::of(layout, &state.values, self.gravity);
-        launch::parts(self.data.windows, &self.frames, looks, &columns, &self.scales)
+        launch::parts(self.data, &self.frames, look, &columns, &self.scales)
     }
 }
 

@@ -4,6 +4,7 @@ use super::fit::{Fitted, Fitter};
 use super::model::{Data, Layout, State, Term};
 use super::noise::Noise;
 use super::window::{Kind, Window, cut};
+use crate::progress::NoProgress;
 use crate::reality::{Trial, trials_from_csv};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -33,7 +34,7 @@ pub fn seen(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
 /// Trials cut, all of one setting, with their settings.
 fn pieces(base: &Scene, trials: &[Trial]) -> (Vec<Window>, Vec<usize>) {
     let settings = vec![0; trials.len()];
-    (cut(base, trials, &settings, 8), settings)
+    (cut(base, trials, &settings, 8, &NoProgress).unwrap(), settings)
 }
 
 /// Throws at 3 m/s sideways and 4 m/s and more upwards in a wind, m/s^2, seen 20 times in 0.76 s without error: a flight

@@ -71,7 +71,7 @@ pub fn residual(
 ) -> BaseMisfit {
     let (autocorrelation, whiteness_p) = whiteness(windows, &base.pass.residuals);
     BaseMisfit {
-        base_rmse: root_mean_square(&base.pass.residuals),
+        base_rmse: root_mean_square(windows, &base.pass.residuals),
         floor_rmse: scale.rmse(expected.total()),
         lack_of_fit_p: expected.misfit_of(base, windows).1,
         whiteness_p,
@@ -96,9 +96,16 @@ pub fn unexplained(base: &Fitted, model: &Fitted, expected: &Expected, windows: 
 }
 
 /// Root of the mean square of all coordinates that count, m.
-fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
-    let known = || residuals.iter().flatten().filter(|r| r.is_finite());
-    (known().map(|r| r * r).sum::<f64>() / known().count().max(1) as f64).sqrt()
+fn root_mean_square(windows: &[Window], residuals: &[Vec<f64>]) -> f64 {
+    let (mut square, mut count) = (0.0, 0.0);
+    for (window, residuals) in windows.iter().zip(residuals) {
+        square += window.averaged.square;
+        for (i, r) in residuals.iter().enumerate().filter(|(_, r)| r.is_finite()) {
+            let weight = window.points[i / 2].weight;
+            (square, count) = (square + weight * r * r, count + weight);
+        }
+    }
+    (square / f64::max(count, 1.0)).sqrt()
 }
 
 /// Lag-1 correlation of residuals, and p of its being nothing.
@@ -124,6 +131,7 @@ fn whiteness(windows: &[Window], residuals: &[Vec<f64>]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::fixture::flights;
 
     #[test]
     fn a_gain_is_the_share_of_the_excess_that_goes() {
@@ -136,6 +144,7 @@ mod tests {
 
     #[test]
     fn what_does_not_count_is_in_no_mean() {
-        assert_eq!(root_mean_square(&[vec![3.0, f64::NAN], vec![4.0]]), 12.5f64.sqrt());
+        let (windows, _) = flights([0.0; 2], 2);
+        assert_eq!(root_mean_square(&windows, &[vec![3.0, f64::NAN], vec![4.0]]), 12.5f64.sqrt());
     }
 }

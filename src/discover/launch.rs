@@ -9,13 +9,18 @@
 //! Source: restricted likelihood (Patterson and Thompson, Biometrika 58 (1971) 545), model discrepancy as a Gaussian process
 //! (Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425).
 
+use std::borrow::Cow;
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector, Dyn, QR};
 
 use super::columns::{Columns, Own};
-use super::model::Look;
+use super::kernels;
+use super::model::{Data, Look};
 use super::noise::{self, Noise};
 use super::path::Impact;
 use super::window::{Kind, Window};
+use crate::error::Result;
 
 /// Length over which slow misfit changes, as a share of the usual flight (the prototype's; Matern 3/2).
 const SLOW_LENGTH: f64 = 0.25;
@@ -67,9 +72,10 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Covariance of the slow misfit of unit amplitude at the window's points; `None` where there is none.
-    pub fn slow_at_points(&self) -> Option<DMatrix<f64>> {
-        self.slow.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
+    /// Covariance of the slow misfit of unit amplitude at the window's points, in two factors: itself in slow coordinates times
+    /// their basis (coordinates, points), and the basis; `None` where there is none.
+    pub fn slow_at_points(&self) -> Option<(DMatrix<f64>, &DMatrix<f64>)> {
+        self.slow.as_ref().map(|slow| (slow * &self.basis, &self.basis))
     }
 
     /// Whether the window moves along both axes: what pushes along one that is never seen to move is told by nothing.
@@ -88,9 +94,12 @@ pub fn frames(windows: &[Window], noise: &Noise) -> Vec<Frame> {
     let flights = windows.iter().filter(|w| w.kind == Kind::Flight);
     let durations: Vec<f64> = flights.map(|w| w.points.last().map_or(0.0, |p| p.time)).collect();
     let length = SLOW_LENGTH * super::stats::median(&durations).max(1e-6);
-    let after = |w: &Window| {
-        windows.iter().any(|o| o.trial == w.trial && o.start < w.start && o.kind == Kind::Flight)
-    };
+    let mut first: HashMap<usize, f64> = HashMap::new();
+    for flight in windows.iter().filter(|w| w.kind == Kind::Flight) {
+        let start = first.entry(flight.trial).or_insert(flight.start);
+        *start = start.min(flight.start);
+    }
+    let after = |w: &Window| first.get(&w.trial).is_some_and(|start| *start < w.start);
     windows.iter().map(|w| frame(w, noise, length, after(w))).collect()
 }
 
@@ -101,36 +110,36 @@ fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
         false => [0, 1].map(|a| points.iter().any(|p| p.seen[a] != points[0].seen[a])),
     };
     let times: Vec<f64> = points.iter().map(|p| p.time).collect();
-    let weights: Vec<f64> = points.iter().map(|p| p.weight).collect();
+    let sizes: Vec<f64> = points.iter().map(|p| p.weight).collect();
+    // Rows are over their own noise, that of a mean of several observations being less.
+    let weights: Vec<f64> = sizes.iter().map(|size| size.sqrt()).collect();
     let n = points.len();
     let rho = if window.kind.simulated() { 0.0 } else { noise.rho };
     let basis = window.smooth.as_ref().and_then(|_| noise::slow_basis(&times, &weights));
-    let correlation = (rho != 0.0).then(|| noise::correlation(n, rho));
     let counted: Vec<usize> = (0..n).filter(|i| weights[*i] > 0.0).collect();
     match basis {
-        Some(q) => {
-            let kernel = DMatrix::from_fn(n, n, |i, j| {
-                let d = 3f64.sqrt() * (times[i] - times[j]).abs() / length;
-                (1.0 + d) * libm::exp(-d)
-            });
-            let within = |m: DMatrix<f64>| q.tr_mul(&(m * &q));
-            Frame {
-                white: correlation.map(within),
-                slow: Some(within(kernel)),
-                basis: q.transpose(),
-                axes,
-                after,
-            }
-        }
+        Some(q) => Frame {
+            white: (rho != 0.0).then(|| q.tr_mul(&kernels::autoregressive(rho, &sizes, &q))),
+            slow: Some(slow(&times, &weights, length, &q)),
+            basis: q.transpose(),
+            axes,
+            after,
+        },
         None => Frame {
             // What does not count is no coordinate.
             basis: DMatrix::from_fn(counted.len(), n, |k, i| f64::from(counted[k] == i)),
             slow: None,
-            white: correlation.map(|c| c.select_rows(&counted).select_columns(&counted)),
+            white: (rho != 0.0).then(|| noise::correlation(&counted, rho)),
             axes,
             after,
         },
     }
+}
+
+/// Covariance of the slow misfit of unit amplitude in slow coordinates, rows over the noise of their observations.
+fn slow(times: &[f64], weights: &[f64], length: f64, basis: &DMatrix<f64>) -> DMatrix<f64> {
+    let rows = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| weights[i] * basis[(i, k)]);
+    rows.tr_mul(&kernels::matern(times, length, &rows))
 }
 
 /// A window's part of its launch; `scale` is by how much its residuals were made smaller than in units of the noise.
@@ -358,22 +367,24 @@ impl Across {
     }
 }
 
-/// All launches' parts. `looks`: every window at a state, with columns for `slots`, then [`pushes`], then extras;
+/// All launches' parts. `look`: a window at a state, with columns for `slots`, then [`pushes`], then extras;
 /// `scales`: of each window's residuals, in units of the noise.
-pub fn parts(
-    windows: &[Window],
+pub fn parts<'l>(
+    data: &Data,
     frames: &[Frame],
-    looks: &[Look],
+    look: impl Fn(usize) -> Cow<'l, Look>,
     columns: &Columns,
     scales: &[f64],
-) -> Option<Vec<Part>> {
+) -> Result<Option<Vec<Part>>> {
     let mut out: Vec<Part> = Vec::new();
-    for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = reduced((w, window), &frames[w], &looks[w], columns, scales[w]) else {
-            if looks[w].residual.iter().all(|r| r.is_finite()) {
+    for (w, window) in data.windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
+        data.progress.check_stop()?;
+        let look = look(w);
+        let Some(block) = reduced((w, window), &frames[w], &look, columns, scales[w]) else {
+            if look.residual.iter().all(|r| r.is_finite()) {
                 continue;
             }
-            return None;
+            return Ok(None);
         };
         let differs = !window.kind.simulated();
         match out.last_mut() {
@@ -381,7 +392,7 @@ pub fn parts(
             _ => out.push(Part { launch: window.trial, blocks: vec![block], differs }),
         }
     }
-    Some(out)
+    Ok(Some(out))
 }
 
 /// By how much a window's coordinates of what is left grow with what was seen, 1/m: (coordinates, two a point). `None` where nothing

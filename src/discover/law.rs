@@ -64,6 +64,7 @@ pub fn law(data: &Data, model: &Fitted, noise: &Noise) -> Result<Vec<Term>> {
             (DMatrix::zeros(functions.len(), functions.len()), DVector::zeros(functions.len()));
         let (mut total, mut count) = (0.0, 0);
         for (w, pushes) in &flights {
+            data.progress.check_stop()?;
             let (columns, r) = responses(&windows[*w], &model.pass.residuals[*w], axis, pushes);
             gram += columns.tr_mul(&columns);
             score += columns.tr_mul(&r);
@@ -194,9 +195,11 @@ fn responses(
         }
     }
     let kept: Vec<usize> = (0..t.len()).filter(|i| residual[2 * i + axis].is_finite()).collect();
-    let mut columns = DMatrix::from_fn(kept.len(), pushes.len(), |i, k| columns[(kept[i], k)]);
-    let mut r = DVector::from_fn(kept.len(), |i, _| residual[2 * kept[i] + axis]);
-    let start = DMatrix::from_fn(kept.len(), 2, |i, k| if k == 0 { 1.0 } else { t[kept[i]] });
+    // A mean of several observations counts as they do.
+    let weight = |i: usize| window.points[kept[i]].weight.sqrt();
+    let mut columns = DMatrix::from_fn(kept.len(), pushes.len(), |i, k| weight(i) * columns[(kept[i], k)]);
+    let mut r = DVector::from_fn(kept.len(), |i, _| weight(i) * residual[2 * kept[i] + axis]);
+    let start = DMatrix::from_fn(kept.len(), 2, |i, k| weight(i) * if k == 0 { 1.0 } else { t[kept[i]] });
     let project = inverse(&start.tr_mul(&start)) * start.transpose();
     columns -= &start * (&project * &columns);
     r -= &start * (&project * &r);

@@ -47,6 +47,7 @@ mod fixture;
 mod gain;
 mod gaussian;
 mod geometry;
+mod kernels;
 mod launch;
 mod law;
 mod leave_out;
@@ -90,7 +91,6 @@ use crate::world::latent::factor_index;
 use conclude::{Given, conclude, insufficient};
 pub use config::{DiagnosisConfig, DiagnosisResult};
 pub use evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
-use expected::expected;
 use fit::Fitter;
 use gain::Scale;
 use model::{Data, Layout, State};
@@ -135,7 +135,7 @@ fn diagnose_without(
     progress: &dyn Progress,
 ) -> Result<DiagnosisResult> {
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
-    let ready = match prepare(scene, trials, config.engine, RUN, left_out)? {
+    let ready = match prepare(scene, trials, config.engine, RUN, left_out, progress)? {
         Ok(ready) => ready,
         Err(lack) => {
             let mut finding = insufficient(scene, trials, &lack.reason, config);
@@ -144,10 +144,10 @@ fn diagnose_without(
             return Ok(finding);
         }
     };
-    let expected = expected(&ready.windows, &ready.sd, ready.kept.len(), &ready.noise);
-    let scale = Scale::new(&expected, &ready.noise, ready.kept.len());
+    let expected = &ready.expected;
+    let scale = Scale::new(expected, &ready.noise, ready.kept.len());
     progress.report("fitting the base model", 0, 1)?;
-    let base = (config.engine, config.seed);
+    let base = (config.engine, config.seed, progress);
     let opened = open(scene, trials, &ready, &ready.windows, &latents, base)?;
     let offsets = geometry::offsets(&ready.windows, &opened.state);
     let moved = geometry::shifted(&ready.windows, &offsets);
@@ -161,18 +161,17 @@ fn diagnose_without(
         let mut fitter = Fitter::new(data, noise);
         let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
         let first = fitter.refined(layout.clone(), state)?.ok_or_else(failed)?;
-        progress.report("estimating variance components", 0, 1)?;
+        progress.report("trying strong effects", 0, 1)?;
         let mut candidates = library::candidates(scene, &library::ground(data.windows));
         start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
         let candidates =
             search::Hunt::new(&fitter, candidates, &latents, config.seed).identifiable(&first)?;
+        progress.report("estimating variance components", 0, 1)?;
         fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
         let base = fitter.refined(layout.clone(), first.state)?.ok_or_else(failed)?;
-        let found = search::Hunt::new(&fitter, candidates, &latents, config.seed).search(
-            base,
-            config.max_effects,
-            progress,
-        )?;
+        let hunt = search::Hunt::new(&fitter, candidates, &latents, config.seed);
+        let found = hunt.search(base, config.max_effects, progress)?;
+        progress.report("comparing sets of effects", 0, 1)?;
         let decision = selection::decide(&fitter, &found, config.seed)?;
         Ok((fitter.context, found, decision))
     };
@@ -185,10 +184,10 @@ fn diagnose_without(
         let state = found.base.state;
         (context, found, decision) = seek(&data, &layout, state)?;
     }
-    let given =
-        Given { scene, trials, data: &data, kept, names, noise, expected: &expected, scale: &scale, context };
+    let given = Given { scene, trials, data: &data, kept, names, noise, expected, scale: &scale, context };
     let model = decision.champion.map_or(&found.base, |c| &found.fits[c]);
-    let odd = odd::odd(scene, trials, left_out, model, (noise, config.engine))?;
+    let odd = odd::odd(scene, trials, left_out, model, (noise, config.engine), progress)?;
+    progress.report("writing the report", 0, 1)?;
     let mut finding = conclude(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
     finding.diagnosis.surface_offsets = geometry::report(scene, &offsets);
@@ -215,16 +214,106 @@ fn open<'a>(
     ready: &'a Ready,
     windows: &'a [Window],
     latents: &[usize],
-    (engine, seed): (Engine, u64),
+    (engine, seed, progress): (Engine, u64, &'a dyn Progress),
 ) -> Result<Opened<'a>> {
     let layout = Layout::new(latents, Vec::new(), ready.names.len());
     let start = base::start(scene, &layout, windows);
     let observed: Vec<&Trajectory> = ready.kept.iter().map(|i| &trials[*i].observed).collect();
     let sd = windows.iter().map(|w| ready.scale(w)).collect();
-    let mut data = Data::new(windows, &ready.settings, sd, engine);
+    let mut data = Data::new(windows, &ready.settings, sd, engine).until_stopped(progress);
     if let Some(stepping) = ready.stepping {
         steps::allow(&mut data, &observed, &layout, &start, stepping)?;
     }
     let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, seed)?;
     Ok(Opened { data, layout, state, observed })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::ball;
+    use crate::reality::trials_from_csv;
+    use std::fmt::Write as _;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// Cancels at a check, counts checks, and remembers the stages.
+    struct StopAt {
+        check: u64,
+        checks: AtomicU64,
+        stages: Mutex<Vec<String>>,
+    }
+
+    impl StopAt {
+        fn new(check: u64) -> StopAt {
+            StopAt { check, checks: AtomicU64::new(0), stages: Mutex::default() }
+        }
+    }
+
+    impl Progress for StopAt {
+        fn report(&self, stage: &str, _done: u64, _total: u64) -> Result<()> {
+            let mut stages = self.stages.lock().unwrap();
+            if stages.last().is_none_or(|last| last != stage) {
+                stages.push(stage.into());
+            }
+            self.check_stop()
+        }
+
+        fn check_stop(&self) -> Result<()> {
+            let before = self.checks.fetch_add(1, Ordering::Relaxed);
+            if before + 1 >= self.check { Err(Error::Cancelled) } else { Ok(()) }
+        }
+    }
+
+    /// More than there are sets of one effect.
+    const MAX_SETS: u64 = 40;
+
+    /// Throws of a ball with a drag of 0.4 per s and 2 mm of noise.
+    fn throws(trials: u32, points: u32) -> Vec<Trial> {
+        let mut csv = String::from("trial,t,body,x,y\n");
+        for (k, i) in (0..trials).flat_map(|k| (0..points).map(move |i| (k, i))) {
+            let (rate, t) = (0.4, f64::from(i) / f64::from(points - 1));
+            let noise = |n: u32| 2e-3 * 1.4 * libm::sin(f64::from(i * i + 31 * i * k + n * k + n));
+            let along = (1.0 - libm::exp(-rate * t)) / rate;
+            let fallen = 9.81 * (t - along) / rate;
+            let (x, y) = ((4.0 + f64::from(k)) * along, 2.0 + 4.0 * along - fallen);
+            let _ = writeln!(csv, "{k},{t},ball,{},{}", x + noise(3), y + noise(17));
+        }
+        trials_from_csv(&csv, &ball()).unwrap()
+    }
+
+    fn diagnosed(trials: &[Trial], progress: &StopAt) -> Result<DiagnosisResult> {
+        let config = DiagnosisConfig { max_effects: 1, ..DiagnosisConfig::standard(0) };
+        diagnose(&ball(), trials, &config, progress)
+    }
+
+    /// Whenever a diagnosis is cancelled it ends, in every stage: of the sets that are still to be fitted each at its first check.
+    #[test]
+    fn a_diagnosis_ends_at_the_check_that_cancels_it() {
+        let trials = throws(6, 25);
+        let whole = StopAt::new(u64::MAX);
+        diagnosed(&trials, &whole).unwrap();
+        let checks = whole.checks.into_inner();
+        for at in (0..8).map(|k| 1 + k * (checks - 2) / 7) {
+            let progress = StopAt::new(at);
+            assert_eq!(diagnosed(&trials, &progress).err(), Some(Error::Cancelled), "check {at} of {checks}");
+            let more = progress.checks.into_inner() - at;
+            assert!(more <= MAX_SETS, "{more} checks after the one that cancels, {at} of {checks}");
+        }
+        let stages = whole.stages.into_inner().unwrap();
+        assert_eq!(stages[..3], ["segmenting trials", "estimating the noise", "rejecting outliers"]);
+        assert_eq!(stages.last().map(String::as_str), Some("writing the report"));
+    }
+
+    /// There is a check for every segment of every pass: more trials, more checks.
+    #[test]
+    fn checks_grow_with_the_trials() {
+        let checks = |trials: u32| {
+            let progress = StopAt::new(u64::MAX);
+            diagnosed(&throws(trials, 25), &progress).unwrap();
+            progress.checks.into_inner()
+        };
+        let (few, many) = (checks(6), checks(12));
+        assert!(2 * many > 3 * few, "{few} checks of 6 trials and {many} of 12");
+    }
 }

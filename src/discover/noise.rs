@@ -8,11 +8,14 @@
 //! power at low frequencies, where the polynomial swallows it; without the correction every correlated recording would
 //! look like misfit.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
+use super::kernels;
 pub use super::smooth::slow_basis;
 use super::smooth::{Smooth, orthonormal};
 use super::stats::median;
+use crate::error::Result;
+use crate::progress::Progress;
 
 /// How much less well the correlation is known than from as many free neighbours: polynomials swallow what tells most.
 const RHO_ERROR: f64 = 2.6;
@@ -50,49 +53,76 @@ impl Noise {
 }
 
 /// Variance and correlation of the noise of some flights; `None` without enough to estimate them from.
-pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
+pub fn noise(flights: &[&Smooth], progress: &dyn Progress) -> Result<Option<Noise>> {
     let (mut squares, mut products, mut freedom) = (0.0, 0.0, 0.0);
     for s in flights {
-        freedom += s.axes * s.projector.trace();
+        freedom += s.axes * (s.kept.iter().filter(|k| **k).count() as f64 - s.basis.norm_squared());
         for r in &s.residual {
             squares += r.iter().map(|v| v * v).sum::<f64>();
             products += r.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
         }
     }
     if freedom < 6.0 {
-        return None;
+        return Ok(None);
     }
-    // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection: for both, sums over a
-    // matrix by distance from its diagonal, times the powers of rho.
-    let longest = flights.iter().map(|s| s.kept.len()).max().unwrap_or(0);
-    let (mut zeroth, mut first) = (vec![0.0; longest], vec![0.0; longest]);
-    for s in flights {
-        let n = s.kept.len();
-        let shifted = DMatrix::from_fn(n, n, |i, j| if i > 0 { s.projector[(i - 1, j)] } else { 0.0 });
-        let next = s.projector.tr_mul(&shifted);
-        for i in 0..n {
-            for j in 0..n {
-                zeroth[i.abs_diff(j)] += s.axes * s.projector[(i, j)];
-                first[i.abs_diff(j)] += s.axes * next[(i, j)];
-            }
+    // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection.
+    let flights: Vec<Projection> = flights.iter().map(|s| Projection::of(s)).collect();
+    let expected = |rho: f64| -> Result<(f64, f64)> {
+        let mut sums = (0.0, 0.0);
+        for flight in &flights {
+            progress.check_stop()?;
+            let (e0, e1) = flight.expected(rho);
+            sums = (sums.0 + e0, sums.1 + e1);
         }
-    }
-    let expected = |rho: f64| {
-        let sum = |by_lag: &[f64]| by_lag.iter().rev().fold(0.0, |sum, v| sum * rho + v);
-        (sum(&zeroth), sum(&first))
+        Ok(sums)
     };
     let wanted = if squares > 0.0 { products / squares } else { 0.0 };
     let (mut low, mut high) = CORRELATED.into();
     for _ in 0..18 {
         let middle = 0.5 * (low + high);
-        let (e0, e1) = expected(middle);
+        let (e0, e1) = expected(middle)?;
         if e1 / e0 < wanted { low = middle } else { high = middle }
     }
     let rho = 0.5 * (low + high);
     // Within its own error of nothing it is nothing.
     let rho = if rho.abs() < 2.5 / freedom.sqrt() { 0.0 } else { rho };
-    let (e0, _) = expected(rho);
-    Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, freedom })
+    let (e0, _) = expected(rho)?;
+    Ok(Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, freedom }))
+}
+
+/// The residual projector of a flight's polynomials, P = diag(kept) - q q'.
+struct Projection<'a> {
+    smooth: &'a Smooth,
+    kept: DVector<f64>,
+    /// Sum over neighbouring rows of the products of theirs in q.
+    neighbours: DMatrix<f64>,
+}
+
+impl Projection<'_> {
+    fn of(smooth: &Smooth) -> Projection<'_> {
+        let n = smooth.kept.len();
+        let q = &smooth.basis;
+        Projection {
+            smooth,
+            kept: DVector::from_fn(n, |i, _| f64::from(smooth.kept[i])),
+            neighbours: q.rows(1, n - 1).tr_mul(&q.rows(0, n - 1)),
+        }
+    }
+
+    /// Expected sums of squares and of products of neighbouring residuals under AR(1) noise of unit variance: the trace of
+    /// P C P and the sum along its first off-diagonal.
+    fn expected(&self, rho: f64) -> (f64, f64) {
+        let (q, kept) = (&self.smooth.basis, &self.kept);
+        let along = kernels::autoregressive(rho, &vec![1.0; q.nrows()], q);
+        let within = q.tr_mul(&along);
+        let mut first = within.component_mul(&self.neighbours).sum();
+        first += rho * (1..kept.len()).map(|i| kept[i - 1] * kept[i]).sum::<f64>();
+        for (q, along) in q.column_iter().zip(along.column_iter()) {
+            let crossed = |i: usize| kept[i - 1] * along[i - 1] * q[i] + kept[i] * along[i] * q[i - 1];
+            first -= (1..kept.len()).map(crossed).sum::<f64>();
+        }
+        (self.smooth.axes * (kept.sum() - within.trace()), self.smooth.axes * first)
+    }
 }
 
 /// Noise of series of evenly seen values from their third differences, which smooth motion and rest leave at nothing; `None`
@@ -108,24 +138,31 @@ pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
 pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
     let n = times.len();
     let basis = DMatrix::from_fn(n, 2, |i, k| weights[i] * if k == 0 { 1.0 } else { times[i] });
-    let kept = DMatrix::from_fn(n, n, |i, j| if i == j { weights[i] } else { 0.0 });
-    let projector = match orthonormal(&basis) {
-        Some(q) => kept - &q * q.transpose(),
-        None => kept,
-    };
-    let m = &projector * correlation(n, rho) * &projector;
-    (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
+    let kept = DVector::from_column_slice(weights);
+    // With q orthonormal over the rows that count the residual projector is P = diag(kept) - q q'; this is the trace of
+    // C P, and that of its square.
+    let (mut mean, mut square) = (kept.sum(), kernels::squared_sum(rho, &kept));
+    if let Some(q) = orthonormal(&basis) {
+        let along = kernels::autoregressive(rho, &vec![1.0; n], &q);
+        let within = q.tr_mul(&along);
+        let counted = |i: usize| kept[i] * along.row(i).norm_squared();
+        mean -= within.trace();
+        square += within.norm_squared() - 2.0 * (0..n).map(counted).sum::<f64>();
+    }
+    (axes * mean, 2.0 * axes * square)
 }
 
-/// Correlation of first-order autoregressive noise by distance in the record.
-pub fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
-    DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
+/// Correlation of first-order autoregressive noise at some rows of a record.
+pub fn correlation(rows: &[usize], rho: f64) -> DMatrix<f64> {
+    let n = rows.len();
+    DMatrix::from_fn(n, n, |i, j| rho.powi(rows[i].abs_diff(rows[j]) as i32))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::discover::smooth::{Row, smooth};
+    use crate::progress::NoProgress;
     use crate::rng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -152,7 +189,7 @@ mod tests {
                     smooth(&(0..40).map(&mut row).collect::<Vec<Row>>())
                 })
                 .collect();
-            let found = noise(&flights.iter().collect::<Vec<_>>()).unwrap();
+            let found = noise(&flights.iter().collect::<Vec<_>>(), &NoProgress).unwrap().unwrap();
             assert!(
                 (found.sd / 2e-3 - 1.0).abs() < 0.1 && (found.rho - rho).abs() < 0.1,
                 "{found:?} for {rho}"

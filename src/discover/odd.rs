@@ -19,6 +19,7 @@ use super::selection::SETTINGS;
 use super::window::Window;
 use crate::distribution::f_survival;
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::world::Engine;
@@ -47,13 +48,15 @@ pub fn odd(
     left_out: &[usize],
     model: &Fitted,
     (noise, engine): (&Noise, Engine),
+    progress: &dyn Progress,
 ) -> Result<Vec<OddTrial>> {
     let mut out = Vec::new();
     if left_out.is_empty() {
         return Ok(out);
     }
-    let Ok(ready) = prepare(scene, trials, engine, RUN, &[])? else { return Ok(out) };
+    let Ok(ready) = prepare(scene, trials, engine, RUN, &[], progress)? else { return Ok(out) };
     for trial in left_out {
+        progress.check_stop()?;
         let Some(place) = ready.kept.iter().position(|k| k == trial) else { continue };
         let own = |w: &&Window| w.trial == place && !w.kind.simulated();
         let windows: Vec<Window> =

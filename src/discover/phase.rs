@@ -10,6 +10,7 @@
 use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
@@ -55,20 +56,25 @@ pub struct Stepping {
 
 /// Starts every leap from the velocities that its engine would have reported of the state that was seen. `None` if what
 /// was seen steps as the simulation does, or that cannot be told.
-pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<Option<Stepping>> {
+pub fn align(
+    windows: &mut [Window],
+    trials: &[Trial],
+    engine: Engine,
+    progress: &dyn Progress,
+) -> Result<Option<Stepping>> {
     let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Leap).collect();
     // Only of trials with leaps is it known that everything was seen and placed.
     let mut whole: Vec<usize> = leaps.iter().map(|w| windows[*w].trial).collect();
     whole.dedup();
     let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
-    let Some(stepping) = difference(&whole, engine)? else { return Ok(None) };
+    let Some(stepping) = difference(&whole, engine, progress)? else { return Ok(None) };
     let later = stepping.later;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..windows[*w].scene.clone() };
     let steps: Vec<Scene> = leaps.iter().map(step).collect();
     let usual = Default::default();
     let rollouts: Vec<Rollout> =
         leaps.iter().zip(&steps).map(|(w, scene)| windows[*w].rollout(scene, &usual)).collect();
-    let after = Simulator::new(engine).run(&rollouts)?;
+    let after = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     for (w, after) in leaps.into_iter().zip(after) {
         let window = &mut windows[w];
         let observed = &trials[window.trial].observed;
@@ -102,14 +108,15 @@ fn falls(pull: [f64; 2], gravity: [f64; 2]) -> bool {
 }
 
 /// Both lags; `None` where they cannot be told or do not differ.
-fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<Stepping>> {
+fn difference(trials: &[&Trial], engine: Engine, progress: &dyn Progress) -> Result<Option<Stepping>> {
     let Some(first) = trials.first() else { return Ok(None) };
     let (step, gravity) = (first.scene.time_step, first.scene.gravity);
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
     let Some(seen) = lag(&observed, gravity, step) else { return Ok(None) };
     let scenes: Vec<Scene> = trials.iter().take(TRIALS).map(|t| t.scene.clone()).collect();
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
-    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
+    let rollouts: Vec<Rollout> = scenes.iter().map(usual).collect();
+    let paths = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
     let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
     Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some(Stepping { own, later }))

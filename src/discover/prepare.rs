@@ -1,5 +1,8 @@
 //! Trials made ready: cut into windows, with their noise, without those that tell nothing and what cannot be trusted.
 
+use nalgebra::DMatrix;
+
+use super::expected::{Expected, expected};
 use super::library;
 use super::noise::{self, Noise};
 use super::phase::{self, Stepping};
@@ -8,6 +11,7 @@ use super::steps::COLD;
 use super::trust;
 use super::window::{self, FLIGHT, Kind, Window};
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::world::Engine;
@@ -36,10 +40,12 @@ pub struct Ready {
     pub sd: Vec<f64>,
     /// The same of what an engine simulates, m.
     pub simulated: f64,
-    /// The windows and besides them the stretches that beginnings of trials show, too.
+    /// The windows and besides them the stretches that beginnings of trials show, too; empty where there are no such beginnings.
     pub whole: Vec<Window>,
     /// How what was seen steps, where that is not as the simulation does.
     pub stepping: Option<Stepping>,
+    /// What noise alone would leave of the observations.
+    pub expected: Expected,
 }
 
 impl Ready {
@@ -66,11 +72,13 @@ pub fn prepare(
     engine: Engine,
     run: usize,
     left_out: &[usize],
+    progress: &dyn Progress,
 ) -> Result<std::result::Result<Ready, Lack>> {
     let (names, settings) = settings_of(trials);
-    let mut windows = window::cut(scene, trials, &settings, run);
+    let mut windows = window::cut(scene, trials, &settings, run, progress)?;
     windows.retain(|w| !left_out.contains(&w.trial));
-    let stepping = phase::align(&mut windows, trials, engine)?;
+    progress.report("estimating the noise", 0, 1)?;
+    let stepping = phase::align(&mut windows, trials, engine, progress)?;
     let tells = |i: &usize| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact);
     let telling = (0..trials.len()).filter(tells).count();
     if telling < FEWEST_TRIALS {
@@ -81,16 +89,22 @@ pub fn prepare(
     windows.iter_mut().for_each(|w| w.trial = kept.iter().position(|k| *k == w.trial).unwrap_or(0));
     let settings: Vec<usize> = kept.iter().map(|i| settings[*i]).collect();
     let runs = run_noise(&windows);
-    let Some(noise) = noise_of(&windows, runs) else { return Ok(Err(no_noise(trials))) };
-    trust::shorten(&mut windows, engine)?;
-    let whole = windows.clone();
+    let Some(noise) = noise_of(&windows, runs, progress)? else { return Ok(Err(no_noise(trials))) };
+    // The largest part of a long recording, which nothing needs any more.
+    windows.iter_mut().flat_map(|w| &mut w.smooth).for_each(|s| s.basis = DMatrix::zeros(0, 0));
+    progress.report("rejecting outliers", 0, 1)?;
+    trust::shorten(&mut windows, engine, progress)?;
+    let known = windows.iter().any(|w| w.kind == Kind::Run);
+    let mut whole = if known { windows.clone() } else { Vec::new() };
     window::leave_runs(&mut windows);
     let simulated = runs.unwrap_or(noise.sd);
     let scale = |w: &Window| if w.kind.simulated() { simulated } else { noise.sd };
     let sd: Vec<f64> = windows.iter().map(scale).collect();
     trust::reject_onset(&mut windows, &sd);
-    trust::weed(&mut windows, &sd, &settings, engine)?;
-    Ok(Ok(Ready { windows, kept, names, settings, noise, sd, simulated, whole, stepping }))
+    trust::weed(&mut windows, &sd, &settings, engine, progress)?;
+    let expected = expected(&windows, &sd, kept.len(), &noise);
+    windows.iter_mut().chain(&mut whole).for_each(window::average);
+    Ok(Ok(Ready { windows, kept, names, settings, noise, sd, simulated, whole, stepping, expected }))
 }
 
 /// Names of settings in the order in which they come, and the place among them of each trial's.
@@ -108,10 +122,11 @@ fn settings_of(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
 }
 
 /// Noise of flights, else that of runs; `None` where neither can be told.
-fn noise_of(windows: &[Window], runs: Option<f64>) -> Option<Noise> {
+fn noise_of(windows: &[Window], runs: Option<f64>, progress: &dyn Progress) -> Result<Option<Noise>> {
     let smooths: Vec<&Smooth> = windows.iter().filter_map(|w| w.smooth.as_ref()).collect();
-    let own = noise::noise(&smooths).or(runs.map(|sd| Noise { sd, rho: 0.0, freedom: KNOWN }))?;
-    Some(Noise { sd: own.sd.max(finest(windows)), ..own })
+    let known = || runs.map(|sd| Noise { sd, rho: 0.0, freedom: KNOWN });
+    let own = noise::noise(&smooths, progress)?.or_else(known);
+    Ok(own.map(|own| Noise { sd: own.sd.max(finest(windows)), ..own }))
 }
 
 /// The least that a flight's positions err by, m.
@@ -170,6 +185,7 @@ fn no_noise(trials: &[Trial]) -> Lack {
 mod tests {
     use super::*;
     use crate::discover::fixture::{ball, seen};
+    use crate::progress::NoProgress;
 
     /// A throw with noise of a millimetre, which no smooth motion explains.
     fn throw(rows: u32, number: u32) -> Vec<[f64; 3]> {
@@ -182,7 +198,7 @@ mod tests {
     }
 
     fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<Ready, Lack> {
-        prepare(&ball(), &seen(trials), Engine::Auto, RUN, &[]).unwrap()
+        prepare(&ball(), &seen(trials), Engine::Auto, RUN, &[], &NoProgress).unwrap()
     }
 
     #[test]

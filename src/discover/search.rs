@@ -4,6 +4,7 @@
 //! tried while the best of a size is more probable than every smaller one.
 
 use std::cmp::Ordering;
+use std::sync::{Mutex, PoisonError};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -99,11 +100,11 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             };
             let unions =
                 self.unions(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
-            progress.report(stage[size.min(3) - 1], 0, unions.len() as u64)?;
-            self.join(&mut found, unions)?;
+            let stage = (progress, stage[size.min(3) - 1]);
+            self.join(&mut found, unions, stage)?;
             if size > 1 {
                 let simple = self.simpler(&found, size);
-                self.join(&mut found, simple)?;
+                self.join(&mut found, simple, stage)?;
                 self.refit(&mut found, size)?;
             }
             if found.best_total() <= before {
@@ -155,9 +156,23 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         linear.map(joined).chain(strong).collect()
     }
 
-    fn join(&self, found: &mut Found, unions: Vec<Union>) -> Result<()> {
+    fn join(
+        &self,
+        found: &mut Found,
+        unions: Vec<Union>,
+        (progress, stage): (&dyn Progress, &str),
+    ) -> Result<()> {
         let names: Vec<Vec<&'static str>> = unions.iter().map(|u| u.names.clone()).collect();
-        let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(|u| self.fit(u)).collect();
+        let (total, done) = (unions.len() as u64, Mutex::new(0));
+        progress.report(stage, 0, total)?;
+        let fit = |union: Union| {
+            let fitted = self.fit(union)?;
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            *done += 1;
+            progress.report(stage, *done, total)?;
+            Ok(fitted)
+        };
+        let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(fit).collect();
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
@@ -303,6 +318,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<Promise>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
+            self.fitter.data.progress.check_stop()?;
             let term = &self.library[c].starts[s];
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
             let weak = weak(term);

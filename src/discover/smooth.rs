@@ -22,8 +22,8 @@ pub struct Smooth {
     pub kept: Vec<bool>,
     /// Number of coordinates that vary at all: a recording of heights alone has one.
     pub axes: f64,
-    /// Residual projector.
-    pub projector: DMatrix<f64>,
+    /// Orthonormal columns of the polynomials over the rows that are no outliers.
+    pub basis: DMatrix<f64>,
 }
 
 /// Fits a flight's rows.
@@ -36,12 +36,14 @@ pub fn smooth(rows: &[Row]) -> Smooth {
         libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
     });
     let mut kept = vec![true; n];
-    let mut projector = DMatrix::identity(n, n);
+    let mut fitted = DMatrix::zeros(n, 0);
     let mut residual = [vec![0.0; n], vec![0.0; n]];
     for pass in 0..12 {
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
         let Some(q) = orthonormal(&basis) else { break };
-        projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
+        fitted = q;
+        let leverages: Vec<f64> =
+            (0..n).map(|i| (1.0 - fitted.row(i).norm_squared()).max(0.05).sqrt()).collect();
         let mut scaled = vec![0.0f64; n];
         for (axis, residual) in residual.iter_mut().enumerate() {
             let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
@@ -57,8 +59,7 @@ pub fn smooth(rows: &[Row]) -> Smooth {
             let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
             let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
             for i in 0..n {
-                let leverage = projector[(i, i)].max(0.05).sqrt();
-                let leverage = if kept[i] { leverage } else { 1.0 };
+                let leverage = if kept[i] { leverages[i] } else { 1.0 };
                 scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
                 residual[i] = if kept[i] { off[i] } else { 0.0 };
             }
@@ -75,7 +76,7 @@ pub fn smooth(rows: &[Row]) -> Smooth {
     }
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    Smooth { residual, kept, axes, projector }
+    Smooth { residual, kept, axes, basis: fitted }
 }
 
 /// Rows of a flight that are outliers against their own neighbourhood: [`smooth`]'s polynomial bends to those at its
@@ -85,30 +86,50 @@ pub fn smooth(rows: &[Row]) -> Smooth {
 pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
     let n = times.len();
     let mut kept: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
+    // By how much more than its error a row is off what its neighbours say of it.
+    let size = |i: usize, kept: &[bool]| {
+        let near = neighbours(times, kept, i);
+        let weights = at(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
+        let error = (1.0 + weights.norm_squared()).sqrt();
+        let off = |axis: usize| {
+            let of = |j: usize| residual[2 * j + axis];
+            let met: f64 = near.iter().zip(weights.iter()).map(|(j, w)| w * of(*j)).sum();
+            (of(i) - met).abs() / (sd * error)
+        };
+        off(0).max(off(1))
+    };
+    let mut count = kept.iter().filter(|k| **k).count();
+    if count <= 2 * NEAR {
+        return Vec::new();
+    }
+    let mut sizes: Vec<f64> = (0..n).map(|i| if kept[i] { size(i, &kept) } else { 0.0 }).collect();
     let mut out = Vec::new();
-    while kept.iter().filter(|k| **k).count() > 2 * NEAR {
-        let worst = (0..n).filter(|i| kept[*i]).map(|i| {
-            let mut near: Vec<usize> = (0..n).filter(|j| *j != i && kept[*j]).collect();
-            near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
-            near.truncate(NEAR);
-            let weights = at(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
-            let error = (1.0 + weights.norm_squared()).sqrt();
-            let off = |axis: usize| {
-                let of = |j: usize| residual[2 * j + axis];
-                let met: f64 = near.iter().zip(weights.iter()).map(|(j, w)| w * of(*j)).sum();
-                (of(i) - met).abs() / (sd * error)
-            };
-            (off(0).max(off(1)), i)
-        });
-        match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((size, i)) if size > OUTLIER => {
-                kept[i] = false;
-                out.push(i);
-            }
-            _ => break,
+    while count > 2 * NEAR {
+        let worst = (0..n).filter(|i| kept[*i]).max_by(|a, b| sizes[*a].total_cmp(&sizes[*b]));
+        let Some(i) = worst.filter(|i| sizes[*i] > OUTLIER) else { break };
+        kept[i] = false;
+        count -= 1;
+        out.push(i);
+        // No others than the nearest on each side had it among their neighbours.
+        let before = (0..i).rev().filter(|j| kept[*j]).take(NEAR);
+        let after = (i + 1..n).filter(|j| kept[*j]).take(NEAR);
+        for j in before.chain(after).collect::<Vec<_>>() {
+            sizes[j] = size(j, &kept);
         }
     }
     out
+}
+
+/// The [`NEAR`] rows that are nearest in time to row `i` of those that count, nearest first; `times` ascend.
+fn neighbours(times: &[f64], kept: &[bool], i: usize) -> Vec<usize> {
+    let mut before = (0..i).rev().filter(|j| kept[*j]).peekable();
+    let mut after = (i + 1..times.len()).filter(|j| kept[*j]).peekable();
+    let nearest = || match (before.peek(), after.peek()) {
+        (Some(b), Some(a)) if (times[*a] - times[i]).abs() < (times[*b] - times[i]).abs() => after.next(),
+        (Some(_), _) => before.next(),
+        (None, _) => after.next(),
+    };
+    std::iter::from_fn(nearest).take(NEAR).collect()
 }
 
 /// What a parabola through values at some times makes of each at another time: its value there is their sum.

@@ -134,7 +134,8 @@ impl<'a> Grid<'a> {
     /// Negative log likelihood of the trials, each with a scale of its own, where a fit ends.
     fn fitted(&self, layout: &Layout, start: State) -> Result<Option<(f64, State)>> {
         let data = self.fitter.data;
-        let data = Data::new(&self.windows, data.settings, self.sd.clone(), data.engine);
+        let data = Data::new(&self.windows, data.settings, self.sd.clone(), data.engine)
+            .until_stopped(data.progress);
         let Some((state, pass)) = simulated(model::fit(&data, layout, start, STEPS))? else {
             return Ok(None);
         };
@@ -154,7 +155,8 @@ impl<'a> Grid<'a> {
     fn counts(&self) -> Vec<(usize, f64)> {
         let mut out: Vec<(usize, f64)> = Vec::new();
         for window in &self.windows {
-            let count = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
+            let observations = (window.points.len() + window.averaged.count) as f64;
+            let count = (2.0 * observations - window.nuisances.len() as f64).max(1.0);
             match out.last_mut().filter(|(trial, _)| *trial == window.trial) {
                 Some((_, all)) => *all += count,
                 None => out.push((window.trial, count)),

@@ -53,7 +53,7 @@ pub fn allow(
         .enumerate()
         .map(|(i, scene)| data.windows[leaps[i / each]].rollout(scene, &physics[i / each]))
         .collect();
-    let paths = Simulator::new(data.engine).run(&rollouts)?;
+    let paths = Simulator::new(data.engine).budget(&data.progress).run(&rollouts)?;
     for (w, paths) in leaps.into_iter().zip(paths.chunks(each)) {
         let by_step: f64 =
             paths.windows(2).map(|p| mean_square(&p[0], &p[1])).sum::<f64>() / f64::from(HALVINGS);

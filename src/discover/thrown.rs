@@ -7,6 +7,7 @@ use super::noise::Noise;
 use super::report::Verdict;
 use super::selection::Decision;
 use super::window::{self, Window};
+use crate::progress::NoProgress;
 use crate::reality::trials_from_csv;
 use crate::rng;
 use crate::task::ball::BallScene;
@@ -38,21 +39,15 @@ pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
             csv += &format!("{trial},{t},ball,{x},{y}\n");
         }
     }
-    window::cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8)
+    window::cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8, &NoProgress)
+        .unwrap()
 }
 
 /// A set of effects fitted to such launches, and what is made of it.
 pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter, &Fitted) -> T) -> T {
     let windows = windows(drags, seed);
     let settings = vec![0; drags.len()];
-    let data = Data {
-        windows: &windows,
-        trials: drags.len(),
-        settings: &settings,
-        sd: vec![NOISE; windows.len()],
-        frozen: Vec::new(),
-        engine: Engine::Auto,
-    };
+    let data = Data::new(&windows, &settings, vec![NOISE; windows.len()], Engine::Auto);
     let fitter = Fitter::new(&data, &Noise { sd: NOISE, rho: 0.0, freedom: 1e3 });
     let layout = Layout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
     let values = layout.start(&[0.0; 3]);

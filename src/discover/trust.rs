@@ -1,5 +1,7 @@
 //! What of the windows can be trusted: runs as long as they can be foreseen, flights without outliers.
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::model::{self, Data, Layout, State};
@@ -7,6 +9,7 @@ use super::smooth::spikes;
 use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Simulator};
 
@@ -15,9 +18,9 @@ const SMALLEST: f64 = 1e-7;
 const GROWTH: f64 = 100.0;
 
 /// Ends runs where the start's smallest error would show.
-pub fn shorten(windows: &mut [Window], engine: Engine) -> Result<()> {
+pub fn shorten(windows: &mut [Window], engine: Engine, progress: &dyn Progress) -> Result<()> {
     for window in windows.iter_mut().filter(|w| w.kind == Kind::Run) {
-        let until = foreseen(&window.scene, engine)?;
+        let until = foreseen(&window.scene, engine, progress)?;
         let least = window.points.get(window.scene.bodies.len()).map_or(0.0, |p| p.time);
         window.points.retain(|p| p.time < until.max(least + 1e-9));
         let last = window.points.last().map_or(0.0, |p| p.time);
@@ -29,7 +32,7 @@ pub fn shorten(windows: &mut [Window], engine: Engine) -> Result<()> {
 }
 
 /// The time from which a scene goes elsewhere if one of its bodies starts elsewhere by next to nothing, s.
-fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
+fn foreseen(scene: &Scene, engine: Engine, progress: &dyn Progress) -> Result<f64> {
     let mut scenes = vec![scene.clone(); 1 + scene.bodies.len()];
     for body in 0..scene.bodies.len() {
         if let Some(p) = &mut scenes[1 + body].bodies[body].position {
@@ -37,7 +40,8 @@ fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
         }
     }
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
-    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
+    let rollouts: Vec<Rollout> = scenes.iter().map(usual).collect();
+    let paths = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     let (own, moved) = (&paths[0], &paths[1..]);
     let pairs = || moved.iter().flat_map(|p| p.bodies.iter().zip(&own.bodies));
     let parted = |i: &usize| {
@@ -47,14 +51,22 @@ fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
 }
 
 /// Takes outliers at the ends of flights out, by what nothing but gravity leaves.
-pub fn weed(windows: &mut [Window], sd: &[f64], settings: &[usize], engine: Engine) -> Result<()> {
+pub fn weed(
+    windows: &mut [Window],
+    sd: &[f64],
+    settings: &[usize],
+    engine: Engine,
+    progress: &dyn Progress,
+) -> Result<()> {
     let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
     let own: Vec<Window> = flights.iter().map(|w| windows[*w].clone()).collect();
-    let data = Data::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
+    let sd_of_flights = flights.iter().map(|w| sd[*w]).collect();
+    let data = Data::new(&own, settings, sd_of_flights, engine).until_stopped(progress);
     let layout = Layout::new(&[], Vec::new(), 1);
     let start = State::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
     let (_, left) = model::fit(&data, &layout, start, 3)?;
     for (k, w) in flights.into_iter().enumerate() {
+        progress.check_stop()?;
         let times: Vec<f64> = own[k].points.iter().map(|p| p.time).collect();
         for i in spikes(&times, &left.residuals[k], sd[w]) {
             windows[w].points[i].weight = 0.0;
@@ -73,7 +85,12 @@ const ONSET_NOISE: f64 = 1.5;
 /// Rejects the first observations of all trials where they do not continue into those after them, on average over trials: what is
 /// released is held, hidden or blurred at first.
 pub fn reject_onset(windows: &mut [Window], sd: &[f64]) {
-    let first = |w: usize| windows.iter().all(|o| o.trial != windows[w].trial || o.start >= windows[w].start);
+    let mut starts: HashMap<usize, f64> = HashMap::new();
+    for w in windows.iter() {
+        let start = starts.entry(w.trial).or_insert(w.start);
+        *start = start.min(w.start);
+    }
+    let first = |w: usize| windows[w].start <= starts[&windows[w].trial];
     let begins: Vec<usize> =
         (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight && first(*w)).collect();
     for k in 0..MAX_ONSET {
@@ -119,6 +136,7 @@ fn onset(window: &Window, k: usize) -> Option<[f64; 2]> {
 mod tests {
     use super::*;
     use crate::discover::fixture::flights;
+    use crate::progress::NoProgress;
 
     /// On a floor a ball stays as far off as it starts; off another ball's top it goes where the start's error sends it.
     #[test]
@@ -130,7 +148,7 @@ mod tests {
                                 "restitution": 1}}],
                     "statics": [{{"name": "below", "restitution": 1, {fixed}}}]}}"#
             ));
-            foreseen(&scene.unwrap(), Engine::Lanes).unwrap()
+            foreseen(&scene.unwrap(), Engine::Lanes, &NoProgress).unwrap()
         };
         assert_eq!(until(r#""shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}"#), f64::INFINITY);
         let met = until(r#""shape": {"type": "disc", "radius": 0.1}, "position": [0, 0]"#);
@@ -141,7 +159,7 @@ mod tests {
     fn one_point_off_at_the_end_is_weeded_out_alone() {
         let (mut windows, settings) = flights([0.0, 0.0], 2);
         windows[1].points[19].seen[1] += 0.02;
-        weed(&mut windows, &[1e-3; 2], &settings, Engine::Auto).unwrap();
+        weed(&mut windows, &[1e-3; 2], &settings, Engine::Auto, &NoProgress).unwrap();
         let out = |w: &Window| (0..20).filter(|i| w.points[*i].weight == 0.0).collect::<Vec<_>>();
         assert_eq!((out(&windows[0]), out(&windows[1])), (vec![], vec![19]));
     }

@@ -16,6 +16,7 @@ use super::selection::{Laplace, at_scale};
 use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
+use crate::progress::Progress;
 use crate::world::effect::Effect;
 pub use functions::{BUMPS, Bump, Functions, OVERS, Over, ends, grid};
 
@@ -48,6 +49,7 @@ pub fn fit(fitter: &Fitter, model: &Fitted) -> Result<Option<FieldFit>> {
     let mut best: Option<FieldFit> = None;
     let mut evidences = Vec::new();
     for over in OVERS {
+        fitter.data.progress.check_stop()?;
         let With { parts, .. } = every.of(over);
         let Some(told) = gaussian::all_told(&parts, &model.components) else {
             continue;
@@ -175,10 +177,12 @@ pub struct Said {
 pub fn said(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Said>> {
     let Some(every) = Every::beside(fitter, model)? else { return Ok(None) };
     let (parts, range) = (every.only(form.over), every.functions.range(form.over));
+    let Some(all) = parts.first().map(|p| p.blocks[0].columns.ncols()) else { return Ok(None) };
+    let prior = model.prior.with_discrepancy(all, form.strength);
+    let Some((step, components)) = beside(&parts, &model.components, &prior, fitter.data.progress)? else {
+        return Ok(None);
+    };
     let said = || {
-        let all = parts.first()?.blocks[0].columns.ncols();
-        let prior = model.prior.with_discrepancy(all, form.strength);
-        let (step, components) = beside(&parts, &model.components, &prior)?;
         let told = gaussian::all_told(&parts, &components)?;
         let q = model.layout.slots.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
@@ -197,15 +201,20 @@ pub fn said(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Said>>
 
 /// Where launches ask slots and field to go under a model's own components, and the components that they show from there: what a
 /// field explains is no slow misfit of each launch.
-pub fn beside(parts: &[Part], own: &Components, prior: &Prior) -> Option<(DVector<f64>, Components)> {
-    let told = gaussian::all_told(parts, own)?;
-    let Pooled { step, .. } = gaussian::pooled(told.iter(), prior)?;
+pub fn beside(
+    parts: &[Part],
+    own: &Components,
+    prior: &Prior,
+    progress: &dyn Progress,
+) -> Result<Option<(DVector<f64>, Components)>> {
+    let pooled = gaussian::all_told(parts, own).and_then(|told| gaussian::pooled(told.iter(), prior));
+    let Some(Pooled { step, .. }) = pooled else { return Ok(None) };
     let mut beside = parts.to_vec();
     for block in beside.iter_mut().flat_map(|p| &mut p.blocks) {
         block.left -= &block.columns * &step;
     }
-    let components = Likelihood::new(&beside, own).most(WIDE);
-    Some((step, components))
+    let components = Likelihood::new(&beside, own).most(WIDE, progress)?;
+    Ok(Some((step, components)))
 }
 
 /// A field fitted to what a model leaves of all launches.

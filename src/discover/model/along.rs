@@ -21,8 +21,9 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     let rollouts: Vec<Rollout> =
         runs.iter().zip(&simulated).map(|((scene, physics), w)| w.rollout(scene, physics)).collect();
     let states = |i: usize, path| simulated[i].points.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>();
-    let mut simulated = Simulator::new(data.engine).map(&rollouts, states)?.into_iter();
-    let path = |(w, window): (usize, &Window)| {
+    let mut simulated =
+        Simulator::new(data.engine).budget(&data.progress).map(&rollouts, states)?.into_iter();
+    let path = |w: usize, window: &Window| {
         if window.kind.simulated() {
             return simulated.next().unwrap_or_default();
         }
@@ -30,7 +31,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
         own(window, w, layout, state, |physics| physics.seen(&state.nuisances[w], |i, s| states[i] = s));
         states
     };
-    Ok(windows().map(path).collect())
+    data.each_window(path)
 }
 
 /// What happens in a contact window.

@@ -1,6 +1,8 @@
 //! What is fixed during a diagnosis.
 
 use crate::discover::window::Window;
+use crate::error::Result;
+use crate::progress::{NoProgress, Progress};
 use crate::world::Engine;
 
 /// Windows and their noise.
@@ -14,12 +16,26 @@ pub struct Data<'a> {
     /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
     pub frozen: Vec<Frozen>,
     pub engine: Engine,
+    /// Ends computations on the data once they are cancelled.
+    pub progress: &'a dyn Progress,
 }
 
 impl<'a> Data<'a> {
     /// Windows of as many trials as there are settings; nothing is frozen yet.
     pub fn new(windows: &'a [Window], settings: &'a [usize], sd: Vec<f64>, engine: Engine) -> Data<'a> {
-        Data { windows, trials: settings.len(), settings, sd, frozen: Vec::new(), engine }
+        let (frozen, progress) = (Vec::new(), &NoProgress);
+        Data { windows, trials: settings.len(), settings, sd, frozen, engine, progress }
+    }
+
+    /// The same, of which computations end once `progress` says so.
+    pub fn until_stopped(self, progress: &'a dyn Progress) -> Data<'a> {
+        Data { progress, ..self }
+    }
+
+    /// `of` every window, checked before each whether the computation must end.
+    pub fn each_window<T>(&self, mut of: impl FnMut(usize, &'a Window) -> T) -> Result<Vec<T>> {
+        let one = |(w, window)| self.progress.check_stop().map(|()| of(w, window));
+        self.windows.iter().enumerate().map(one).collect()
     }
 
     /// How many settings there are.

@@ -105,7 +105,9 @@ impl Batch {
             .iter()
             .map(|(w, scene, physics)| data.windows[*w].rollout(&self.scenes[*scene], physics))
             .collect();
-        Simulator::new(data.engine).map(&rollouts, |i, path| predicted(&data.windows[self.jobs[i].0], &path))
+        Simulator::new(data.engine)
+            .budget(&data.progress)
+            .map(&rollouts, |i, path| predicted(&data.windows[self.jobs[i].0], &path))
     }
 }
 

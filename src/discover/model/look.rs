@@ -65,7 +65,7 @@ impl Correction {
 pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Look>> {
     let mut simulated = simulated(data, layout, state, extras)?.into_iter();
     let slots = layout.slots.len();
-    let look = |(w, window): (usize, &Window)| {
+    let look = |w: usize, window: &Window| {
         let nuisances = &state.nuisances[w];
         let shared = shared(layout, &state.values_in(w), window);
         let moved = match window.kind.simulated() {
@@ -78,9 +78,10 @@ pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
             look.even(mode, slots);
         }
         look.tame(window);
+        look.square += window.averaged.square / (data.sd[w] * data.sd[w]);
         look
     };
-    Ok(data.windows.iter().enumerate().map(look).collect())
+    data.each_window(look)
 }
 
 impl Look {
@@ -114,9 +115,9 @@ impl Look {
     }
 
     /// With more columns, two rows a point, not yet weighed.
-    pub fn with(&self, count: usize, columns: &DMatrix<f64>) -> Look {
+    pub fn with(&self, count: usize, columns: Option<DMatrix<f64>>) -> Look {
         let mut out = self.clone();
-        out.append(count, Some(columns.clone()));
+        out.append(count, columns);
         out
     }
 

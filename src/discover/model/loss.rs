@@ -24,7 +24,7 @@ pub fn losses(data: &Data, layout: &Layout, all: &[Vec<f64>], windows: &[usize])
         .iter()
         .map(|(w, physics)| data.windows[*w].rollout(&data.windows[*w].scene, physics))
         .collect();
-    let squares = Simulator::new(data.engine).map(&rollouts, |i, path| {
+    let squares = Simulator::new(data.engine).budget(&data.progress).map(&rollouts, |i, path| {
         let w = physics[i].0;
         let window = &data.windows[w];
         let off = |(i, v): (usize, &f64)| (window.points[i / 2].seen[i % 2] - v) / data.sd[w];

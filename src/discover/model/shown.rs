@@ -24,13 +24,15 @@ pub fn shown(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<f64>
         .zip(&simulated)
         .map(|((scene, physics), (_, window))| window.rollout(scene, physics))
         .collect();
-    let by_engine = Simulator::new(data.engine).map(&rollouts, |i, path| predicted(simulated[i].1, &path))?;
+    let by_engine = Simulator::new(data.engine)
+        .budget(&data.progress)
+        .map(&rollouts, |i, path| predicted(simulated[i].1, &path))?;
     let mut by_engine = by_engine.into_iter();
-    let of = |(w, window): (usize, &Window)| match window.kind.simulated() {
+    let of = |w: usize, window: &Window| match window.kind.simulated() {
         true => by_engine.next().unwrap_or_default(),
         false => seen(window, layout, &state.of(w)),
     };
-    Ok(data.windows.iter().enumerate().map(of).collect())
+    data.each_window(of)
 }
 
 /// The same of a window that is integrated here, at a state of that window alone.

@@ -18,6 +18,7 @@ use crate::discover::stats::median;
 use crate::discover::survey;
 use crate::discover::window::{Kind, Point, Window, leave_runs};
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, ParameterVector};
 
@@ -58,6 +59,8 @@ impl PreparedModel {
 /// Data of the fits.
 pub struct FitData<'a> {
     pub ready: &'a Ready,
+    /// Ends the computation once it is cancelled.
+    pub progress: &'a dyn Progress,
     /// Observations by trial.
     pub observed: &'a [&'a Trajectory],
     pub engine: Engine,
@@ -160,7 +163,8 @@ impl SegmentStates {
         let windows: Vec<Window> =
             grounds.ready.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
         let sd = vec![grounds.ready.simulated; windows.len()];
-        let mut data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let mut data = data.until_stopped(grounds.progress);
         let start = State::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
         let nuisances = base::guessed(&data, grounds.observed, layout, &start)?;
         let (state, pass) = model::fit(&data, layout, State { nuisances, ..start }, GAUSS_NEWTON_STEPS)?;
@@ -219,7 +223,8 @@ impl SegmentStates {
             _ => grounds.ready.noise.sd,
         };
         let sd = windows.iter().map(scale).collect();
-        let mut data = Data::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        let data = Data::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        let mut data = data.until_stopped(grounds.progress);
         data.frozen = windows.iter().map(|w| of(w).map(|k| k.frozen.clone()).unwrap_or_default()).collect();
         let start = |w: &Window| of(w).map_or_else(|| w.nuisances.clone(), |k| k.nuisances.clone());
         (data, State::new(values.to_vec(), windows.iter().map(start).collect()))

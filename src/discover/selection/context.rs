@@ -9,6 +9,7 @@
 //! Response Surfaces (1987), 3.4.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
@@ -23,6 +24,7 @@ use crate::discover::library::Candidate;
 use crate::discover::model::{self, Term};
 use crate::discover::window::Kind;
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::world::effect::EffectTarget;
 
 /// Standard deviation of a field's coefficients, m/s^2.
@@ -48,8 +50,9 @@ pub fn context(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Resu
     let responses = responses(&looks, model.layout.slots.len());
     let whole = Context { discrepancy, components: model.components.clone(), responses };
     let own = Fitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks) else { return Ok(whole) };
-    let start = Context { discrepancy: whole.discrepancy.reduced(&parts, model.layout.slots.len()), ..whole };
+    let Some(parts) = own.with_discrepancy(&model.layout, &model.state, &looks)? else { return Ok(whole) };
+    let discrepancy = whole.discrepancy.reduced(fitter.data, &parts, model.layout.slots.len())?;
+    let start = Context { discrepancy, ..whole };
     let own = Fitter { context: Some(start.clone()), ..own };
     let components = components(&own, model, start.discrepancy.broad)?;
     Ok(Context { components: components.unwrap_or_else(|| start.components.clone()), ..start })
@@ -75,7 +78,7 @@ fn richest(fitter: &Fitter, base: &Fitted, candidates: &[Candidate]) -> Result<O
 
 fn parts(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
     let looks = model::looks(fitter.data, &model.layout, &model.state, &pushes())?;
-    Ok(fitter.with_discrepancy(&model.layout, &model.state, &looks))
+    fitter.with_discrepancy(&model.layout, &model.state, &looks)
 }
 
 /// The most probable components of a model beside the field that makes it most probable: the shared discrepancy at its largest
@@ -94,10 +97,11 @@ fn components(fitter: &Fitter, model: &Fitted, broad: f64) -> Result<Option<Comp
     let start = scales.start();
     let best = |(parts, broad): &(Vec<Part>, f64)| {
         let start = start.clone();
-        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products: HashMap::new() }
-            .maximise()
+        let (cross_products, progress) = (HashMap::new(), fitter.data.progress);
+        Objective { parts, prior: &prior, broad: *broad, start, scales, cross_products, progress }.maximise()
     };
-    let best = fields.iter().map(best).max_by(|a, b| a.0.total_cmp(&b.0));
+    let all = fields.iter().map(best).collect::<Result<Vec<_>>>()?;
+    let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(best.map(|(_, components)| components))
 }
 
@@ -151,24 +155,27 @@ struct Objective<'a> {
     scales: Scales,
     /// By the slow misfit.
     cross_products: HashMap<u64, Vec<Weighed>>,
+    progress: &'a dyn Progress,
 }
 
 impl Objective<'_> {
     /// The largest value and where it is.
-    fn maximise(&mut self) -> (f64, Components) {
+    fn maximise(&mut self) -> Result<(f64, Components)> {
         let mut logs = self.start.logs();
-        let mut best = self.at(&logs);
+        let mut best = self.at(&logs)?;
         let mut steps = vec![-FIRST_STEP; logs.len()];
         let least: Vec<f64> = logs.iter().map(|l| l - SMALLEST).collect();
         while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
             for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
-                let mut moved = |way: f64| {
+                let mut moved = |way: f64| -> Result<Option<(f64, Vec<f64>, f64)>> {
                     let mut moved = logs.clone();
                     moved[k] = (moved[k] + way).max(least[k]);
-                    let value = self.at(&moved);
-                    (value > best).then_some((value, moved, way))
+                    let value = self.at(&moved)?;
+                    Ok((value > best).then_some((value, moved, way)))
                 };
-                match moved(steps[k]).or_else(|| moved(-steps[k])) {
+                let onwards = moved(steps[k])?;
+                let better = if onwards.is_some() { onwards } else { moved(-steps[k])? };
+                match better {
                     Some((value, moved, way)) => {
                         (best, logs) = (value, moved);
                         steps[k] = (LONGER * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
@@ -177,21 +184,27 @@ impl Objective<'_> {
                 }
             }
         }
-        (best, self.start.with(&logs))
+        Ok((best, self.start.with(&logs)))
     }
 
-    fn at(&mut self, logs: &[f64]) -> f64 {
+    fn at(&mut self, logs: &[f64]) -> Result<f64> {
         let components = self.start.with(logs);
         let columns: Vec<usize> =
             (0..self.parts.first().map_or(0, |p| p.blocks[0].columns.ncols())).collect();
         let (parts, slow) = (self.parts, components.slow);
-        let products = self.cross_products.entry(slow.to_bits());
-        let products =
-            products.or_insert_with(|| parts.iter().map(|p| Weighed::of(p, &columns, slow)).collect());
+        let products = match self.cross_products.entry(slow.to_bits()) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(free) => {
+                let each =
+                    parts.iter().map(|p| self.progress.check_stop().map(|()| Weighed::of(p, &columns, slow)));
+                free.insert(each.collect::<Result<_>>()?)
+            }
+        };
+        self.progress.check_stop()?;
         let told = products.iter().zip(parts).map(|(w, p)| w.told(p, &columns, &components));
         let told: Option<Vec<Told>> = told.collect();
         let evidence = told.and_then(|told| Some(at_scale(&told, self.prior, self.broad)?.log_evidence));
-        evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
+        Ok(evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components)))
     }
 }
 

@@ -167,7 +167,7 @@ fn earned(
 /// not, nats.
 fn oversized(fitter: &Fitter, fit: &Fitted) -> Result<Option<f64>> {
     let looks = model::looks(fitter.data, &fit.layout, &fit.state, &pushes())?;
-    let parts = fitter.with_discrepancy(&fit.layout, &fit.state, &looks);
+    let parts = fitter.with_discrepancy(&fit.layout, &fit.state, &looks)?;
     let Some(told) = parts.and_then(|parts| all_told(&parts, &fit.components)) else { return Ok(None) };
     if told.first().is_none_or(|t| t.gram.ncols() == fit.layout.slots.len()) {
         return Ok(None);

@@ -15,6 +15,7 @@
 use nalgebra::DMatrix;
 
 use super::settings::Settings;
+use crate::budget::checked;
 use crate::discover::field::{Bump, ends, grid};
 use crate::discover::launch::Part;
 use crate::discover::library;
@@ -50,22 +51,20 @@ impl SharedDiscrepancy {
     /// Responses along the paths of a model, the richest one.
     pub fn from_model(data: &Data, layout: &Layout, state: &State, settings: &Settings) -> Result<Self> {
         let paths = model::paths(data, layout, state)?;
-        let impacts = (data.windows.iter().enumerate())
-            .map(|(w, window)| match window.kind {
-                Kind::Contact => model::impact(window, w, layout, state),
-                _ => None,
-            })
-            .collect::<Vec<_>>();
-        let typical = typical_acceleration(data, layout, state, &paths);
+        let impacts = data.each_window(|w, window| match window.kind {
+            Kind::Contact => model::impact(window, w, layout, state),
+            _ => None,
+        })?;
+        let typical = typical_acceleration(data, layout, state, &paths)?;
         let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
         let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
         let [x0, y0, x1, y1] = library::span(data.windows).area;
         let position = settings.discrepancy_of_position * (x1 - x0).max(y1 - y0);
-        let fields = Fields::over(data.windows, &paths, &impacts);
-        let column = |(w, window): (usize, &Window)| {
+        let fields = Fields::over(data, &paths, &impacts)?;
+        let column = |w: usize, window: &Window| {
             fields.responses(window, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
         };
-        let columns: Vec<DMatrix<f64>> = data.windows.iter().enumerate().map(column).collect();
+        let columns: Vec<DMatrix<f64>> = data.each_window(column)?;
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
         let broad = (typical / acceleration).max(3.0 * base / acceleration).max(1.0);
         Ok(SharedDiscrepancy { columns, count, broad, acceleration })
@@ -79,9 +78,9 @@ const MAX_DIRECTIONS: usize = 40;
 impl SharedDiscrepancy {
     /// The same in the directions of which the data say most: a prior that is alike in all directions stays so. `parts` have the
     /// basis after the first `parameters` columns.
-    pub fn reduced(&self, parts: &[Part], parameters: usize) -> SharedDiscrepancy {
+    pub fn reduced(&self, data: &Data, parts: &[Part], parameters: usize) -> Result<SharedDiscrepancy> {
         if self.count == 0 {
-            return self.clone();
+            return Ok(self.clone());
         }
         let mut information = DMatrix::zeros(self.count, self.count);
         for block in parts.iter().flat_map(|p| &p.blocks) {
@@ -94,8 +93,8 @@ impl SharedDiscrepancy {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(MAX_DIRECTIONS);
         let directions = eigen.eigenvectors.select_columns(&order);
-        let columns = self.columns.iter().map(|c| c * &directions).collect();
-        SharedDiscrepancy { columns, count: order.len(), ..*self }
+        let columns = data.each_window(|w, _| &self.columns[w] * &directions)?;
+        Ok(SharedDiscrepancy { columns, count: order.len(), ..*self })
     }
 }
 
@@ -105,18 +104,19 @@ fn is_measured(window: &Window) -> bool {
 }
 
 /// Median over flights of the root mean square acceleration beyond gravity, m/s^2; 0 without flights.
-fn typical_acceleration(data: &Data, layout: &Layout, state: &State, paths: &[Vec<[f64; 4]>]) -> f64 {
-    let of = |(w, window): (usize, &Window)| {
+fn typical_acceleration(data: &Data, layout: &Layout, state: &State, paths: &[Vec<[f64; 4]>]) -> Result<f64> {
+    let of = |w: usize, window: &Window| {
+        if !matches!(window.kind, Kind::Flight | Kind::Roll) {
+            return None;
+        }
         let values = state.values_in(w);
         let all = model::pushes(window, layout, &values, &paths[w]);
         let g = window.scene.gravity;
         let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
         let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
-        (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
+        Some((square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt())
     };
-    let flights =
-        data.windows.iter().enumerate().filter(|(_, w)| matches!(w.kind, Kind::Flight | Kind::Roll));
-    median(&flights.map(of).collect::<Vec<_>>())
+    Ok(median(&data.each_window(of)?.into_iter().flatten().collect::<Vec<_>>()))
 }
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
@@ -150,8 +150,8 @@ struct Fields {
 }
 
 impl Fields {
-    fn over(windows: &[Window], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> Fields {
-        let states: Vec<[f64; 4]> = (windows.iter().zip(paths))
+    fn over(data: &Data, paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> Result<Fields> {
+        let states: Vec<[f64; 4]> = (data.windows.iter().zip(paths))
             .filter(|(w, _)| is_measured(w))
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
@@ -177,14 +177,16 @@ impl Fields {
         };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
-        let square = |values: Vec<f64>| values.iter().map(|f| f * f).sum::<f64>();
-        fields.bump_norm = norm(states.iter().map(|s| square(fields.bumps(*s).collect())).collect());
-        fields.trend_norm = norm(states.iter().map(|s| square(fields.trends(*s).to_vec())).collect());
-        let displaced = |s: &[f64; 4]| fields.displacements(*s).iter().flatten().map(|d| 0.5 * d * d).sum();
-        fields.camera_norm = norm(states.iter().map(displaced).collect());
+        let squares = |of: &dyn Fn([f64; 4]) -> Vec<f64>| -> Result<Vec<f64>> {
+            checked(&states, &data.progress).map(|s| Ok(of(*s?).iter().map(|f| f * f).sum())).collect()
+        };
+        fields.bump_norm = norm(squares(&|s| fields.bumps(s).collect())?);
+        fields.trend_norm = norm(squares(&|s| fields.trends(s).to_vec())?);
+        // Of displacements in the plane, along an axis.
+        fields.camera_norm = 0.5f64.sqrt() * norm(squares(&|s| fields.displacements(s).concat())?);
         fields.impact_norm =
             norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
-        fields
+        Ok(fields)
     }
 
     fn count(&self) -> usize {

@@ -3,6 +3,8 @@
 use super::flight::flights;
 use super::kind::Window;
 use super::whole::{leaps, run, shots};
+use crate::error::Result;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 
@@ -13,15 +15,23 @@ const FEWEST: usize = 3;
 
 /// All windows of all trials; `settings[i]` is the setting index of trial i, `run` the most intervals of a beginning, which has no
 /// unknowns.
-pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize], run: usize) -> Vec<Window> {
+pub fn cut(
+    base: &Scene,
+    trials: &[Trial],
+    settings: &[usize],
+    run: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Window>> {
     let most = LEAPS.div_ceil(trials.len().max(1)).max(FEWEST);
     let bare = base.without_settings();
-    let of = |(i, trial): (usize, &Trial)| {
+    let mut out = Vec::new();
+    for (i, trial) in trials.iter().enumerate() {
+        progress.report("segmenting trials", i as u64, trials.len() as u64)?;
         let placed = bare.with_setting(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
         let own = windows(&placed, trial, most, run);
-        own.into_iter().map(move |w| Window { trial: i, setting: settings[i], ..w })
-    };
-    trials.iter().enumerate().flat_map(of).collect()
+        out.extend(own.into_iter().map(|w| Window { trial: i, setting: settings[i], ..w }));
+    }
+    Ok(out)
 }
 
 /// A trial's windows, `placed` being the scene in its setting: of everything together where it is known where it starts, of each body by itself where it is not, and
@@ -60,6 +70,7 @@ mod tests {
 
     use super::super::Kind;
     use super::*;
+    use crate::progress::NoProgress;
     use crate::reality::trials_from_csv;
 
     /// A ball on a floor, at heights by the way it has gone (m), at 1 m/s.
@@ -76,7 +87,7 @@ mod tests {
             let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
             let _ = writeln!(csv, "a,{x},ball,{},{}", x + noise(0), height(x) + noise(7));
         }
-        cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8)
+        cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8, &NoProgress).unwrap()
     }
 
     /// A camera turned by a fifth of a degree shows a ball up to a centimetre off the floor that it rolls on.

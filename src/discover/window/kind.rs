@@ -87,6 +87,8 @@ pub struct Window {
     pub own: Vec<ActiveEffect>,
     /// The data's own smooth, for the noise floor.
     pub smooth: Option<Smooth>,
+    /// Observations that points are the means of.
+    pub averaged: Averaged,
 }
 
 /// One observed position.
@@ -98,7 +100,7 @@ pub struct Point {
     pub time: f64,
     /// m
     pub seen: [f64; 2],
-    /// 1, or 0 for an outlier.
+    /// Number of observations that it is the mean of: 1, or 0 for an outlier, but in long flights.
     pub weight: f64,
 }
 
@@ -123,13 +125,23 @@ pub struct Surface {
     pub spin: f64,
 }
 
+/// Observations that were averaged in a segment.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Averaged {
+    /// Observations beyond one a block.
+    pub count: usize,
+    /// Sum of squared deviations from the blocks' means, of both coordinates, m^2.
+    pub square: f64,
+}
+
 impl Window {
     /// A window of a scene (which was checked before it came here) without nuisances, surface and smooth, of the first trial.
     pub fn new(kind: Kind, scene: Scene, start: f64, points: Vec<Point>) -> Window {
         let own = effect::scene_effects(&scene).unwrap_or_default();
         let nuisances = Vec::new();
         let (trial, setting, amid, surface, smooth) = (0, 0, false, None, None);
-        Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth }
+        let averaged = Averaged::default();
+        Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth, averaged }
     }
 
     /// How an engine rolls a scene of the window out: in the middle of a trial, contacts have lasted before.
