@@ -20,4 +20,8 @@ impl Progress for PrefixedProgress<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.inner.report(&format!("{}: {stage}", self.name), done, total)
     }
+
+    fn check_stop(&self) -> Result<()> {
+        self.inner.check_stop()
+    }
 }

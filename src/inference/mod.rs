@@ -7,7 +7,8 @@
 //! 2. Models. `dynamics` and the engines simulate segments; `model` computes residuals and Jacobians.
 //!    `base_model`: fit of the latents without further effects.
 //! 3. Evidence (`mixed_model`). Residuals of each trial as a mixed-effects model with variance components;
-//!    fitted models with the conditional modes of their random effects and their log evidence.
+//!    fitted models with the conditional modes of their random effects and their log evidence. `kernels`:
+//!    products with noise and discrepancy covariances in linear time.
 //! 4. Search (`selection`). Candidates from the effect registry; sets of up to three effects; `global_search`
 //!    where initial states are known; `field`: a shared force field without a named effect.
 //! 5. Decision (`selection`). Shared discrepancy, posterior over sets, credible set, explained share,
@@ -29,6 +30,7 @@ mod data;
 mod dynamics;
 mod field;
 mod global_search;
+mod kernels;
 mod mixed_model;
 mod model;
 mod next_experiment;
@@ -59,7 +61,6 @@ use model::{FitState, ParameterLayout, SegmentData};
 pub use report::Diagnosis;
 use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
-use report::expected_rss::expected_rss;
 use report::prediction_gain::ErrorScale;
 use segment::Segment;
 use selection::search::{ModelSearch, SearchResult};
@@ -103,7 +104,7 @@ fn diagnose_without(
     progress: &dyn Progress,
 ) -> Result<DiagnosisResult> {
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
-    let ready = match preprocess(scene, trials, config.engine, MAX_INITIAL_INTERVALS, left_out)? {
+    let ready = match preprocess(scene, trials, config.engine, MAX_INITIAL_INTERVALS, left_out, progress)? {
         Ok(ready) => ready,
         Err(lack) => {
             let mut finding = insufficient_data_report(scene, trials, &lack.reason, config);
@@ -112,10 +113,10 @@ fn diagnose_without(
             return Ok(finding);
         }
     };
-    let expected = expected_rss(&ready.segments, &ready.sd, ready.trial_indices.len(), &ready.noise);
-    let scale = ErrorScale::new(&expected, &ready.noise, ready.trial_indices.len());
+    let expected = &ready.expected_rss;
+    let scale = ErrorScale::new(expected, &ready.noise, ready.trial_indices.len());
     progress.report("fitting the base model", 0, 1)?;
-    let base = (config.engine, config.seed);
+    let base = (config.engine, config.seed, progress);
     let opened = fit_base(scene, trials, &ready, &ready.segments, &latents, base)?;
     let offsets = surface_offsets::offsets(&ready.segments, &opened.state);
     let moved = surface_offsets::shifted(&ready.segments, &offsets);
@@ -145,12 +146,13 @@ fn diagnose_without(
         trial_indices: used,
         setting_names: names,
         noise,
-        expected: &expected,
+        expected,
         scale: &scale,
         context,
     };
     let model = decision.selected.map_or(&found.base, |c| &found.fits[c]);
-    let odd = odd_trials::odd_trials(scene, trials, left_out, model, (noise, config.engine))?;
+    let odd = odd_trials::odd_trials(scene, trials, left_out, model, (noise, config.engine), progress)?;
+    progress.report("writing the report", 0, 1)?;
     let mut finding = build_report(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
     finding.diagnosis.surface_offsets = surface_offsets::report(scene, &offsets);
@@ -173,13 +175,16 @@ fn select_model(
     let mut fitter = ModelFitter::new(data, noise);
     let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
     let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
-    progress.report("estimating variance components", 0, 1)?;
+    progress.report("trying strong effects", 0, 1)?;
     let mut candidates = candidates::candidates(scene, &candidates::summarise(data.segments));
     start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
+    let candidates = ModelSearch::new(&fitter, candidates, latents, config.seed).identifiable(&first)?;
+    progress.report("estimating variance components", 0, 1)?;
     fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
     let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
-    let mut search = ModelSearch::new(&fitter, candidates, latents, config.seed);
+    let search = ModelSearch::new(&fitter, candidates, latents, config.seed);
     let found = search.search(base, config.max_effects, progress)?;
+    progress.report("comparing sets of effects", 0, 1)?;
     let decision = selection::decide(&fitter, &found, config.seed)?;
     Ok((fitter.context, found, decision))
 }
@@ -200,16 +205,110 @@ fn fit_base<'a>(
     ready: &'a PreprocessedData,
     segments: &'a [Segment],
     latents: &[usize],
-    (engine, seed): (Engine, u64),
+    (engine, seed, progress): (Engine, u64, &'a dyn Progress),
 ) -> Result<BaseFit<'a>> {
     let layout = ParameterLayout::new(latents, Vec::new(), ready.setting_names.len());
     let start = base_model::initial_fit_state(scene, &layout, segments);
     let observed: Vec<&Trajectory> = ready.trial_indices.iter().map(|i| &trials[*i].observed).collect();
     let sd = segments.iter().map(|w| ready.residual_sd(w)).collect();
-    let mut data = SegmentData::new(segments, &ready.settings, sd, engine);
+    let mut data = SegmentData::new(segments, &ready.settings, sd, engine).until_stopped(progress);
     if let Some(stepping) = ready.mismatch {
         inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
     }
     let (state, _) = base_model::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
     Ok(BaseFit { data, layout, state, observed })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::testing::segments::ball;
+    use crate::reality::trials_from_csv;
+    use std::fmt::Write as _;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// Cancels at a check; counts the checks and records the stages.
+    struct CancelAtCheck {
+        check: u64,
+        checks: AtomicU64,
+        stages: Mutex<Vec<String>>,
+    }
+
+    impl CancelAtCheck {
+        fn new(check: u64) -> CancelAtCheck {
+            CancelAtCheck { check, checks: AtomicU64::new(0), stages: Mutex::default() }
+        }
+    }
+
+    impl Progress for CancelAtCheck {
+        fn report(&self, stage: &str, _done: u64, _total: u64) -> Result<()> {
+            let mut stages = self.stages.lock().unwrap();
+            if stages.last().is_none_or(|last| last != stage) {
+                stages.push(stage.into());
+            }
+            self.check_stop()
+        }
+
+        fn check_stop(&self) -> Result<()> {
+            let before = self.checks.fetch_add(1, Ordering::Relaxed);
+            if before + 1 >= self.check { Err(Error::Cancelled) } else { Ok(()) }
+        }
+    }
+
+    /// Upper bound of the number of sets with one effect.
+    const MAX_SETS: u64 = 40;
+
+    /// Throws of a ball with a drag of 0.4 1/s and a noise of 2 mm.
+    fn noisy_trials(trials: u32, points: u32) -> Vec<Trial> {
+        let mut csv = String::from("trial,t,body,x,y\n");
+        for (k, i) in (0..trials).flat_map(|k| (0..points).map(move |i| (k, i))) {
+            let (rate, t) = (0.4, f64::from(i) / f64::from(points - 1));
+            let noise = |n: u32| 2e-3 * 1.4 * libm::sin(f64::from(i * i + 31 * i * k + n * k + n));
+            let along = (1.0 - libm::exp(-rate * t)) / rate;
+            let fallen = 9.81 * (t - along) / rate;
+            let (x, y) = ((4.0 + f64::from(k)) * along, 2.0 + 4.0 * along - fallen);
+            let _ = writeln!(csv, "{k},{t},ball,{},{}", x + noise(3), y + noise(17));
+        }
+        trials_from_csv(&csv, &ball()).unwrap()
+    }
+
+    fn diagnose_single_effects(trials: &[Trial], progress: &CancelAtCheck) -> Result<DiagnosisResult> {
+        let config = DiagnosisConfig { max_effects: 1, ..DiagnosisConfig::standard(0) };
+        diagnose(&ball(), trials, &config, progress)
+    }
+
+    /// A cancelled diagnosis ends in every stage; sets that are still to be fitted end at their first check each.
+    #[test]
+    fn a_diagnosis_ends_at_the_check_that_cancels_it() {
+        let trials = noisy_trials(6, 25);
+        let whole = CancelAtCheck::new(u64::MAX);
+        diagnose_single_effects(&trials, &whole).unwrap();
+        let checks = whole.checks.into_inner();
+        for at in (0..8).map(|k| 1 + k * (checks - 2) / 7) {
+            let progress = CancelAtCheck::new(at);
+            assert_eq!(
+                diagnose_single_effects(&trials, &progress).err(),
+                Some(Error::Cancelled),
+                "check {at} of {checks}"
+            );
+            let more = progress.checks.into_inner() - at;
+            assert!(more <= MAX_SETS, "{more} checks after the one that cancels, {at} of {checks}");
+        }
+        let stages = whole.stages.into_inner().unwrap();
+        assert_eq!(stages[..3], ["segmenting trials", "estimating the noise", "rejecting outliers"]);
+        assert_eq!(stages.last().map(String::as_str), Some("writing the report"));
+    }
+
+    /// Every pass checks at every segment, so that more trials mean more checks.
+    #[test]
+    fn checks_grow_with_the_trials() {
+        let checks = |trials: u32| {
+            let progress = CancelAtCheck::new(u64::MAX);
+            diagnose_single_effects(&noisy_trials(trials, 25), &progress).unwrap();
+            progress.checks.into_inner()
+        };
+        let (few, many) = (checks(6), checks(12));
+        assert!(2 * many > 3 * few, "{few} checks of 6 trials and {many} of 12");
+    }
 }

@@ -190,8 +190,9 @@ impl Runner {
         if let Some(live) = state.jobs.get_mut(&number)
             && !live.row.state.ended()
         {
-            self.shared.store.cancel_job(number)?;
+            // At once: a large plan takes a while to store.
             live.cancel.store(true, Ordering::SeqCst);
+            self.shared.store.cancel_job(number)?;
             if live.row.state == JobState::Running {
                 self.shared.log_line(number, "cancellation requested");
             } else {

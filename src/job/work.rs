@@ -56,6 +56,10 @@ impl Progress for JobContext<'_> {
         self.stage.report(stage, done, total)
     }
 
+    fn check_stop(&self) -> Result<()> {
+        self.stage.check_stop()
+    }
+
     fn metric(&self, name: &'static str, at: u64, value: f64) {
         self.stage.figure(Figure { name, at, value });
     }

@@ -17,7 +17,7 @@ mod unit_checks;
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
 pub use parse_options::TrackParseOptions;
 pub use tracks::{LoadedTrials, Subject, TrackFile, load_tracks};
-pub use trials_csv::{decode, trials_from_csv, trials_to_csv, write_trials_csv};
+pub use trials_csv::{decode, read_trials_csv, trials_from_csv, trials_to_csv, write_trials_csv};
 
 use crate::error::{Error, Result};
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};

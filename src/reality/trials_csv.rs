@@ -22,7 +22,12 @@ pub fn decode(bytes: Vec<u8>) -> Result<String> {
 
 /// Parses trials; each starts from `scene` in the trial's setting with bodies at their first observation.
 pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
-    assemble(rows(text, &Unlimited)?, scene, &Unlimited)
+    read_trials_csv(text, scene, &Unlimited)
+}
+
+/// As [`trials_from_csv`], with a budget.
+pub fn read_trials_csv(text: &str, scene: &Scene, budget: &dyn Budget) -> Result<Vec<Trial>> {
+    assemble(rows(text, budget)?, scene, budget)
 }
 
 /// The rows of a file in this format.

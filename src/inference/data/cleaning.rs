@@ -1,5 +1,7 @@
 //! Truncation of segments at their predictability horizon and rejection of outliers.
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::error::Result;
@@ -7,6 +9,7 @@ use crate::inference::data::smoothing::local_outliers;
 use crate::inference::model::{self, FitState, ParameterLayout, SegmentData};
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::statistics::median;
+use crate::progress::Progress;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Simulator};
 
@@ -15,9 +18,9 @@ const INITIAL_ERROR: f64 = 1e-7;
 const MAX_ERROR_GROWTH: f64 = 100.0;
 
 /// Truncates initial segments at their predictability horizon.
-pub fn truncate_at_horizon(segments: &mut [Segment], engine: Engine) -> Result<()> {
+pub fn truncate_at_horizon(segments: &mut [Segment], engine: Engine, progress: &dyn Progress) -> Result<()> {
     for segment in segments.iter_mut().filter(|w| w.kind == SegmentKind::FromInitialState) {
-        let until = predictability_horizon(&segment.scene, engine)?;
+        let until = predictability_horizon(&segment.scene, engine, progress)?;
         let least = segment.observations.get(segment.scene.bodies.len()).map_or(0.0, |p| p.time);
         segment.observations.retain(|p| p.time < until.max(least + 1e-9));
         let last = segment.observations.last().map_or(0.0, |p| p.time);
@@ -30,7 +33,7 @@ pub fn truncate_at_horizon(segments: &mut [Segment], engine: Engine) -> Result<(
 
 /// Predictability horizon: time at which a perturbation of one body's initial position has grown by
 /// [`MAX_ERROR_GROWTH`], s.
-fn predictability_horizon(scene: &Scene, engine: Engine) -> Result<f64> {
+fn predictability_horizon(scene: &Scene, engine: Engine, progress: &dyn Progress) -> Result<f64> {
     let mut scenes = vec![scene.clone(); 1 + scene.bodies.len()];
     for body in 0..scene.bodies.len() {
         if let Some(p) = &mut scenes[1 + body].bodies[body].position {
@@ -38,7 +41,8 @@ fn predictability_horizon(scene: &Scene, engine: Engine) -> Result<f64> {
         }
     }
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
-    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
+    let rollouts: Vec<Rollout> = scenes.iter().map(usual).collect();
+    let paths = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     let (own, moved) = (&paths[0], &paths[1..]);
     let pairs = || moved.iter().flat_map(|p| p.bodies.iter().zip(&own.bodies));
     let parted = |i: &usize| {
@@ -55,15 +59,18 @@ pub fn reject_outliers(
     sd: &[f64],
     settings: &[usize],
     engine: Engine,
+    progress: &dyn Progress,
 ) -> Result<()> {
     let flights: Vec<usize> =
         (0..segments.len()).filter(|w| segments[*w].kind == SegmentKind::Flight).collect();
     let own: Vec<Segment> = flights.iter().map(|w| segments[*w].clone()).collect();
-    let data = SegmentData::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
+    let sd_of_flights = flights.iter().map(|w| sd[*w]).collect();
+    let data = SegmentData::new(&own, settings, sd_of_flights, engine).until_stopped(progress);
     let layout = ParameterLayout::new(&[], Vec::new(), 1);
     let start = FitState::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
     let (_, left) = model::fit(&data, &layout, start, 3)?;
     for (k, w) in flights.into_iter().enumerate() {
+        progress.check_stop()?;
         let times: Vec<f64> = own[k].observations.iter().map(|p| p.time).collect();
         for i in local_outliers(&times, &left.residuals[k], sd[w]) {
             segments[w].observations[i].weight = 0.0;
@@ -83,8 +90,12 @@ const ONSET_NOISE: f64 = 1.5;
 /// Rejects the first observations of all trials if they systematically deviate from the extrapolation of
 /// later ones: released bodies are held, hidden or blurred at first.
 pub fn reject_onset(segments: &mut [Segment], sd: &[f64]) {
-    let first =
-        |w: usize| segments.iter().all(|o| o.trial != segments[w].trial || o.start >= segments[w].start);
+    let mut starts: HashMap<usize, f64> = HashMap::new();
+    for w in segments.iter() {
+        let start = starts.entry(w.trial).or_insert(w.start);
+        *start = start.min(w.start);
+    }
+    let first = |w: usize| segments[w].start <= starts[&segments[w].trial];
     let begins: Vec<usize> =
         (0..segments.len()).filter(|w| segments[*w].kind == SegmentKind::Flight && first(*w)).collect();
     for k in 0..MAX_REJECTED_ONSETS {
@@ -133,6 +144,7 @@ fn onset_deviation(segment: &Segment, k: usize) -> Option<[f64; 2]> {
 mod tests {
     use super::*;
     use crate::inference::testing::segments::flights;
+    use crate::progress::NoProgress;
 
     /// A perturbation does not grow on a flat floor; it does after a bounce off a disc.
     #[test]
@@ -144,7 +156,7 @@ mod tests {
                                 "restitution": 1}}],
                     "statics": [{{"name": "below", "restitution": 1, {fixed}}}]}}"#
             ));
-            predictability_horizon(&scene.unwrap(), Engine::Lanes).unwrap()
+            predictability_horizon(&scene.unwrap(), Engine::Lanes, &NoProgress).unwrap()
         };
         assert_eq!(until(r#""shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}"#), f64::INFINITY);
         let met = until(r#""shape": {"type": "disc", "radius": 0.1}, "position": [0, 0]"#);
@@ -155,7 +167,7 @@ mod tests {
     fn single_outliers_are_rejected() {
         let (mut segments, settings) = flights([0.0, 0.0], 2);
         segments[1].observations[19].position[1] += 0.02;
-        reject_outliers(&mut segments, &[1e-3; 2], &settings, Engine::Auto).unwrap();
+        reject_outliers(&mut segments, &[1e-3; 2], &settings, Engine::Auto, &NoProgress).unwrap();
         let out = |w: &Segment| (0..20).filter(|i| w.observations[*i].weight == 0.0).collect::<Vec<_>>();
         assert_eq!((out(&segments[0]), out(&segments[1])), (vec![], vec![19]));
     }

@@ -58,7 +58,7 @@ pub fn inflate_for_discretisation(
         .enumerate()
         .map(|(i, scene)| data.segments[one_step[i / each]].rollout(scene, &physics[i / each]))
         .collect();
-    let paths = Simulator::new(data.engine).run(&rollouts)?;
+    let paths = Simulator::new(data.engine).budget(&data.progress).run(&rollouts)?;
     for (w, paths) in one_step.into_iter().zip(paths.chunks(each)) {
         let by_step: f64 = paths.windows(2).map(|p| end_point_mean_square(&p[0], &p[1])).sum::<f64>()
             / f64::from(STEP_HALVINGS);

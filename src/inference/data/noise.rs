@@ -7,11 +7,14 @@
 //! Differences from the usual estimate (residual variance over degrees of freedom): polynomials absorb much
 //! of the low-frequency power of correlated noise; the expectation under the projection corrects for that.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
+use crate::error::Result;
 pub use crate::inference::data::smoothing::polynomial_basis;
 use crate::inference::data::smoothing::{PolynomialSmooth, orthonormal_basis};
+use crate::inference::kernels;
 use crate::inference::statistics::median;
+use crate::progress::Progress;
 
 /// Inflation of the standard error of the correlation: polynomials absorb most of its information.
 const RHO_ERROR: f64 = 2.6;
@@ -48,49 +51,78 @@ impl Noise {
 }
 
 /// Variance and correlation of the noise of flights; `None` with fewer than 6 degrees of freedom.
-pub fn estimate_noise(flights: &[&PolynomialSmooth]) -> Option<Noise> {
+pub fn estimate_noise(flights: &[&PolynomialSmooth], progress: &dyn Progress) -> Result<Option<Noise>> {
     let (mut squares, mut products, mut freedom) = (0.0, 0.0, 0.0);
     for s in flights {
-        freedom += s.axes * s.projector.trace();
+        freedom += s.axes * (s.is_inlier.iter().filter(|k| **k).count() as f64 - s.basis.norm_squared());
         for r in &s.residual {
             squares += r.iter().map(|v| v * v).sum::<f64>();
             products += r.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
         }
     }
     if freedom < 6.0 {
-        return None;
+        return Ok(None);
     }
     // Expected sums of squares and lag-one products under unit-variance AR(1) noise of correlation rho, after
-    // the projection: polynomials in rho whose coefficients are sums over diagonals.
-    let longest = flights.iter().map(|s| s.is_inlier.len()).max().unwrap_or(0);
-    let (mut zeroth, mut first) = (vec![0.0; longest], vec![0.0; longest]);
-    for s in flights {
-        let n = s.is_inlier.len();
-        let shifted = DMatrix::from_fn(n, n, |i, j| if i > 0 { s.projector[(i - 1, j)] } else { 0.0 });
-        let next = s.projector.tr_mul(&shifted);
-        for i in 0..n {
-            for j in 0..n {
-                zeroth[i.abs_diff(j)] += s.axes * s.projector[(i, j)];
-                first[i.abs_diff(j)] += s.axes * next[(i, j)];
-            }
+    // the projection.
+    let flights: Vec<ResidualProjector> = flights.iter().map(|s| ResidualProjector::of(s)).collect();
+    let expected = |rho: f64| -> Result<(f64, f64)> {
+        let mut sums = (0.0, 0.0);
+        for flight in &flights {
+            progress.check_stop()?;
+            let (e0, e1) = flight.expected(rho);
+            sums = (sums.0 + e0, sums.1 + e1);
         }
-    }
-    let expected = |rho: f64| {
-        let sum = |by_lag: &[f64]| by_lag.iter().rev().fold(0.0, |sum, v| sum * rho + v);
-        (sum(&zeroth), sum(&first))
+        Ok(sums)
     };
     let wanted = if squares > 0.0 { products / squares } else { 0.0 };
     let (mut low, mut high) = RHO_RANGE.into();
     for _ in 0..18 {
         let middle = 0.5 * (low + high);
-        let (e0, e1) = expected(middle);
+        let (e0, e1) = expected(middle)?;
         if e1 / e0 < wanted { low = middle } else { high = middle }
     }
     let rho = 0.5 * (low + high);
     // A correlation that is not significant is set to zero.
     let rho = if rho.abs() < 2.5 / freedom.sqrt() { 0.0 } else { rho };
-    let (e0, _) = expected(rho);
-    Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, degrees_of_freedom: freedom })
+    let (e0, _) = expected(rho)?;
+    Ok(Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, degrees_of_freedom: freedom }))
+}
+
+/// Residual projector of a flight's polynomials: P = diag(inliers) - q q' with the orthonormal basis q.
+struct ResidualProjector<'a> {
+    smooth: &'a PolynomialSmooth,
+    /// 1 for inliers, otherwise 0.
+    inliers: DVector<f64>,
+    /// Lag-one products of the basis: sum over i of the outer product of q's rows i + 1 and i.
+    lag_one: DMatrix<f64>,
+}
+
+impl ResidualProjector<'_> {
+    fn of(smooth: &PolynomialSmooth) -> ResidualProjector<'_> {
+        let n = smooth.is_inlier.len();
+        let q = &smooth.basis;
+        ResidualProjector {
+            smooth,
+            inliers: DVector::from_fn(n, |i, _| f64::from(smooth.is_inlier[i])),
+            lag_one: q.rows(1, n - 1).tr_mul(&q.rows(0, n - 1)),
+        }
+    }
+
+    /// Expected sums of squares and of lag-one products of the residuals under AR(1) noise of unit variance: the
+    /// trace of P C P and the sum along its first off-diagonal.
+    fn expected(&self, rho: f64) -> (f64, f64) {
+        let (q, used) = (&self.smooth.basis, &self.inliers);
+        let along = kernels::autoregressive(rho, &vec![1.0; q.nrows()], q);
+        let within = q.tr_mul(&along);
+        let mut first = within.component_mul(&self.lag_one).sum();
+        first += rho * (1..used.len()).map(|i| used[i - 1] * used[i]).sum::<f64>();
+        for (q, along) in q.column_iter().zip(along.column_iter()) {
+            let crossed = |i: usize| used[i - 1] * along[i - 1] * q[i] + used[i] * along[i] * q[i - 1];
+            first -= (1..used.len()).map(crossed).sum::<f64>();
+        }
+        (self.smooth.axes * (used.sum() - within.trace()), self.smooth.axes * first)
+    }
 }
 
 /// Noise standard deviation of evenly spaced series from third differences, which vanish for smooth motion
@@ -106,24 +138,31 @@ pub fn third_difference_noise(series: &[Vec<f64>]) -> Option<f64> {
 pub fn expected_rss_moments(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
     let n = times.len();
     let basis = DMatrix::from_fn(n, 2, |i, k| weights[i] * if k == 0 { 1.0 } else { times[i] });
-    let used = DMatrix::from_fn(n, n, |i, j| if i == j { weights[i] } else { 0.0 });
-    let projector = match orthonormal_basis(&basis) {
-        Some(q) => used - &q * q.transpose(),
-        None => used,
-    };
-    let m = &projector * ar1_correlation(n, rho) * &projector;
-    (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
+    let used = DVector::from_column_slice(weights);
+    // With q orthonormal over the used rows the residual projector is P = diag(used) - q q'; mean and variance follow
+    // from the traces of C P and of its square.
+    let (mut mean, mut square) = (used.sum(), kernels::squared_sum(rho, &used));
+    if let Some(q) = orthonormal_basis(&basis) {
+        let along = kernels::autoregressive(rho, &vec![1.0; n], &q);
+        let within = q.tr_mul(&along);
+        let counted = |i: usize| used[i] * along.row(i).norm_squared();
+        mean -= within.trace();
+        square += within.norm_squared() - 2.0 * (0..n).map(counted).sum::<f64>();
+    }
+    (axes * mean, 2.0 * axes * square)
 }
 
-/// Correlation matrix of first-order autoregressive noise.
-pub fn ar1_correlation(n: usize, rho: f64) -> DMatrix<f64> {
-    DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
+/// Correlation matrix of first-order autoregressive noise at some rows of a record.
+pub fn ar1_correlation(rows: &[usize], rho: f64) -> DMatrix<f64> {
+    let n = rows.len();
+    DMatrix::from_fn(n, n, |i, j| rho.powi(rows[i].abs_diff(rows[j]) as i32))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::inference::data::smoothing::{TimedPosition, fit_polynomials};
+    use crate::progress::NoProgress;
     use crate::rng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -150,7 +189,7 @@ mod tests {
                     fit_polynomials(&(0..40).map(&mut row).collect::<Vec<TimedPosition>>())
                 })
                 .collect();
-            let found = estimate_noise(&flights.iter().collect::<Vec<_>>()).unwrap();
+            let found = estimate_noise(&flights.iter().collect::<Vec<_>>(), &NoProgress).unwrap().unwrap();
             assert!(
                 (found.sd / 2e-3 - 1.0).abs() < 0.1 && (found.rho - rho).abs() < 0.1,
                 "{found:?} for {rho}"

@@ -1,13 +1,17 @@
 //! Preprocessing of trials: segmentation, noise estimate, time alignment, truncation and outlier rejection.
 
+use nalgebra::DMatrix;
+
 use crate::error::Result;
 use crate::inference::data::cleaning;
 use crate::inference::data::discretisation::COLD_START_SD;
 use crate::inference::data::noise::{self, Noise};
 use crate::inference::data::smoothing::PolynomialSmooth;
 use crate::inference::data::time_alignment::{self, IntegratorMismatch};
+use crate::inference::report::expected_rss::{ExpectedRss, expected_rss};
 use crate::inference::segment::{self, MIN_FLIGHT_OBSERVATIONS, Segment, SegmentKind};
 use crate::inference::selection::candidates;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::world::Engine;
@@ -36,10 +40,12 @@ pub struct PreprocessedData {
     pub sd: Vec<f64>,
     /// Standard deviation for segments that an engine simulates, m.
     pub engine_sd: f64,
-    /// Segments before overlap removal and outlier rejection.
+    /// Segments before overlap removal and outlier rejection; empty if no trial has an initial segment.
     pub untrimmed: Vec<Segment>,
     /// Integrator mismatch, if there is one.
     pub mismatch: Option<IntegratorMismatch>,
+    /// Expected residual sum of squares of the segments, before averaging.
+    pub expected_rss: ExpectedRss,
 }
 
 impl PreprocessedData {
@@ -67,11 +73,13 @@ pub fn preprocess(
     engine: Engine,
     run: usize,
     left_out: &[usize],
+    progress: &dyn Progress,
 ) -> Result<std::result::Result<PreprocessedData, InsufficientData>> {
     let (names, settings) = index_settings(trials);
-    let mut segments = segment::segment_trials(scene, trials, &settings, run);
+    let mut segments = segment::segment_trials(scene, trials, &settings, run, progress)?;
     segments.retain(|w| !left_out.contains(&w.trial));
-    let stepping = time_alignment::align_velocities(&mut segments, trials, engine)?;
+    progress.report("estimating the noise", 0, 1)?;
+    let stepping = time_alignment::align_velocities(&mut segments, trials, engine, progress)?;
     let is_informative = |i: &usize| segments.iter().any(|w| w.trial == *i && w.kind != SegmentKind::Contact);
     let informative = (0..trials.len()).filter(is_informative).count();
     if informative < MIN_TRIALS {
@@ -82,17 +90,22 @@ pub fn preprocess(
     segments.iter_mut().for_each(|w| w.trial = used.iter().position(|k| *k == w.trial).unwrap_or(0));
     let settings: Vec<usize> = used.iter().map(|i| settings[*i]).collect();
     let runs = engine_noise(&segments);
-    let Some(noise) = recording_noise(&segments, runs) else {
+    let Some(noise) = recording_noise(&segments, runs, progress)? else {
         return Ok(Err(noise_not_identifiable(trials)));
     };
-    cleaning::truncate_at_horizon(&mut segments, engine)?;
-    let whole = segments.clone();
+    // The bases take most of the memory of a long recording and are not used below.
+    segments.iter_mut().flat_map(|w| &mut w.smooth).for_each(|s| s.basis = DMatrix::zeros(0, 0));
+    progress.report("rejecting outliers", 0, 1)?;
+    cleaning::truncate_at_horizon(&mut segments, engine, progress)?;
+    let mut whole = if segment::any_known_initial_state(&segments) { segments.clone() } else { Vec::new() };
     segment::remove_overlaps(&mut segments);
     let simulated = runs.unwrap_or(noise.sd);
     let scale = |w: &Segment| if w.kind.uses_engine() { simulated } else { noise.sd };
     let sd: Vec<f64> = segments.iter().map(scale).collect();
     cleaning::reject_onset(&mut segments, &sd);
-    cleaning::reject_outliers(&mut segments, &sd, &settings, engine)?;
+    cleaning::reject_outliers(&mut segments, &sd, &settings, engine, progress)?;
+    let expected_rss = expected_rss(&segments, &sd, used.len(), &noise);
+    segments.iter_mut().chain(&mut whole).for_each(segment::average_blocks);
     Ok(Ok(PreprocessedData {
         segments,
         trial_indices: used,
@@ -103,6 +116,7 @@ pub fn preprocess(
         engine_sd: simulated,
         untrimmed: whole,
         mismatch: stepping,
+        expected_rss,
     }))
 }
 
@@ -121,14 +135,15 @@ fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
 }
 
 /// Noise of flights, otherwise of initial segments; `None` if neither can be estimated.
-fn recording_noise(segments: &[Segment], runs: Option<f64>) -> Option<Noise> {
+fn recording_noise(
+    segments: &[Segment],
+    runs: Option<f64>,
+    progress: &dyn Progress,
+) -> Result<Option<Noise>> {
     let smooths: Vec<&PolynomialSmooth> = segments.iter().filter_map(|w| w.smooth.as_ref()).collect();
-    let own = noise::estimate_noise(&smooths).or(runs.map(|sd| Noise {
-        sd,
-        rho: 0.0,
-        degrees_of_freedom: NOISE_PSEUDO_DOF,
-    }))?;
-    Some(Noise { sd: own.sd.max(integration_noise_floor(segments)), ..own })
+    let known = || runs.map(|sd| Noise { sd, rho: 0.0, degrees_of_freedom: NOISE_PSEUDO_DOF });
+    let own = noise::estimate_noise(&smooths, progress)?.or_else(known);
+    Ok(own.map(|own| Noise { sd: own.sd.max(integration_noise_floor(segments)), ..own }))
 }
 
 /// Lower bound of the noise from the integration error, m.
@@ -187,6 +202,7 @@ fn noise_not_identifiable(trials: &[Trial]) -> InsufficientData {
 mod tests {
     use super::*;
     use crate::inference::testing::segments::{ball, observed_trials};
+    use crate::progress::NoProgress;
 
     /// A throw with a noise of 1 mm.
     fn throw(rows: u32, number: u32) -> Vec<[f64; 3]> {
@@ -199,7 +215,8 @@ mod tests {
     }
 
     fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<PreprocessedData, InsufficientData> {
-        preprocess(&ball(), &observed_trials(trials), Engine::Auto, MAX_INITIAL_INTERVALS, &[]).unwrap()
+        preprocess(&ball(), &observed_trials(trials), Engine::Auto, MAX_INITIAL_INTERVALS, &[], &NoProgress)
+            .unwrap()
     }
 
     #[test]

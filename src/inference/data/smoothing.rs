@@ -23,8 +23,8 @@ pub struct PolynomialSmooth {
     pub is_inlier: Vec<bool>,
     /// Number of coordinates that vary at all: a recording of heights alone has one.
     pub axes: f64,
-    /// Residual projector.
-    pub projector: DMatrix<f64>,
+    /// Orthonormal polynomial basis over the inliers (rows, polynomials).
+    pub basis: DMatrix<f64>,
 }
 
 /// Fits a flight's rows.
@@ -37,12 +37,14 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
         libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
     });
     let mut used = vec![true; n];
-    let mut projector = DMatrix::identity(n, n);
+    let mut fitted = DMatrix::zeros(n, 0);
     let mut residual = [vec![0.0; n], vec![0.0; n]];
     for pass in 0..12 {
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if used[i] { full[(i, k)] } else { 0.0 });
         let Some(q) = orthonormal_basis(&basis) else { break };
-        projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && used[i])) - &q * q.transpose();
+        fitted = q;
+        let leverages: Vec<f64> =
+            (0..n).map(|i| (1.0 - fitted.row(i).norm_squared()).max(0.05).sqrt()).collect();
         let mut scaled = vec![0.0f64; n];
         for (axis, residual) in residual.iter_mut().enumerate() {
             let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
@@ -58,8 +60,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
             let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
             let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
             for i in 0..n {
-                let leverage = projector[(i, i)].max(0.05).sqrt();
-                let leverage = if used[i] { leverage } else { 1.0 };
+                let leverage = if used[i] { leverages[i] } else { 1.0 };
                 scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
                 residual[i] = if used[i] { off[i] } else { 0.0 };
             }
@@ -76,7 +77,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     }
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    PolynomialSmooth { residual, is_inlier: used, axes, projector }
+    PolynomialSmooth { residual, is_inlier: used, axes, basis: fitted }
 }
 
 /// Rows of a flight that are outliers relative to their neighbours; the polynomial of [`fit_polynomials`]
@@ -86,30 +87,50 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
 pub fn local_outliers(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
     let n = times.len();
     let mut used: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
+    // Deviation of a row from the parabola through its neighbours, in units of its error.
+    let size = |i: usize, used: &[bool]| {
+        let near = nearest_rows(times, used, i);
+        let weights = parabola_weights(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
+        let error = (1.0 + weights.norm_squared()).sqrt();
+        let off = |axis: usize| {
+            let of = |j: usize| residual[2 * j + axis];
+            let met: f64 = near.iter().zip(weights.iter()).map(|(j, w)| w * of(*j)).sum();
+            (of(i) - met).abs() / (sd * error)
+        };
+        off(0).max(off(1))
+    };
+    let mut count = used.iter().filter(|k| **k).count();
+    if count <= 2 * NEIGHBOURS {
+        return Vec::new();
+    }
+    let mut sizes: Vec<f64> = (0..n).map(|i| if used[i] { size(i, &used) } else { 0.0 }).collect();
     let mut out = Vec::new();
-    while used.iter().filter(|k| **k).count() > 2 * NEIGHBOURS {
-        let worst = (0..n).filter(|i| used[*i]).map(|i| {
-            let mut near: Vec<usize> = (0..n).filter(|j| *j != i && used[*j]).collect();
-            near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
-            near.truncate(NEIGHBOURS);
-            let weights = parabola_weights(times[i], &near.iter().map(|j| times[*j]).collect::<Vec<_>>());
-            let error = (1.0 + weights.norm_squared()).sqrt();
-            let off = |axis: usize| {
-                let of = |j: usize| residual[2 * j + axis];
-                let met: f64 = near.iter().zip(weights.iter()).map(|(j, w)| w * of(*j)).sum();
-                (of(i) - met).abs() / (sd * error)
-            };
-            (off(0).max(off(1)), i)
-        });
-        match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((size, i)) if size > OUTLIER_SCALES => {
-                used[i] = false;
-                out.push(i);
-            }
-            _ => break,
+    while count > 2 * NEIGHBOURS {
+        let worst = (0..n).filter(|i| used[*i]).max_by(|a, b| sizes[*a].total_cmp(&sizes[*b]));
+        let Some(i) = worst.filter(|i| sizes[*i] > OUTLIER_SCALES) else { break };
+        used[i] = false;
+        count -= 1;
+        out.push(i);
+        // Only the nearest rows on each side had it among their neighbours.
+        let before = (0..i).rev().filter(|j| used[*j]).take(NEIGHBOURS);
+        let after = (i + 1..n).filter(|j| used[*j]).take(NEIGHBOURS);
+        for j in before.chain(after).collect::<Vec<_>>() {
+            sizes[j] = size(j, &used);
         }
     }
     out
+}
+
+/// The [`NEIGHBOURS`] used rows nearest in time to row `i`, nearest first; `times` ascend.
+fn nearest_rows(times: &[f64], used: &[bool], i: usize) -> Vec<usize> {
+    let mut before = (0..i).rev().filter(|j| used[*j]).peekable();
+    let mut after = (i + 1..times.len()).filter(|j| used[*j]).peekable();
+    let nearest = || match (before.peek(), after.peek()) {
+        (Some(b), Some(a)) if (times[*a] - times[i]).abs() < (times[*b] - times[i]).abs() => after.next(),
+        (Some(_), _) => before.next(),
+        (None, _) => after.next(),
+    };
+    std::iter::from_fn(nearest).take(NEIGHBOURS).collect()
 }
 
 /// Weights of a local parabola fit: the fitted value at `time` is the weighted sum of the values.

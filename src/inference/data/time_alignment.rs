@@ -9,6 +9,7 @@
 use crate::error::Result;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::statistics::median;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
@@ -59,6 +60,7 @@ pub fn align_velocities(
     segments: &mut [Segment],
     trials: &[Trial],
     engine: Engine,
+    progress: &dyn Progress,
 ) -> Result<Option<IntegratorMismatch>> {
     let one_step: Vec<usize> =
         (0..segments.len()).filter(|w| segments[*w].kind == SegmentKind::OneStep).collect();
@@ -66,14 +68,14 @@ pub fn align_velocities(
     let mut whole: Vec<usize> = one_step.iter().map(|w| segments[*w].trial).collect();
     whole.dedup();
     let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
-    let Some(stepping) = integrator_mismatch(&whole, engine)? else { return Ok(None) };
+    let Some(stepping) = integrator_mismatch(&whole, engine, progress)? else { return Ok(None) };
     let later = stepping.excess;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..segments[*w].scene.clone() };
     let steps: Vec<Scene> = one_step.iter().map(step).collect();
     let usual = Default::default();
     let rollouts: Vec<Rollout> =
         one_step.iter().zip(&steps).map(|(w, scene)| segments[*w].rollout(scene, &usual)).collect();
-    let after = Simulator::new(engine).run(&rollouts)?;
+    let after = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     for (w, after) in one_step.into_iter().zip(after) {
         let segment = &mut segments[w];
         let observed = &trials[segment.trial].observed;
@@ -109,14 +111,19 @@ fn is_mostly_gravity(pull: [f64; 2], gravity: [f64; 2]) -> bool {
 }
 
 /// Lags of the simulation and of the observations; `None` if they cannot be estimated or do not differ.
-fn integrator_mismatch(trials: &[&Trial], engine: Engine) -> Result<Option<IntegratorMismatch>> {
+fn integrator_mismatch(
+    trials: &[&Trial],
+    engine: Engine,
+    progress: &dyn Progress,
+) -> Result<Option<IntegratorMismatch>> {
     let Some(first) = trials.first() else { return Ok(None) };
     let (step, gravity) = (first.scene.time_step, first.scene.gravity);
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
     let Some(seen) = estimate_lag(&observed, gravity, step) else { return Ok(None) };
     let scenes: Vec<Scene> = trials.iter().take(MAX_SIMULATED_TRIALS).map(|t| t.scene.clone()).collect();
     let usual = |scene| Rollout { stop_at_goal: false, ..Rollout::of(scene) };
-    let paths = Simulator::new(engine).run(&scenes.iter().map(usual).collect::<Vec<_>>())?;
+    let rollouts: Vec<Rollout> = scenes.iter().map(usual).collect();
+    let paths = Simulator::new(engine).budget(&progress).run(&rollouts)?;
     let Some(own) = estimate_lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
     let later = VelocityLag { gravity: seen.gravity - own.gravity, other: seen.other - own.other };
     Ok((MIN_LAG_STEPS * step..MAX_LAG_STEPS * step)

@@ -19,6 +19,7 @@ use crate::inference::model;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::selection::FixedEffectsPrior;
 use crate::inference::selection::{Laplace, at_scale};
+use crate::progress::Progress;
 use crate::world::effect::Effect;
 pub use basis::{
     BASIS_FUNCTION_COUNT, FieldBasis, FieldInputs, RADIAL_INPUTS, RadialBasisFunction, radial_grid,
@@ -54,6 +55,7 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
     let mut best: Option<FieldFit> = None;
     let mut evidences = Vec::new();
     for over in RADIAL_INPUTS {
+        fitter.data.progress.check_stop()?;
         let ReducedField { groups, .. } = every.reduced(over);
         let Some(statistics) = group_statistics::group_statistics(&groups, &model.components) else {
             continue;
@@ -196,10 +198,14 @@ pub fn field_statistics(
 ) -> Result<Option<FieldStatistics>> {
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
     let (groups, range) = (every.with_inputs(form.inputs), every.functions.indices(form.inputs));
+    let Some(all) = groups.first().map(|p| p.blocks[0].jacobian.ncols()) else { return Ok(None) };
+    let prior = model.prior.with_discrepancy(all, form.coefficient_sd);
+    let Some((step, components)) =
+        refit_components(&groups, &model.components, &prior, fitter.data.progress)?
+    else {
+        return Ok(None);
+    };
     let said = || {
-        let all = groups.first()?.blocks[0].jacobian.ncols();
-        let prior = model.prior.with_discrepancy(all, form.coefficient_sd);
-        let (step, components) = refit_components(&groups, &model.components, &prior)?;
         let statistics = group_statistics::group_statistics(&groups, &components)?;
         let q = model.layout.parameters.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
@@ -221,15 +227,17 @@ pub fn refit_components(
     groups: &[Group],
     own: &VarianceComponents,
     prior: &FixedEffectsPrior,
-) -> Option<(DVector<f64>, VarianceComponents)> {
-    let statistics = group_statistics::group_statistics(groups, own)?;
-    let GlsEstimate { step, .. } = group_statistics::gls(statistics.iter(), prior)?;
+    progress: &dyn Progress,
+) -> Result<Option<(DVector<f64>, VarianceComponents)>> {
+    let gls = group_statistics::group_statistics(groups, own)
+        .and_then(|statistics| group_statistics::gls(statistics.iter(), prior));
+    let Some(GlsEstimate { step, .. }) = gls else { return Ok(None) };
     let mut beside = groups.to_vec();
     for block in beside.iter_mut().flat_map(|p| &mut p.blocks) {
         block.residual -= &block.jacobian * &step;
     }
-    let components = ComponentLikelihood::new(&beside, own).maximise(INITIAL_STEP);
-    Some((step, components))
+    let components = ComponentLikelihood::new(&beside, own).maximise(INITIAL_STEP, progress)?;
+    Ok(Some((step, components)))
 }
 
 /// A field fitted to the residuals of a model.

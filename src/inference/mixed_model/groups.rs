@@ -10,12 +10,17 @@
 //! Source: restricted likelihood (Patterson and Thompson, Biometrika 58 (1971) 545), model discrepancy as a Gaussian process
 //! (Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425).
 
+use std::borrow::Cow;
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector, Dyn, QR};
 
+use crate::error::Result;
 use crate::inference::data::noise::{self, Noise};
 use crate::inference::dynamics::Impact;
+use crate::inference::kernels;
 use crate::inference::mixed_model::random_design::{RandomDesign, RandomEffect};
-use crate::inference::model::Linearization;
+use crate::inference::model::{Linearization, SegmentData};
 use crate::inference::segment::{Segment, SegmentKind};
 
 /// Length scale of the trial discrepancy (Matern 3/2), as a share of the median flight duration.
@@ -70,9 +75,10 @@ pub struct BasisCache {
 }
 
 impl BasisCache {
-    /// Covariance of the unit trial discrepancy at the segment's observations; `None` if there is none.
-    pub fn gp_covariance_at_observations(&self) -> Option<DMatrix<f64>> {
-        self.gp_covariance.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
+    /// Covariance of the unit trial discrepancy at the segment's observations, in two factors: the covariance in
+    /// coordinates times the basis (coordinates, observations), and the basis; `None` if there is none.
+    pub fn gp_covariance_at_observations(&self) -> Option<(DMatrix<f64>, &DMatrix<f64>)> {
+        self.gp_covariance.as_ref().map(|slow| (slow * &self.basis, &self.basis))
     }
 
     /// Whether the segment moves along both axes.
@@ -91,9 +97,12 @@ pub fn basis_caches(segments: &[Segment], noise: &Noise) -> Vec<BasisCache> {
     let flights = segments.iter().filter(|w| w.kind == SegmentKind::Flight);
     let durations: Vec<f64> = flights.map(|w| w.observations.last().map_or(0.0, |p| p.time)).collect();
     let length = GP_LENGTH_SHARE * crate::inference::statistics::median(&durations).max(1e-6);
-    let after = |w: &Segment| {
-        segments.iter().any(|o| o.trial == w.trial && o.start < w.start && o.kind == SegmentKind::Flight)
-    };
+    let mut first: HashMap<usize, f64> = HashMap::new();
+    for flight in segments.iter().filter(|w| w.kind == SegmentKind::Flight) {
+        let start = first.entry(flight.trial).or_insert(flight.start);
+        *start = start.min(flight.start);
+    }
+    let after = |w: &Segment| first.get(&w.trial).is_some_and(|start| *start < w.start);
     segments.iter().map(|w| basis_cache(w, noise, length, after(w))).collect()
 }
 
@@ -104,36 +113,37 @@ fn basis_cache(segment: &Segment, noise: &Noise, length: f64, after: bool) -> Ba
         false => [0, 1].map(|a| points.iter().any(|p| p.position[a] != points[0].position[a])),
     };
     let times: Vec<f64> = points.iter().map(|p| p.time).collect();
-    let weights: Vec<f64> = points.iter().map(|p| p.weight).collect();
+    let sizes: Vec<f64> = points.iter().map(|p| p.weight).collect();
+    // Rows are in units of their own noise: a mean of several observations has less.
+    let weights: Vec<f64> = sizes.iter().map(|size| size.sqrt()).collect();
     let n = points.len();
     let rho = if segment.kind.uses_engine() { 0.0 } else { noise.rho };
     let basis = segment.smooth.as_ref().and_then(|_| noise::polynomial_basis(&times, &weights));
-    let correlation = (rho != 0.0).then(|| noise::ar1_correlation(n, rho));
     let counted: Vec<usize> = (0..n).filter(|i| weights[*i] > 0.0).collect();
     match basis {
-        Some(q) => {
-            let kernel = DMatrix::from_fn(n, n, |i, j| {
-                let d = 3f64.sqrt() * (times[i] - times[j]).abs() / length;
-                (1.0 + d) * libm::exp(-d)
-            });
-            let within = |m: DMatrix<f64>| q.tr_mul(&(m * &q));
-            BasisCache {
-                noise_covariance: correlation.map(within),
-                gp_covariance: Some(within(kernel)),
-                basis: q.transpose(),
-                axes,
-                follows_flight: after,
-            }
-        }
+        Some(q) => BasisCache {
+            noise_covariance: (rho != 0.0).then(|| q.tr_mul(&kernels::autoregressive(rho, &sizes, &q))),
+            gp_covariance: Some(discrepancy_covariance(&times, &weights, length, &q)),
+            basis: q.transpose(),
+            axes,
+            follows_flight: after,
+        },
         None => BasisCache {
             // Unused observations are no coordinates.
             basis: DMatrix::from_fn(counted.len(), n, |k, i| f64::from(counted[k] == i)),
             gp_covariance: None,
-            noise_covariance: correlation.map(|c| c.select_rows(&counted).select_columns(&counted)),
+            noise_covariance: (rho != 0.0).then(|| noise::ar1_correlation(&counted, rho)),
             axes,
             follows_flight: after,
         },
     }
+}
+
+/// Covariance of the unit trial discrepancy in the coordinates of `basis`, in units of the noise of each
+/// observation.
+fn discrepancy_covariance(times: &[f64], weights: &[f64], length: f64, basis: &DMatrix<f64>) -> DMatrix<f64> {
+    let rows = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| weights[i] * basis[(i, k)]);
+    rows.tr_mul(&kernels::matern(times, length, &rows))
 }
 
 /// Block of a segment; `scale`: its residual standard deviation relative to the noise.
@@ -390,24 +400,25 @@ impl NullSpace {
     }
 }
 
-/// Groups of all trials. `linearizations`: linearizations with columns for parameters, then
+/// Groups of all trials. `linearization`: linearization of a segment with columns for parameters, then
 /// [`nuisance_accelerations`], then perturbations; `scales`: of each segment's residuals, in units of the
 /// noise.
-pub fn groups(
-    segments: &[Segment],
+pub fn groups<'l>(
+    data: &SegmentData,
     frames: &[BasisCache],
-    linearizations: &[Linearization],
+    linearization: impl Fn(usize) -> Cow<'l, Linearization>,
     columns: &RandomDesign,
     scales: &[f64],
-) -> Option<Vec<Group>> {
+) -> Result<Option<Vec<Group>>> {
     let mut out: Vec<Group> = Vec::new();
-    for (w, segment) in segments.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = segment_block((w, segment), &frames[w], &linearizations[w], columns, scales[w])
-        else {
-            if linearizations[w].residual.iter().all(|r| r.is_finite()) {
+    for (w, segment) in data.segments.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
+        data.progress.check_stop()?;
+        let linearization = linearization(w);
+        let Some(block) = segment_block((w, segment), &frames[w], &linearization, columns, scales[w]) else {
+            if linearization.residual.iter().all(|r| r.is_finite()) {
                 continue;
             }
-            return None;
+            return Ok(None);
         };
         let differs = !segment.kind.uses_engine();
         match out.last_mut() {
@@ -417,7 +428,7 @@ pub fn groups(
             _ => out.push(Group { trial: segment.trial, blocks: vec![block], has_random_effects: differs }),
         }
     }
-    Some(out)
+    Ok(Some(out))
 }
 
 /// Derivative of a segment's coordinates by its observed positions, 1/m (coordinates, two per observation);

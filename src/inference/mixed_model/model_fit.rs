@@ -5,6 +5,8 @@
 //! those of the recording ([`RecordingContext`]), estimated once from the richest model, so that no model
 //! attributes its misfit to noise.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::distribution::t_quantile;
@@ -217,18 +219,19 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             return Ok(None);
         };
         let prior = self.prior(layout, &state);
-        let Some(linearized_groups) = self.groups_with_discrepancy(layout, &state, &linearizations) else {
+        let Some(linearized_groups) = self.groups_with_discrepancy(layout, &state, &linearizations)? else {
             return Ok(None);
         };
         let components = match &self.context {
             Some(context) => {
                 context.components_at(&acceleration_responses(&linearizations, layout.parameters.len()))
             }
-            None => ComponentLikelihood::new(&linearized_groups, from).maximise(first),
+            None => ComponentLikelihood::new(&linearized_groups, from).maximise(first, self.data.progress)?,
         };
         let Some(statistics) = group_statistics::group_statistics(&linearized_groups, &components) else {
             return Ok(None);
         };
+        self.data.progress.check_stop()?;
         let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
         let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
         Ok(Some(Iterate {
@@ -331,7 +334,8 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         else {
             return Ok(None);
         };
-        let linearized_groups = self.reduce_to_groups(layout, state, &linearizations);
+        let linearized_groups =
+            self.reduce_to_groups(layout, state, |w| Cow::Borrowed(&linearizations[w]))?;
         Ok(linearized_groups.map(|linearized_groups| (linearizations, linearized_groups)))
     }
 
@@ -343,15 +347,14 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         count: usize,
         columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
     ) -> Result<Option<Vec<Group>>> {
-        let Some(mut linearizations) =
+        let Some(linearizations) =
             none_if_not_simulable(model::linearise(self.data, layout, state, &nuisance_accelerations()))?
         else {
             return Ok(None);
         };
-        for (w, linearization) in linearizations.iter_mut().enumerate() {
-            linearization.append_columns(count, columns(w));
-        }
-        Ok(self.reduce_to_groups(layout, state, &linearizations))
+        self.reduce_to_groups(layout, state, |w| {
+            Cow::Owned(linearizations[w].with_columns(count, columns(w)))
+        })
     }
 
     /// Groups with the columns of the shared discrepancy after those of the parameters.
@@ -360,28 +363,23 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         layout: &ParameterLayout,
         state: &FitState,
         linearizations: &[Linearization],
-    ) -> Option<Vec<Group>> {
-        match self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) {
-            Some(discrepancy) => {
-                let with = |(w, linearization): (usize, &Linearization)| {
-                    linearization.with_columns(discrepancy.count, &discrepancy.responses[w])
-                };
-                let linearizations: Vec<Linearization> =
-                    linearizations.iter().enumerate().map(with).collect();
-                self.reduce_to_groups(layout, state, &linearizations)
-            }
-            None => self.reduce_to_groups(layout, state, linearizations),
-        }
+    ) -> Result<Option<Vec<Group>>> {
+        let discrepancy = self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0);
+        self.reduce_to_groups(layout, state, |w| match discrepancy {
+            Some(d) => Cow::Owned(linearizations[w].with_columns(d.count, Some(d.responses[w].clone()))),
+            None => Cow::Borrowed(&linearizations[w]),
+        })
     }
 
-    fn reduce_to_groups(
+    /// Groups of linearizations that are made one at a time, since their columns take more memory than the groups.
+    fn reduce_to_groups<'l>(
         &self,
         layout: &ParameterLayout,
         state: &FitState,
-        linearizations: &[Linearization],
-    ) -> Option<Vec<Group>> {
+        linearization: impl Fn(usize) -> Cow<'l, Linearization>,
+    ) -> Result<Option<Vec<Group>>> {
         let columns = RandomDesign::of(layout, &state.values, self.gravity);
-        groups::groups(self.data.segments, &self.basis_caches, linearizations, &columns, &self.scales)
+        groups::groups(self.data, &self.basis_caches, linearization, &columns, &self.scales)
     }
 }
 

@@ -10,9 +10,11 @@ use std::collections::HashMap;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::error::Result;
 use crate::inference::mixed_model::group_statistics::{CrossProducts, GroupProducts, VarianceComponents};
 use crate::inference::mixed_model::groups::Group;
 use crate::inference::mixed_model::random_design::{RandomEffect, nuisance_accelerations};
+use crate::progress::Progress;
 use crate::rng::Stream;
 
 /// Initial steps in the logarithms: of a first search, of a warm start, and of a restart.
@@ -122,7 +124,7 @@ impl<'a> ComponentLikelihood<'a> {
     }
 
     /// Most probable components within their upper bounds; `first`: initial step.
-    pub fn maximise(&mut self, first: f64) -> VarianceComponents {
+    pub fn maximise(&mut self, first: f64, progress: &dyn Progress) -> Result<VarianceComponents> {
         let most = self.initial.log_upper_bounds();
         let from = self.initial.clone();
         let matter = self.active_components();
@@ -135,6 +137,7 @@ impl<'a> ComponentLikelihood<'a> {
             let mut steps = vec![first; logs.len()];
             while steps.iter().zip(&matter).any(|(s, matters)| *matters && s.abs() >= MIN_STEP) {
                 for k in (0..logs.len()).filter(|k| matter[*k]) {
+                    progress.check_stop()?;
                     let step = steps[k];
                     let mut better = |way: f64| {
                         let mut moved = logs.clone();
@@ -159,7 +162,7 @@ impl<'a> ComponentLikelihood<'a> {
             }
             first = RESTART_STEP;
         }
-        from.with_log_values(&logs)
+        Ok(from.with_log_values(&logs))
     }
 
     /// Draws from the posterior of the components within their upper bounds. Proposals lie on a lattice of

@@ -120,6 +120,7 @@ impl RolloutBatch {
             .map(|(w, scene, physics)| data.segments[*w].rollout(&self.scenes[*scene], physics))
             .collect();
         Simulator::new(data.engine)
+            .budget(&data.progress)
             .map(&rollouts, |i, path| positions_at_observations(&data.segments[self.jobs[i].0], &path))
     }
 }

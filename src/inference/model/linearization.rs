@@ -74,7 +74,7 @@ pub fn linearise(
 ) -> Result<Vec<Linearization>> {
     let mut simulated = linearise_engine(data, layout, state, perturbations)?.into_iter();
     let parameters = layout.parameters.len();
-    let linearization = |(w, segment): (usize, &Segment)| {
+    let linearization = |w: usize, segment: &Segment| {
         let nuisances = &state.nuisances[w];
         let shared = stencils(layout, &state.values_in(w), segment);
         let moved = match segment.kind.uses_engine() {
@@ -87,9 +87,10 @@ pub fn linearise(
             linearization.restore_random_effects(mode, parameters);
         }
         linearization.apply_robust_loss(segment);
+        linearization.square += segment.within_blocks.sum_of_squares / (data.sd[w] * data.sd[w]);
         linearization
     };
-    Ok(data.segments.iter().enumerate().map(linearization).collect())
+    data.each_segment(linearization)
 }
 
 impl Linearization {
@@ -123,9 +124,9 @@ impl Linearization {
     }
 
     /// The same with additional columns, two rows per observation, not yet whitened.
-    pub fn with_columns(&self, count: usize, columns: &DMatrix<f64>) -> Linearization {
+    pub fn with_columns(&self, count: usize, columns: Option<DMatrix<f64>>) -> Linearization {
         let mut out = self.clone();
-        out.append_columns(count, Some(columns.clone()));
+        out.append_columns(count, columns);
         out
     }
 

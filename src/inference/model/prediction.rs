@@ -26,13 +26,14 @@ pub fn predict(data: &SegmentData, layout: &ParameterLayout, state: &FitState) -
         .map(|((scene, physics), (_, segment))| segment.rollout(scene, physics))
         .collect();
     let by_engine = Simulator::new(data.engine)
+        .budget(&data.progress)
         .map(&rollouts, |i, path| positions_at_observations(simulated[i].1, &path))?;
     let mut by_engine = by_engine.into_iter();
-    let of = |(w, segment): (usize, &Segment)| match segment.kind.uses_engine() {
+    let of = |w: usize, segment: &Segment| match segment.kind.uses_engine() {
         true => by_engine.next().unwrap_or_default(),
         false => predict_segment(segment, layout, &state.of_segment(w)),
     };
-    Ok(data.segments.iter().enumerate().map(of).collect())
+    data.each_segment(of)
 }
 
 /// The same for a segment of `dynamics`, at a state of that segment alone.

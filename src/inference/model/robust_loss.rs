@@ -29,7 +29,7 @@ pub fn robust_losses(
         .iter()
         .map(|(w, physics)| data.segments[*w].rollout(&data.segments[*w].scene, physics))
         .collect();
-    let squares = Simulator::new(data.engine).map(&rollouts, |i, path| {
+    let squares = Simulator::new(data.engine).budget(&data.progress).map(&rollouts, |i, path| {
         let w = physics[i].0;
         let segment = &data.segments[w];
         let off = |(i, v): (usize, &f64)| (segment.observations[i / 2].position[i % 2] - v) / data.sd[w];

@@ -1,6 +1,8 @@
 //! Data that are fixed during a diagnosis.
 
+use crate::error::Result;
 use crate::inference::segment::Segment;
+use crate::progress::{NoProgress, Progress};
 use crate::world::Engine;
 
 /// Segments and their noise.
@@ -14,6 +16,8 @@ pub struct SegmentData<'a> {
     /// Cached Jacobians by segment; empty for segments without nuisances.
     pub cached_jacobians: Vec<CachedJacobian>,
     pub engine: Engine,
+    /// Ends computations on the data once they are cancelled.
+    pub progress: &'a dyn Progress,
 }
 
 impl<'a> SegmentData<'a> {
@@ -24,14 +28,27 @@ impl<'a> SegmentData<'a> {
         sd: Vec<f64>,
         engine: Engine,
     ) -> SegmentData<'a> {
+        let (cached_jacobians, progress) = (Vec::new(), &NoProgress);
         SegmentData {
             segments,
             trial_count: settings.len(),
             settings,
             sd,
-            cached_jacobians: Vec::new(),
+            cached_jacobians,
             engine,
+            progress,
         }
+    }
+
+    /// The same data; computations on them end once `progress` is cancelled.
+    pub fn until_stopped(self, progress: &'a dyn Progress) -> SegmentData<'a> {
+        SegmentData { progress, ..self }
+    }
+
+    /// Applies `of` to every segment; ends if the computation is cancelled.
+    pub fn each_segment<T>(&self, mut of: impl FnMut(usize, &'a Segment) -> T) -> Result<Vec<T>> {
+        let one = |(w, segment)| self.progress.check_stop().map(|()| of(w, segment));
+        self.segments.iter().enumerate().map(one).collect()
     }
 
     /// Number of settings.

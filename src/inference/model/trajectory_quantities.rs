@@ -29,8 +29,9 @@ pub fn segment_states(
         runs.iter().zip(&simulated).map(|((scene, physics), w)| w.rollout(scene, physics)).collect();
     let states =
         |i: usize, path| simulated[i].observations.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>();
-    let mut simulated = Simulator::new(data.engine).map(&rollouts, states)?.into_iter();
-    let path = |(w, segment): (usize, &Segment)| {
+    let mut simulated =
+        Simulator::new(data.engine).budget(&data.progress).map(&rollouts, states)?.into_iter();
+    let path = |w: usize, segment: &Segment| {
         if segment.kind.uses_engine() {
             return simulated.next().unwrap_or_default();
         }
@@ -40,7 +41,7 @@ pub fn segment_states(
         });
         states
     };
-    Ok(segments().map(path).collect())
+    data.each_segment(path)
 }
 
 /// Impact of a contact segment.

@@ -69,6 +69,7 @@ pub fn with_discrepancy_field(
 /// All candidate fields along the model's paths, if a discrepancy is likely.
 fn detect_discrepancy(grounds: &FitData, model: &PreparedModel) -> Result<Option<AllFields>> {
     let data = SegmentData::new(&model.windows, &grounds.ready.settings, model.sd.clone(), grounds.engine);
+    let data = data.until_stopped(grounds.progress);
     let fitter = ModelFitter::new(&data, &model.noise);
     let Some(fit) = fitter.run_gls(model.layout.clone(), model.state.clone())? else { return Ok(None) };
     let lacks = DiscrepancyModel::Marginalised(AllFields::along_paths(&fitter, &fit.layout, &fit.state)?);
@@ -121,6 +122,10 @@ impl Progress for StageProgress<'_> {
             PROGRESS_UNITS_PER_STAGE * STAGE_INTERVALS.len() as u64,
         )
     }
+
+    fn check_stop(&self) -> Result<()> {
+        self.whole.check_stop()
+    }
 }
 
 impl DataTempering<'_> {
@@ -141,6 +146,7 @@ impl DataTempering<'_> {
         let open = vec![f64::INFINITY; ready.settings.len()];
         let (windows, noise) = (self.initial_segments(most, &open), self.noise());
         let data = SegmentData::new(&windows, &ready.settings, vec![noise.sd; windows.len()], *engine);
+        let data = data.until_stopped(self.progress);
         let layout =
             from.field.appended_to(self.model.named_terms(), &self.model.layout, ready.setting_names.len());
         let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
@@ -183,6 +189,7 @@ impl DataTempering<'_> {
         let shown = |windows: &[Segment]| {
             let data =
                 SegmentData::new(windows, &ready.settings, vec![ready.engine_sd; windows.len()], *engine);
+            let data = data.until_stopped(self.progress);
             let starts = windows.iter().map(|w| w.nuisances.clone()).collect();
             model::predict(&data, &layout, &FitState::new(values.clone(), starts))
         };

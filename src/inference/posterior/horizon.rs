@@ -20,6 +20,7 @@ use crate::inference::model::{
 };
 use crate::inference::segment::{Observation, Segment, SegmentKind, remove_overlaps};
 use crate::inference::statistics::median;
+use crate::progress::Progress;
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, ParameterVector};
 
@@ -60,6 +61,8 @@ impl PreparedModel {
 /// Data of the fits.
 pub struct FitData<'a> {
     pub ready: &'a PreprocessedData,
+    /// Ends the computation once it is cancelled.
+    pub progress: &'a dyn Progress,
     /// Observations by trial.
     pub observed: &'a [&'a Trajectory],
     pub engine: Engine,
@@ -162,7 +165,8 @@ impl SegmentStates {
         let windows: Vec<Segment> =
             grounds.ready.untrimmed.iter().filter(|w| w.kind == SegmentKind::MultiStep).cloned().collect();
         let sd = vec![grounds.ready.engine_sd; windows.len()];
-        let mut data = SegmentData::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let data = SegmentData::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let mut data = data.until_stopped(grounds.progress);
         let start = FitState::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
         let nuisances = base_model::initialise_nuisances(&data, grounds.observed, layout, &start)?;
         let (state, pass) = model::fit(&data, layout, FitState { nuisances, ..start }, GAUSS_NEWTON_STEPS)?;
@@ -223,7 +227,8 @@ impl SegmentStates {
             _ => grounds.ready.noise.sd,
         };
         let sd = windows.iter().map(scale).collect();
-        let mut data = SegmentData::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        let data = SegmentData::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        let mut data = data.until_stopped(grounds.progress);
         data.cached_jacobians =
             windows.iter().map(|w| of(w).map(|k| k.frozen.clone()).unwrap_or_default()).collect();
         let start = |w: &Segment| of(w).map_or_else(|| w.nuisances.clone(), |k| k.nuisances.clone());

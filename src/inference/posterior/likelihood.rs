@@ -51,7 +51,8 @@ impl TrialLikelihood {
         }
         fit_models(scene, trials, config, progress, |models, ready| {
             let model = &models[0].model;
-            let (density, numbers, reference, fit) = LikelihoodBuilder { model, ready, config }.build()?;
+            let (density, numbers, reference, fit) =
+                LikelihoodBuilder { model, ready, config, progress }.build()?;
             Ok(TrialLikelihood {
                 set: config.sets[0].clone(),
                 parameters: numbers,

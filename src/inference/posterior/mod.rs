@@ -96,7 +96,7 @@ pub fn posterior(
         let mut sets = Vec::with_capacity(models.len());
         let mut noise = f64::INFINITY;
         for (s, WeightedModel { model, weight, log_evidence }) in models.iter().enumerate() {
-            let own = LikelihoodBuilder { model, ready, config };
+            let own = LikelihoodBuilder { model, ready, config, progress };
             let (density, numbers, reference, fit) = own.build()?;
             // A field adds many parameters, and particles take longer to decorrelate.
             let more = if model.field.is_some() { FIELD_MOVE_FACTOR } else { 1 };

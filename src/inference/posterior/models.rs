@@ -46,7 +46,7 @@ pub fn fit_models<T>(
             "latents in the scene's calibrate list, or sets of effects; otherwise there are no parameters";
         return Err(Error::input("calibrate", "none", allowed));
     }
-    let ready = match preprocess(scene, trials, config.engine, MAX_HORIZON, &[])? {
+    let ready = match preprocess(scene, trials, config.engine, MAX_HORIZON, &[], progress)? {
         Ok(ready) => ready,
         Err(lack) => return Err(Error::input("trials", lack.reason, lack.action)),
     };
@@ -60,14 +60,14 @@ pub fn fit_models<T>(
         false => None,
     };
     let windows = begun.as_deref().unwrap_or(&ready.segments);
-    let opened = fit_base(scene, trials, &ready, windows, &latents, (config.engine, config.seed))?;
+    let opened = fit_base(scene, trials, &ready, windows, &latents, (config.engine, config.seed, progress))?;
     let fitter = ModelFitter::new(&opened.data, &ready.noise);
     let base = fitter.run_gls(opened.layout, opened.state)?.ok_or_else(base_model_failed)?;
     let mut candidates = candidates::candidates(scene, &candidates::summarise(fitter.data.segments));
     add_strong_starts(&fitter, &base, &mut candidates)?;
     let hunt = ModelSearch::new(&fitter, candidates, &latents, config.seed);
-    let grounds =
-        FitData { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
+    let (observed, engine, seed) = (&opened.observed[..], config.engine, config.seed);
+    let grounds = FitData { ready: &ready, progress, observed, engine, seed };
     let (mut models, mut log_evidences) = (Vec::new(), Vec::new());
     for (i, set) in config.sets.iter().enumerate() {
         progress.report("fitting sets of effects", i as u64, config.sets.len() as u64)?;
@@ -118,6 +118,8 @@ pub struct LikelihoodBuilder<'a> {
     pub model: &'a PreparedModel,
     pub ready: &'a PreprocessedData,
     pub config: &'a PosteriorConfig,
+    /// Ends the computation once it is cancelled.
+    pub progress: &'a dyn Progress,
 }
 
 impl LikelihoodBuilder<'_> {
@@ -125,6 +127,7 @@ impl LikelihoodBuilder<'_> {
     pub fn build(&self) -> Result<(LogLikelihood, Vec<ParameterPrior>, ReferenceDensity, Vec<f64>)> {
         let PreparedModel { windows, sd, layout, state, noise, .. } = self.model;
         let data = SegmentData::new(windows, &self.ready.settings, sd.clone(), self.config.engine);
+        let data = data.until_stopped(self.progress);
         let fitter = ModelFitter::new(&data, noise);
         let fit = fitter.run_gls(layout.clone(), state.clone())?;
         let fit = fit.ok_or_else(|| {

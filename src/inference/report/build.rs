@@ -160,7 +160,7 @@ fn per_trial(
         };
         linearizations = others;
     }
-    Ok((launches, predictive_check::predictive_check(&fitter, checked, &linearizations, used)))
+    Ok((launches, predictive_check::predictive_check(&fitter, checked, &linearizations, used)?))
 }
 
 /// Predictive standard deviations of residuals; `view` may have more terms than the model whose components
@@ -178,7 +178,7 @@ fn predictive_sds(input: &ReportInput, model: &FittedModel, view: ModelView) -> 
             input.noise,
         )
     };
-    Ok(linearizations.map(of))
+    linearizations.map(of).transpose()
 }
 
 /// Report for insufficient data.

@@ -97,6 +97,7 @@ pub fn evidence(
     let paths = model::segment_states(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, segment) in data.segments.iter().enumerate() {
+        data.progress.check_stop()?;
         if segment.kind == SegmentKind::Contact {
             out.bounces.extend(bounce_record(segment, w, base, model));
             continue;

@@ -72,7 +72,7 @@ pub fn base_misfit(
 ) -> BaseMisfit {
     let (autocorrelation, whiteness_p) = lag_one_correlation(segments, &base.evaluation.residuals);
     BaseMisfit {
-        base_rmse: root_mean_square(&base.evaluation.residuals),
+        base_rmse: root_mean_square(segments, &base.evaluation.residuals),
         floor_rmse: scale.rmse(expected.total()),
         lack_of_fit_p: expected.misfit_of(base, segments).1,
         whiteness_p,
@@ -104,9 +104,16 @@ pub fn unexplained_share(
 }
 
 /// Root mean square of all used coordinates, m.
-fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
-    let known = || residuals.iter().flatten().filter(|r| r.is_finite());
-    (known().map(|r| r * r).sum::<f64>() / known().count().max(1) as f64).sqrt()
+fn root_mean_square(segments: &[Segment], residuals: &[Vec<f64>]) -> f64 {
+    let (mut square, mut count) = (0.0, 0.0);
+    for (segment, residuals) in segments.iter().zip(residuals) {
+        square += segment.within_blocks.sum_of_squares;
+        for (i, r) in residuals.iter().enumerate().filter(|(_, r)| r.is_finite()) {
+            let weight = segment.observations[i / 2].weight;
+            (square, count) = (square + weight * r * r, count + weight);
+        }
+    }
+    (square / f64::max(count, 1.0)).sqrt()
 }
 
 /// Lag-1 autocorrelation of residuals, and its p-value.
@@ -132,6 +139,7 @@ fn lag_one_correlation(segments: &[Segment], residuals: &[Vec<f64>]) -> (f64, f6
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inference::testing::segments::flights;
 
     #[test]
     fn gain_is_the_removed_share_of_the_excess() {
@@ -144,6 +152,7 @@ mod tests {
 
     #[test]
     fn unused_coordinates_are_ignored() {
-        assert_eq!(root_mean_square(&[vec![3.0, f64::NAN], vec![4.0]]), 12.5f64.sqrt());
+        let (segments, _) = flights([0.0; 2], 2);
+        assert_eq!(root_mean_square(&segments, &[vec![3.0, f64::NAN], vec![4.0]]), 12.5f64.sqrt());
     }
 }

@@ -65,6 +65,7 @@ pub fn formula_terms(data: &SegmentData, model: &FittedModel, noise: &Noise) -> 
             (DMatrix::zeros(functions.len(), functions.len()), DVector::zeros(functions.len()));
         let (mut total, mut count) = (0.0, 0);
         for (w, accelerations) in &flights {
+            data.progress.check_stop()?;
             let (columns, r) = responses(&segments[*w], &model.evaluation.residuals[*w], axis, accelerations);
             gram += columns.tr_mul(&columns);
             score += columns.tr_mul(&r);
@@ -201,9 +202,12 @@ fn responses(
         }
     }
     let used: Vec<usize> = (0..t.len()).filter(|i| residual[2 * i + axis].is_finite()).collect();
-    let mut columns = DMatrix::from_fn(used.len(), accelerations.len(), |i, k| columns[(used[i], k)]);
-    let mut r = DVector::from_fn(used.len(), |i, _| residual[2 * used[i] + axis]);
-    let start = DMatrix::from_fn(used.len(), 2, |i, k| if k == 0 { 1.0 } else { t[used[i]] });
+    // A mean of several observations has their total weight.
+    let weight = |i: usize| segment.observations[used[i]].weight.sqrt();
+    let mut columns =
+        DMatrix::from_fn(used.len(), accelerations.len(), |i, k| weight(i) * columns[(used[i], k)]);
+    let mut r = DVector::from_fn(used.len(), |i, _| weight(i) * residual[2 * used[i] + axis]);
+    let start = DMatrix::from_fn(used.len(), 2, |i, k| weight(i) * if k == 0 { 1.0 } else { t[used[i]] });
     let project = pseudo_inverse(&start.tr_mul(&start)) * start.transpose();
     columns -= &start * (&project * &columns);
     r -= &start * (&project * &r);

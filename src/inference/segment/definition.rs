@@ -88,6 +88,8 @@ pub struct Segment {
     pub scene_effects: Vec<ActiveEffect>,
     /// Polynomial fit of the observations, for the noise estimate.
     pub smooth: Option<PolynomialSmooth>,
+    /// Variation within the blocks whose means the observations are.
+    pub within_blocks: WithinBlockVariation,
 }
 
 /// One observed position.
@@ -99,7 +101,7 @@ pub struct Observation {
     pub time: f64,
     /// m
     pub position: [f64; 2],
-    /// 1, or 0 for an outlier.
+    /// Number of observations that it is the mean of (1 unless the segment is long); 0 for an outlier.
     pub weight: f64,
 }
 
@@ -124,12 +126,22 @@ pub struct Surface {
     pub spin_prior_sd: f64,
 }
 
+/// Variation within blocks of averaged observations.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WithinBlockVariation {
+    /// Number of observations less the number of blocks.
+    pub merged_count: usize,
+    /// Sum of squared deviations from the block means, of both coordinates, m^2.
+    pub sum_of_squares: f64,
+}
+
 impl Segment {
     /// A segment of a validated scene, without nuisances, surface and polynomial fit, of the first trial.
     pub fn new(kind: SegmentKind, scene: Scene, start: f64, observations: Vec<Observation>) -> Segment {
         let scene_effects = effect::scene_effects(&scene).unwrap_or_default();
         let nuisances = Vec::new();
         let (trial, setting, contacts_established, surface, smooth) = (0, 0, false, None, None);
+        let within_blocks = WithinBlockVariation::default();
         Segment {
             trial,
             setting,
@@ -142,6 +154,7 @@ impl Segment {
             surface,
             scene_effects,
             smooth,
+            within_blocks,
         }
     }
 

@@ -2,13 +2,14 @@
 //!
 //! `definition`: kinds of segments. `segmentation`: cuts trials. `single_body`: flights, bounces and rolling
 //! of one body, by detected contacts (`contact_detection`) and holds (`holds`); `full_state`: segments of all
-//! bodies of trials whose initial state is known.
+//! bodies of trials whose initial state is known. `block_averages`: averages of long segments.
 //!
 //! Source: multiple shooting (Bock 1983).
 //!
 //! Differences from the source: initial states of segments are nuisance parameters and are not tied together,
 //! so that errors of contact models do not affect estimates of motion.
 
+mod block_averages;
 mod contact_detection;
 mod definition;
 mod full_state;
@@ -16,6 +17,7 @@ mod holds;
 mod segmentation;
 mod single_body;
 
+pub use block_averages::average_blocks;
 pub use definition::{
     MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, any_known_initial_state,
     any_multi_step, any_one_step,

@@ -3,6 +3,8 @@
 use super::definition::Segment;
 use super::full_state::{initial_segment, multi_step_segments, one_step_segments};
 use super::single_body::single_body_segments;
+use crate::error::Result;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 
@@ -13,15 +15,23 @@ const MIN_ONE_STEP_PER_TRIAL: usize = 3;
 
 /// All segments of all trials; `settings[i]` is the index of the setting of trial i, `run` the maximum number
 /// of intervals of an initial segment.
-pub fn segment_trials(base: &Scene, trials: &[Trial], settings: &[usize], run: usize) -> Vec<Segment> {
+pub fn segment_trials(
+    base: &Scene,
+    trials: &[Trial],
+    settings: &[usize],
+    run: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Segment>> {
     let most = ONE_STEP_SEGMENTS.div_ceil(trials.len().max(1)).max(MIN_ONE_STEP_PER_TRIAL);
     let bare = base.without_settings();
-    let of = |(i, trial): (usize, &Trial)| {
+    let mut out = Vec::new();
+    for (i, trial) in trials.iter().enumerate() {
+        progress.report("segmenting trials", i as u64, trials.len() as u64)?;
         let placed = bare.with_setting(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
         let own = trial_segments(&placed, trial, most, run);
-        own.into_iter().map(move |w| Segment { trial: i, setting: settings[i], ..w })
-    };
-    trials.iter().enumerate().flat_map(of).collect()
+        out.extend(own.into_iter().map(|w| Segment { trial: i, setting: settings[i], ..w }));
+    }
+    Ok(out)
 }
 
 /// Segments of a trial: one-step or initial segments of all bodies if the initial state is known; single-body
@@ -63,6 +73,7 @@ mod tests {
 
     use super::super::SegmentKind;
     use super::*;
+    use crate::progress::NoProgress;
     use crate::reality::trials_from_csv;
 
     /// A ball at 1 m/s whose height is a function of its horizontal position (m).
@@ -79,7 +90,7 @@ mod tests {
             let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
             let _ = writeln!(csv, "a,{x},ball,{},{}", x + noise(0), height(x) + noise(7));
         }
-        segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8)
+        segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8, &NoProgress).unwrap()
     }
 
     /// A camera turned by a fifth of a degree shows a ball up to a centimetre off the floor that it rolls on.

@@ -3,13 +3,14 @@
 //!
 //! If every set estimated its variance components, a wrong set could attribute its misfit to them. They are
 //! therefore estimated once, for the richest model: lift, quadratic drag, wind, every contact law, and the
-//! most probable kind of force field (without flights, a discrepancy as large as the acceleration beyond
-//! gravity). This is the pure error of the recording.
+//! shared discrepancy or the most probable kind of force field (without flights, a discrepancy as large as the
+//! acceleration beyond gravity), whichever is more probable. This is the pure error of the recording.
 //!
 //! Source: pattern search: Hooke and Jeeves, J. ACM 8 (1961) 212; pure error: Box and Draper, Empirical Model-Building and
 //! Response Surfaces (1987), 3.4.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use super::discrepancy::SharedDiscrepancy;
 use super::laplace::at_scale;
@@ -26,6 +27,7 @@ use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::model::{self, Term};
 use crate::inference::segment::SegmentKind;
 use crate::inference::selection::candidates::Candidate;
+use crate::progress::Progress;
 use crate::world::effect::EffectTarget;
 
 /// Prior standard deviation of a field's coefficients, m/s^2.
@@ -59,13 +61,11 @@ pub fn context(
     let responses = acceleration_responses(&linearizations, model.layout.parameters.len());
     let whole = RecordingContext { discrepancy, components: model.components.clone(), responses };
     let own = ModelFitter { context: Some(whole.clone()), ..fitter.clone() };
-    let Some(groups) = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations) else {
+    let Some(groups) = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations)? else {
         return Ok(whole);
     };
-    let start = RecordingContext {
-        discrepancy: whole.discrepancy.reduced(&groups, model.layout.parameters.len()),
-        ..whole
-    };
+    let discrepancy = whole.discrepancy.reduced(fitter.data, &groups, model.layout.parameters.len())?;
+    let start = RecordingContext { discrepancy, ..whole };
     let own = ModelFitter { context: Some(start.clone()), ..own };
     let components = components(&own, model, start.discrepancy.broad_ratio)?;
     Ok(RecordingContext { components: components.unwrap_or_else(|| start.components.clone()), ..start })
@@ -96,33 +96,32 @@ fn richest(
 fn discrepancy_groups(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<Group>>> {
     let linearizations =
         model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
-    Ok(fitter.groups_with_discrepancy(&model.layout, &model.state, &linearizations))
+    fitter.groups_with_discrepancy(&model.layout, &model.state, &linearizations)
 }
 
-/// Most probable components of a model with the most probable field: of any inputs if there are flights,
-/// otherwise the shared discrepancy at `broad` times its largest plausible size.
+/// Most probable components of a model with the most probable field: the shared discrepancy at its largest
+/// plausible size, or a force field of any inputs if there are flights, otherwise the shared discrepancy at
+/// `broad` times that size.
 fn components(fitter: &ModelFitter, model: &FittedModel, broad: f64) -> Result<Option<VarianceComponents>> {
     let mut fields: Vec<(Vec<Group>, f64)> =
         field::groups_by_inputs(fitter, model)?.into_iter().map(|groups| (groups, FIELD_SD)).collect();
-    if fields.is_empty() {
-        fields.extend(discrepancy_groups(fitter, model)?.map(|groups| (groups, broad)));
+    if let Some(groups) = discrepancy_groups(fitter, model)? {
+        if fields.is_empty() {
+            fields.push((groups.clone(), broad));
+        }
+        fields.push((groups, 1.0));
     }
     let prior = fitter.prior(&model.layout, &model.state);
     let scales = ComponentScales::of(fitter);
     let start = scales.start();
     let best = |(groups, broad): &(Vec<Group>, f64)| {
         let start = start.clone();
-        ComponentObjective {
-            groups,
-            prior: &prior,
-            broad: *broad,
-            start,
-            scales,
-            cross_products: HashMap::new(),
-        }
-        .maximise()
+        let (cross_products, progress) = (HashMap::new(), fitter.data.progress);
+        ComponentObjective { groups, prior: &prior, broad: *broad, start, scales, cross_products, progress }
+            .maximise()
     };
-    let best = fields.iter().map(best).max_by(|a, b| a.0.total_cmp(&b.0));
+    let all = fields.iter().map(best).collect::<Result<Vec<_>>>()?;
+    let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(best.map(|(_, components)| components))
 }
 
@@ -179,24 +178,27 @@ struct ComponentObjective<'a> {
     scales: ComponentScales,
     /// By the discrepancy component.
     cross_products: HashMap<u64, Vec<CrossProducts>>,
+    progress: &'a dyn Progress,
 }
 
 impl ComponentObjective<'_> {
     /// Maximum and its components.
-    fn maximise(&mut self) -> (f64, VarianceComponents) {
+    fn maximise(&mut self) -> Result<(f64, VarianceComponents)> {
         let mut logs = self.start.log_values();
-        let mut best = self.at(&logs);
+        let mut best = self.at(&logs)?;
         let mut steps = vec![-FIRST_STEP; logs.len()];
         let least: Vec<f64> = logs.iter().map(|l| l - MAX_LOG_DECREASE).collect();
         while steps.iter().any(|s| s.abs() >= SHORTEST_STEP) {
             for k in (0..logs.len()).filter(|k| steps[*k].abs() >= SHORTEST_STEP).collect::<Vec<_>>() {
-                let mut moved = |way: f64| {
+                let mut moved = |way: f64| -> Result<Option<(f64, Vec<f64>, f64)>> {
                     let mut moved = logs.clone();
                     moved[k] = (moved[k] + way).max(least[k]);
-                    let value = self.at(&moved);
-                    (value > best).then_some((value, moved, way))
+                    let value = self.at(&moved)?;
+                    Ok((value > best).then_some((value, moved, way)))
                 };
-                match moved(steps[k]).or_else(|| moved(-steps[k])) {
+                let onwards = moved(steps[k])?;
+                let better = if onwards.is_some() { onwards } else { moved(-steps[k])? };
+                match better {
                     Some((value, moved, way)) => {
                         (best, logs) = (value, moved);
                         steps[k] = (STEP_GROWTH * way).clamp(-2.0 * FIRST_STEP, 2.0 * FIRST_STEP);
@@ -205,22 +207,29 @@ impl ComponentObjective<'_> {
                 }
             }
         }
-        (best, self.start.with_log_values(&logs))
+        Ok((best, self.start.with_log_values(&logs)))
     }
 
-    fn at(&mut self, logs: &[f64]) -> f64 {
+    fn at(&mut self, logs: &[f64]) -> Result<f64> {
         let components = self.start.with_log_values(logs);
         let columns: Vec<usize> =
             (0..self.groups.first().map_or(0, |p| p.blocks[0].jacobian.ncols())).collect();
         let (groups, slow) = (self.groups, components.discrepancy);
-        let products = self.cross_products.entry(slow.to_bits());
-        let products =
-            products.or_insert_with(|| groups.iter().map(|p| CrossProducts::of(p, &columns, slow)).collect());
+        let products = match self.cross_products.entry(slow.to_bits()) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(free) => {
+                let each = groups
+                    .iter()
+                    .map(|p| self.progress.check_stop().map(|()| CrossProducts::of(p, &columns, slow)));
+                free.insert(each.collect::<Result<_>>()?)
+            }
+        };
+        self.progress.check_stop()?;
         let statistics = products.iter().zip(groups).map(|(w, p)| w.statistics(p, &columns, &components));
         let statistics: Option<Vec<GroupStatistics>> = statistics.collect();
         let evidence = statistics
             .and_then(|statistics| Some(at_scale(&statistics, self.prior, self.broad)?.log_evidence));
-        evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components))
+        Ok(evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components)))
     }
 }
 

@@ -4,22 +4,29 @@
 //! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
 //! contain another one as a special case. If the empty set is in it the verdict is `none`; with one set
 //! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
-//! predictable misfit, if an unnamed field is certain in addition to the set or more probable than it, or if
-//! an amplitude is at a bound. It is also `unknown`, without a reported set, if the sets do not certainly
-//! remove half of the error.
+//! predictable misfit, if an unnamed field or a shared discrepancy larger than plausible is certain in addition
+//! to the set, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
+//! `unknown`, without a reported set, if the sets do not certainly remove half of the error.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
 //! (1994) 1535, for the exclusion of models with an equally probable simpler one.
 
 use super::explained::{ExplainedShare, Explanation, explanation};
+use super::laplace::{at_scale, marginal_evidence};
 use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::inference::field::{self, FieldFit};
+use crate::inference::mixed_model::group_statistics::group_statistics;
 use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::random_design::nuisance_accelerations;
+use crate::inference::model;
 use crate::inference::report::Verdict;
 use crate::inference::selection::search::{SearchResult, log_prior};
 use crate::world::effect::Effect;
+
+/// Multiples of the largest plausible shared discrepancy that are compared with it for the reported model.
+const OVERSIZE_FACTORS: [f64; 3] = [2.0, 4.0, 8.0];
 
 /// A verdict with its reasons.
 pub struct Decision {
@@ -88,7 +95,9 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
         check_necessity(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
-    let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let by_field = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let by_size = oversize_log_bayes_factor(fitter, champion)?;
+    let field_log_bayes_factor = by_field.into_iter().chain(by_size).max_by(f64::total_cmp);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]]
         + field_log_bayes_factor.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
@@ -160,11 +169,33 @@ fn check_necessity(
     Ok((rivals, first, true))
 }
 
+/// Log Bayes factor of a shared discrepancy of several times its largest plausible size over a plausible one,
+/// for a model; `None` without shared discrepancy.
+fn oversize_log_bayes_factor(fitter: &ModelFitter, fit: &FittedModel) -> Result<Option<f64>> {
+    let linearizations = model::linearise(fitter.data, &fit.layout, &fit.state, &nuisance_accelerations())?;
+    let groups = fitter.groups_with_discrepancy(&fit.layout, &fit.state, &linearizations)?;
+    let Some(statistics) = groups.and_then(|groups| group_statistics(&groups, &fit.components)) else {
+        return Ok(None);
+    };
+    if statistics.first().is_none_or(|t| t.gram.ncols() == fit.layout.parameters.len()) {
+        return Ok(None);
+    }
+    let larger: Option<Vec<f64>> =
+        OVERSIZE_FACTORS.iter().map(|s| Some(at_scale(&statistics, &fit.prior, *s)?.log_evidence)).collect();
+    let average = larger.map(|all| log_sum_exp(all) - (OVERSIZE_FACTORS.len() as f64).ln());
+    let plausible = marginal_evidence(&statistics, &fit.prior);
+    Ok(average.zip(plausible).map(|(larger, plausible)| larger - plausible.log_evidence))
+}
+
 /// Whether an unnamed field is certain, given its log Bayes factor; its prior probability is that of an
 /// effect.
 fn is_certain(nats: f64) -> bool {
-    let (p, c) = (SETTINGS.inclusion, SETTINGS.confidence);
-    nats + (p / (1.0 - p)).ln() > (c / (1.0 - c)).ln()
+    nats + log_prior(1) > log_odds_of_certainty()
+}
+
+/// Log posterior odds from which a hypothesis is certain.
+fn log_odds_of_certainty() -> f64 {
+    (SETTINGS.confidence / (1.0 - SETTINGS.confidence)).ln()
 }
 
 /// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
@@ -185,9 +216,12 @@ fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
     out
 }
 
-/// The sets that contain no other one as a special case.
+/// The sets that contain no other one as a special case, unless they are certainly more probable than it.
 fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
-    let used = |i: &usize| !sets.iter().any(|j| j != i && contains(&found.fits[*i], &found.fits[*j]));
+    let is_likelier =
+        |i: usize, j: usize| found.log_posterior[i] - found.log_posterior[j] > log_odds_of_certainty();
+    let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !is_likelier(i, j);
+    let used = |i: &usize| !sets.iter().any(|j| j != i && covers(*i, *j));
     sets.iter().copied().filter(used).collect()
 }
 

@@ -4,10 +4,11 @@
 //! No set-up follows a textbook law exactly, and its errors (lens, air in the room, a drag coefficient that
 //! is not quite constant) are the same in all trials. Models therefore predict y = f(theta) + F w + ..., w ~
 //! N(0, s^2 I), with the same w for every trial. The columns of F are the responses of observed positions to
-//! Gaussian radial basis functions, scaled so that s = 1 is the largest plausible discrepancy: see
-//! [`Settings`].
+//! Gaussian radial basis functions, constants and trends, and displacements by a lens and by an oblique view,
+//! scaled so that s = 1 is the largest plausible discrepancy: see [`Settings`].
 //!
-//! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007.
+//! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Brynjarsdottir and O'Hagan, Inverse Probl. 30 (2014) 114007;
+//! radial and decentring distortion of lenses: Brown, Photogramm. Eng. 32 (1966) 444.
 //!
 //! Differences from the sources: basis functions of fixed widths replace a Gaussian process; responses are computed once,
 //! along the paths of the richest model, and are the same for every set of effects.
@@ -15,6 +16,7 @@
 use nalgebra::DMatrix;
 
 use super::settings::Settings;
+use crate::budget::checked;
 use crate::error::Result;
 use crate::inference::dynamics::Impact;
 use crate::inference::field::{RadialBasisFunction, radial_grid, robust_range};
@@ -28,6 +30,10 @@ use crate::inference::statistics::median;
 const POSITION_BUMPS: [usize; 2] = [5, 4];
 const VELOCITY_BUMPS: [usize; 2] = [4, 3];
 const IMPACT_BUMPS: [usize; 2] = [4, 3];
+/// Number of acceleration fields along an axis that are constant or linear in the state.
+const TRENDS: usize = 5;
+/// Number of modes of camera distortion.
+const CAMERA_MODES: usize = 5;
 
 /// Responses of observations to the shared discrepancy.
 #[derive(Clone)]
@@ -52,22 +58,20 @@ impl SharedDiscrepancy {
         settings: &Settings,
     ) -> Result<Self> {
         let paths = model::segment_states(data, layout, state)?;
-        let impacts = (data.segments.iter().enumerate())
-            .map(|(w, segment)| match segment.kind {
-                SegmentKind::Contact => model::impact(segment, w, layout, state),
-                _ => None,
-            })
-            .collect::<Vec<_>>();
-        let typical = typical_acceleration(data, layout, state, &paths);
+        let impacts = data.each_segment(|w, segment| match segment.kind {
+            SegmentKind::Contact => model::impact(segment, w, layout, state),
+            _ => None,
+        })?;
+        let typical = typical_acceleration(data, layout, state, &paths)?;
         let base = settings.discrepancy_of_gravity * acceleration_scale(data, &paths);
         let acceleration = base.hypot(settings.discrepancy_of_acceleration * typical);
         let [x0, y0, x1, y1] = candidates::data_range(data.segments).area;
         let position = settings.discrepancy_of_position * (x1 - x0).max(y1 - y0);
-        let fields = DiscrepancyBasis::over(data.segments, &paths, &impacts);
-        let column = |(w, segment): (usize, &Segment)| {
+        let fields = DiscrepancyBasis::over(data, &paths, &impacts)?;
+        let column = |w: usize, segment: &Segment| {
             fields.responses(segment, &paths[w], impacts[w].as_ref(), [acceleration, position], settings)
         };
-        let columns: Vec<DMatrix<f64>> = data.segments.iter().enumerate().map(column).collect();
+        let columns: Vec<DMatrix<f64>> = data.each_segment(column)?;
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
         let broad = (typical / acceleration).max(3.0 * base / acceleration).max(1.0);
         Ok(SharedDiscrepancy { responses: columns, count, broad_ratio: broad, acceleration })
@@ -81,9 +85,14 @@ const MAX_DIRECTIONS: usize = 40;
 impl SharedDiscrepancy {
     /// Restricts the basis to the directions with most information; an isotropic prior stays isotropic.
     /// `groups`: groups with the basis after the first `parameters` columns.
-    pub fn reduced(&self, groups: &[Group], parameters: usize) -> SharedDiscrepancy {
+    pub fn reduced(
+        &self,
+        data: &SegmentData,
+        groups: &[Group],
+        parameters: usize,
+    ) -> Result<SharedDiscrepancy> {
         if self.count == 0 {
-            return self.clone();
+            return Ok(self.clone());
         }
         let mut information = DMatrix::zeros(self.count, self.count);
         for block in groups.iter().flat_map(|p| &p.blocks) {
@@ -96,8 +105,8 @@ impl SharedDiscrepancy {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(MAX_DIRECTIONS);
         let directions = eigen.eigenvectors.select_columns(&order);
-        let columns = self.responses.iter().map(|c| c * &directions).collect();
-        SharedDiscrepancy { responses: columns, count: order.len(), ..*self }
+        let columns = data.each_segment(|w, _| &self.responses[w] * &directions)?;
+        Ok(SharedDiscrepancy { responses: columns, count: order.len(), ..*self })
     }
 }
 
@@ -112,21 +121,19 @@ fn typical_acceleration(
     layout: &ParameterLayout,
     state: &FitState,
     paths: &[Vec<[f64; 4]>],
-) -> f64 {
-    let of = |(w, segment): (usize, &Segment)| {
+) -> Result<f64> {
+    let of = |w: usize, segment: &Segment| {
+        if !matches!(segment.kind, SegmentKind::Flight | SegmentKind::Rolling) {
+            return None;
+        }
         let values = state.values_in(w);
         let all = model::accelerations(segment, layout, &values, &paths[w]);
         let g = segment.scene.gravity;
         let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
         let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
-        (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
+        Some((square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt())
     };
-    let flights = data
-        .segments
-        .iter()
-        .enumerate()
-        .filter(|(_, w)| matches!(w.kind, SegmentKind::Flight | SegmentKind::Rolling));
-    median(&flights.map(of).collect::<Vec<_>>())
+    Ok(median(&data.each_segment(of)?.into_iter().flatten().collect::<Vec<_>>()))
 }
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
@@ -149,15 +156,23 @@ struct DiscrepancyBasis {
     position: Vec<RadialBasisFunction>,
     velocity: Vec<RadialBasisFunction>,
     impact: Vec<RadialBasisFunction>,
-    /// Root mean square of the sum of squares over visited states and over impacts.
-    state_norm: f64,
-    position_norm: f64,
+    /// Centre and half extent of the visited states (m, m/s).
+    centre: [f64; 4],
+    half_extent: [f64; 4],
+    /// Root of the mean, over visited states and over impacts, of the sum of squared functions along an axis.
+    bump_norm: f64,
+    trend_norm: f64,
+    camera_norm: f64,
     impact_norm: f64,
 }
 
 impl DiscrepancyBasis {
-    fn over(segments: &[Segment], paths: &[Vec<[f64; 4]>], impacts: &[Option<Impact>]) -> DiscrepancyBasis {
-        let states: Vec<[f64; 4]> = (segments.iter().zip(paths))
+    fn over(
+        data: &SegmentData,
+        paths: &[Vec<[f64; 4]>],
+        impacts: &[Option<Impact>],
+    ) -> Result<DiscrepancyBasis> {
+        let states: Vec<[f64; 4]> = (data.segments.iter().zip(paths))
             .filter(|(w, _)| has_free_initial_state(w))
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
@@ -172,36 +187,73 @@ impl DiscrepancyBasis {
         } else {
             radial_grid([hit_range(0), hit_range(1)], IMPACT_BUMPS)
         };
+        let ranges = [0, 1, 2, 3].map(range);
         let mut fields = DiscrepancyBasis {
             position,
             velocity,
             impact,
-            state_norm: 1.0,
-            position_norm: 1.0,
+            centre: ranges.map(|[low, high]| 0.5 * (low + high)),
+            half_extent: ranges.map(|[low, high]| (0.5 * (high - low)).max(1e-9)),
+            bump_norm: 1.0,
+            trend_norm: 1.0,
+            camera_norm: 1.0,
             impact_norm: 1.0,
         };
         let norm =
             |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt().max(1e-12);
-        fields.state_norm =
-            norm(states.iter().map(|s| fields.at_state(*s).iter().map(|f| f * f).sum()).collect());
-        fields.position_norm =
-            norm(states.iter().map(|s| fields.at_position(*s).iter().map(|f| f * f).sum()).collect());
+        let squares = |of: &dyn Fn([f64; 4]) -> Vec<f64>| -> Result<Vec<f64>> {
+            checked(&states, &data.progress).map(|s| Ok(of(*s?).iter().map(|f| f * f).sum())).collect()
+        };
+        fields.bump_norm = norm(squares(&|s| fields.bumps(s).collect())?);
+        fields.trend_norm = norm(squares(&|s| fields.trends(s).to_vec())?);
+        // Displacements are along both axes, the norm is along one.
+        fields.camera_norm = 0.5f64.sqrt() * norm(squares(&|s| fields.displacements(s).concat())?);
         fields.impact_norm =
             norm(hits.iter().map(|h| fields.impact.iter().map(|b| b.at(*h).powi(2)).sum()).collect());
-        fields
+        Ok(fields)
     }
 
     fn count(&self) -> usize {
-        2 * (2 * self.position.len() + self.velocity.len() + self.impact.len())
+        2 * (self.acceleration_count() + self.impact.len()) + CAMERA_MODES
     }
 
-    fn at_position(&self, [x, y, _, _]: [f64; 4]) -> Vec<f64> {
-        self.position.iter().map(|b| b.at([x, y])).collect()
+    /// Displacements of a position by a camera: radial distortion, decentring distortion along x and y, and an
+    /// oblique view along x and y. All vanish at the centre and grow towards the edges.
+    fn displacements(&self, [x, y, _, _]: [f64; 4]) -> [[f64; 2]; CAMERA_MODES] {
+        let half = self.half_extent[0].max(self.half_extent[1]);
+        let [x, y] = [x - self.centre[0], y - self.centre[1]].map(|d| d / half);
+        let square = x * x + y * y;
+        [
+            [square * x, square * y],
+            [square + 2.0 * x * x, 2.0 * x * y],
+            [2.0 * x * y, square + 2.0 * y * y],
+            [x * x, x * y],
+            [x * y, y * y],
+        ]
     }
 
-    fn at_state(&self, [x, y, vx, vy]: [f64; 4]) -> Vec<f64> {
-        let position = self.position.iter().map(|b| b.at([x, y]));
-        position.chain(self.velocity.iter().map(|b| b.at([vx, vy]))).collect()
+    /// Number of acceleration fields along an axis.
+    fn acceleration_count(&self) -> usize {
+        self.position.len() + self.velocity.len() + TRENDS
+    }
+
+    fn bumps(&self, [x, y, vx, vy]: [f64; 4]) -> impl Iterator<Item = f64> {
+        let position = self.position.iter().map(move |b| b.at([x, y]));
+        position.chain(self.velocity.iter().map(move |b| b.at([vx, vy])))
+    }
+
+    /// A constant acceleration, and four that are linear in position and velocity.
+    fn trends(&self, state: [f64; 4]) -> [f64; TRENDS] {
+        let [x, y, vx, vy] = std::array::from_fn(|k| (state[k] - self.centre[k]) / self.half_extent[k]);
+        [1.0, x, y, vx, vy]
+    }
+
+    /// Acceleration fields with a total root mean square of one along an axis; radial basis functions and trends
+    /// have half of the variance each.
+    fn at_state(&self, state: [f64; 4]) -> Vec<f64> {
+        let [bump, trend] = [self.bump_norm, self.trend_norm].map(|norm| 0.5f64.sqrt() / norm);
+        let bumps = self.bumps(state).map(|f| bump * f);
+        bumps.chain(self.trends(state).map(|f| trend * f)).collect()
     }
 
     /// Response of a segment's observations to fields of `acceleration`, m/s^2, displacements of `position`,
@@ -218,12 +270,11 @@ impl DiscrepancyBasis {
         if !has_free_initial_state(segment) || path.iter().flatten().any(|v| !v.is_finite()) {
             return out;
         }
-        self.integrate(segment, path, acceleration / self.state_norm, &mut out);
-        let first = 2 * (self.position.len() + self.velocity.len());
+        self.integrate(segment, path, acceleration, &mut out);
+        let first = 2 * self.acceleration_count();
         for (i, state) in path.iter().enumerate() {
-            for (k, f) in self.at_position(*state).into_iter().enumerate() {
-                let moved = position / self.position_norm * f;
-                (0..2).for_each(|axis| out[(2 * i + axis, first + 2 * k + axis)] = moved);
+            for (k, moved) in self.displacements(*state).into_iter().enumerate() {
+                (0..2).for_each(|a| out[(2 * i + a, first + k)] = position / self.camera_norm * moved[a]);
             }
         }
         if let (Some(impact), Some(surface)) = (impact, &segment.surface) {
@@ -232,7 +283,7 @@ impl DiscrepancyBasis {
             let sizes =
                 [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
             let [nx, ny] = surface.normal;
-            let first = first + 2 * self.position.len();
+            let first = first + CAMERA_MODES;
             for (k, bump) in self.impact.iter().enumerate() {
                 let current = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
@@ -253,7 +304,7 @@ impl DiscrepancyBasis {
             (Some(surface), SegmentKind::Rolling) => Some([surface.normal[1], -surface.normal[0]]),
             _ => None,
         };
-        let count = self.position.len() + self.velocity.len();
+        let count = self.acceleration_count();
         let (mut speed, mut moved) = (vec![0.0; count], vec![0.0; count]);
         let mut before: Option<(f64, Vec<f64>)> = None;
         for (i, (point, state)) in segment.observations.iter().zip(path).enumerate() {
@@ -300,8 +351,8 @@ mod tests {
         let (segments, settings) = flights([0.0; 2], 4);
         let found = discrepancy_of(&segments, &settings);
         assert!((found.acceleration - 0.0981).abs() < 1e-6, "{}", found.acceleration);
-        let fields =
-            2 * (POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>());
+        let bumps = POSITION_BUMPS.iter().product::<usize>() + VELOCITY_BUMPS.iter().product::<usize>();
+        let fields = 2 * (bumps + TRENDS);
         let rows = |c: &DMatrix<f64>| c.columns(0, fields).row(c.nrows() - 2).norm();
         let time = segments[0].observations[19].time;
         let expected = 0.5 * found.acceleration * time * time;

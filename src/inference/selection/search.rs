@@ -4,6 +4,7 @@
 //! sets are tried while the best of a size is more probable than every smaller one.
 
 use std::cmp::Ordering;
+use std::sync::{Mutex, PoisonError};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -81,12 +82,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     }
 
     /// Searches sets of up to `most` effects.
-    pub fn search(
-        &mut self,
-        base: FittedModel,
-        most: usize,
-        progress: &dyn Progress,
-    ) -> Result<SearchResult> {
+    pub fn search(&self, base: FittedModel, most: usize, progress: &dyn Progress) -> Result<SearchResult> {
         let base_log_posterior = base.log_evidence;
         let mut found = SearchResult {
             base,
@@ -95,7 +91,6 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             base_log_posterior,
             failed: Vec::new(),
         };
-        self.drop_unidentifiable(&found.base)?;
         for size in 1..=most {
             let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"];
             let before = found.best_log_posterior();
@@ -110,11 +105,11 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             };
             let candidate_sets =
                 self.expand(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
-            progress.report(stage[size.min(3) - 1], 0, candidate_sets.len() as u64)?;
-            self.fit_sets(&mut found, candidate_sets)?;
+            let stage = (progress, stage[size.min(3) - 1]);
+            self.fit_sets(&mut found, candidate_sets, stage)?;
             if size > 1 {
                 let simple = self.special_cases(&found, size);
-                self.fit_sets(&mut found, simple)?;
+                self.fit_sets(&mut found, simple, stage)?;
                 self.refit_subsets(&mut found, size)?;
             }
             if found.best_log_posterior() <= before {
@@ -169,10 +164,23 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         linear.map(joined).chain(strong).collect()
     }
 
-    fn fit_sets(&self, found: &mut SearchResult, candidate_sets: Vec<CandidateSet>) -> Result<()> {
+    fn fit_sets(
+        &self,
+        found: &mut SearchResult,
+        candidate_sets: Vec<CandidateSet>,
+        (progress, stage): (&dyn Progress, &str),
+    ) -> Result<()> {
         let names: Vec<Vec<&'static str>> = candidate_sets.iter().map(|u| u.names.clone()).collect();
-        let fitted: Vec<Result<Option<FittedModel>>> =
-            candidate_sets.into_par_iter().map(|u| self.fit_set(u)).collect();
+        let (total, done) = (candidate_sets.len() as u64, Mutex::new(0));
+        progress.report(stage, 0, total)?;
+        let fit = |candidate_set: CandidateSet| {
+            let fitted = self.fit_set(candidate_set)?;
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            *done += 1;
+            progress.report(stage, *done, total)?;
+            Ok(fitted)
+        };
+        let fitted: Vec<Result<Option<FittedModel>>> = candidate_sets.into_par_iter().map(fit).collect();
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
@@ -288,12 +296,10 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         Ok(all)
     }
 
-    /// Drops candidates that the data cannot identify.
-    fn drop_unidentifiable(&mut self, base: &FittedModel) -> Result<()> {
-        let Some(tests) = self.screen(base)? else { return Ok(()) };
-        let mut tests = tests.into_iter();
-        self.library.retain(|_| tests.next().is_some_and(|t| !t.is_empty()));
-        Ok(())
+    /// The candidates that the data can identify: the nuisances do not absorb the response to a plausible amplitude.
+    pub fn identifiable(self, base: &FittedModel) -> Result<Vec<Candidate>> {
+        let Some(tests) = self.screen(base)? else { return Ok(self.library) };
+        Ok(self.library.into_iter().zip(tests).filter(|(_, tests)| !tests.is_empty()).map(|c| c.0).collect())
     }
 
     /// Score tests by candidate, best first; empty for effects in the model.
@@ -324,6 +330,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
+            self.fitter.data.progress.check_stop()?;
             let term = &self.library[c].starts[s];
             let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
             let weak = amplitude_precisions(term);

@@ -143,7 +143,8 @@ impl<'a> StartGrid<'a> {
     /// Negative log likelihood of the trials, each with its scale integrated out, and the fitted state.
     fn fitted(&self, layout: &ParameterLayout, start: FitState) -> Result<Option<(f64, FitState)>> {
         let data = self.fitter.data;
-        let data = SegmentData::new(&self.segments, data.settings, self.sd.clone(), data.engine);
+        let data = SegmentData::new(&self.segments, data.settings, self.sd.clone(), data.engine)
+            .until_stopped(data.progress);
         let Some((state, pass)) = none_if_not_simulable(model::fit(&data, layout, start, STEPS))? else {
             return Ok(None);
         };
@@ -163,7 +164,8 @@ impl<'a> StartGrid<'a> {
     fn residual_dof(&self) -> Vec<(usize, f64)> {
         let mut out: Vec<(usize, f64)> = Vec::new();
         for segment in &self.segments {
-            let count = (2.0 * segment.observations.len() as f64 - segment.nuisances.len() as f64).max(1.0);
+            let observations = (segment.observations.len() + segment.within_blocks.merged_count) as f64;
+            let count = (2.0 * observations - segment.nuisances.len() as f64).max(1.0);
             match out.last_mut().filter(|(trial, _)| *trial == segment.trial) {
                 Some((_, all)) => *all += count,
                 None => out.push((segment.trial, count)),

@@ -4,6 +4,7 @@ use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
 use crate::inference::model::{FitState, ParameterLayout, SegmentData, Term};
 use crate::inference::segment::{Segment, SegmentKind, segment_trials};
+use crate::progress::NoProgress;
 use crate::reality::{Trial, trials_from_csv};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -33,7 +34,7 @@ pub fn observed_trials(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
 /// Segments of trials of one setting, and the settings.
 fn segments(base: &Scene, trials: &[Trial]) -> (Vec<Segment>, Vec<usize>) {
     let settings = vec![0; trials.len()];
-    (segment_trials(base, trials, &settings, 8), settings)
+    (segment_trials(base, trials, &settings, 8, &NoProgress).unwrap(), settings)
 }
 
 /// Throws at 3 m/s sideways and 4 m/s or more upwards in a wind, m/s^2, observed 20 times in 0.76 s without

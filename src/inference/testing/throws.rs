@@ -7,6 +7,7 @@ use crate::inference::report::Verdict;
 use crate::inference::segment::{self, Segment};
 use crate::inference::selection::Decision;
 use crate::inference::testing::segments::term;
+use crate::progress::NoProgress;
 use crate::reality::trials_from_csv;
 use crate::rng;
 use crate::task::ball::BallScene;
@@ -38,7 +39,14 @@ pub fn throws(drags: &[f64], seed: u64) -> Vec<Segment> {
             csv += &format!("{trial},{t},ball,{x},{y}\n");
         }
     }
-    segment::segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8)
+    segment::segment_trials(
+        &scene,
+        &trials_from_csv(&csv, &scene).unwrap(),
+        &vec![0; drags.len()],
+        8,
+        &NoProgress,
+    )
+    .unwrap()
 }
 
 /// Fits a set of effects to such trials and passes the fit to `of`.
@@ -50,14 +58,7 @@ pub fn with_fit<T>(
 ) -> T {
     let segments = throws(drags, seed);
     let settings = vec![0; drags.len()];
-    let data = SegmentData {
-        segments: &segments,
-        trial_count: drags.len(),
-        settings: &settings,
-        sd: vec![NOISE; segments.len()],
-        cached_jacobians: Vec::new(),
-        engine: Engine::Auto,
-    };
+    let data = SegmentData::new(&segments, &settings, vec![NOISE; segments.len()], Engine::Auto);
     let fitter = ModelFitter::new(&data, &Noise { sd: NOISE, rho: 0.0, degrees_of_freedom: 1e3 });
     let layout = ParameterLayout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
     let values = layout.initial_values(&[0.0; 3]);

@@ -18,6 +18,7 @@ use crate::inference::report::{Diagnosis, OddTrial};
 use crate::inference::segment::Segment;
 use crate::inference::selection::SETTINGS;
 use crate::inference::trial_checks::predictive_check::fisher_combine;
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::world::Engine;
@@ -46,13 +47,17 @@ pub fn odd_trials(
     left_out: &[usize],
     model: &FittedModel,
     (noise, engine): (&Noise, Engine),
+    progress: &dyn Progress,
 ) -> Result<Vec<OddTrial>> {
     let mut out = Vec::new();
     if left_out.is_empty() {
         return Ok(out);
     }
-    let Ok(ready) = preprocess(scene, trials, engine, MAX_INITIAL_INTERVALS, &[])? else { return Ok(out) };
+    let Ok(ready) = preprocess(scene, trials, engine, MAX_INITIAL_INTERVALS, &[], progress)? else {
+        return Ok(out);
+    };
     for trial in left_out {
+        progress.check_stop()?;
         let Some(place) = ready.trial_indices.iter().position(|k| k == trial) else { continue };
         let own = |w: &&Segment| w.trial == place && !w.kind.uses_engine();
         let segments: Vec<Segment> =

@@ -11,8 +11,10 @@
 //! Differences from the sources: the trial is held out with its fold; nothing is sampled.
 
 use crate::distribution::f_survival;
+use crate::error::Result;
 use crate::inference::mixed_model::cross_validation;
 use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
+use crate::inference::mixed_model::groups::Group;
 use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
 use crate::inference::model::Linearization;
 use crate::inference::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
@@ -27,9 +29,20 @@ pub fn predictive_check(
     model: &FittedModel,
     linearizations: &[Linearization],
     used: &[usize],
-) -> Option<PredictiveCheck> {
+) -> Result<Option<PredictiveCheck>> {
     let groups = fitter.groups_with_discrepancy(&model.layout, &model.state, linearizations)?;
-    let statistics = group_statistics::group_statistics(&groups, &model.components)?;
+    fitter.data.progress.check_stop()?;
+    Ok(groups.and_then(|groups| check_groups(fitter, model, &groups, used)))
+}
+
+/// Predictive checks of the trials of some groups.
+fn check_groups(
+    fitter: &ModelFitter,
+    model: &FittedModel,
+    groups: &[Group],
+    used: &[usize],
+) -> Option<PredictiveCheck> {
+    let statistics = group_statistics::group_statistics(groups, &model.components)?;
     let prior = model.prior.with_discrepancy(statistics.first()?.gram.ncols(), model.discrepancy_scale);
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); used.len()];
     cross_validation::for_each_held_out(&statistics, &prior, &fitter.folds, |statistics, others| {
@@ -205,7 +218,7 @@ mod tests {
         throws::with_fit(&drags, &["linear_drag"], 6, |fitter, f| {
             let (linearizations, _) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
             let used: Vec<usize> = (100..112).collect();
-            let found = predictive_check(fitter, f, &linearizations, &used).unwrap();
+            let found = predictive_check(fitter, f, &linearizations, &used).unwrap().unwrap();
             let least = found.launches.iter().min_by(|a, b| a.p.total_cmp(&b.p)).unwrap();
             assert_eq!((least.trial, found.launches.len(), found.sorted.len()), (107, 12, 12), "{found:?}");
             assert_eq!(found.sorted[0][0], least.p);

@@ -7,7 +7,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::inference::data::noise::{self, Noise};
+use crate::error::Result;
+use crate::inference::data::noise::Noise;
+use crate::inference::kernels;
 use crate::inference::mixed_model::group_statistics::VarianceComponents;
 use crate::inference::mixed_model::groups::{BasisCache, impact_error_response};
 use crate::inference::mixed_model::model_fit::{ModelFitter, ModelView};
@@ -26,10 +28,9 @@ pub fn predictive_sds(
     components: &VarianceComponents,
     known: &DMatrix<f64>,
     noise: &Noise,
-) -> Vec<Vec<[f64; 2]>> {
+) -> Result<Vec<Vec<[f64; 2]>>> {
     let columns = RandomDesign::of(model.layout, &model.state.values, fitter.gravity);
-    let segments = fitter.data.segments;
-    let of = |(w, segment): (usize, &Segment)| {
+    let of = |w: usize, segment: &Segment| {
         let scale = fitter.scales[w];
         if !scale.is_finite() {
             return vec![[f64::NAN; 2]; segment.observations.len()];
@@ -57,7 +58,7 @@ pub fn predictive_sds(
         };
         (0..segment.observations.len()).map(one).collect()
     };
-    segments.iter().enumerate().map(of).collect()
+    fitter.data.each_segment(of)
 }
 
 /// Adds the variances of random effects and of parameters.
@@ -123,19 +124,29 @@ impl<'a> NuisanceProjector<'a> {
     ) -> DVector<f64> {
         let n = segment.observations.len();
         let rho = if segment.kind.uses_engine() { 0.0 } else { noise.rho };
-        let mut within = noise::ar1_correlation(n, rho);
-        if let Some(misfit) = frame.gp_covariance_at_observations() {
-            within += misfit * (slow * slow);
-        }
-        // Rows are deviations over this.
-        let unit = |i: usize| segment.observations[i].weight.sqrt() * linearization.irls_scale / scale;
+        let sizes: Vec<f64> = segment.observations.iter().map(|p| p.weight).collect();
+        let misfit = frame.gp_covariance_at_observations().filter(|_| slow > 0.0);
+        let within = |correlated: DMatrix<f64>| {
+            let noise = kernels::autoregressive(rho, &sizes, &correlated);
+            match &misfit {
+                Some((half, basis)) => noise + basis.tr_mul(&(half * correlated)) * (slow * slow),
+                None => noise,
+            }
+        };
+        // Variance of a row: noise and trial discrepancy.
+        let variance = |i: usize| {
+            let misfit = misfit.as_ref().map_or(0.0, |(half, basis)| half.column(i).dot(&basis.column(i)));
+            kernels::block_variance(rho, sizes[i]) + misfit * slow * slow
+        };
+        // Rows are deviations, in units of their own noise, over this.
+        let unit = |i: usize| f64::from(sizes[i] > 0.0) * linearization.irls_scale / scale;
         let rows = linearization.nuisance_jacobian.nrows();
         let k = linearization.nuisance_jacobian.ncols();
         // N S, axis by axis; pseudo-observations are independent.
         let mut projected = DMatrix::zeros(rows, k);
         for axis in 0..2 {
             let correlated = DMatrix::from_fn(n, k, |i, c| self.columns[(2 * i + axis, c)] * unit(i));
-            let correlated = &within * correlated;
+            let correlated = within(correlated);
             (0..n).for_each(|i| {
                 (0..k).for_each(|c| projected[(2 * i + axis, c)] = unit(i) * correlated[(i, c)])
             });
@@ -145,7 +156,7 @@ impl<'a> NuisanceProjector<'a> {
         let taken = self.columns * &self.inverse;
         let both = &taken * self.columns.tr_mul(&projected);
         DVector::from_fn(rows, |i, _| {
-            let total = if i < 2 * n { unit(i / 2).powi(2) * within[(i / 2, i / 2)] } else { held };
+            let total = if i < 2 * n { unit(i / 2).powi(2) * variance(i / 2) } else { held };
             total - 2.0 * projected.row(i).dot(&taken.row(i)) + both.row(i).dot(&taken.row(i))
         })
     }
@@ -163,7 +174,7 @@ mod tests {
     ) -> Vec<Vec<[f64; 2]>> {
         let (linearizations, _) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
         let noise = Noise { sd: NOISE, rho: 0.0, degrees_of_freedom: 1e3 };
-        predictive_sds(fitter, f.view(), &linearizations, components, &f.covariance, &noise)
+        predictive_sds(fitter, f.view(), &linearizations, components, &f.covariance, &noise).unwrap()
     }
 
     /// With noise alone the nuisances take two degrees of freedom per axis.

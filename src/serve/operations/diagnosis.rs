@@ -83,7 +83,7 @@ fn uploaded_data(request: DiagnosisRequest, budget: &dyn Budget) -> Result<(Scen
 /// The work of a diagnosis. After a restart it starts over and gives the same result.
 fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
     restartable(base, plan, |_, context, given: &DiagnosisInput| {
-        let (scene, trials) = given.read()?;
+        let (scene, trials) = given.read(context)?;
         let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(given.seed), context)?;
         let mut result = to_value(&found.diagnosis)?;
         if let Some(fields) = result.as_object_mut() {

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::json::{from_value, parse};
-use crate::reality::{Trial, trials_from_csv};
+use crate::progress::{NoProgress, Progress};
+use crate::reality::{Trial, read_trials_csv};
 use crate::serve::operation::{Operation, Pagination, PathId, READ, get};
 use crate::serve::request_context::RequestContext;
 use crate::serve::wire::{DiagnosisTrialOut, DiagnosisTrials};
@@ -35,10 +36,11 @@ pub struct DiagnosisInput {
 }
 
 impl DiagnosisInput {
-    /// The scene and the trials.
-    pub fn read(&self) -> Result<(Scene, Vec<Trial>)> {
+    /// The scene and the trials, unless `progress` ends it before.
+    pub fn read(&self, progress: &dyn Progress) -> Result<(Scene, Vec<Trial>)> {
+        progress.report("reading the trials", 0, 1)?;
         let scene: Scene = parse(&self.scene)?;
-        let trials = trials_from_csv(&self.trials, &scene)?;
+        let trials = read_trials_csv(&self.trials, &scene, &progress)?;
         Ok((scene, trials))
     }
 }
@@ -49,7 +51,7 @@ fn trials(app: &RequestContext, (PathId(id), page): (PathId, Pagination)) -> Res
         return Err(Error::Refused { reason: format!("{id} is not a diagnosis with stored trials") });
     }
     let given: DiagnosisInput = from_value(row.plan)?;
-    let (scene, trials) = given.read()?;
+    let (scene, trials) = given.read(&NoProgress)?;
     let list = format!("trials of {id}");
     let after: Option<usize> = page.after(&list)?;
     let first = after.map_or(0, |n| n.saturating_add(1));

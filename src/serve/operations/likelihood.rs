@@ -100,7 +100,7 @@ fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
 /// The prepared likelihood, from the cache if possible.
 fn prepare(base: &CoreState, plan: &LikelihoodJob, progress: &dyn Progress) -> Result<Arc<TrialLikelihood>> {
     base.likelihoods.get(&plan.key, || {
-        let (scene, trials) = plan.given.read()?;
+        let (scene, trials) = plan.given.read(progress)?;
         let found = TrialLikelihood::new(&scene, &trials, &plan.config, progress)?;
         let bytes = found.bytes();
         Ok((found, bytes))

@@ -70,7 +70,7 @@ pub(super) fn posterior_data(
 /// The work of a posterior. After a restart it starts over and gives the same result.
 fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
     restartable(base, plan, |_, context, plan: &PosteriorJob| {
-        let (scene, trials) = plan.given.read()?;
+        let (scene, trials) = plan.given.read(context)?;
         let found = posterior(&scene, &trials, &plan.config, context)?;
         let document = PosteriorDocument::new(&found, &plan.config);
         document.warnings.iter().for_each(|w| context.warn(w));
