@@ -29,6 +29,9 @@ const ROUNDS: usize = 8;
 const SETTLED: f64 = 0.05;
 /// Nats that the linearisation promises beyond the log posterior where a fit stands, above which it has not converged.
 const SLIGHT: f64 = 1.0;
+/// Nats that an edge beyond all data costs: it is as probable that there are some beyond it, of which the integral over a normal
+/// prior knows nothing.
+const OPEN_EDGE: f64 = std::f64::consts::LN_2;
 /// Share of a step below which none helps.
 const SHORTEST: f64 = 0.2;
 
@@ -230,7 +233,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let q = layout.slots.len();
         // Where the fit has not converged the linearisation promises what no value keeps.
         let excess = laplace.log_joint - quality - SLIGHT;
-        let log_evidence = laplace.log_evidence - excess.max(0.0);
+        let open = (0..q).filter(|i| layout.edged(*i) && is_open(*i, &told, &prior)).count();
+        let log_evidence = laplace.log_evidence - excess.max(0.0) - open as f64 * OPEN_EDGE;
         let mut step = laplace.step.clone();
         step.rows_mut(q, laplace.step.len() - q).fill(0.0);
         let mut squares = vec![0.0; self.data.trials];
@@ -313,6 +317,11 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 }
 
+/// Whether the data say less of a slot than its prior.
+fn is_open(slot: usize, told: &[Told], prior: &Prior) -> bool {
+    told.iter().map(|t| t.gram[(slot, slot)]).sum::<f64>() < prior.precision[(slot, slot)]
+}
+
 /// A step as far as bounds allow it; fixed values stay.
 fn allowed(layout: &Layout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
     let slots = layout.slots.iter().zip(values).zip(step.iter());
@@ -366,6 +375,25 @@ impl Fitted {
             amplitude.is_some_and(|p| slot.bounds.iter().any(|b| *b == value && *b != p.neutral))
         };
         self.layout.slots.iter().enumerate().any(is_stuck)
+    }
+
+    /// The same where amplitudes whose range ends at nothing may have either sign, from the other side for those within a standard
+    /// deviation of nothing; `None` without one.
+    pub fn with_either_sign(&self) -> Option<(Layout, State)> {
+        let (mut layout, mut state) = (self.layout.clone(), self.state.clone());
+        let mut is_any = false;
+        for i in 0..layout.slots.len() {
+            let Some(p) = self.layout.parameter(i).filter(|p| p.is_amplitude()) else { continue };
+            let slot = &mut layout.slots[i];
+            if slot.bounds[0] == p.neutral {
+                slot.bounds[0] = p.neutral - (slot.bounds[1] - p.neutral);
+                if state.values[i] - p.neutral <= self.covariance[(i, i)].sqrt() {
+                    is_any = true;
+                    state.values[i] = p.neutral - p.fd_step;
+                }
+            }
+        }
+        is_any.then_some((layout, state))
     }
 
     /// Whether it has all effects of another.

@@ -3,7 +3,7 @@
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the same
 //! probability), normalised over the sets that were fitted. The credible set holds 95 % of it, without sets that contain
 //! another of them as a special case. The empty set in it: `none`. One set: `named`. Several: `ambiguous`. Sets that explain too
-//! little of the predictable misfit, or beside which a force field without a name or a larger shared discrepancy than is plausible is certain, or which are less probable than that
+//! little of the predictable misfit, or beside which a force field without a name or an effect less than nothing is certain, or which are less probable than that
 //! field alone, or of which a strength is at an end of its range: `unknown`. So are sets that do not for certain remove half of
 //! the error, and of those none is reported.
 //!
@@ -11,21 +11,17 @@
 //! models that are set aside because a simpler one is as probable.
 
 use super::explained::{Explained, Explanation, explanation};
-use super::laplace::{at_scale, marginal};
 use super::settings::SETTINGS;
-use crate::discover::columns::pushes;
 use crate::discover::field::{self, FieldFit};
 use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::gaussian::all_told;
-use crate::discover::model;
 use crate::discover::report::Verdict;
 use crate::discover::search::{Found, log_prior};
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::world::effect::Effect;
 
-/// Multiples of the shared discrepancy's largest plausible size that are tried beside the reported model.
-const OVERSIZES: [f64; 3] = [2.0, 4.0, 8.0];
+/// Steps of least squares to a model whose effects may have either sign.
+const STEPS: usize = 12;
 
 /// A verdict with what it follows from.
 pub struct Decision {
@@ -91,8 +87,8 @@ pub fn decide(fitter: &Fitter, found: &Found, seed: u64) -> Result<Decision> {
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let by_field = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let by_size = oversized(fitter, champion)?;
-    let unnamed = by_field.into_iter().chain(by_size).max_by(f64::total_cmp);
+    let by_law = reversed(fitter, found, rivals[0])?;
+    let unnamed = by_field.into_iter().chain(by_law).max_by(f64::total_cmp);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
@@ -163,20 +159,17 @@ fn earned(
     Ok((rivals, first, true))
 }
 
-/// Log evidence of a shared discrepancy that is several times its largest plausible size beside a model, relative to one that is
-/// not, nats.
-fn oversized(fitter: &Fitter, fit: &Fitted) -> Result<Option<f64>> {
-    let looks = model::looks(fitter.data, &fit.layout, &fit.state, &pushes())?;
-    let parts = fitter.with_discrepancy(&fit.layout, &fit.state, &looks)?;
-    let Some(told) = parts.and_then(|parts| all_told(&parts, &fit.components)) else { return Ok(None) };
-    if told.first().is_none_or(|t| t.gram.ncols() == fit.layout.slots.len()) {
-        return Ok(None);
+/// Largest log evidence of a set with one more effect than a fit, if that could be less than nothing, relative to the fit, nats:
+/// where a drag of one law seems negative beside another, the law is neither. `None` where no effect ends at nothing.
+fn reversed(fitter: &Fitter, found: &Found, fit: usize) -> Result<Option<f64>> {
+    let model = &found.fits[fit];
+    let mut best = None;
+    for larger in found.fits.iter().filter(|f| f.set.len() == model.set.len() + 1 && f.holds(model)) {
+        let Some((layout, state)) = larger.with_either_sign() else { continue };
+        let free = fitter.fit(layout, state, STEPS)?.map(|free| free.log_evidence - model.log_evidence);
+        best = best.into_iter().chain(free).max_by(f64::total_cmp);
     }
-    let larger: Option<Vec<f64>> =
-        OVERSIZES.iter().map(|s| Some(at_scale(&told, &fit.prior, *s)?.log_evidence)).collect();
-    let average = larger.map(|all| log_sum_exp(all) - (OVERSIZES.len() as f64).ln());
-    let plausible = marginal(&told, &fit.prior);
-    Ok(average.zip(plausible).map(|(larger, plausible)| larger - plausible.log_evidence))
+    Ok(best)
 }
 
 /// Whether log odds for an unnamed field are beyond doubt, its prior probability that of an effect.
