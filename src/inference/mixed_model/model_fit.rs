@@ -35,6 +35,9 @@ const MAX_GLS_ROUNDS: usize = 8;
 const GLS_TOLERANCE: f64 = 0.05;
 /// Excess of the linearised log posterior over the actual one, nats, above which a fit has not converged.
 const LINEARISATION_TOLERANCE: f64 = 1.0;
+/// Evidence that an edge beyond all observations costs, nats: half of its prior lies between them, and Laplace's integral
+/// over the normal prior counts that half too.
+const UNOBSERVED_EDGE: f64 = std::f64::consts::LN_2;
 /// Minimum step length in the line search.
 const MIN_STEP_SHARE: f64 = 0.2;
 
@@ -285,7 +288,10 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         let q = layout.parameters.len();
         // Without convergence the linearisation overestimates the evidence.
         let excess = laplace.log_joint - log_posterior - LINEARISATION_TOLERANCE;
-        let log_evidence = laplace.log_evidence - excess.max(0.0);
+        let is_unobserved_edge =
+            |i: &usize| layout.is_discontinuous(*i) && !is_informed(*i, &statistics, &prior);
+        let unobserved_edges = (0..q).filter(is_unobserved_edge).count();
+        let log_evidence = laplace.log_evidence - excess.max(0.0) - unobserved_edges as f64 * UNOBSERVED_EDGE;
         let mut step = laplace.step.clone();
         step.rows_mut(q, laplace.step.len() - q).fill(0.0);
         let mut squares = vec![0.0; self.data.trial_count];
@@ -383,6 +389,12 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
     }
 }
 
+/// Whether the data contain more information about a parameter than its prior.
+fn is_informed(parameter: usize, statistics: &[GroupStatistics], prior: &FixedEffectsPrior) -> bool {
+    let information = statistics.iter().map(|g| g.gram[(parameter, parameter)]).sum::<f64>();
+    information >= prior.precision[(parameter, parameter)]
+}
+
 /// A step clamped to the bounds; fixed parameters do not move.
 fn clamp_step(layout: &ParameterLayout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
     let parameters = layout.parameters.iter().zip(values).zip(step.iter());
@@ -441,6 +453,25 @@ impl FittedModel {
             amplitude.is_some_and(|p| slot.bounds.iter().any(|b| *b == value && *b != p.neutral))
         };
         self.layout.parameters.iter().enumerate().any(is_stuck)
+    }
+
+    /// Layout and initial state in which amplitudes bounded below by their neutral values may have either sign; those within
+    /// one standard deviation of neutral start from below it. `None` if there is none of these.
+    pub fn with_either_sign(&self) -> Option<(ParameterLayout, FitState)> {
+        let (mut layout, mut state) = (self.layout.clone(), self.state.clone());
+        let mut is_any = false;
+        for i in 0..layout.parameters.len() {
+            let Some(p) = self.layout.declaration(i).filter(|p| p.is_amplitude()) else { continue };
+            let parameter = &mut layout.parameters[i];
+            if parameter.bounds[0] == p.neutral {
+                parameter.bounds[0] = p.neutral - (parameter.bounds[1] - p.neutral);
+                if state.values[i] - p.neutral <= self.covariance[(i, i)].sqrt() {
+                    is_any = true;
+                    state.values[i] = p.neutral - p.fd_step;
+                }
+            }
+        }
+        is_any.then_some((layout, state))
     }
 
     /// Whether it contains all effects of another model.

@@ -4,29 +4,25 @@
 //! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
 //! contain another one as a special case. If the empty set is in it the verdict is `none`; with one set
 //! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
-//! predictable misfit, if an unnamed field or a shared discrepancy larger than plausible is certain in addition
-//! to the set, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
+//! predictable misfit, if an unnamed field, or a further effect of the opposite sign, is certain in addition to
+//! the set, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
 //! `unknown`, without a reported set, if the sets do not certainly remove half of the error.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
 //! (1994) 1535, for the exclusion of models with an equally probable simpler one.
 
 use super::explained::{ExplainedShare, Explanation, explanation};
-use super::laplace::{at_scale, marginal_evidence};
 use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::inference::field::{self, FieldFit};
-use crate::inference::mixed_model::group_statistics::group_statistics;
 use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
-use crate::inference::mixed_model::random_design::nuisance_accelerations;
-use crate::inference::model;
 use crate::inference::report::Verdict;
 use crate::inference::selection::search::{SearchResult, log_prior};
 use crate::world::effect::Effect;
 
-/// Multiples of the largest plausible shared discrepancy that are compared with it for the reported model.
-const OVERSIZE_FACTORS: [f64; 3] = [2.0, 4.0, 8.0];
+/// Maximum number of least-squares steps to a model whose effects may have either sign.
+const MAX_STEPS: usize = 12;
 
 /// A verdict with its reasons.
 pub struct Decision {
@@ -96,8 +92,8 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
     let by_field = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let by_size = oversize_log_bayes_factor(fitter, champion)?;
-    let field_log_bayes_factor = by_field.into_iter().chain(by_size).max_by(f64::total_cmp);
+    let by_sign = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
+    let field_log_bayes_factor = by_field.into_iter().chain(by_sign).max_by(f64::total_cmp);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]]
         + field_log_bayes_factor.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
@@ -169,22 +165,22 @@ fn check_necessity(
     Ok((rivals, first, true))
 }
 
-/// Log Bayes factor of a shared discrepancy of several times its largest plausible size over a plausible one,
-/// for a model; `None` without shared discrepancy.
-fn oversize_log_bayes_factor(fitter: &ModelFitter, fit: &FittedModel) -> Result<Option<f64>> {
-    let linearizations = model::linearise(fitter.data, &fit.layout, &fit.state, &nuisance_accelerations())?;
-    let groups = fitter.groups_with_discrepancy(&fit.layout, &fit.state, &linearizations)?;
-    let Some(statistics) = groups.and_then(|groups| group_statistics(&groups, &fit.components)) else {
-        return Ok(None);
-    };
-    if statistics.first().is_none_or(|t| t.gram.ncols() == fit.layout.parameters.len()) {
-        return Ok(None);
+/// Largest log Bayes factor over a model of sets with one more effect, the sign of which is free although its amplitude is
+/// bounded by nothing. If quadratic drag beside linear drag is negative, the law is neither. `None` without such a set.
+fn reversed_effect_log_bayes_factor(
+    fitter: &ModelFitter,
+    found: &SearchResult,
+    fit: usize,
+) -> Result<Option<f64>> {
+    let model = &found.fits[fit];
+    let is_next = |f: &&FittedModel| f.effects.len() == model.effects.len() + 1 && f.includes(model);
+    let mut best = None;
+    for larger in found.fits.iter().filter(is_next) {
+        let Some((layout, state)) = larger.with_either_sign() else { continue };
+        let free = fitter.fit(layout, state, MAX_STEPS)?.map(|free| free.log_evidence - model.log_evidence);
+        best = best.into_iter().chain(free).max_by(f64::total_cmp);
     }
-    let larger: Option<Vec<f64>> =
-        OVERSIZE_FACTORS.iter().map(|s| Some(at_scale(&statistics, &fit.prior, *s)?.log_evidence)).collect();
-    let average = larger.map(|all| log_sum_exp(all) - (OVERSIZE_FACTORS.len() as f64).ln());
-    let plausible = marginal_evidence(&statistics, &fit.prior);
-    Ok(average.zip(plausible).map(|(larger, plausible)| larger - plausible.log_evidence))
+    Ok(best)
 }
 
 /// Whether an unnamed field is certain, given its log Bayes factor; its prior probability is that of an
