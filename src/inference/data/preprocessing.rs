@@ -97,7 +97,8 @@ pub fn preprocess(
     segments.iter_mut().flat_map(|w| &mut w.smooth).for_each(|s| s.basis = DMatrix::zeros(0, 0));
     progress.report("rejecting outliers", 0, 1)?;
     cleaning::truncate_at_horizon(&mut segments, engine, progress)?;
-    let mut whole = if segment::any_known_initial_state(&segments) { segments.clone() } else { Vec::new() };
+    let known = segments.iter().any(|w| w.kind == SegmentKind::FromInitialState);
+    let mut whole = if known { segments.clone() } else { Vec::new() };
     segment::remove_overlaps(&mut segments);
     let simulated = runs.unwrap_or(noise.sd);
     let scale = |w: &Segment| if w.kind.uses_engine() { simulated } else { noise.sd };
