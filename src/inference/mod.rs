@@ -63,6 +63,7 @@ use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use report::prediction_gain::ErrorScale;
 use segment::Segment;
+use selection::candidates::Candidate;
 use selection::search::{ModelSearch, SearchResult};
 use selection::{Decision, candidates, start_grid};
 use trial_checks::odd_trials;
@@ -178,11 +179,15 @@ fn select_model(
     progress.report("trying strong effects", 0, 1)?;
     let mut candidates = candidates::candidates(scene, &candidates::summarise(data.segments));
     start_grid::add_strong_starts(&fitter, &first, &mut candidates)?;
-    let candidates = ModelSearch::new(&fitter, candidates, latents, config.seed).identifiable(&first)?;
     progress.report("estimating variance components", 0, 1)?;
-    fitter.context = Some(selection::context(&fitter, &first, &candidates)?);
+    // The base model is no place to judge strong effects: they are left to the search.
+    let (strong, weak) = candidates.iter().cloned().partition(|c| c.strong_start.is_some());
+    let weak: Vec<Candidate> = weak;
+    let search = ModelSearch::new(&fitter, weak, latents, config.seed).drop_unidentifiable(&first)?;
+    let richest = [strong, search.library].concat();
+    fitter.context = Some(selection::context(&fitter, &first, &richest)?);
     let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
-    let search = ModelSearch::new(&fitter, candidates, latents, config.seed);
+    let search = ModelSearch::new(&fitter, candidates, latents, config.seed).drop_unidentifiable(&base)?;
     let found = search.search(base, config.max_effects, progress)?;
     progress.report("comparing sets of effects", 0, 1)?;
     let decision = selection::decide(&fitter, &found, config.seed)?;

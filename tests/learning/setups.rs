@@ -97,6 +97,20 @@ fn strong_drag_is_named() {
     assert!((k.value - 5.0).abs() < 0.2, "{k:?}");
 }
 
+/// A drag coefficient that falls by two thirds at 4 m/s: neither drag of the library is the law, and none is named.
+#[test]
+fn a_drag_crisis_leaves_the_law_open() {
+    let force: Force = Arc::new(|_, s| {
+        let speed = s[2].hypot(s[3]);
+        let k = 0.06 + 0.12 / (1.0 + libm::exp((speed - 4.0) / 0.4));
+        [-k * speed * s[2], -k * speed * s[3]]
+    });
+    let law = Law { pushes: vec![(1.0, force)], ..Law::plain(0.0, 0.0) };
+    let d = diagnosed(&scene(), &thrown(&vec![law; 20], 36), 36);
+    assert_eq!(d.verdict, Verdict::Unknown, "{}", d.reason);
+    assert!(d.reason.contains("law is open"), "{}", d.reason);
+}
+
 /// Balls that a hand holds for a quarter of a second before each throw.
 #[test]
 fn what_is_held_before_a_throw_is_no_effect() {

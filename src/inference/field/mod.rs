@@ -9,11 +9,12 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{
     self, GlsEstimate, GroupStatistics, VarianceComponents,
 };
 use crate::inference::mixed_model::groups::Group;
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::variance_components::{ComponentLikelihood, INITIAL_STEP};
 use crate::inference::model;
 use crate::inference::segment::{Segment, SegmentKind};

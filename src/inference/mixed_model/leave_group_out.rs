@@ -81,7 +81,7 @@ mod tests {
     use crate::inference::testing::segments::term;
 
     /// Trials that each observe one parameter with unit noise.
-    fn seen(numbers: &[f64], parameters: &[usize], q: usize) -> Vec<NormalEquations> {
+    fn normal_equations_of(numbers: &[f64], parameters: &[usize], q: usize) -> Vec<NormalEquations> {
         let of = |(y, k): (&f64, &usize)| {
             let column = DVector::from_fn(q, |i, _| f64::from(i == *k));
             NormalEquations { gram: &column * column.transpose(), score: &column * *y, square: y * y }
@@ -102,7 +102,7 @@ mod tests {
     fn held_out_residuals_use_the_other_trials() {
         let numbers = [1.0, 2.0, 4.0, 9.0];
         let layout = drag(false, 1);
-        let trials = seen(&numbers, &[0; 4], 1);
+        let trials = normal_equations_of(&numbers, &[0; 4], 1);
         let (held, _) = leave_group_out(&layout, &[0.0], &trials, &[0; 4], &[0, 1, 2, 3], &[]);
         for (held, y) in held.iter().zip(numbers) {
             assert!((held - ((y - 4.0) * 4.0 / 3.0f64).powi(2)).abs() < 1e-4, "{held} of {y}");
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn unshared_parameters_are_penalised() {
         let layout = drag(true, 2);
-        let trials = seen(&[1.0, 3.0, 7.0], &[0, 0, 1], 2);
+        let trials = normal_equations_of(&[1.0, 3.0, 7.0], &[0, 0, 1], 2);
         let of =
             |cached: &[usize]| leave_group_out(&layout, &[0.0; 2], &trials, &[0, 0, 1], &[0, 1, 2], cached).0;
         let held = of(&[]);

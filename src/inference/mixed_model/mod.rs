@@ -2,6 +2,7 @@
 
 pub mod conditional_modes;
 pub mod cross_validation;
+pub mod fitted_model;
 pub mod group_statistics;
 pub mod groups;
 pub mod leave_group_out;

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::FittedModel;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::segment::{Observation, Segment, SegmentKind};
 use crate::inference::statistics::{median, pseudo_inverse};
 

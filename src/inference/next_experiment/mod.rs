@@ -5,7 +5,7 @@ mod discrimination;
 use crate::error::Result;
 use crate::inference::config::DiagnosisConfig;
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::FittedModel;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::next_experiment::discrimination::{REPEATS, best_throw};
 use crate::inference::report::{RecommendedExperiment, Verdict};
 use crate::inference::segment::{Segment, SegmentKind};

@@ -29,8 +29,9 @@ use crate::estimate::sampler::{
     JointPrior, Marginal, ReferenceDensity, Target, log_sum_exp, sample_categorical,
 };
 use crate::inference::field::FieldInputs;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::groups::{self, Group};
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::variance_components;
 use crate::inference::model::{self, FitState, Linearization, ParameterLayout, RandomEffects};
 use crate::inference::segment::Segment;

@@ -2,9 +2,8 @@
 
 use crate::error::Result;
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::{
-    FittedModel, ModelFitter, ModelView, RecordingContext, held_out_square,
-};
+use crate::inference::mixed_model::fitted_model::{FittedModel, ModelView, held_out_square};
+use crate::inference::mixed_model::model_fit::{ModelFitter, RecordingContext};
 use crate::inference::model::{Linearization, SegmentData};
 use crate::inference::next_experiment::next_experiment;
 use crate::inference::report::estimates::{calibrated_latents, effect_estimates, model_scores, strings};

@@ -1,7 +1,8 @@
 //! Estimates of effects and latents with intervals, and scores of models.
 
 use crate::error::Result;
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model;
 use crate::inference::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
 use crate::inference::selection::Decision;

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::inference::dynamics::Impact;
-use crate::inference::mixed_model::model_fit::ModelView;
+use crate::inference::mixed_model::fitted_model::ModelView;
 use crate::inference::model::{self, SegmentData};
 use crate::inference::segment::{Observation, Segment, SegmentKind};
 use crate::inference::statistics::slope;

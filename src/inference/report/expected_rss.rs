@@ -1,7 +1,7 @@
 //! Expected residual sum of squares under noise alone, and the excess of a fit.
 
 use crate::inference::data::noise::{Noise, expected_rss_moments};
-use crate::inference::mixed_model::model_fit::FittedModel;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::statistics::{mean_and_error, t_survival};
 

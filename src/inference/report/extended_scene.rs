@@ -1,6 +1,6 @@
 //! The scene extended by the selected effects and fitted latents.
 
-use crate::inference::mixed_model::model_fit::ModelView;
+use crate::inference::mixed_model::fitted_model::ModelView;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::reality::Trial;
 use crate::task::Scene;

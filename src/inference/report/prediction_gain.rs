@@ -1,8 +1,8 @@
 //! Prediction gain of an extension, and misfit of the base model, in metres.
 
 use crate::inference::data::noise::Noise;
+use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::mixed_model::leave_group_out::leave_group_out;
-use crate::inference::mixed_model::model_fit::{FittedModel, held_out_square};
 use crate::inference::report::expected_rss::ExpectedRss;
 use crate::inference::report::{BaseMisfit, HeldOutError, PredictionGain};
 use crate::inference::segment::{Segment, SegmentKind};

@@ -5,7 +5,8 @@
 
 use crate::error::Result;
 use crate::inference::field::{FieldSpec, field_estimate};
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model;
 use crate::inference::report::{ResidualField, round_to_six_digits};
 use crate::inference::segment::SegmentKind;

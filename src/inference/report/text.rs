@@ -1,7 +1,7 @@
 //! Verdict and remaining error as text.
 
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::{FittedModel, held_out_square};
+use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::report::prediction_gain::ErrorScale;
 use crate::inference::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
 use crate::inference::selection::search::SearchResult;
@@ -82,6 +82,10 @@ pub fn reason(
                 percent(c)
             )
         }
+        (Verdict::Unknown, Some(c)) if decision.is_law_open => format!(
+            "{} is the nearest in the library, but its law is open: another effect beside it would have the opposite sign; {left}",
+            names(c)
+        ),
         (Verdict::Unknown, Some(c)) => {
             format!(
                 "no set in the library explains the error that trials share; the best, {}, leaves much of it; {left}",

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::error::Result;
 use crate::inference::data::noise::Noise;
 use crate::inference::dynamics::KICK_DURATION;
-use crate::inference::mixed_model::model_fit::FittedModel;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::model::{self, ParameterLayout, SegmentData, Term};
 use crate::inference::segment::{Observation, Segment, SegmentKind};
 use crate::inference::selection::candidates::data_range;

@@ -14,7 +14,8 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::error::Result;
 use crate::inference::field::{FieldSpec, FieldStatistics, field_statistics};
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::{ParameterLayout, Term};
 use crate::world::effect::Effect;
 

@@ -244,7 +244,7 @@ mod tests {
         assert!(found.iter().zip([1.0, 2.0, 3.0, 4.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
     }
 
-    fn seen(trial: &Trial, times: &[f64], touched: &[usize]) -> Vec<(usize, usize)> {
+    fn intervals(trial: &Trial, times: &[f64], touched: &[usize]) -> Vec<(usize, usize)> {
         let rows: Vec<TimedPosition> = times.iter().map(|t| (*t, [0.0; 2])).collect();
         let contact = |i| {
             touched.contains(&i).then_some(ContactEvent {
@@ -262,10 +262,10 @@ mod tests {
         let (scene, observed) = (Scene::empty(), Default::default());
         let trial = Trial { name: String::new(), setting: None, scene, observed };
         let times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
-        assert_eq!(seen(&trial, &times, &[]), [(0, 6)]);
-        assert_eq!(seen(&trial, &times, &[0, 3]), [(1, 3), (4, 6)]);
+        assert_eq!(intervals(&trial, &times, &[]), [(0, 6)]);
+        assert_eq!(intervals(&trial, &times, &[0, 3]), [(1, 3), (4, 6)]);
         assert_eq!(
-            seen(&trial, &[0.0, 1.0, 6.5, 13.0, 14.0], &[]),
+            intervals(&trial, &[0.0, 1.0, 6.5, 13.0, 14.0], &[]),
             [(0, 3), (3, 5)],
             "longer than six times the usual"
         );

@@ -22,6 +22,7 @@ pub struct RecordingSummary {
 }
 
 /// A candidate effect.
+#[derive(Clone)]
 pub struct Candidate {
     pub effect: &'static Effect,
     /// Initial values; amplitudes are set by the score test. At least one.

@@ -18,11 +18,10 @@ use super::prior::FixedEffectsPrior;
 use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::inference::field;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{CrossProducts, GroupStatistics, VarianceComponents};
 use crate::inference::mixed_model::groups::Group;
-use crate::inference::mixed_model::model_fit::{
-    FittedModel, ModelFitter, RecordingContext, acceleration_responses,
-};
+use crate::inference::mixed_model::model_fit::{ModelFitter, RecordingContext, acceleration_responses};
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::model::{self, Term};
 use crate::inference::segment::SegmentKind;
@@ -67,7 +66,8 @@ pub fn context(
     let discrepancy = whole.discrepancy.reduced(fitter.data, &groups, model.layout.parameters.len())?;
     let start = RecordingContext { discrepancy, ..whole };
     let own = ModelFitter { context: Some(start.clone()), ..own };
-    let components = components(&own, model, start.discrepancy.broad_ratio)?;
+    let groups = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations)?;
+    let components = components(&own, model, groups, start.discrepancy.broad_ratio)?;
     Ok(RecordingContext { components: components.unwrap_or_else(|| start.components.clone()), ..start })
 }
 
@@ -93,19 +93,18 @@ fn richest(
     fitter.fit(layout, start, STEPS)
 }
 
-fn discrepancy_groups(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<Group>>> {
-    let linearizations =
-        model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
-    fitter.groups_with_discrepancy(&model.layout, &model.state, &linearizations)
-}
-
 /// Most probable components of a model with the most probable field: the shared discrepancy at its largest
 /// plausible size, or a force field of any inputs if there are flights, otherwise the shared discrepancy at
-/// `broad` times that size.
-fn components(fitter: &ModelFitter, model: &FittedModel, broad: f64) -> Result<Option<VarianceComponents>> {
+/// `broad` times that size. `groups`: of the model, with the columns of the shared discrepancy.
+fn components(
+    fitter: &ModelFitter,
+    model: &FittedModel,
+    groups: Option<Vec<Group>>,
+    broad: f64,
+) -> Result<Option<VarianceComponents>> {
     let mut fields: Vec<(Vec<Group>, f64)> =
         field::groups_by_inputs(fitter, model)?.into_iter().map(|groups| (groups, FIELD_SD)).collect();
-    if let Some(groups) = discrepancy_groups(fitter, model)? {
+    if let Some(groups) = groups {
         if fields.is_empty() {
             fields.push((groups.clone(), broad));
         }

@@ -16,7 +16,8 @@ use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
 use crate::inference::field::{self, FieldFit};
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::report::Verdict;
 use crate::inference::selection::search::{SearchResult, log_prior};
 use crate::world::effect::Effect;
@@ -41,6 +42,8 @@ pub struct Decision {
     pub field: Option<FieldFit>,
     /// Log Bayes factor of that field in addition to the reported model, nats.
     pub field_log_bayes_factor: Option<f64>,
+    /// Whether a further effect beside the reported set would certainly have the opposite sign.
+    pub is_law_open: bool,
 }
 
 impl Decision {
@@ -77,6 +80,7 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
                 gain,
                 field,
                 field_log_bayes_factor,
+                is_law_open: false,
             }
         };
     if credible.contains(&None) {
@@ -91,16 +95,15 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
         check_necessity(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
     let field = field::fit(fitter, champion)?;
-    let by_field = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
-    let by_sign = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
-    let field_log_bayes_factor = by_field.into_iter().chain(by_sign).max_by(f64::total_cmp);
+    let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
+    let reversed = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
+    let unnamed = field_log_bayes_factor.into_iter().chain(reversed).max_by(f64::total_cmp);
     let alone = field::fit(fitter, &found.base)?;
-    let named = found.log_posterior[rivals[0]]
-        + field_log_bayes_factor.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
+    let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
     let explained = shares.first().copied().flatten();
     let explains = explained.is_none_or(|e| e.explains_enough())
-        && !field_log_bayes_factor.is_some_and(is_certain)
+        && !unnamed.is_some_and(is_certain)
         && earned
         && is_likelier
         && !champion.is_at_bound();
@@ -115,7 +118,8 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
         1 => Verdict::Named,
         _ => Verdict::Ambiguous,
     };
-    Ok(decision(verdict, rivals, (explained, gain), field, field_log_bayes_factor))
+    let decision = decision(verdict, rivals, (explained, gain), field, field_log_bayes_factor);
+    Ok(Decision { is_law_open: reversed.is_some_and(is_certain), ..decision })
 }
 
 /// Indices of the fits with one effect of a set removed or replaced by a special case.

@@ -11,8 +11,9 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::inference::global_search;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter, with_amplitudes};
+use crate::inference::mixed_model::model_fit::{ModelFitter, with_amplitudes};
 use crate::inference::model::{FitState, ParameterLayout, Perturbation, Term};
 use crate::inference::segment;
 use crate::inference::selection::SETTINGS;
@@ -50,7 +51,7 @@ pub struct SearchResult {
 pub struct ModelSearch<'a, 'b, 'c> {
     pub fitter: &'c ModelFitter<'a, 'b>,
     /// Candidates with their initial values.
-    library: Vec<Candidate>,
+    pub library: Vec<Candidate>,
     latents: &'c [usize],
     seed: u64,
 }
@@ -296,10 +297,12 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         Ok(all)
     }
 
-    /// The candidates that the data can identify: the nuisances do not absorb the response to a plausible amplitude.
-    pub fn identifiable(self, base: &FittedModel) -> Result<Vec<Candidate>> {
-        let Some(tests) = self.screen(base)? else { return Ok(self.library) };
-        Ok(self.library.into_iter().zip(tests).filter(|(_, tests)| !tests.is_empty()).map(|c| c.0).collect())
+    /// Drops candidates that the data cannot identify: the nuisances absorb the response to a plausible amplitude.
+    pub fn drop_unidentifiable(mut self, base: &FittedModel) -> Result<Self> {
+        let Some(tests) = self.screen(base)? else { return Ok(self) };
+        let mut tests = tests.into_iter();
+        self.library.retain(|_| tests.next().is_some_and(|tests| !tests.is_empty()));
+        Ok(self)
     }
 
     /// Score tests by candidate, best first; empty for effects in the model.

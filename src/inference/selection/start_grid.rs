@@ -10,10 +10,9 @@
 use rayon::prelude::*;
 
 use crate::error::Result;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::SCALE_DOF;
-use crate::inference::mixed_model::model_fit::{
-    FittedModel, ModelFitter, none_if_not_simulable, with_amplitudes,
-};
+use crate::inference::mixed_model::model_fit::{ModelFitter, none_if_not_simulable, with_amplitudes};
 use crate::inference::model::{self, FitState, Parameter, ParameterLayout, SegmentData, Term};
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::selection::candidates::Candidate;

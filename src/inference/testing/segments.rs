@@ -1,7 +1,8 @@
 //! Synthetic segments with known truth, for unit tests.
 
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::{FitState, ParameterLayout, SegmentData, Term};
 use crate::inference::segment::{Segment, SegmentKind, segment_trials};
 use crate::progress::NoProgress;

@@ -1,7 +1,8 @@
 //! Test data: balls thrown with linear drag, one coefficient per trial, and a model fitted to them.
 
 use crate::inference::data::noise::Noise;
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::{FitState, ParameterLayout, SegmentData};
 use crate::inference::report::Verdict;
 use crate::inference::segment::{self, Segment};
@@ -78,6 +79,7 @@ pub fn decision(verdict: Verdict) -> Decision {
         gain: None,
         field: None,
         field_log_bayes_factor: None,
+        is_law_open: false,
     }
 }
 

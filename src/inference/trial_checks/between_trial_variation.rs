@@ -5,7 +5,7 @@
 //! lift. Effects declare a tolerated between-trial standard deviation (`between_trial_sd`); larger variation
 //! is reported, with a mean of zero.
 
-use crate::inference::mixed_model::model_fit::FittedModel;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::report::{BetweenTrialVariation, round_to_six_digits};
 

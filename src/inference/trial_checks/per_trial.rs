@@ -12,11 +12,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{
     self, GlsEstimate, GroupStatistics, VarianceComponents,
 };
 use crate::inference::mixed_model::groups::Group;
-use crate::inference::mixed_model::model_fit::FittedModel;
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::model::{ParameterKind, Perturbation};
 use crate::inference::report::{TrialEffectEstimate, round_to_six_digits};

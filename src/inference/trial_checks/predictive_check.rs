@@ -13,9 +13,10 @@
 use crate::distribution::f_survival;
 use crate::error::Result;
 use crate::inference::mixed_model::cross_validation;
+use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
 use crate::inference::mixed_model::groups::Group;
-use crate::inference::mixed_model::model_fit::{FittedModel, ModelFitter};
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::Linearization;
 use crate::inference::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
 use crate::inference::statistics::median;

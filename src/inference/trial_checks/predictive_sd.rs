@@ -10,9 +10,10 @@ use nalgebra::{DMatrix, DVector};
 use crate::error::Result;
 use crate::inference::data::noise::Noise;
 use crate::inference::kernels;
+use crate::inference::mixed_model::fitted_model::ModelView;
 use crate::inference::mixed_model::group_statistics::VarianceComponents;
 use crate::inference::mixed_model::groups::{BasisCache, impact_error_response};
-use crate::inference::mixed_model::model_fit::{ModelFitter, ModelView};
+use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomDesign;
 use crate::inference::model::Linearization;
 use crate::inference::segment::{Segment, SegmentKind};
@@ -169,7 +170,7 @@ mod tests {
 
     fn of(
         fitter: &ModelFitter,
-        f: &crate::inference::mixed_model::model_fit::FittedModel,
+        f: &crate::inference::mixed_model::fitted_model::FittedModel,
         components: &VarianceComponents,
     ) -> Vec<Vec<[f64; 2]>> {
         let (linearizations, _) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
