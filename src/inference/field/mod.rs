@@ -79,17 +79,23 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
 }
 
 /// Groups of a model with the columns of a field of all inputs, and the mode for coefficients of standard
-/// deviation `sd`, m/s^2, without random scales; `None` without flights.
+/// deviation `sd`, m/s^2, without random scales; `None` without flights. `own`: groups of the model with the residuals that
+/// the field is fitted to.
 pub fn fit_broad(
     fitter: &ModelFitter,
     model: &FittedModel,
+    own: &[Group],
     sd: f64,
 ) -> Result<Option<(Vec<Group>, DVector<f64>)>> {
     if !fitter.data.segments.iter().any(|w| w.kind == SegmentKind::Flight) {
         return Ok(None);
     }
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { groups, .. } = every.reduced(FieldInputs::All);
+    let ReducedField { mut groups, .. } = every.reduced(FieldInputs::All);
+    let blocks = groups.iter_mut().flat_map(|group| &mut group.blocks);
+    for (block, own) in blocks.zip(own.iter().flat_map(|group| &group.blocks)) {
+        block.residual.clone_from(&own.residual);
+    }
     let components = VarianceComponents { scale: 0.0, ..model.components.clone() };
     let mode = group_statistics::group_statistics(&groups, &components)
         .and_then(|statistics| at_scale(&statistics, &model.prior, sd));

@@ -1,48 +1,69 @@
 //! Discrimination of rival models by a further throw.
 //!
-//! The criterion is the residual square with which one model fits the predictions of another, with initial
+//! The criterion is the residual square with which one model explains the predictions of another, with initial
 //! states and parameters refitted as far as the trials so far permit (T-optimality: Atkinson and Fedorov,
-//! Biometrika 62 (1975) 57).
-
-use nalgebra::{DMatrix, DVector};
+//! Biometrika 62 (1975) 57). The best throw is then simulated, and a pair that the outcomes do not decide is no
+//! part of its promise.
 
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::next_experiment::planned_flight::PlannedFlight;
 use crate::inference::segment::{Observation, Segment, SegmentKind};
-use crate::inference::statistics::{median, pseudo_inverse};
+use crate::inference::selection::{SETTINGS, SharedDiscrepancy};
+use crate::inference::statistics::median;
+use crate::rng::{self, Stream};
 
 /// Number of repetitions, and assumed observations of each.
 pub const REPEATS: f64 = 6.0;
 const OBSERVATIONS: usize = 40;
 /// Difference of squares that discriminates two models: a likelihood ratio of 1000.
 const CLEAR_DIFFERENCE: f64 = 14.0;
+/// Simulated outcomes of a throw by pair of rivals, and the share of them that it must decide.
+const SIMULATIONS: usize = 40;
+const MIN_SUCCESS_RATE: f64 = 0.9;
 
-/// The throw that discriminates most pairs of rivals, with the smallest difference among the discriminated
-/// pairs.
+/// A throw, the pairs of rivals (the true one first) that it discriminates, and the smallest share of simulated outcomes in
+/// which it does.
+pub struct Discrimination {
+    pub throw: CandidateThrow,
+    pub pairs: Vec<[usize; 2]>,
+    pub success_rate: f64,
+}
+
+/// The throw that should discriminate most pairs of rivals, checked by simulated outcomes.
 pub fn best_throw(
     segments: &[Segment],
     rivals: &[&FittedModel],
+    discrepancy: Option<&SharedDiscrepancy>,
     noise: &Noise,
-) -> Option<(CandidateThrow, f64, Vec<[usize; 2]>)> {
+    seed: u64,
+) -> Option<Discrimination> {
     let pairs: Vec<[usize; 2]> = (0..rivals.len())
         .flat_map(|i| (0..rivals.len()).map(move |j| [i, j]))
         .filter(|[i, j]| i != j)
         .collect();
     let mut best: Option<(f64, CandidateThrow, Vec<f64>)> = None;
-    for trial in candidate_throws(segments, rivals[0]) {
+    for throw in candidate_throws(segments, rivals[0]) {
+        let flight = throw.flight(rivals[0], discrepancy, noise);
         let apart: Vec<f64> =
-            pairs.iter().map(|[i, j]| discrimination(&trial, rivals[*i], rivals[*j], noise)).collect();
+            pairs.iter().map(|[i, j]| discrimination(&flight, rivals[*i], rivals[*j])).collect();
         // Differences beyond the required one hardly count.
         let score = apart.iter().map(|a| a.min(4.0 * CLEAR_DIFFERENCE)).sum::<f64>()
             + 1e-3 * apart.iter().sum::<f64>().min(1e3);
         if best.as_ref().is_none_or(|b| score > b.0) {
-            best = Some((score, trial, apart));
+            best = Some((score, throw, apart));
         }
     }
-    let (_, trial, apart) = best?;
-    let clear: Vec<usize> = (0..pairs.len()).filter(|k| apart[*k] >= CLEAR_DIFFERENCE).collect();
-    let least = clear.iter().map(|k| apart[*k]).fold(f64::INFINITY, f64::min);
-    Some((trial, least, clear.into_iter().map(|k| pairs[k]).collect()))
+    let (_, throw, apart) = best?;
+    let flight = throw.flight(rivals[0], discrepancy, noise);
+    let mut stream = rng::stream(seed, "next experiment");
+    let mut rate = |k: usize| success_rate(&flight, rivals[pairs[k][0]], rivals[pairs[k][1]], &mut stream);
+    let expected = (0..pairs.len()).filter(|k| apart[*k] >= CLEAR_DIFFERENCE);
+    let mut checked: Vec<([usize; 2], f64)> = expected.map(|k| (pairs[k], rate(k))).collect();
+    checked.retain(|(_, rate)| *rate >= MIN_SUCCESS_RATE);
+    let success_rate = checked.iter().map(|(_, rate)| *rate).fold(1.0, f64::min);
+    let pairs = checked.into_iter().map(|(pair, _)| pair).collect();
+    Some(Discrimination { throw, pairs, success_rate })
 }
 
 /// A candidate throw: description and segment.
@@ -50,6 +71,17 @@ pub struct CandidateThrow {
     pub description: String,
     pub segment: Segment,
     nuisances: [f64; 4],
+}
+
+impl CandidateThrow {
+    fn flight(
+        &self,
+        by: &FittedModel,
+        discrepancy: Option<&SharedDiscrepancy>,
+        noise: &Noise,
+    ) -> PlannedFlight<'_> {
+        PlannedFlight::new(&self.segment, self.nuisances, by, discrepancy, noise, REPEATS)
+    }
 }
 
 /// Variations of a typical throw, each as long as the longest flight.
@@ -118,64 +150,18 @@ fn observed_segment(typical: &Segment, start: [f64; 4]) -> Segment {
     window
 }
 
-/// Residual square in units of the noise with which `other` fits [`REPEATS`] throws predicted by `own`, after
-/// refitting initial states and parameters, the latter with the information of the trials so far.
-fn discrimination(trial: &CandidateThrow, own: &FittedModel, other: &FittedModel, noise: &Noise) -> f64 {
-    let observed = |fit: &FittedModel, values: &[f64], start: &[f64]| {
-        DVector::from_vec(
-            fit.layout.segment_physics(&trial.segment, values, &[]).predict_positions(start, |_, _| ()),
-        )
+/// Residual square in units of the noise with which `other` explains [`REPEATS`] throws as `own` predicts them.
+fn discrimination(flight: &PlannedFlight, own: &FittedModel, other: &FittedModel) -> f64 {
+    flight.misfit(other, &flight.prediction(own))
+}
+
+/// Share of simulated outcomes under `own` in which `other` is certainly less probable.
+fn success_rate(flight: &PlannedFlight, own: &FittedModel, other: &FittedModel, stream: &mut Stream) -> f64 {
+    let decides = |_: &usize| {
+        let outcome = flight.simulated(own, stream);
+        flight.misfit(other, &outcome) - flight.misfit(own, &outcome) > 2.0 * SETTINGS.log_odds_of_certainty()
     };
-    let (values, parameters) = (&other.state.values, &other.layout.parameters);
-    let truth = observed(own, &own.state.values, &trial.nuisances);
-    let mut start = trial.nuisances;
-    let mut left = 0.0;
-    // Two Gauss-Newton steps for the initial state.
-    for _ in 0..2 {
-        let base = observed(other, values, &start);
-        let mut residual = &truth - &base;
-        let from = DMatrix::from_columns(
-            &(0..4)
-                .map(|k| {
-                    let mut moved = start;
-                    moved[k] += 1e-4;
-                    (observed(other, values, &moved) - &base) / 1e-4
-                })
-                .collect::<Vec<_>>(),
-        );
-        let mut columns = DMatrix::zeros(residual.len(), parameters.len());
-        for (k, parameter) in parameters.iter().enumerate().filter(|(_, s)| s.setting.is_none_or(|s| s == 0))
-        {
-            let mut moved = values.clone();
-            let by = if values[k] + parameter.fd_step > parameter.bounds[1] {
-                -parameter.fd_step
-            } else {
-                parameter.fd_step
-            };
-            moved[k] += by;
-            columns.set_column(k, &((observed(other, &moved, &start) - &base) / by));
-        }
-        if !residual.iter().chain(columns.iter()).chain(from.iter()).all(|v| v.is_finite()) {
-            return 0.0;
-        }
-        let project = pseudo_inverse(&from.tr_mul(&from)) * from.transpose();
-        let moved = &project * &residual;
-        start.iter_mut().zip(moved.iter()).for_each(|(s, m)| *s += m);
-        residual -= &from * moved;
-        columns -= &from * (&project * &columns);
-        let unit = noise.sd * noise.sd * noise.smooth_variance_factor();
-        let mut known = columns.tr_mul(&columns) * (REPEATS / unit);
-        let score = columns.tr_mul(&residual) * (REPEATS / unit);
-        let square = residual.norm_squared() * REPEATS / unit;
-        for t in &other.evaluation.normal_equations {
-            known += &t.gram / noise.smooth_variance_factor();
-        }
-        for (k, parameter) in parameters.iter().enumerate() {
-            known[(k, k)] += parameter.min_information();
-        }
-        left = square - score.dot(&(pseudo_inverse(&known) * &score));
-    }
-    left.max(0.0)
+    (0..SIMULATIONS).filter(decides).count() as f64 / SIMULATIONS as f64
 }
 
 #[cfg(test)]
@@ -184,26 +170,32 @@ mod tests {
     use crate::inference::testing::segments::fitted_models;
 
     /// No throw discriminates an upward wind from weaker gravity; every long flight discriminates both from
-    /// neither.
+    /// neither, in simulations too.
     #[test]
     fn throws_discriminate_different_models_only() {
         let (segments, fits, noise) = fitted_models(&[&["gravity_error"], &["wind"], &[]]);
-        for trial in candidate_throws(&segments, &fits[0]) {
-            let apart = |i: usize, j: usize| discrimination(&trial, &fits[i], &fits[j], &noise);
-            assert!(apart(0, 1) < 1.0 && apart(1, 0) < 1.0, "{}", trial.description);
-            assert!(apart(0, 2) > CLEAR_DIFFERENCE, "{}", trial.description);
+        for throw in candidate_throws(&segments, &fits[0]) {
+            let flight = throw.flight(&fits[0], None, &noise);
+            let apart = |i: usize, j: usize| discrimination(&flight, &fits[i], &fits[j]);
+            assert!(apart(0, 1) < 1.0 && apart(1, 0) < 1.0, "{}", throw.description);
+            assert!(apart(0, 2) > CLEAR_DIFFERENCE, "{}", throw.description);
         }
+        let rivals: Vec<&FittedModel> = fits.iter().collect();
+        let best = best_throw(&segments, &rivals, None, &noise, 1).unwrap();
+        assert!(best.pairs.contains(&[0, 2]) && !best.pairs.contains(&[0, 1]), "{:?}", best.pairs);
+        assert!(best.success_rate > 0.95, "{}", best.success_rate);
     }
 
     /// Parameters that the trials determine cannot be refitted; without that information they can.
     #[test]
     fn free_parameters_reduce_discrimination() {
         let (segments, mut fits, noise) = fitted_models(&[&["gravity_error"], &["wind"]]);
-        let trial = candidate_throws(&segments, &fits[0]).remove(3);
+        let throw = candidate_throws(&segments, &fits[0]).remove(3);
         fits[1].state.values.fill(0.0);
-        let apart = |fits: &[FittedModel]| discrimination(&trial, &fits[0], &fits[1], &noise);
+        let apart =
+            |fits: &[FittedModel]| discrimination(&throw.flight(&fits[0], None, &noise), &fits[0], &fits[1]);
         assert!(apart(&fits) > CLEAR_DIFFERENCE, "{}", apart(&fits));
-        fits[1].evaluation.normal_equations.clear();
+        fits[1].covariance *= 1e6;
         assert!(apart(&fits) < 1.0, "{}", apart(&fits));
     }
 }

@@ -1,14 +1,16 @@
 //! Next experiment: a throw or an action that discriminates the rivals, or an instrument check if none does.
 
 mod discrimination;
+mod planned_flight;
 
 use crate::error::Result;
 use crate::inference::config::DiagnosisConfig;
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::FittedModel;
-use crate::inference::next_experiment::discrimination::{REPEATS, best_throw};
+use crate::inference::next_experiment::discrimination::{Discrimination, REPEATS, best_throw};
 use crate::inference::report::{RecommendedExperiment, Verdict};
 use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::selection::SharedDiscrepancy;
 use crate::task::{Placement, Scene};
 use crate::trajectory::Trajectory;
 use crate::world::effect::{Effect, REGISTRY};
@@ -19,13 +21,14 @@ const MAX_ACTIONS: usize = 24;
 /// Maximum number of rivals that are compared.
 const MAX_RIVALS: usize = 6;
 
-/// The next experiment; `None` if there is nothing to discriminate.
+/// The next experiment; `None` if there is nothing to discriminate. `rivals`: the models that it should discriminate, most
+/// probable first.
 pub fn next_experiment(
     scene: &Scene,
     segments: &[Segment],
-    fits: &[FittedModel],
-    rivals: &[usize],
+    rivals: &[&FittedModel],
     verdict: Verdict,
+    discrepancy: Option<&SharedDiscrepancy>,
     noise: &Noise,
     config: &DiagnosisConfig,
 ) -> Result<Option<RecommendedExperiment>> {
@@ -43,17 +46,20 @@ pub fn next_experiment(
     if rivals.len() < 2 {
         return Ok(None);
     }
-    let own: Vec<&FittedModel> = rivals.iter().take(MAX_RIVALS).map(|i| &fits[*i]).collect();
+    let own = &rivals[..rivals.len().min(MAX_RIVALS)];
     match segments.iter().position(|w| w.kind != SegmentKind::Contact) {
         Some(w) if matches!(segments[w].kind, SegmentKind::FromInitialState | SegmentKind::OneStep) => {
             action_experiment(scene, &segments[w], [own[0], own[1]], noise, config)
         }
-        _ => Ok(throw_experiment(segments, &own, noise)),
+        _ => Ok(throw_experiment(segments, own, discrepancy, noise, config.seed)),
     }
 }
 
 fn label(fit: &FittedModel) -> String {
-    fit.effect_names().join(" + ")
+    match fit.effects.is_empty() {
+        true => "no further effect".into(),
+        false => fit.effect_names().join(" + "),
+    }
 }
 
 fn effect_names(fits: &[&FittedModel]) -> Vec<String> {
@@ -67,11 +73,13 @@ fn effect_names(fits: &[&FittedModel]) -> Vec<String> {
 fn throw_experiment(
     segments: &[Segment],
     rivals: &[&FittedModel],
+    discrepancy: Option<&SharedDiscrepancy>,
     noise: &Noise,
+    seed: u64,
 ) -> Option<RecommendedExperiment> {
-    let found = best_throw(segments, rivals, noise);
+    let found = best_throw(segments, rivals, discrepancy, noise, seed);
     let apart = |i: usize, j: usize| {
-        found.as_ref().is_some_and(|(_, _, clear)| clear.contains(&[i, j]) || clear.contains(&[j, i]))
+        found.as_ref().is_some_and(|found| found.pairs.contains(&[i, j]) || found.pairs.contains(&[j, i]))
     };
     let mut twins: Vec<usize> = Vec::new();
     for j in 0..rivals.len() {
@@ -84,16 +92,16 @@ fn throw_experiment(
     let checks: Vec<&str> = REGISTRY.iter().filter(view).filter_map(|e| e.instrument_check).collect();
     let sets = rivals.iter().map(|f| label(f)).collect::<Vec<_>>().join(", ");
     let (mut actions, mut why, mut scene) = (Vec::new(), format!("{sets} tie"), None);
-    if let Some((trial, least, clear)) = &found
-        && !clear.is_empty()
+    if let Some(Discrimination { throw, pairs, success_rate }) = &found
+        && !pairs.is_empty()
     {
-        actions.push(format!("{}; {REPEATS:.0} times", trial.description));
+        actions.push(format!("{}; {REPEATS:.0} times", throw.description));
         why += &format!(
-            "; this should part {} by {:.0} or more (square of what the wrong one leaves over the noise's)",
-            if twins.is_empty() { "all of them" } else { "those that a flight can part" },
-            least
+            "; in {:.0} % or more of simulated outcomes this decides between {}",
+            100.0 * success_rate,
+            if twins.is_empty() { "all of them" } else { "those that a flight can tell apart" },
         );
-        scene = Some(trial.segment.scene.clone());
+        scene = Some(throw.segment.scene.clone());
     }
     if !checks.is_empty() {
         actions.push(checks.join("; "));
@@ -192,7 +200,8 @@ mod tests {
     fn next_experiment_is_a_throw_or_an_instrument_check() {
         let (segments, fits, noise) = fitted_models(&[&["gravity_error"], &["position_scale"], &[]]);
         let ask = |rivals: &[usize], verdict| {
-            next_experiment(&ball(), &segments, &fits, rivals, verdict, &noise, &DiagnosisConfig::standard(0))
+            let rivals: Vec<&FittedModel> = rivals.iter().map(|i| &fits[*i]).collect();
+            next_experiment(&ball(), &segments, &rivals, verdict, None, &noise, &DiagnosisConfig::standard(0))
                 .unwrap()
         };
         let trial = ask(&[0, 2], Verdict::Ambiguous).unwrap();
@@ -202,6 +211,9 @@ mod tests {
         let linearization = ask(&[0, 1], Verdict::Ambiguous).unwrap();
         let check = crate::world::effect::find("position_scale").unwrap().instrument_check.unwrap();
         assert!(linearization.action.contains(check), "{}", linearization.action);
+        // What may act although nothing is named.
+        let trial = ask(&[2, 0], Verdict::None).unwrap();
+        assert!(trial.scene.is_some() && trial.why.contains("no further effect"), "{}", trial.why);
         assert!(ask(&[0], Verdict::Named).is_none() && ask(&[], Verdict::None).is_none());
         assert!(ask(&[0], Verdict::Unknown).unwrap().action.starts_with("repeat one launch"));
     }

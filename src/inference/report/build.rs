@@ -78,7 +78,9 @@ pub fn build_report(
     if let (Some(held_out), Some(_)) = (&mut gain.held_out, decision.gain) {
         held_out.excess_removed = decision.gain;
     }
-    let next = next_experiment(scene, segments, fits, &decision.rivals, verdict, noise, config)?;
+    let discrepancy = input.context.as_ref().map(|c| &c.discrepancy);
+    let undecided = decision.undecided(&found);
+    let next = next_experiment(scene, segments, &undecided, verdict, discrepancy, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].effect_names());
     let unlike = between_trial_variation::between_trial_variation(model);
     let remainder = residual_summary(base, model, decision, noise, &gain, scale);

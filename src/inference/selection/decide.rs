@@ -53,6 +53,18 @@ impl Decision {
         sets.map(|(_, p)| p).sum()
     }
 
+    /// Models that further data should discriminate: the rivals; if the empty set is credible, the base model and the sets whose
+    /// probability exceeds the prior one of an effect, without those that contain another one.
+    pub fn undecided<'f>(&self, found: &'f SearchResult) -> Vec<&'f FittedModel> {
+        if self.verdict != Verdict::None {
+            return self.rivals.iter().map(|i| &found.fits[*i]).collect();
+        }
+        let mut possible = found.ranked(|_| true);
+        possible.retain(|i| self.probabilities[*i] > SETTINGS.inclusion);
+        let sets = simplest(found, &possible).into_iter().map(|i| &found.fits[i]);
+        [&found.base].into_iter().chain(sets).collect()
+    }
+
     /// Posterior probability that an effect acts.
     pub fn inclusion_probability(&self, found: &SearchResult, name: &str) -> f64 {
         let holds = |fit: &FittedModel| fit.effects.iter().any(|e| e.name == name);
@@ -190,12 +202,7 @@ fn reversed_effect_log_bayes_factor(
 /// Whether an unnamed field is certain, given its log Bayes factor; its prior probability is that of an
 /// effect.
 fn is_certain(nats: f64) -> bool {
-    nats + log_prior(1) > log_odds_of_certainty()
-}
-
-/// Log posterior odds from which a hypothesis is certain.
-fn log_odds_of_certainty() -> f64 {
-    (SETTINGS.confidence / (1.0 - SETTINGS.confidence)).ln()
+    nats + log_prior(1) > SETTINGS.log_odds_of_certainty()
 }
 
 /// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
@@ -218,8 +225,9 @@ fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
 
 /// The sets that contain no other one as a special case, unless they are certainly more probable than it.
 fn simplest(found: &SearchResult, sets: &[usize]) -> Vec<usize> {
-    let is_likelier =
-        |i: usize, j: usize| found.log_posterior[i] - found.log_posterior[j] > log_odds_of_certainty();
+    let is_likelier = |i: usize, j: usize| {
+        found.log_posterior[i] - found.log_posterior[j] > SETTINGS.log_odds_of_certainty()
+    };
     let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !is_likelier(i, j);
     let used = |i: &usize| !sets.iter().any(|j| j != i && covers(*i, *j));
     sets.iter().copied().filter(used).collect()

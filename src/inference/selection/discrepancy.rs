@@ -13,9 +13,11 @@
 //! Differences from the sources: basis functions of fixed widths replace a Gaussian process; responses are computed once,
 //! along the paths of the richest model, and are the same for every set of effects.
 
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 
-use super::settings::Settings;
+use super::settings::{SETTINGS, Settings};
 use crate::budget::checked;
 use crate::error::Result;
 use crate::inference::dynamics::Impact;
@@ -47,6 +49,11 @@ pub struct SharedDiscrepancy {
     pub broad_ratio: f64,
     /// Largest plausible discrepancy, m/s^2.
     pub acceleration: f64,
+    /// Its functions, and largest plausible displacement, m.
+    basis: Arc<DiscrepancyBasis>,
+    position: f64,
+    /// Coefficients of the functions by direction, if the basis is restricted to these.
+    directions: Option<DMatrix<f64>>,
 }
 
 impl SharedDiscrepancy {
@@ -74,7 +81,29 @@ impl SharedDiscrepancy {
         let columns: Vec<DMatrix<f64>> = data.each_segment(column)?;
         let count = if columns.iter().all(|c| c.iter().all(|v| *v == 0.0)) { 0 } else { fields.count() };
         let broad = (typical / acceleration).max(3.0 * base / acceleration).max(1.0);
-        Ok(SharedDiscrepancy { responses: columns, count, broad_ratio: broad, acceleration })
+        let basis = Arc::new(fields);
+        Ok(SharedDiscrepancy {
+            responses: columns,
+            count,
+            broad_ratio: broad,
+            acceleration,
+            basis,
+            position,
+            directions: None,
+        })
+    }
+
+    /// Responses of the observations of another flight along its path (x, y, vx, vy): two rows per observation.
+    pub fn responses_along(&self, segment: &Segment, path: &[[f64; 4]]) -> DMatrix<f64> {
+        if self.count == 0 {
+            return DMatrix::zeros(2 * path.len(), 0);
+        }
+        let sizes = [self.acceleration, self.position];
+        let all = self.basis.responses(segment, path, None, sizes, &SETTINGS);
+        match &self.directions {
+            Some(directions) => all * directions,
+            None => all,
+        }
     }
 }
 
@@ -106,7 +135,8 @@ impl SharedDiscrepancy {
         order.truncate(MAX_DIRECTIONS);
         let directions = eigen.eigenvectors.select_columns(&order);
         let columns = data.each_segment(|w, _| &self.responses[w] * &directions)?;
-        Ok(SharedDiscrepancy { responses: columns, count: order.len(), ..*self })
+        let (responses, count, directions) = (columns, order.len(), Some(directions));
+        Ok(SharedDiscrepancy { responses, count, directions, ..self.clone() })
     }
 }
 
@@ -333,7 +363,6 @@ impl DiscrepancyBasis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inference::selection::SETTINGS;
     use crate::inference::testing::segments::{bounces, flights, one_step_segments};
     use crate::world::Engine;
 

@@ -1,9 +1,10 @@
 //! Explained share: how much of the predictable misfit a set of effects accounts for, and how much of the error on held-out trials.
 //!
 //! With m0 the squared residuals of the base model, m1 of the set, and m2 of the set with a broad discrepancy
-//! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The random accelerations of each trial are
-//! the same in all three: their conditional modes under the model with the field, so that between-trial
-//! variation is not counted as misfit and does not absorb shared misfit. m2 is bounded below by the expected
+//! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The plausible shared discrepancy is the same
+//! in all three, at its mode under the set: it is no law's error. So are the random accelerations of each trial,
+//! at their conditional modes under the model with the field, so that between-trial variation is not counted as
+//! misfit and does not absorb shared misfit. m2 is bounded below by the expected
 //! square of noise and trial discrepancy. Weights of trials are bounded, and the Bayesian bootstrap over
 //! trials gives the uncertainty.
 //!
@@ -14,10 +15,12 @@ use std::collections::HashMap;
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
+use super::laplace::marginal_evidence;
 use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::inference::field;
 use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::mixed_model::group_statistics::group_statistics;
 use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomEffect;
@@ -63,10 +66,11 @@ pub fn explanation(
     seed: u64,
 ) -> Result<Explanation> {
     let nothing = Explanation { shares: Vec::new(), gain: None };
-    let Some((_, groups)) = fitter.groups(&model.layout, &model.state, &[])? else { return Ok(nothing) };
+    let displacements = discrepancy_mode(fitter, model)?;
+    let Some(groups) = groups_without(fitter, model, displacements.as_deref())? else { return Ok(nothing) };
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
     let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
-    let (modes, broad) = match field::fit_broad(fitter, model, sd)? {
+    let (modes, broad) = match field::fit_broad(fitter, model, &groups, sd)? {
         Some((groups, step)) => {
             let modes = acceleration_modes(model, &groups, |_| step.clone());
             let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
@@ -81,7 +85,7 @@ pub fn explanation(
     let after = held_out(model, &groups);
     let mut out = nothing;
     for (k, base) in fewer.iter().enumerate() {
-        let Some((_, groups)) = fitter.groups(&base.layout, &base.state, &[])? else {
+        let Some(groups) = groups_without(fitter, base, displacements.as_deref())? else {
             out.shares.push(None);
             continue;
         };
@@ -93,6 +97,42 @@ pub fn explanation(
         }
     }
     Ok(out)
+}
+
+/// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;
+/// `None` without discrepancy.
+fn discrepancy_mode(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<DMatrix<f64>>>> {
+    let Some(discrepancy) = fitter.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) else {
+        return Ok(None);
+    };
+    let responses = |w: usize| Some(discrepancy.responses[w].clone());
+    let groups = fitter.groups_with_columns(&model.layout, &model.state, discrepancy.count, &responses)?;
+    let mode = groups
+        .and_then(|groups| group_statistics(&groups, &model.components))
+        .and_then(|statistics| marginal_evidence(&statistics, &model.prior));
+    Ok(mode.map(|mode| {
+        let size = mode.step.rows(model.layout.parameters.len(), discrepancy.count).into_owned();
+        let own = |r: &DMatrix<f64>| DMatrix::from_column_slice(r.nrows(), 1, (r * &size).as_slice());
+        discrepancy.responses.iter().map(own).collect()
+    }))
+}
+
+/// Groups of a model, displacements of observations subtracted from the residuals.
+fn groups_without(
+    fitter: &ModelFitter,
+    model: &FittedModel,
+    displacements: Option<&[DMatrix<f64>]>,
+) -> Result<Option<Vec<Group>>> {
+    let own = |w: usize| displacements.map(|d| d[w].clone());
+    let Some(mut groups) = fitter.groups_with_columns(&model.layout, &model.state, 1, &own)? else {
+        return Ok(None);
+    };
+    let parameters = model.layout.parameters.len();
+    for block in groups.iter_mut().flat_map(|group| &mut group.blocks) {
+        block.residual -= block.jacobian.column(parameters);
+        block.jacobian = block.jacobian.columns(0, parameters).into_owned();
+    }
+    Ok(Some(groups))
 }
 
 /// Explained share from squared residuals by trial: of the simpler model (`none`), of the model (`own`), of

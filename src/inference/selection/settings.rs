@@ -32,6 +32,13 @@ pub struct Settings {
     pub discrepancy_of_impact: [f64; 2],
 }
 
+impl Settings {
+    /// Log posterior odds from which a hypothesis is certain.
+    pub fn log_odds_of_certainty(&self) -> f64 {
+        (self.confidence / (1.0 - self.confidence)).ln()
+    }
+}
+
 /// The settings of every diagnosis.
 pub const SETTINGS: Settings = Settings {
     inclusion: 0.1,
