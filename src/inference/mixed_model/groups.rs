@@ -23,7 +23,7 @@ use crate::inference::mixed_model::random_design::{RandomDesign, RandomEffect};
 use crate::inference::model::{Linearization, SegmentData};
 use crate::inference::segment::{Segment, SegmentKind};
 
-/// Length scale of the trial discrepancy (Matern 3/2), as a share of the median flight duration.
+/// Length scale of the trial discrepancy (Matern 3/2), as a share of the median duration of flights and rolls.
 const GP_LENGTH_SHARE: f64 = 0.25;
 
 /// A group of observations with a common scale: all measured segments of a trial, or one engine-simulated
@@ -94,8 +94,8 @@ impl BasisCache {
 
 /// Model-independent quantities of all segments.
 pub fn basis_caches(segments: &[Segment], noise: &Noise) -> Vec<BasisCache> {
-    let flights = segments.iter().filter(|w| w.kind == SegmentKind::Flight);
-    let durations: Vec<f64> = flights.map(|w| w.observations.last().map_or(0.0, |p| p.time)).collect();
+    let smooth = segments.iter().filter(|w| matches!(w.kind, SegmentKind::Flight | SegmentKind::Rolling));
+    let durations: Vec<f64> = smooth.map(|w| w.observations.last().map_or(0.0, |p| p.time)).collect();
     let length = GP_LENGTH_SHARE * crate::inference::statistics::median(&durations).max(1e-6);
     let mut first: HashMap<usize, f64> = HashMap::new();
     for flight in segments.iter().filter(|w| w.kind == SegmentKind::Flight) {

@@ -37,7 +37,7 @@ const STEPS: usize = 12;
 const FIRST_STEP: f64 = 0.8;
 const SHORTEST_STEP: f64 = 0.1;
 /// Largest decrease of a component's logarithm, at which it is practically zero.
-const MAX_LOG_DECREASE: f64 = 4.0;
+const MAX_LOG_DECREASE: f64 = 5.0;
 const STEP_GROWTH: f64 = 1.4;
 const STEP_SHRINKAGE: f64 = 0.4;
 
@@ -150,13 +150,14 @@ impl ComponentScales {
         }
     }
 
-    /// Initial values of the optimisation.
+    /// Initial values of the optimisation: the plausible sizes. From smaller ones it may end at zero, since a random effect that
+    /// is much too small explains nothing.
     fn start(&self) -> VarianceComponents {
         VarianceComponents {
-            discrepancy: 0.3 * self.discrepancy,
-            impact: 0.3 * IMPACT,
-            scale: 0.3 * SCALE,
-            accelerations: vec![0.3 * ACCELERATION; nuisance_accelerations().len()],
+            discrepancy: self.discrepancy,
+            impact: IMPACT,
+            scale: SCALE,
+            accelerations: vec![ACCELERATION; nuisance_accelerations().len()],
         }
     }
 
