@@ -2,9 +2,9 @@
 //!
 //! With m0 the squared residuals of the base model, m1 of the set, and m2 of the set with a broad discrepancy
 //! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The plausible shared discrepancy is the same
-//! in all three, at its mode under the set: it is no law's error. So are the random accelerations of each trial,
-//! at their conditional modes under the model with the field, so that between-trial variation is not counted as
-//! misfit and does not absorb shared misfit. m2 is bounded below by the expected
+//! in all three, at its mode under the set: it is no law's error. So are the random effects of each trial (accelerations,
+//! errors of impacts), at their conditional modes under the model with the field, so that between-trial variation is
+//! not counted as misfit and does not absorb shared misfit. m2 is bounded below by the expected
 //! square of noise and trial discrepancy. Weights of trials are bounded, and the Bayesian bootstrap over
 //! trials gives the uncertainty.
 //!
@@ -72,11 +72,11 @@ pub fn explanation(
     let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
     let (modes, broad) = match field::fit_broad(fitter, model, &groups, sd)? {
         Some((groups, step)) => {
-            let modes = acceleration_modes(model, &groups, |_| step.clone());
+            let modes = random_modes(model, &groups, |_| step.clone());
             let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
             (modes, Some(left))
         }
-        None => (acceleration_modes(model, &groups, current), None),
+        None => (random_modes(model, &groups, current), None),
     };
     let own = squares_by_trial(model, &groups, &modes, current);
     let held_out = |m: &FittedModel, groups: &[Group]| {
@@ -182,22 +182,19 @@ fn trial_weights(base: &[f64]) -> Vec<f64> {
     base.iter().map(|v| if *v > most { most / v } else { 1.0 }).collect()
 }
 
-/// Random accelerations, in their standard deviations, by segment and place among them.
-type AccelerationModes = HashMap<(usize, usize), f64>;
+/// Random effects, in their standard deviations, by segment, whether they act on all of the trial, and column.
+type Modes = HashMap<(usize, bool, usize), f64>;
 
-/// Columns of random accelerations of a block, for one standard deviation: index, whether it acts on all
-/// segments of the trial, and the column.
+/// Columns of a block's random effects but the scales, for one standard deviation: whether it acts on all segments of the trial,
+/// its index among those, and the column.
 fn random_columns<'a>(
     model: &'a FittedModel,
     block: &'a SegmentBlock,
-) -> impl Iterator<Item = (usize, bool, DVector<f64>)> + 'a {
+) -> impl Iterator<Item = (bool, usize, DVector<f64>)> + 'a {
     let of = |kinds: &'a [RandomEffect], columns: &'a DMatrix<f64>, alike: bool| {
-        kinds.iter().zip(columns.column_iter()).filter_map(move |(kind, column)| match kind {
-            RandomEffect::Acceleration(place) => {
-                Some((*place, alike, column * model.components.sd_of(*kind)))
-            }
-            _ => None,
-        })
+        let each = kinds.iter().zip(columns.column_iter()).enumerate();
+        let used = each.filter(|(_, (kind, _))| **kind != RandomEffect::Scale);
+        used.map(move |(k, (kind, column))| (alike, k, column * model.components.sd_of(*kind)))
     };
     of(&block.z_group_effects, &block.z_group, true).chain(of(
         &block.z_segment_effects,
@@ -206,21 +203,17 @@ fn random_columns<'a>(
     ))
 }
 
-/// Conditional modes of the random accelerations after a step of the parameters.
-fn acceleration_modes(
-    model: &FittedModel,
-    groups: &[Group],
-    step: impl Fn(&Group) -> DVector<f64>,
-) -> AccelerationModes {
-    let mut out = AccelerationModes::new();
+/// Conditional modes of the random effects but the scales after a step of the parameters.
+fn random_modes(model: &FittedModel, groups: &[Group], step: impl Fn(&Group) -> DVector<f64>) -> Modes {
+    let mut out = Modes::new();
     let slow = model.components.discrepancy;
     for group in groups.iter().filter(|p| p.has_random_effects) {
-        // Unknowns: index of the acceleration, and its segment if it is a segment-level effect.
+        // Unknowns: index of the column, and its segment if it is a segment-level effect.
         let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
         let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
         for (b, block) in group.blocks.iter().enumerate() {
-            for (place, alike, column) in random_columns(model, block) {
-                let unknown = (place, (!alike).then_some(block.segment));
+            for (alike, k, column) in random_columns(model, block) {
+                let unknown = (k, (!alike).then_some(block.segment));
                 let at = unknowns.iter().position(|u| *u == unknown).unwrap_or(unknowns.len());
                 if at == unknowns.len() {
                     unknowns.push(unknown);
@@ -244,17 +237,18 @@ fn acceleration_modes(
         let Some(factor) = precision.cholesky() else { continue };
         let solved = factor.solve(&score);
         for (b, at, _) in &columns {
-            out.insert((group.blocks[*b].segment, unknowns[*at].0), solved[*at]);
+            let (k, own) = unknowns[*at];
+            out.insert((group.blocks[*b].segment, own.is_none(), k), solved[*at]);
         }
     }
     out
 }
 
-/// Squared residuals by trial after a step of the parameters, random accelerations subtracted.
+/// Squared residuals by trial after a step of the parameters, random effects subtracted.
 fn squares_by_trial(
     model: &FittedModel,
     groups: &[Group],
-    modes: &AccelerationModes,
+    modes: &Modes,
     step: impl Fn(&Group) -> DVector<f64>,
 ) -> Vec<f64> {
     let mut out = vec![0.0; model.held_out_squares.len()];
@@ -262,8 +256,9 @@ fn squares_by_trial(
         let step = step(group);
         for block in &group.blocks {
             let mut left = block.residual_at(&step);
-            for (place, _, column) in random_columns(model, block) {
-                left.axpy(-modes.get(&(block.segment, place)).copied().unwrap_or(0.0), &column, 1.0);
+            for (alike, k, column) in random_columns(model, block) {
+                let mode = modes.get(&(block.segment, alike, k)).copied().unwrap_or(0.0);
+                left.axpy(-mode, &column, 1.0);
             }
             out[group.trial] += left.norm_squared();
         }
