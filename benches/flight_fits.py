@@ -13,15 +13,15 @@ import itertools
 import numpy as np
 
 #: Longest step of the integrator, s, and steps for each of them where a law has edges.
-STEP, EDGE_STEPS = 0.045, 2
+STEP, EDGE_STEPS = 0.06, 2
 #: Width over which the edge of a patch is smooth, m, so that least squares can move it.
 EDGE = 0.05
 #: Most steps of a fit, and the relative decrease of the squares at which it ends.
 ITERATIONS, DECREASE = 15, 1e-6
 #: A set is not followed if this many times what it gains to first order would leave its BIC above all rivals of the lowest.
 GAIN_MARGIN = 2.0
-#: Starting points of the grid that are followed.
-STARTS = 2
+#: Starting points of the grid that are followed, for one law and for a further one.
+STARTS = [3, 1]
 #: Sets whose BIC differs by less are one: flights cannot distinguish them. Sets within RIVAL are not rejected.
 SAME, RIVAL = 0.1, 2.0
 #: A set is rejected if its residuals have more than this times the variance of the noise.
@@ -76,7 +76,7 @@ def laws(flights):
     spread = EDGE * 4.0
     edges = [(a - spread * (a == left), b + spread * (b == right)) for a, b in edges]
     duration = flights.times.max()
-    periods = np.geomspace(0.2, 2.5, 12) * duration
+    periods = np.geomspace(0.25, 2.5, 12) * duration
     gusts = [(period, phase) for period in periods for phase in np.pi * np.arange(3) / 3.0]
     air = [(u * np.cos(a), u * np.sin(a)) for u in (2.0, 5.0) for a in np.pi * np.arange(6) / 3.0]
     return {
@@ -190,6 +190,8 @@ def fit(model, p, starts):
     for _ in range(ITERATIONS):
         left, by_start, by_parameter = differences(model, p, starts)
         before = (left ** 2).sum()
+        if not np.isfinite(before) or not np.isfinite(by_parameter).all():
+            return np.inf, p, starts
         normal, gradient, of_parameter, of_left = projected(left, by_start, by_parameter)
         for _ in range(5):
             scale = np.diag(normal) + 1e-12
@@ -233,7 +235,7 @@ def candidates(flights, members, law, base):
         point = np.concatenate([p + size[:len(p)], size[len(p):], shape])
         promising.append((gradient @ size, i, point))
     promising.sort(key=lambda one: (-one[0], one[1]))
-    return model, [(rss - gain, point) for gain, _, point in promising[:STARTS]]
+    return model, [(rss - gain, point) for gain, _, point in promising[:STARTS[min(len(members), 1)]]]
 
 
 class Search:
@@ -270,17 +272,31 @@ class Search:
                 continue
             with np.errstate(all="ignore"):
                 found = fit(model, point, base[2])
-            if together not in self.fits or found[0] < self.fits[together][0]:
+            if found[0] < self.fits.get(together, (np.inf,))[0]:
                 order = np.concatenate([np.full(self.laws[name].count, together.index(name)) for name in (*names, further)])
                 self.fits[together] = found[0], found[1][np.argsort(order, kind="stable")], found[2]
 
 
-def diagnose(flights):
-    """The sets that BIC does not reject, the lowest first, without those that flights cannot distinguish from a smaller one; and the lowest's
-    residual variance over that of the noise."""
+def fits(flights):
+    """All that a decision needs of the fits: squares and parameters of each set, numbers, the noise and its correlation."""
     search = Search(flights)
-    scored = [(search.bic(names, found[0]), names, found[0] / (search.n - search.parameters(names))) for names, found in search.fits.items()]
-    lowest = min(scored)[0]
+    sets = [(list(names), search.parameters(names), float(found[0])) for names, found in search.fits.items()]
+    names, (_, p, starts) = min(search.fits.items(), key=lambda one: search.bic(one[0], one[1][0]))
+    model = Model(flights, [search.laws[name] for name in names])
+    left = model.residuals(model.paths(p[:, None], starts[:, None]))[0].reshape(*flights.times.shape, 2)
+    correlation = (left[:, 1:] * left[:, :-1]).sum() / (left ** 2).sum()
+    return {"n": search.n, "noise_variance": float(flights.noise_variance), "correlation": float(correlation), "sets": sets}
+
+
+def decide(found, careful):
+    """Verdict and sets: those that BIC does not reject, the lowest first, without those that flights cannot distinguish from a smaller one.
+
+    Careful: of correlated residuals only n (1 - r) / (1 + r) count, r being their correlation from point to point; and it is unknown if they
+    have more than `MISFIT` times the variance of the noise."""
+    n, r = found["n"], min(max(found["correlation"], 0.0), 0.95)
+    effective = n * (1.0 - r) / (1.0 + r) if careful else n
+    scored = [(effective * np.log(rss / n) + k * np.log(effective), names, rss / (n - k)) for names, k, rss in found["sets"]]
+    lowest = min(bic for bic, _, _ in scored)
     # The fewest laws first among those that are the same.
     scored.sort(key=lambda one: (round((one[0] - lowest) / SAME), len(one[1]), one[0]))
     kept = [scored[0]]
@@ -288,4 +304,6 @@ def diagnose(flights):
         same = [other for other in kept if abs(one[0] - other[0]) < SAME and len(one[1]) > len(other[1])]
         if one[0] - lowest < RIVAL and not same:
             kept.append(one)
-    return [list(names) for _, names, _ in kept], float(scored[0][2] / flights.noise_variance)
+    if careful and kept[0][2] > MISFIT * found["noise_variance"]:
+        return "Unknown", []
+    return "Named" if kept[0][1] else "None", [names for _, names, _ in kept]

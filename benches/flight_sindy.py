@@ -4,7 +4,7 @@ Velocities and accelerations come from `SmoothedFiniteDifference`. Each law is o
 trajectories of one velocity component each, so that a drag has the same coefficient along both. Laws with parameters inside (gust, sticky
 patch, moving air) offer their features at one point of a grid at a time. Features and accelerations have unit root mean square. Two
 optimizers make models of all degrees of sparsity: `STLSQ` by its threshold, and `SSR`, which drops one term at a time by the residual and so
-bears laws that resemble each other. Chosen is the sparsest model whose error on held-out trials, its terms refitted to the others, is within
+bears laws that resemble each other. Chosen is the model with the fewest parameters (those inside a law included) whose error on held-out trials, its terms refitted to the others, is within
 two standard errors of the lowest (paired over trials).
 
 Active features become names: `w` linear_drag, `speed w` quadratic_drag, `across` lift, `at x` or `at y` position_field (a constant beside
@@ -30,8 +30,8 @@ STANDARD_ERRORS = 2.0
 #: Weight of the ridge in both optimizers, and most terms of a model by `SSR`.
 RIDGE, MOST_TERMS = 1e-6, 6
 FEATURES = ["w", "speed w", "across", "constant x", "constant y", "at x", "at y"]
-#: Laws with parameters inside, and how many grid points of each are offered.
-SHAPED = ("moving_air", "gust", "sticky_patch")
+#: Laws with parameters inside, and how many each has.
+SHAPED, SHAPE_PARAMETERS = ("moving_air", "gust", "sticky_patch"), 2
 
 
 def derivatives(times, positions):
@@ -146,14 +146,17 @@ def held_out(features, targets):
 
 
 def sparsest(found):
-    """The model with the fewest terms whose held-out error is within two standard errors of the lowest."""
+    """The model with the fewest parameters whose held-out error is within two standard errors of the lowest."""
     lowest = min(found, key=lambda one: one[0].mean())[0]
 
     def allowed(errors):
         worse = errors - lowest
         return worse.mean() <= STANDARD_ERRORS * worse.std(ddof=1) / np.sqrt(len(worse))
 
-    _, coefficients, law = min((one for one in found if allowed(one[0])), key=lambda one: (np.count_nonzero(one[1]), one[0].mean()))
+    def parameters(coefficients):
+        return np.count_nonzero(coefficients) + SHAPE_PARAMETERS * bool(np.any(coefficients[len(FEATURES):]))
+
+    _, coefficients, law = min((one for one in found if allowed(one[0])), key=lambda one: (parameters(one[1]), one[0].mean()))
     return coefficients, law
 
 

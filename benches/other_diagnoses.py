@@ -7,8 +7,8 @@ DIR has a folder for each matrix: the rows of `hidden_effects` (`worlds.csv`) or
 what the same run exported (`--export`). Each diagnosis is appended to `diagnoses.jsonl` in DIR, and an interrupted run resumes; worlds without
 a row of the program, or not in free flight, are left out.
 
-Methods: `flight_fits.py` names the sets whose BIC is within 2 of the lowest; with a test of the fit, it is unknown if the residuals of the
-lowest have more than twice the variance of the noise; `flight_sindy.py` names the laws of the active terms.
+Methods: `flight_fits.py` names the sets whose BIC is within 2 of the lowest; the careful one counts correlated residuals for less, and says
+unknown if they have more than twice the variance of the noise; `flight_sindy.py` names the laws of the active terms.
 
 Every method is scored by one rule. *right alone*: one set, the hidden one; *in the set*: one of at most four; *unknown*; *nothing*: no
 effect; *wrong*: any other name. Sets that flights cannot distinguish are one: gravity, scale and clock; a tilted camera and wind across; a
@@ -29,11 +29,11 @@ import flight_fits
 import flight_sindy
 import flight_trials
 
-#: Columns of the verdict and the sets in the rows of the program.
-ROWS = {"worlds.csv": (3, 4), "recordings.csv": (8, 9)}
+#: Columns of the verdict, the sets and the time in the rows of the program.
+ROWS = {"worlds.csv": (3, 4, 8), "recordings.csv": (8, 9, 13)}
 #: Matrices that are known, in the order of the table.
 MATRICES = {"clean": "clean", "trials": "dirt by trial", "shared": "shared dirt"}
-METHODS = ["iplw", "BIC", "BIC with a test of the fit", "PySINDy"]
+METHODS = ["iplw", "BIC", "BIC, careful", "PySINDy"]
 GRAVITY_TWINS = ("gravity_error", "position_scale", "time_scale")
 MOST_RIVALS = 4
 
@@ -70,9 +70,8 @@ def exported(folder, matrix):
             sys.exit(f"{own} is not there: run the example with `--export {folder / 'worlds'}`")
         truth = json.loads((own / "truth.json").read_text(encoding="utf-8"))
         if truth["free_flight"]:
-            verdict, sets = (cells[at] for at in ROWS[logs[0]])
-            seconds = float(cells[12 if logs[0] == "recordings.csv" else -1])
-            given = {"verdict": verdict, "sets": [one.split("+") if one else [] for one in sets.split("|")], "seconds": seconds}
+            verdict, sets, seconds = (cells[at] for at in ROWS[logs[0]])
+            given = {"verdict": verdict, "sets": [one.split("+") if one else [] for one in sets.split("|")], "seconds": float(seconds)}
             out.append({"matrix": matrix, "id": cells[0], "folder": own, "truth": truth, "given": given})
     return out
 
@@ -94,14 +93,11 @@ def study(worlds, log):
                 known[key] = dict(zip(("matrix", "id", "method"), key)) | diagnosed(method, flights)
                 with log.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(known[key]) + "\n")
-            rows.append(known[key])
+            rows += verdicts(known[key])
         if flights:
             print(f"{number} of {len(worlds)} worlds, {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
         rows.append({"matrix": world["matrix"], "id": world["id"], "method": "iplw"} | world["given"])
-        fit = next(row for row in rows[::-1] if row["method"] == "BIC")
-        tested = {"verdict": "Unknown", "sets": []} if fit["misfit"] > flight_fits.MISFIT else {}
-        rows.append(fit | {"method": "BIC with a test of the fit"} | tested)
-        for row in rows[-4:]:
+        for row in rows[-len(METHODS):]:
             row |= {"truth": world["truth"], "outcome": outcome(row["verdict"], row["sets"], world["truth"])}
     return rows
 
@@ -109,12 +105,19 @@ def study(worlds, log):
 def diagnosed(method, flights):
     begun = time.perf_counter()
     if method == "BIC":
-        sets, misfit = flight_fits.diagnose(flights)
-        verdict = {"verdict": "Named" if sets[0] else "None", "sets": sets, "misfit": round(misfit, 4)}
+        found = {"fits": flight_fits.fits(flights)}
     else:
-        name, names = flight_sindy.diagnose(flights)
-        verdict = {"verdict": name, "sets": [names]}
-    return verdict | {"seconds": round(time.perf_counter() - begun, 2)}
+        verdict, names = flight_sindy.diagnose(flights)
+        found = {"verdict": verdict, "sets": [names]}
+    return found | {"seconds": round(time.perf_counter() - begun, 2)}
+
+
+def verdicts(row):
+    """Rows of the table of a row of the log: fits are decided in two ways."""
+    if "fits" not in row:
+        return [row]
+    found, rest = row["fits"], {key: value for key, value in row.items() if key != "fits"}
+    return [rest | {"method": method} | dict(zip(("verdict", "sets"), flight_fits.decide(found, method != "BIC"))) for method in METHODS[1:3]]
 
 
 def outcome(verdict, sets, truth):

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example hidden_effects -- --worlds 400 --out rates.md`: 400 worlds of all kinds with effects, and as
 //! many without. See `--help` for all options. Each result is appended to `worlds.csv` next to the table, and an interrupted
-//! run resumes.
+//! run resumes. `--export DIR` writes the worlds for other methods (`benches/other_diagnoses.py`).
 
 #[path = "../tests/discover_worlds/mod.rs"]
 mod worlds;

@@ -3,6 +3,7 @@
 //! `cargo run --release --example hidden_recordings -- --worlds 400 --out rates.md`: 400 worlds, cycling through the kinds
 //! (`--only KIND`: only kinds whose name contains KIND). `--seed` selects other worlds, `--threads` runs several in parallel,
 //! each on one thread; `--shared` adds errors that all trials share. Each result is appended to `recordings.csv` next to the table, and an interrupted run resumes.
+//! `--export DIR` writes the worlds for other methods (`benches/other_diagnoses.py`).
 //!
 //! The limit of identifiability is the result of the same method on the same trials without noise and outliers (the clean
 //! twin). Sets that such data cannot distinguish count as one: gravity, scale and clock in free flight; a tilted camera and
