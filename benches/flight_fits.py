@@ -288,13 +288,13 @@ def fits(flights):
     return {"n": search.n, "noise_variance": float(flights.noise_variance), "correlation": float(correlation), "sets": sets}
 
 
-def decide(found, careful):
+def decide(found, correlated=False, tested=False):
     """Verdict and sets: those that BIC does not reject, the lowest first, without those that flights cannot distinguish from a smaller one.
 
-    Careful: of correlated residuals only n (1 - r) / (1 + r) count, r being their correlation from point to point; and it is unknown if they
-    have more than `MISFIT` times the variance of the noise."""
+    `correlated`: only n (1 - r) / (1 + r) of the residuals count, r being their correlation from point to point; `tested`: unknown if they have
+    more than `MISFIT` times the variance of the noise."""
     n, r = found["n"], min(max(found["correlation"], 0.0), 0.95)
-    effective = n * (1.0 - r) / (1.0 + r) if careful else n
+    effective = n * (1.0 - r) / (1.0 + r) if correlated else n
     scored = [(effective * np.log(rss / n) + k * np.log(effective), names, rss / (n - k)) for names, k, rss in found["sets"]]
     lowest = min(bic for bic, _, _ in scored)
     # The fewest laws first among those that are the same.
@@ -304,6 +304,6 @@ def decide(found, careful):
         same = [other for other in kept if abs(one[0] - other[0]) < SAME and len(one[1]) > len(other[1])]
         if one[0] - lowest < RIVAL and not same:
             kept.append(one)
-    if careful and kept[0][2] > MISFIT * found["noise_variance"]:
+    if tested and kept[0][2] > MISFIT * found["noise_variance"]:
         return "Unknown", []
     return "Named" if kept[0][1] else "None", [names for _, names, _ in kept]

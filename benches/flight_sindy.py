@@ -4,12 +4,12 @@ Velocities and accelerations come from `SmoothedFiniteDifference`. Each law is o
 trajectories of one velocity component each, so that a drag has the same coefficient along both. Laws with parameters inside (gust, sticky
 patch, moving air) offer their features at one point of a grid at a time. Features and accelerations have unit root mean square. Two
 optimizers make models of all degrees of sparsity: `STLSQ` by its threshold, and `SSR`, which drops one term at a time by the residual and so
-bears laws that resemble each other. Chosen is the model with the fewest parameters (those inside a law included) whose error on held-out trials, its terms refitted to the others, is within
-two standard errors of the lowest (paired over trials).
+bears laws that resemble each other. Chosen is the model with the fewest parameters (those inside a law included) whose error on held-out
+trials, its terms refitted to the others, is within two standard errors of the lowest (paired over trials). A drag that accelerates is no law;
+where no model without one is as good, the verdict is unknown.
 
 Active features become names: `w` linear_drag, `speed w` quadratic_drag, `across` lift, `at x` or `at y` position_field (a constant beside
 it is the field's centre), `constant x` wind (with or without `constant y`), `constant y` alone gravity_error, those of the grid their law.
-A drag that accelerates is no law: unknown.
 """
 
 import warnings
@@ -130,7 +130,8 @@ def diagnose(flights):
         features = [one / size for one in features]
         models = {tuple(model != 0.0): model for model in fitted(np.concatenate(features), np.concatenate(targets))}
         found += [(held_out([one[:, active] for one in features], targets), model, name) for active, model in models.items()]
-    return named(*sparsest(found))
+    chosen = sparsest(found)
+    return ("Unknown", []) if chosen is None else named(*chosen)
 
 
 def held_out(features, targets):
@@ -146,24 +147,30 @@ def held_out(features, targets):
 
 
 def sparsest(found):
-    """The model with the fewest parameters whose held-out error is within two standard errors of the lowest."""
+    """The lawful model with the fewest parameters whose held-out error is within two standard errors of the lowest; None without one."""
     lowest = min(found, key=lambda one: one[0].mean())[0]
 
-    def allowed(errors):
+    def allowed(errors, coefficients, law):
         worse = errors - lowest
-        return worse.mean() <= STANDARD_ERRORS * worse.std(ddof=1) / np.sqrt(len(worse))
+        return is_lawful(coefficients, law) and worse.mean() <= STANDARD_ERRORS * worse.std(ddof=1) / np.sqrt(len(worse))
 
     def parameters(coefficients):
         return np.count_nonzero(coefficients) + SHAPE_PARAMETERS * bool(np.any(coefficients[len(FEATURES):]))
 
-    _, coefficients, law = min((one for one in found if allowed(one[0])), key=lambda one: (parameters(one[1]), one[0].mean()))
-    return coefficients, law
+    good = [one for one in found if allowed(*one)]
+    return min(good, key=lambda one: (parameters(one[1]), one[0].mean()))[1:] if good else None
+
+
+def is_lawful(coefficients, law):
+    """Whether no drag accelerates."""
+    value = dict(zip(FEATURES, coefficients))
+    accelerates = law in ("moving_air", "sticky_patch") and np.any(coefficients[len(FEATURES):] < 0.0)
+    return not (accelerates or value["w"] > 0.0 or value["speed w"] > 0.0)
 
 
 def named(coefficients, law):
-    """Names of the laws of the active terms."""
+    """Verdict, and the names of the laws of the active terms."""
     active = {name for name, c in zip(FEATURES, coefficients) if c != 0.0}
-    value = dict(zip(FEATURES, coefficients))
     names = set()
     if np.any(coefficients[len(FEATURES):] != 0.0):
         names.add(law)
@@ -174,6 +181,4 @@ def named(coefficients, law):
     elif "constant y" in active:
         names.add("gravity_error")
     names |= {name for name, term in (("linear_drag", "w"), ("quadratic_drag", "speed w"), ("lift", "across")) if term in active}
-    backwards = value["w"] > 0.0 or value["speed w"] > 0.0
-    backwards |= law in ("moving_air", "sticky_patch") and np.any(coefficients[len(FEATURES):] < 0.0)
-    return ("Unknown", []) if backwards else ("Named" if names else "None", sorted(names))
+    return "Named" if names else "None", sorted(names)

@@ -7,8 +7,8 @@ DIR has a folder for each matrix: the rows of `hidden_effects` (`worlds.csv`) or
 what the same run exported (`--export`). Each diagnosis is appended to `diagnoses.jsonl` in DIR, and an interrupted run resumes; worlds without
 a row of the program, or not in free flight, are left out.
 
-Methods: `flight_fits.py` names the sets whose BIC is within 2 of the lowest; the careful one counts correlated residuals for less, and says
-unknown if they have more than twice the variance of the noise; `flight_sindy.py` names the laws of the active terms.
+Methods: `flight_fits.py` names the sets whose BIC is within 2 of the lowest; also with correlated residuals counted for less, and also unknown
+if they have more than twice the variance of the noise. `flight_sindy.py` names the laws of the active terms.
 
 Every method is scored by one rule. *right alone*: one set, the hidden one; *in the set*: one of at most four; *unknown*; *nothing*: no
 effect; *wrong*: any other name. Sets that flights cannot distinguish are one: gravity, scale and clock; a tilted camera and wind across; a
@@ -33,7 +33,13 @@ import flight_trials
 ROWS = {"worlds.csv": (3, 4, 8), "recordings.csv": (8, 9, 13)}
 #: Matrices that are known, in the order of the table.
 MATRICES = {"clean": "clean", "trials": "dirt by trial", "shared": "shared dirt"}
-METHODS = ["iplw", "BIC", "BIC, careful", "PySINDy"]
+#: Ways to decide by BIC, as arguments of `flight_fits.decide`.
+DECISIONS = {
+    "BIC": {},
+    "BIC, correlated": {"correlated": True},
+    "BIC, correlated and tested": {"correlated": True, "tested": True},
+}
+METHODS = ["iplw", *DECISIONS, "PySINDy"]
 GRAVITY_TWINS = ("gravity_error", "position_scale", "time_scale")
 MOST_RIVALS = 4
 
@@ -113,11 +119,12 @@ def diagnosed(method, flights):
 
 
 def verdicts(row):
-    """Rows of the table of a row of the log: fits are decided in two ways."""
+    """Rows of the table of a row of the log: fits are decided in several ways."""
     if "fits" not in row:
         return [row]
     found, rest = row["fits"], {key: value for key, value in row.items() if key != "fits"}
-    return [rest | {"method": method} | dict(zip(("verdict", "sets"), flight_fits.decide(found, method != "BIC"))) for method in METHODS[1:3]]
+    decided = {method: flight_fits.decide(found, **how) for method, how in DECISIONS.items()}
+    return [rest | {"method": method, "verdict": verdict, "sets": sets} for method, (verdict, sets) in decided.items()]
 
 
 def outcome(verdict, sets, truth):
@@ -159,9 +166,16 @@ def cell(rows, *outcomes):
     return f"{count} of {len(rows)}; {low:.0f} to {high:.0f} %"
 
 
+def false_alarms(rows):
+    """Of worlds in which nothing is hidden: nothing found, and a name."""
+    right, named = (sum(row["outcome"] in some for row in rows) for some in (("right alone",), ("wrong", "in the set")))
+    return f"{right}; {cell(rows, 'wrong', 'in the set')}" if rows else "none"
+
+
 def table(rows):
-    columns = ["flights", "method", "right alone", "in the set", "unknown", "nothing", "wrong", "nothing hidden: a name", "outside the library: a name",
-               "median time"]
+    """Counts of each matrix and method, with 95 % intervals."""
+    columns = ["flights", "method", "right alone", "in the set", "unknown", "nothing", "wrong", "nothing hidden: nothing; a name",
+               "outside the library: a name", "median time"]
     lines = [columns, ["---"] * len(columns)]
     for matrix, title in MATRICES.items():
         for method in METHODS:
@@ -173,7 +187,7 @@ def table(rows):
             hidden = [row for row in own if row not in nothing and row not in outside]
             shares = [cell(hidden, one) for one in ("right alone", "in the set", "unknown", "nothing", "wrong")]
             seconds = statistics.median(row["seconds"] for row in own)
-            lines.append([title, method, *shares, cell(nothing, "wrong", "in the set"), cell(outside, "wrong"), f"{seconds:.1f} s"])
+            lines.append([title, method, *shares, false_alarms(nothing), cell(outside, "wrong"), f"{seconds:.1f} s"])
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
