@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example hidden_effects -- --worlds 400 --out rates.md`: 400 worlds of all kinds with effects, and as
 //! many without. See `--help` for all options. Each result is appended to `worlds.csv` next to the table, and an interrupted
-//! run resumes.
+//! run resumes. `--export DIR` writes the worlds for other methods (`benches/other_diagnoses.py`).
 
 #[path = "../tests/discover_worlds/mod.rs"]
 mod worlds;
@@ -18,17 +18,27 @@ use iplw::rng;
 use iplw::task::Scene;
 use rand::RngExt;
 use worlds::study::{Run, middle, rates, sets, weighed};
-use worlds::{NOISES, Noise};
+use worlds::{GRAVITY_TWINS, NOISES, Noise};
 
 /// Sets of effects, with the indistinguishable twins of gravity identified.
 fn apart(sets: &str) -> HashSet<String> {
     let plain = |set: &str| {
-        let twin = |n: &str| if TWINS.contains(&n) { "gravity_error".to_string() } else { n.to_string() };
+        let twin =
+            |n: &str| if GRAVITY_TWINS.contains(&n) { "gravity_error".to_string() } else { n.to_string() };
         let mut names: Vec<String> = set.split('+').map(twin).collect();
         names.sort();
         names.join("+")
     };
     sets.split('|').filter(|s| !s.is_empty()).map(plain).collect()
+}
+
+/// Correct sets of a world: the hidden one first, then those that free flights cannot distinguish from it.
+fn right(world: &World) -> Vec<Vec<&'static str>> {
+    match world.names[..] {
+        [] | ["outside"] => Vec::new(),
+        _ if world.scene.statics.is_empty() => worlds::with_twins(&world.names),
+        _ => vec![world.names.clone()],
+    }
 }
 
 /// One world: hidden effects, and the input of its diagnosis.
@@ -56,13 +66,15 @@ fn main() -> std::io::Result<()> {
     let run = Run::with("28", "out/hidden_effects.md");
     let log = run.log("worlds.csv", 2 * run.worlds, |i, id| {
         let world = world(i, run.seed);
-        world.kind.contains(&run.only).then(|| study(&world, id, i, run.talk))
+        world.kind.contains(&run.only).then(|| study(&world, id, i, &run))
     })?;
     run.tell(&table(&log))
 }
 
 /// Result row of a world, and one for each further round of advised trials.
-fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
+fn study(world: &World, id: &str, seed: u64, run: &Run) -> String {
+    run.export(id, &world.kind, &right(world), &world.scene, &world.trials)
+        .expect("the world can be written");
     let look = |trials: &[Trial]| match diagnose(
         &world.scene,
         trials,
@@ -77,7 +89,7 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
     let mut out = format!("{id},{}\n", line(world, &d, from.elapsed().as_secs_f64()));
     let mut now = d.clone();
     let mut trials = world.trials.clone();
-    for round in 1..=2 {
+    for round in 1..=if run.once { 0 } else { 2 } {
         if now.verdict != Verdict::Ambiguous || apart(&sets(&now)).len() < 2 {
             break;
         }
@@ -89,7 +101,7 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         let own = World { kind, ..world.clone() };
         out += &format!("{id}/{round},{}\n", line(&own, &now, from.elapsed().as_secs_f64()));
     }
-    if talk {
+    if run.talk {
         eprint!("{out}");
         weighed(&d);
         if let Some(next) = &d.next_experiment {
@@ -203,9 +215,6 @@ fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
     format!("{kind},{truth},{verdict},{},{error},{covered},{removed},{seconds:.2}", sets(d))
 }
 
-/// A gravity error, a wrong length scale and a wrong clock rate are indistinguishable in free flight with unknown initial states.
-const TWINS: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
-
 fn table(text: &str) -> String {
     let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
     let mut matrix: BTreeMap<(String, String), usize> = BTreeMap::new();
@@ -250,7 +259,7 @@ fn table(text: &str) -> String {
                 count(format!("{k}: detected"), verdict != "None" && verdict != "InsufficientData");
                 count(format!("{k}: truth in the reported set"), within);
                 count(format!("{k}: right single name"), within && named);
-                if !TWINS.iter().any(|t| truth.contains(t)) {
+                if !GRAVITY_TWINS.iter().any(|t| truth.contains(t)) {
                     count(format!("{k}: right single name, twins of gravity left out"), within && named);
                 }
                 count(format!("{k}: confidently wrong"), named && !within);

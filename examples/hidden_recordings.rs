@@ -3,6 +3,7 @@
 //! `cargo run --release --example hidden_recordings -- --worlds 400 --out rates.md`: 400 worlds, cycling through the kinds
 //! (`--only KIND`: only kinds whose name contains KIND). `--seed` selects other worlds, `--threads` runs several in parallel,
 //! each on one thread; `--shared` adds errors that all trials share. Each result is appended to `recordings.csv` next to the table, and an interrupted run resumes.
+//! `--export DIR` writes the worlds for other methods (`benches/other_diagnoses.py`).
 //!
 //! The limit of identifiability is the result of the same method on the same trials without noise and outliers (the clean
 //! twin). Sets that such data cannot distinguish count as one: gravity, scale and clock in free flight; a tilted camera and
@@ -41,14 +42,16 @@ fn main() -> std::io::Result<()> {
     let log = run.log("recordings.csv", run.worlds, |i, id| {
         let kind = kinds[i as usize % kinds.len()].name();
         kind.contains(&run.only)
-            .then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, run.talk)))
+            .then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, &run)))
     })?;
     let lines: Vec<ResultRow> = log.lines().filter_map(ResultRow::read).collect();
     run.tell(&table(&lines))
 }
 
 /// Result row of a world without its id; see [`ResultRow`].
-fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
+fn study(world: &World, id: &str, seed: u64, run: &Run) -> String {
+    run.export(id, &world.kind.name(), &world.right, &world.scene, &world.trials)
+        .expect("the world can be written");
     let look = |trials: &[Trial]| {
         let from = Instant::now();
         match diagnose(&world.scene, trials, &DiagnosisConfig::standard(seed), &NoProgress) {
@@ -57,7 +60,7 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         }
     };
     let (d, seconds) = look(&world.trials);
-    let twin = matches!(world.kind, Kind::Single(_) | Kind::Pair(_) | Kind::Contact(_));
+    let twin = !run.once && matches!(world.kind, Kind::Single(_) | Kind::Pair(_) | Kind::Contact(_));
     let clean = twin.then(|| look(&world.clean));
     let clean =
         clean.map_or(",,".into(), |(d, seconds)| format!("{:?},{},{seconds:.2}", d.verdict, sets(&d)));
@@ -75,7 +78,7 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         d.verdict,
         sets(&d),
     );
-    if talk {
+    if run.talk {
         eprintln!("{id},{line}");
         weighed(&d);
     }

@@ -144,6 +144,26 @@ pub fn single(kind: usize, seed: u64) -> HiddenForce {
     }
 }
 
+/// In free flight with unknown initial states, a gravity error, a wrong length scale and a wrong clock rate are
+/// indistinguishable.
+#[allow(dead_code, reason = "not every program scores a diagnosis")]
+pub const GRAVITY_TWINS: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
+
+/// A set of effects, and those that free flights cannot distinguish from it, with sorted names.
+#[allow(dead_code, reason = "not every program scores a diagnosis")]
+pub fn with_twins(set: &[&'static str]) -> Vec<Vec<&'static str>> {
+    let mut sets = vec![set.to_vec()];
+    if let Some(at) = set.iter().position(|n| GRAVITY_TWINS.contains(n)) {
+        for twin in GRAVITY_TWINS.into_iter().filter(|t| *t != set[at]) {
+            let mut other = set.to_vec();
+            other[at] = twin;
+            sets.push(other);
+        }
+    }
+    sets.iter_mut().for_each(|s| s.sort_unstable());
+    sets
+}
+
 /// Number of kinds of [`single`].
 pub const SINGLES: usize = 9;
 

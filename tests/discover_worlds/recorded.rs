@@ -11,7 +11,7 @@ use super::hidden_effects::{HiddenEffect, hidden};
 pub use super::hidden_effects::{Kind, Size, kinds};
 use super::law::{Law, Motion, RADIUS, State, distinguishable_shift};
 use super::shared::{RATIO, SharedDirt};
-use super::{Launch, floor, launches, normal, scene};
+use super::{GRAVITY_TWINS, Launch, floor, launches, normal, scene, with_twins};
 use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
@@ -146,7 +146,6 @@ fn strength(least: f64, seed: u64) -> (f64, f64) {
 /// Correct sets: in free flight gravity, a length scale and a clock rate are equivalent, and a camera tilt
 /// resembles wind along x.
 fn right(kind: Kind, hidden_effects: &[HiddenEffect]) -> Vec<Vec<&'static str>> {
-    const GRAVITY: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
     let truth: Vec<&str> = hidden_effects.iter().map(|p| p.name).collect();
     let mut sets = match kind {
         Kind::Nothing(_) | Kind::Outside(_) => Vec::new(),
@@ -161,12 +160,8 @@ fn right(kind: Kind, hidden_effects: &[HiddenEffect]) -> Vec<Vec<&'static str>> 
     if across {
         sets = vec![truth.clone(), vec![if truth[0] == "wind" { "camera_tilt" } else { "wind" }]];
     }
-    if flies && let Some(at) = truth.iter().position(|n| GRAVITY.contains(n)) {
-        for twin in GRAVITY.into_iter().filter(|t| *t != truth[at]) {
-            let mut set = truth.clone();
-            set[at] = twin;
-            sets.push(set);
-        }
+    if flies && truth.iter().any(|n| GRAVITY_TWINS.contains(n)) {
+        sets = with_twins(&truth);
     }
     sets.iter_mut().for_each(|s| s.sort_unstable());
     sets

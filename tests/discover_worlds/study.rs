@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::{CommandFactory as _, FromArgMatches as _};
 use iplw::inference::report::Diagnosis;
+use iplw::reality::{Trial, trials_to_csv};
+use iplw::task::Scene;
 
 /// Studies worlds, appends each outcome to a log next to the table, and resumes an interrupted study
 #[derive(Clone, Debug, clap::Parser)]
@@ -32,6 +34,12 @@ pub struct Run {
     /// Errors that all trials share, besides those that differ by trial
     #[arg(long)]
     pub shared: bool,
+    /// Diagnose the trials of each world only: no clean twins, no recommended trials
+    #[arg(long)]
+    pub once: bool,
+    /// Write the trials, the scene and the hidden truth of each world to DIR/ID
+    #[arg(long, value_name = "DIR")]
+    pub export: Option<PathBuf>,
     /// Print the candidate models of each diagnosis
     #[arg(long = "show")]
     pub talk: bool,
@@ -94,6 +102,34 @@ impl Run {
         let own = format!("{}/", self.seed);
         let all = std::fs::read_to_string(&log)?;
         Ok(all.lines().filter(|l| l.starts_with(&own)).flat_map(|l| [l, "\n"]).collect())
+    }
+
+    /// Writes a world for other programs, if asked for: `trials.csv`, `scene.json` and `truth.json`. `right`: the correct
+    /// sets of effects, none if nothing, or nothing from the library, is hidden.
+    pub fn export(
+        &self,
+        id: &str,
+        kind: &str,
+        right: &[Vec<&str>],
+        scene: &Scene,
+        trials: &[Trial],
+    ) -> std::io::Result<()> {
+        let Some(folder) = self.export.as_ref().map(|root| root.join(id)) else { return Ok(()) };
+        let named = |e| std::io::Error::other(format!("--export: {}: {e}", folder.display()));
+        let truth = serde_json::json!({
+            "kind": kind,
+            "right": right,
+            "free_flight": scene.statics.is_empty(),
+        });
+        std::fs::create_dir_all(&folder).map_err(named)?;
+        for (name, text) in [
+            ("trials.csv", trials_to_csv(trials)),
+            ("scene.json", serde_json::to_string(scene)?),
+            ("truth.json", truth.to_string()),
+        ] {
+            std::fs::write(folder.join(name), text).map_err(named)?;
+        }
+        Ok(())
     }
 
     /// Writes and prints the table.
