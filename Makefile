@@ -1,6 +1,6 @@
 # make run   builds the program and runs the whole workflow: hidden world, estimate, policy, transfer, report
 # make test  installs what is missing, then runs all checks and tests
-# make verify runs the statistical tests with all their cases, about an hour; `make test` runs a few of each
+# make verify runs the statistical tests with all their cases, and 400 hidden worlds of each matrix, hours; `make test` runs a few of each
 # make docs  the documentation site, out/site
 # make figures renders docs/benchmarks from its stored results; RERUN=NAME measures one anew
 # make bench-wire measures steps per second over HTTP and ZeroMQ against bare requests, other servers and the library in process
@@ -21,7 +21,7 @@ endif
 # Tests run every instruction-set level of the batched kernel. All targets use one feature set, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test verify test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
+.PHONY: run test verify matrices test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
 	test-openenv test-docs docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
@@ -46,8 +46,15 @@ test-rust:
 	$(CARGO) test --locked $(LEVELS) --doc
 
 # The statistical tests (coverage of intervals, matrices of hidden worlds) with all their cases.
-verify:
+verify: matrices
 	ALL_CASES=1 $(CARGO) test --locked $(LEVELS) --test learning
+
+# 400 worlds of each matrix: clean, with dirt by trial, with dirt that trials share. An interrupted run resumes.
+matrices:
+	$(CARGO) build --release --locked --example hidden_effects --example hidden_recordings
+	./target/release/examples/hidden_effects --worlds 200 --seed 3 --once --threads 2 --most-wrong 0.02 --out out/matrices/clean/table.md
+	./target/release/examples/hidden_recordings --worlds 400 --seed 3 --once --threads 2 --most-wrong 0.03 --out out/matrices/trials/table.md
+	./target/release/examples/hidden_recordings --worlds 400 --seed 3 --once --threads 2 --most-wrong 0.03 --shared --out out/matrices/shared/table.md
 
 # Examples print results for inspection; this target checks that they run.
 test-examples:

@@ -68,7 +68,7 @@ fn main() -> std::io::Result<()> {
         let world = world(i, run.seed);
         world.kind.contains(&run.only).then(|| study(&world, id, i, &run))
     })?;
-    run.tell(&table(&log))
+    run.tell(&table(&log), wrong_names(&log))
 }
 
 /// Result row of a world, and one for each further round of advised trials.
@@ -213,6 +213,20 @@ fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
     let kind = world.kind.replace(", ", " / ");
     let (truth, verdict) = (truth.join("+"), format!("{:?}", d.verdict));
     format!("{kind},{truth},{verdict},{},{error},{covered},{removed},{seconds:.2}", sets(d))
+}
+
+/// Numbers of worlds with a wrong name, and of all; rounds of advice do not count.
+fn wrong_names(text: &str) -> [usize; 2] {
+    let mut out = [0, 0];
+    for row in text.lines() {
+        let cells: Vec<&str> = row.split(',').collect();
+        let [_, kind, truth, verdict, sets, ..] = cells[..] else { continue };
+        if !kind.starts_with("advice followed") {
+            out[0] += usize::from(verdict == "Named" && sets != truth);
+            out[1] += 1;
+        }
+    }
+    out
 }
 
 fn table(text: &str) -> String {

@@ -45,7 +45,8 @@ fn main() -> std::io::Result<()> {
             .then(|| format!("{id},{}\n", study(&world(i, run.seed, run.shared), id, i, &run)))
     })?;
     let lines: Vec<ResultRow> = log.lines().filter_map(ResultRow::read).collect();
-    run.tell(&table(&lines))
+    let wrong = lines.iter().filter(|l| l.verdict == "Named" && !l.within(&l.sets)).count();
+    run.tell(&table(&lines), [wrong, lines.len()])
 }
 
 /// Result row of a world without its id; see [`ResultRow`].

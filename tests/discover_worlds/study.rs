@@ -40,6 +40,9 @@ pub struct Run {
     /// Write the trials, the scene and the hidden truth of each world to DIR/ID
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
+    /// Fail if a larger share of the worlds gets a wrong name
+    #[arg(long, value_name = "SHARE")]
+    pub most_wrong: Option<f64>,
     /// Print the candidate models of each diagnosis
     #[arg(long = "show")]
     pub talk: bool,
@@ -132,10 +135,19 @@ impl Run {
         Ok(())
     }
 
-    /// Writes and prints the table.
-    pub fn tell(&self, table: &str) -> std::io::Result<()> {
+    /// Writes and prints the table; fails if more than [`Run::most_wrong`] of all worlds got a wrong name.
+    pub fn tell(&self, table: &str, [wrong, all]: [usize; 2]) -> std::io::Result<()> {
         print!("{table}");
-        std::fs::write(&self.out, table)
+        std::fs::write(&self.out, table)?;
+        match self.most_wrong {
+            Some(most) if wrong as f64 > most * all as f64 => {
+                let text = format!(
+                    "{wrong} of {all} worlds got a wrong name; --most-wrong allows a share of {most}"
+                );
+                Err(std::io::Error::other(text))
+            }
+            _ => Ok(()),
+        }
     }
 }
 
