@@ -49,6 +49,18 @@ impl<'a> ReportInput<'a> {
     fn fitter(&self) -> ModelFitter<'a, 'a> {
         ModelFitter { context: self.context.clone(), ..ModelFitter::new(self.data, self.noise) }
     }
+
+    /// The experiment that discriminates what is not decided.
+    fn next_experiment(
+        &self,
+        found: &SearchResult,
+        decision: &Decision,
+        config: &DiagnosisConfig,
+    ) -> Result<Option<RecommendedExperiment>> {
+        let discrepancy = self.context.as_ref().map(|c| &c.discrepancy);
+        let (segments, models) = (self.data.segments, decision.undecided(found));
+        next_experiment(self.scene, segments, &models, decision.verdict, discrepancy, self.noise, config)
+    }
 }
 
 /// Report, extended scene and evidence of a diagnosis.
@@ -78,9 +90,7 @@ pub fn build_report(
     if let (Some(held_out), Some(_)) = (&mut gain.held_out, decision.gain) {
         held_out.excess_removed = decision.gain;
     }
-    let discrepancy = input.context.as_ref().map(|c| &c.discrepancy);
-    let undecided = decision.undecided(&found);
-    let next = next_experiment(scene, segments, &undecided, verdict, discrepancy, noise, config)?;
+    let next = input.next_experiment(&found, decision, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].effect_names());
     let unlike = between_trial_variation::between_trial_variation(model);
     let remainder = residual_summary(base, model, decision, noise, &gain, scale);
