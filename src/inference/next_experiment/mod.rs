@@ -211,7 +211,7 @@ mod tests {
         let linearization = ask(&[0, 1], Verdict::Ambiguous).unwrap();
         let check = crate::world::effect::find("position_scale").unwrap().instrument_check.unwrap();
         assert!(linearization.action.contains(check), "{}", linearization.action);
-        // What may act although nothing is named.
+        // With the verdict `none`, a throw is proposed that shows whether an effect that is still possible acts.
         let trial = ask(&[2, 0], Verdict::None).unwrap();
         assert!(trial.scene.is_some() && trial.why.contains("no further effect"), "{}", trial.why);
         assert!(ask(&[0], Verdict::Named).is_none() && ask(&[], Verdict::None).is_none());
