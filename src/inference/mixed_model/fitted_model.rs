@@ -26,6 +26,8 @@ pub struct FittedModel {
     pub log_joint: f64,
     /// Most probable standard deviation of the shared discrepancy, relative to its largest plausible one.
     pub discrepancy_scale: f64,
+    /// Mode of the shared discrepancy's coefficients, relative to their largest plausible size; empty if it was fitted without.
+    pub discrepancy_mode: DVector<f64>,
     /// Squared residuals by trial at the mode, in units of the noise, the shared discrepancy not subtracted.
     pub squares: Vec<f64>,
     /// Variance components.

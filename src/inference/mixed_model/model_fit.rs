@@ -252,8 +252,9 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             |i: &usize| layout.is_discontinuous(*i) && !is_informed(*i, &statistics, &prior);
         let unobserved_edges = (0..q).filter(is_unobserved_edge).count();
         let log_evidence = laplace.log_evidence - excess.max(0.0) - unobserved_edges as f64 * UNOBSERVED_EDGE;
+        let discrepancy_mode = laplace.step.rows(q, laplace.step.len() - q).into_owned();
         let mut step = laplace.step.clone();
-        step.rows_mut(q, laplace.step.len() - q).fill(0.0);
+        step.rows_mut(q, discrepancy_mode.len()).fill(0.0);
         let mut squares = vec![0.0; self.data.trial_count];
         for group in &linearized_groups {
             squares[group.trial] += group.square_at(&step);
@@ -279,6 +280,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             log_evidence,
             log_joint: log_posterior,
             discrepancy_scale: laplace.scale,
+            discrepancy_mode,
             squares,
             components,
             covariance: laplace.covariance,

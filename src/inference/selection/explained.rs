@@ -15,12 +15,10 @@ use std::collections::HashMap;
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, Exp1};
 
-use super::laplace::marginal_evidence;
 use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::inference::field;
 use crate::inference::mixed_model::fitted_model::FittedModel;
-use crate::inference::mixed_model::group_statistics::group_statistics;
 use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomEffect;
@@ -66,7 +64,7 @@ pub fn explanation(
     seed: u64,
 ) -> Result<Explanation> {
     let nothing = Explanation { shares: Vec::new(), gain: None };
-    let displacements = discrepancy_mode(fitter, model)?;
+    let displacements = discrepancy_mode(fitter, model);
     let Some(groups) = groups_without(fitter, model, displacements.as_deref())? else { return Ok(nothing) };
     let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
     let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
@@ -100,21 +98,11 @@ pub fn explanation(
 }
 
 /// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;
-/// `None` without discrepancy.
-fn discrepancy_mode(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<Vec<DMatrix<f64>>>> {
-    let Some(discrepancy) = fitter.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0) else {
-        return Ok(None);
-    };
-    let responses = |w: usize| Some(discrepancy.responses[w].clone());
-    let groups = fitter.groups_with_columns(&model.layout, &model.state, discrepancy.count, &responses)?;
-    let mode = groups
-        .and_then(|groups| group_statistics(&groups, &model.components))
-        .and_then(|statistics| marginal_evidence(&statistics, &model.prior));
-    Ok(mode.map(|mode| {
-        let size = mode.step.rows(model.layout.parameters.len(), discrepancy.count).into_owned();
-        let own = |r: &DMatrix<f64>| DMatrix::from_column_slice(r.nrows(), 1, (r * &size).as_slice());
-        discrepancy.responses.iter().map(own).collect()
-    }))
+/// `None` if the model was fitted without discrepancy.
+fn discrepancy_mode(fitter: &ModelFitter, model: &FittedModel) -> Option<Vec<DMatrix<f64>>> {
+    let (context, size) = (fitter.context.as_ref()?, &model.discrepancy_mode);
+    let own = |r: &DMatrix<f64>| DMatrix::from_column_slice(r.nrows(), 1, (r * size).as_slice());
+    (!size.is_empty()).then(|| context.discrepancy.responses.iter().map(own).collect())
 }
 
 /// Groups of a model, displacements of observations subtracted from the residuals.
