@@ -88,7 +88,7 @@ def test_a_result_is_downloaded_and_played(serve: Callable[..., Any], new_page: 
 
 def test_an_ambiguous_result_displays_the_next_experiment(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
-    body = {"ball": {"radius": 0.02}, "trials": csv(launches(4, 22, k=0.05, speeds=SIMILAR))}
+    body = {"ball": {"radius": 0.02}, "trials": csv(launches(4, 30, k=0.1, speeds=SIMILAR))}
     job = server.wait_for_job(server.request("POST", "/v1/diagnoses", body)["id"])
     rivals = job["result"]["rivals"]
     assert job["result"]["verdict"] == "ambiguous" and job["result"]["next_scene"], job["result"]["reason"]

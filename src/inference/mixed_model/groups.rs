@@ -305,7 +305,7 @@ fn assemble_block(
     let m = simple.columns.nrows();
     let mut own: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
     let mut group_level: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
-    let flies = matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact);
+    let flies = segment.kind.is_airborne();
     for (k, (place, fresh)) in columns.accelerations.iter().enumerate() {
         match fresh {
             true if flies => own.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),

@@ -22,7 +22,7 @@ use crate::inference::mixed_model::variance_components::{ComponentLikelihood, IN
 use crate::inference::model::{
     self, FitState, Linearization, ParameterLayout, Perturbation, RandomEffects, SegmentData, Term,
 };
-use crate::inference::segment::SegmentKind;
+use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::selection::candidates;
 use crate::inference::selection::{
     FixedEffectsPrior, Laplace, SharedDiscrepancy, marginal_evidence, profile_log_posterior,
@@ -63,10 +63,15 @@ impl RecordingContext {
     }
 }
 
-/// Norms of the responses to random accelerations, whose columns follow those of the parameters.
-pub fn acceleration_responses(linearizations: &[Linearization], parameters: usize) -> Vec<f64> {
+/// Norms of the responses of flights and contacts to random accelerations, whose columns follow those of the parameters.
+pub fn acceleration_responses(
+    segments: &[Segment],
+    linearizations: &[Linearization],
+    parameters: usize,
+) -> Vec<f64> {
     let of = |k: usize| {
-        linearizations.iter().map(|l| l.jacobian.column(parameters + k).norm_squared()).sum::<f64>().sqrt()
+        let flying = segments.iter().zip(linearizations).filter(|(segment, _)| segment.kind.is_airborne());
+        flying.map(|(_, l)| l.jacobian.column(parameters + k).norm_squared()).sum::<f64>().sqrt()
     };
     (0..nuisance_accelerations().len()).map(of).collect()
 }
@@ -187,7 +192,11 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         };
         let components = match &self.context {
             Some(context) => {
-                context.components_at(&acceleration_responses(&linearizations, layout.parameters.len()))
+                context.components_at(&acceleration_responses(
+                    self.data.segments,
+                    &linearizations,
+                    layout.parameters.len(),
+                ))
             }
             None => ComponentLikelihood::new(&linearized_groups, from).maximise(first, self.data.progress)?,
         };

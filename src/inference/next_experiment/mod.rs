@@ -96,9 +96,12 @@ fn throw_experiment(
         && !pairs.is_empty()
     {
         actions.push(format!("{}; {REPEATS:.0} times", throw.description));
+        let share = match *success_rate {
+            1.0 => "all".into(),
+            rate => format!("at least {:.0} %", 100.0 * rate),
+        };
         why += &format!(
-            "; in {:.0} % or more of simulated outcomes this decides between {}",
-            100.0 * success_rate,
+            "; in {share} of the simulated outcomes this decides between {}",
             if twins.is_empty() { "all of them" } else { "those that a flight can tell apart" },
         );
         scene = Some(throw.segment.scene.clone());

@@ -8,8 +8,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::FittedModel;
+use crate::inference::model::{self, Parameter};
 use crate::inference::segment::Segment;
-use crate::inference::selection::SharedDiscrepancy;
+use crate::inference::selection::{SharedDiscrepancy, rms_beyond_gravity};
 use crate::inference::statistics::pseudo_inverse;
 use crate::rng::Stream;
 
@@ -43,11 +44,13 @@ impl<'a> PlannedFlight<'a> {
         let mut path = vec![[f64::NAN; 4]; segment.observations.len()];
         let physics = by.layout.segment_physics(segment, &by.state.values, &[]);
         physics.predict_positions(&start, |i, state| path[i] = state);
+        let accelerations = model::accelerations(segment, &by.layout, &by.state.values, &path);
+        let typical = rms_beyond_gravity(segment, &accelerations);
         let none = || DMatrix::zeros(2 * path.len(), 0);
         PlannedFlight {
             segment,
             start,
-            discrepancy: discrepancy.map_or_else(none, |d| d.responses_along(segment, &path)),
+            discrepancy: discrepancy.map_or_else(none, |d| d.responses_along(segment, &path, typical)),
             variance: noise.sd * noise.sd * noise.smooth_variance_factor() / repeats,
         }
     }
@@ -104,7 +107,7 @@ impl<'a> PlannedFlight<'a> {
     fn positions(&self, model: &FittedModel, deviation: &DVector<f64>) -> DVector<f64> {
         let start: [f64; START] = std::array::from_fn(|k| self.start[k] + deviation[k]);
         let parameters = model.layout.parameters.iter().enumerate();
-        let value = |(k, p): (usize, &crate::inference::model::Parameter)| {
+        let value = |(k, p): (usize, &Parameter)| {
             (model.state.values[k] + deviation[START + k]).clamp(p.bounds[0], p.bounds[1])
         };
         let values: Vec<f64> = parameters.map(value).collect();

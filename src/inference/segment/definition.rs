@@ -30,6 +30,11 @@ pub enum SegmentKind {
 }
 
 impl SegmentKind {
+    /// Whether it is a flight, or flights before and after a bounce: random accelerations act in these.
+    pub fn is_airborne(self) -> bool {
+        matches!(self, SegmentKind::Flight | SegmentKind::Contact)
+    }
+
     /// Whether a physics engine simulates it, with all contacts.
     pub fn uses_engine(self) -> bool {
         matches!(self, SegmentKind::FromInitialState | SegmentKind::OneStep | SegmentKind::MultiStep)

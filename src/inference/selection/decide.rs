@@ -2,7 +2,7 @@
 //!
 //! The posterior probability of a set is its evidence times its prior probability (every effect acts with the
 //! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
-//! contain another one as a special case. If the empty set is in it the verdict is `none`; with one set
+//! contain another one as a special case. If the empty set has the remaining 5 % or more the verdict is `none`; with one set
 //! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
 //! predictable misfit, if an unnamed field, or a further effect of the opposite sign, is certain in addition to
 //! the set, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
@@ -79,7 +79,6 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let probability = |l: f64| libm::exp(l - all);
     let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| probability(*l)).collect();
     let base_probability = probability(found.base_log_posterior);
-    let credible = credible_set(&probabilities, base_probability);
     let decision =
         |verdict, rivals: Vec<usize>, (explained, gain), field: Option<FieldFit>, field_log_bayes_factor| {
             Decision {
@@ -95,14 +94,14 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
                 is_law_open: false,
             }
         };
-    if credible.contains(&None) {
+    if base_probability >= 1.0 - SETTINGS.credible_mass {
         let field = field::fit(fitter, &found.base)?;
         let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - found.base.log_evidence);
         let verdict =
             if field_log_bayes_factor.is_some_and(is_certain) { Verdict::Unknown } else { Verdict::None };
         return Ok(decision(verdict, Vec::new(), (None, None), field, field_log_bayes_factor));
     }
-    let sets: Vec<usize> = credible.into_iter().flatten().collect();
+    let sets = credible_set(&probabilities, base_probability);
     let (rivals, Explanation { shares, gain }, earned) =
         check_necessity(fitter, found, simplest(found, &sets), seed)?;
     let champion = &found.fits[rivals[0]];
@@ -205,17 +204,15 @@ fn is_certain(nats: f64) -> bool {
     nats + log_prior(1) > SETTINGS.log_odds_of_certainty()
 }
 
-/// The smallest set of models (`None`: the base model) that holds the credible mass, most probable first.
-fn credible_set(probabilities: &[f64], base: f64) -> Vec<Option<usize>> {
-    let mut order: Vec<(f64, Option<usize>)> =
-        probabilities.iter().enumerate().map(|(i, p)| (*p, Some(i))).collect();
-    order.push((base, None));
-    order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut mass = 0.0;
+/// The smallest set of fits that together with the base model holds the credible mass, most probable first.
+fn credible_set(probabilities: &[f64], base: f64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..probabilities.len()).collect();
+    order.sort_by(|a, b| probabilities[*b].total_cmp(&probabilities[*a]).then(a.cmp(b)));
+    let mut mass = base;
     let mut out = Vec::new();
-    for (p, model) in order {
-        out.push(model);
-        mass += p;
+    for i in order {
+        out.push(i);
+        mass += probabilities[i];
         if mass >= SETTINGS.credible_mass {
             break;
         }
@@ -258,7 +255,7 @@ mod tests {
 
     #[test]
     fn the_credible_set_holds_its_mass() {
-        assert_eq!(credible_set(&[0.9, 0.03, 0.02], 0.05), [Some(0), None]);
-        assert_eq!(credible_set(&[0.5, 0.47, 0.01], 0.02), [Some(0), Some(1)]);
+        assert_eq!(credible_set(&[0.03, 0.93, 0.02], 0.02), [1]);
+        assert_eq!(credible_set(&[0.5, 0.46, 0.02], 0.02), [0, 1]);
     }
 }

@@ -47,8 +47,9 @@ pub struct SharedDiscrepancy {
     pub count: usize,
     /// Ratio of a broad field (as large as the acceleration beyond gravity) to the largest plausible discrepancy.
     pub broad_ratio: f64,
-    /// Largest plausible discrepancy, m/s^2.
+    /// Largest plausible discrepancy, m/s^2, and the part of it that does not grow with the acceleration beyond gravity.
     pub acceleration: f64,
+    base_acceleration: f64,
     /// Its functions, and largest plausible displacement, m.
     basis: Arc<DiscrepancyBasis>,
     position: f64,
@@ -87,19 +88,22 @@ impl SharedDiscrepancy {
             count,
             broad_ratio: broad,
             acceleration,
+            base_acceleration: base,
             basis,
             position,
             directions: None,
         })
     }
 
-    /// Responses of the observations of another flight along its path (x, y, vx, vy): two rows per observation.
-    pub fn responses_along(&self, segment: &Segment, path: &[[f64; 4]]) -> DMatrix<f64> {
+    /// Responses of the observations of another flight along its path (x, y, vx, vy): two rows per observation. `typical`: its
+    /// acceleration beyond gravity, m/s^2. Beyond the visited states the fields continue as at their edge.
+    pub fn responses_along(&self, segment: &Segment, path: &[[f64; 4]], typical: f64) -> DMatrix<f64> {
         if self.count == 0 {
             return DMatrix::zeros(2 * path.len(), 0);
         }
-        let sizes = [self.acceleration, self.position];
-        let all = self.basis.responses(segment, path, None, sizes, &SETTINGS);
+        let acceleration = self.base_acceleration.hypot(SETTINGS.discrepancy_of_acceleration * typical);
+        let path: Vec<[f64; 4]> = path.iter().map(|state| self.basis.nearest_visited(*state)).collect();
+        let all = self.basis.responses(segment, &path, None, [acceleration, self.position], &SETTINGS);
         match &self.directions {
             Some(directions) => all * directions,
             None => all,
@@ -157,13 +161,17 @@ fn typical_acceleration(
             return None;
         }
         let values = state.values_in(w);
-        let all = model::accelerations(segment, layout, &values, &paths[w]);
-        let g = segment.scene.gravity;
-        let square = all.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
-        let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
-        Some((square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt())
+        Some(rms_beyond_gravity(segment, &model::accelerations(segment, layout, &values, &paths[w])))
     };
     Ok(median(&data.each_segment(of)?.into_iter().flatten().collect::<Vec<_>>()))
+}
+
+/// Root mean square of the finite accelerations, without gravity, m/s^2.
+pub fn rms_beyond_gravity(segment: &Segment, accelerations: &[[f64; 2]]) -> f64 {
+    let g = segment.scene.gravity;
+    let square = accelerations.iter().map(|a| (a[0] - g[0]).powi(2) + (a[1] - g[1]).powi(2));
+    let square: Vec<f64> = square.filter(|s| s.is_finite()).collect();
+    (square.iter().sum::<f64>() / square.len().max(1) as f64).sqrt()
 }
 
 /// Gravity; without it the square of the typical speed over the size of the region, m/s^2.
@@ -245,6 +253,15 @@ impl DiscrepancyBasis {
 
     fn count(&self) -> usize {
         2 * (self.acceleration_count() + self.impact.len()) + CAMERA_MODES
+    }
+
+    /// The nearest state in the range of visited ones.
+    fn nearest_visited(&self, state: [f64; 4]) -> [f64; 4] {
+        let near = |k: usize| {
+            let [centre, half] = [self.centre[k], self.half_extent[k]];
+            state[k].clamp(centre - half, centre + half)
+        };
+        std::array::from_fn(near)
     }
 
     /// Displacements of a position by a camera: radial distortion, decentring distortion along x and y, and an

@@ -72,7 +72,7 @@ fn add_parameter_variance(
     components: &VarianceComponents,
     known: &DMatrix<f64>,
 ) {
-    let flies = matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact);
+    let flies = segment.kind.is_airborne();
     let mut add = |of: &[(usize, f64)], sd: f64| {
         let total = of.iter().fold(DVector::zeros(linearization.jacobian.nrows()), |all, (c, size)| {
             all + linearization.jacobian.column(*c) * (*size * sd)
