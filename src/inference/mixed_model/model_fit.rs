@@ -25,20 +25,25 @@ use crate::inference::model::{
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::selection::candidates;
 use crate::inference::selection::{
-    FixedEffectsPrior, Laplace, SharedDiscrepancy, marginal_evidence, profile_log_posterior,
+    FixedEffectsPrior, Laplace, SharedDiscrepancy, damped_step, marginal_evidence, profile_log_posterior,
 };
 use crate::world::effect::DataRange;
 
-/// Maximum number of rounds of generalised least squares, and convergence tolerance, nats.
+/// Maximum number of rounds of generalised least squares at a covariance, of covariances, and convergence tolerance, nats.
 const MAX_GLS_ROUNDS: usize = 8;
+const COVARIANCE_UPDATES: usize = 2;
 const GLS_TOLERANCE: f64 = 0.05;
 /// Excess of the linearised log posterior over the actual one, nats, above which a fit has not converged.
 const LINEARISATION_TOLERANCE: f64 = 1.0;
 /// Evidence that an edge beyond all observations costs, nats: half of its prior lies between them, and Laplace's integral
 /// over the normal prior counts that half too.
 const UNOBSERVED_EDGE: f64 = std::f64::consts::LN_2;
-/// Minimum step length in the line search.
-const MIN_STEP_SHARE: f64 = 0.2;
+/// Levenberg-Marquardt damping of the parameters, as a share of their information: first, after a failure, after a success, and
+/// the largest one.
+const FIRST_DAMPING: f64 = 0.1;
+const DAMPING_INCREASE: f64 = 8.0;
+const DAMPING_DECREASE: f64 = 0.1;
+const MAX_DAMPING: f64 = 1.0;
 
 /// Estimates of a recording that are the same for every set of effects.
 #[derive(Clone)]
@@ -81,6 +86,8 @@ struct Iterate {
     /// Log posterior density.
     log_posterior: f64,
     state: FitState,
+    /// Parameters by which amplitudes vary between trials.
+    design_values: Vec<f64>,
     prior: FixedEffectsPrior,
     linearizations: Vec<Linearization>,
     groups: Vec<Group>,
@@ -136,7 +143,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         }
     }
 
-    /// Generalised least squares from a nearby state; steps that decrease the posterior are halved.
+    /// Generalised least squares from a nearby state; steps that decrease the posterior are repeated with more damping.
     pub fn run_gls(&self, layout: ParameterLayout, state: FitState) -> Result<Option<FittedModel>> {
         let best = self.gls_iterations(&layout, state)?;
         Ok(best.and_then(|best| self.fitted_model(layout, best)))
@@ -151,35 +158,75 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         Ok(self.gls_iterations(&layout, state)?.map(|iterate| iterate.log_posterior))
     }
 
-    /// Final iterate of generalised least squares from a nearby state.
+    /// Final iterate of generalised least squares from a nearby state. The covariance is held while parameters move, so that
+    /// their steps increase one posterior, and is then updated.
     fn gls_iterations(&self, layout: &ParameterLayout, state: FitState) -> Result<Option<Iterate>> {
         let first = VarianceComponents::initial(!layout.terms.is_empty());
-        let Some(mut best) = self.evaluate(layout, state, &first, INITIAL_STEP)? else { return Ok(None) };
-        let mut share = 1.0;
-        for _ in 0..MAX_GLS_ROUNDS {
-            let next = self.take_step(layout, &best, share);
-            let Some(candidate) = self.evaluate(layout, next, &best.components, WARM_STEP)? else { break };
-            let gained = candidate.log_posterior - best.log_posterior;
-            if gained > 0.0 {
-                best = candidate;
-                share = 1.0;
-            } else {
-                share *= 0.5;
-            }
-            if (-LINEARISATION_TOLERANCE..GLS_TOLERANCE).contains(&gained) || share < MIN_STEP_SHARE {
+        let values = state.values.clone();
+        let Some(mut best) = self.evaluate(layout, state, values, (&first, INITIAL_STEP))? else {
+            return Ok(None);
+        };
+        if best.groups.iter().any(|group| group.has_random_effects) {
+            // Posteriors are comparable if all are linearized at the modes of the random effects.
+            let mut modes_only = best.laplace.step.clone();
+            modes_only.rows_mut(0, layout.parameters.len()).fill(0.0);
+            let next = self.take_step(layout, &best, modes_only);
+            best = self.evaluate_like(layout, next, &best)?.unwrap_or(best);
+        }
+        for _ in 0..COVARIANCE_UPDATES {
+            best = self.at_fixed_covariance(layout, best)?;
+            if best.state.values == best.design_values {
                 break;
             }
+            let (state, values) = (best.state.clone(), best.state.values.clone());
+            best = self.evaluate(layout, state, values, (&best.components, WARM_STEP))?.unwrap_or(best);
         }
         Ok(Some(best))
     }
 
-    /// The iterate at a state; `None` if it cannot be simulated or its covariance is singular.
+    /// The most probable iterate at the covariance of another, by the method of Levenberg and Marquardt.
+    fn at_fixed_covariance(&self, layout: &ParameterLayout, mut best: Iterate) -> Result<Iterate> {
+        let mut damping = 0.0;
+        for _ in 0..MAX_GLS_ROUNDS {
+            let expected = best.laplace.log_joint - best.log_posterior;
+            let step = damped_step(&best.group_statistics, &best.prior, &best.laplace, damping);
+            let (true, Some(step)) = (expected >= GLS_TOLERANCE, step) else { break };
+            let next = self.take_step(layout, &best, step);
+            let Some(candidate) = self.evaluate_like(layout, next, &best)? else { break };
+            let gained = candidate.log_posterior - best.log_posterior;
+            damping = match gained > 0.0 {
+                true => damping * DAMPING_DECREASE,
+                false => (damping * DAMPING_INCREASE).max(FIRST_DAMPING),
+            };
+            if gained > 0.0 {
+                best = candidate;
+            }
+            // The determinant of the covariance changes as well, which the step ignores.
+            if (-LINEARISATION_TOLERANCE..GLS_TOLERANCE).contains(&gained) || damping > MAX_DAMPING {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// The iterate at another state with the covariance of `like`; without a context its components are estimated anew.
+    fn evaluate_like(
+        &self,
+        layout: &ParameterLayout,
+        state: FitState,
+        like: &Iterate,
+    ) -> Result<Option<Iterate>> {
+        self.evaluate(layout, state, like.design_values.clone(), (&like.components, WARM_STEP))
+    }
+
+    /// The iterate at a state; `None` if it cannot be simulated or its covariance is singular. `design_values`: parameters by
+    /// which amplitudes vary between trials; `from`: initial components with the first step of their estimation.
     fn evaluate(
         &self,
         layout: &ParameterLayout,
         state: FitState,
-        from: &VarianceComponents,
-        first: f64,
+        design_values: Vec<f64>,
+        from: (&VarianceComponents, f64),
     ) -> Result<Option<Iterate>> {
         let Some(linearizations) =
             none_if_not_simulable(model::linearise(self.data, layout, &state, &nuisance_accelerations()))?
@@ -187,18 +234,19 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             return Ok(None);
         };
         let prior = self.prior(layout, &state);
-        let Some(linearized_groups) = self.groups_with_discrepancy(layout, &state, &linearizations)? else {
+        let design = RandomDesign::of(layout, &design_values, self.gravity);
+        let Some(linearized_groups) = self.groups_by_design(&design, &linearizations)? else {
             return Ok(None);
         };
         let components = match &self.context {
             Some(context) => {
-                context.components_at(&acceleration_responses(
-                    self.data.segments,
-                    &linearizations,
-                    layout.parameters.len(),
-                ))
+                let responses =
+                    acceleration_responses(self.data.segments, &linearizations, layout.parameters.len());
+                context.components_at(&responses)
             }
-            None => ComponentLikelihood::new(&linearized_groups, from).maximise(first, self.data.progress)?,
+            None => {
+                ComponentLikelihood::new(&linearized_groups, from.0).maximise(from.1, self.data.progress)?
+            }
         };
         let Some(statistics) = group_statistics::group_statistics(&linearized_groups, &components) else {
             return Ok(None);
@@ -209,6 +257,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         Ok(Some(Iterate {
             log_posterior,
             state,
+            design_values,
             prior,
             linearizations,
             groups: linearized_groups,
@@ -218,14 +267,13 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         }))
     }
 
-    /// State after a fraction of the step to the mode, random effects at their conditional modes.
-    fn take_step(&self, layout: &ParameterLayout, iterate: &Iterate, share: f64) -> FitState {
+    /// State after a step of parameters and discrepancy, random effects at their conditional modes.
+    fn take_step(&self, layout: &ParameterLayout, iterate: &Iterate, mut all: DVector<f64>) -> FitState {
         let mut state = iterate.state.clone();
-        let columns = RandomDesign::of(layout, &state.values, self.gravity);
-        let step = iterate.laplace.step.rows(0, layout.parameters.len()).into_owned();
-        let clamped = clamp_step(layout, &state.values, &(&step * share));
+        let columns = RandomDesign::of(layout, &iterate.design_values, self.gravity);
+        let step = all.rows(0, layout.parameters.len()).into_owned();
+        let clamped = clamp_step(layout, &state.values, &step);
         let (linearized_groups, linearizations) = (&iterate.groups, &iterate.linearizations);
-        let mut all = iterate.laplace.step.clone();
         all.rows_mut(0, clamped.len()).copy_from(&clamped);
         let mut modes = conditional_modes::conditional_modes(
             linearized_groups,
@@ -253,6 +301,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             group_statistics: statistics,
             components,
             laplace,
+            ..
         } = iterate;
         let q = layout.parameters.len();
         // Without convergence the linearisation overestimates the evidence.
@@ -341,11 +390,20 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         state: &FitState,
         linearizations: &[Linearization],
     ) -> Result<Option<Vec<Group>>> {
+        self.groups_by_design(&RandomDesign::of(layout, &state.values, self.gravity), linearizations)
+    }
+
+    fn groups_by_design(
+        &self,
+        design: &RandomDesign,
+        linearizations: &[Linearization],
+    ) -> Result<Option<Vec<Group>>> {
         let discrepancy = self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0);
-        self.reduce_to_groups(layout, state, |w| match discrepancy {
+        let linearization = |w: usize| match discrepancy {
             Some(d) => Cow::Owned(linearizations[w].with_columns(d.count, Some(d.responses[w].clone()))),
             None => Cow::Borrowed(&linearizations[w]),
-        })
+        };
+        groups::groups(self.data, &self.basis_caches, linearization, design, &self.scales)
     }
 
     /// Groups of linearizations that are made one at a time, since their columns take more memory than the groups.

@@ -63,9 +63,13 @@ pub fn reason(
     let names = |i: usize| found.fits[i].effect_names().join(" + ");
     let left = &remainder.text;
     let percent = |i: usize| 100.0 * decision.superset_probability(found, i);
+    let further = match decision.is_field_certain() {
+        true => "; a further small force, of no law in the library, is certain",
+        false => "",
+    };
     match (decision.verdict, decision.selected) {
         (Verdict::Named, Some(c)) => format!(
-            "{} explains the data: sets with it have {:.0} % of the probability, and no other is credible; {left}",
+            "{} explains the data: sets with it have {:.0} % of the probability, and no other is credible; {left}{further}",
             names(c),
             percent(c)
         ),
@@ -77,7 +81,7 @@ pub fn reason(
             };
             let count = decision.rivals.len();
             format!(
-                "{against}{count} sets are credible; {} comes first (sets with it: {:.0} %); {left}",
+                "{against}{count} sets are credible; {} comes first (sets with it: {:.0} %); {left}{further}",
                 names(c),
                 percent(c)
             )

@@ -57,7 +57,8 @@ pub fn context(
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;
     let linearizations =
         model::linearise(fitter.data, &model.layout, &model.state, &nuisance_accelerations())?;
-    let responses = acceleration_responses(fitter.data.segments, &linearizations, model.layout.parameters.len());
+    let responses =
+        acceleration_responses(fitter.data.segments, &linearizations, model.layout.parameters.len());
     let whole = RecordingContext { discrepancy, components: model.components.clone(), responses };
     let own = ModelFitter { context: Some(whole.clone()), ..fitter.clone() };
     let Some(groups) = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations)? else {

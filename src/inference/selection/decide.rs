@@ -4,8 +4,8 @@
 //! same probability), normalised over the fitted sets. The credible set holds 95 % of it, without sets that
 //! contain another one as a special case. If the empty set has the remaining 5 % or more the verdict is `none`; with one set
 //! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
-//! predictable misfit, if an unnamed field, or a further effect of the opposite sign, is certain in addition to
-//! the set, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
+//! predictable misfit, if a further effect of the opposite sign is certain in addition to the set, or an unnamed field that
+//! is larger than a plausible discrepancy, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
 //! `unknown`, without a reported set, if the sets do not certainly remove half of the error.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
@@ -65,6 +65,11 @@ impl Decision {
         [&found.base].into_iter().chain(sets).collect()
     }
 
+    /// Whether a force without a name is certain in addition to the reported model.
+    pub fn is_field_certain(&self) -> bool {
+        self.field_log_bayes_factor.is_some_and(is_certain)
+    }
+
     /// Posterior probability that an effect acts.
     pub fn inclusion_probability(&self, found: &SearchResult, name: &str) -> f64 {
         let holds = |fit: &FittedModel| fit.effects.iter().any(|e| e.name == name);
@@ -102,19 +107,22 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
         return Ok(decision(verdict, Vec::new(), (None, None), field, field_log_bayes_factor));
     }
     let sets = credible_set(&probabilities, base_probability);
-    let (rivals, Explanation { shares, gain }, earned) =
-        check_necessity(fitter, found, simplest(found, &sets), seed)?;
+    let (rivals, field) = beside_field(fitter, found, simplest(found, &sets))?;
+    let (rivals, Explanation { shares, gain }, earned) = check_necessity(fitter, found, rivals, seed)?;
     let champion = &found.fits[rivals[0]];
-    let field = field::fit(fitter, champion)?;
     let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let reversed = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
     let unnamed = field_log_bayes_factor.into_iter().chain(reversed).max_by(f64::total_cmp);
+    // What is left is no larger, for certain, than a discrepancy of two of its standard deviations.
+    let is_small =
+        |e: &ExplainedShare| e.interval[0] >= 1.0 - (2.0 * SETTINGS.discrepancy_of_acceleration).powi(2);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
     let explained = shares.first().copied().flatten();
     let explains = explained.is_none_or(|e| e.explains_enough())
-        && !unnamed.is_some_and(is_certain)
+        && !reversed.is_some_and(is_certain)
+        && (!field_log_bayes_factor.is_some_and(is_certain) || explained.as_ref().is_some_and(is_small))
         && earned
         && is_likelier
         && !champion.is_at_bound();
@@ -141,6 +149,35 @@ fn immediate_submodels(found: &SearchResult, fit: usize) -> Vec<usize> {
         contains(all, f) && used + 1 == all.effects.len()
     };
     (0..found.fits.len()).filter(|f| is_next(&&found.fits[*f])).collect()
+}
+
+/// Rivals, with the most probable field beside the first. If that field is certain, an effect of a set may stand for a part of it:
+/// smaller sets that are as probable beside a field take the place of the first one.
+fn beside_field(
+    fitter: &ModelFitter,
+    found: &SearchResult,
+    mut rivals: Vec<usize>,
+) -> Result<(Vec<usize>, Option<FieldFit>)> {
+    let posterior = |fit: usize, field: &Option<FieldFit>| {
+        let log_evidence = field.as_ref().map_or(f64::NEG_INFINITY, |f| f.log_evidence);
+        log_evidence + log_prior(found.fits[fit].effects.len())
+    };
+    let mut field = field::fit(fitter, &found.fits[rivals[0]])?;
+    while field.as_ref().is_some_and(|f| is_certain(f.log_evidence - found.fits[rivals[0]].log_evidence)) {
+        let mut best: Option<(f64, usize, Option<FieldFit>)> = None;
+        for smaller in immediate_submodels(found, rivals[0]) {
+            let own = field::fit(fitter, &found.fits[smaller])?;
+            let log_posterior = posterior(smaller, &own);
+            if log_posterior >= best.as_ref().map_or(posterior(rivals[0], &field), |(most, ..)| *most) {
+                best = Some((log_posterior, smaller, own));
+            }
+        }
+        let Some((_, smaller, own)) = best else { break };
+        rivals.retain(|r| *r != smaller && !contains(&found.fits[*r], &found.fits[smaller]));
+        rivals.insert(0, smaller);
+        field = own;
+    }
+    Ok((rivals, field))
 }
 
 /// Rivals with the explanation by the first, and whether each of its effects is needed: explains its share of

@@ -20,6 +20,6 @@ pub mod start_grid;
 pub use context::context;
 pub use decide::{Decision, decide};
 pub use discrepancy::{SharedDiscrepancy, rms_beyond_gravity};
-pub use laplace::{Laplace, at_scale, marginal_evidence, profile_log_posterior};
+pub use laplace::{Laplace, at_scale, damped_step, marginal_evidence, profile_log_posterior};
 pub use prior::FixedEffectsPrior;
 pub use settings::SETTINGS;
