@@ -128,18 +128,16 @@ fn unknown_force_is_described_and_simulated() {
     }
 }
 
-/// For few trials through an annular force, a formula predicts as well as a field, and improves rollouts on new
-/// trials.
+/// A law of few trials through an annular force improves rollouts on new trials.
 #[test]
-fn prefers_a_formula_to_an_equal_field() {
+fn law_of_few_trials_improves_rollouts() {
     let hidden = worlds::outside(4, 6);
     let trials = worlds::trials(&hidden, Noise::White, 14, 40, 15.0, 6);
     let found = diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(1), &NoProgress).unwrap();
     let law = found.diagnosis.residual_law.expect("a residual law");
-    let is_formula = ["ax =", "ay ="].iter().any(|start| law.formula.starts_with(start));
-    assert!(law.offered && is_formula && !law.formula.contains("place_push"), "{law:?}");
+    assert!(law.offered && law.held_out.extended_rmse < 0.6 * law.held_out.base_rmse, "{law:?}");
     let [base, with] = [&worlds::scene(), &found.extended].map(|s| misses(s, &hidden, Engine::Auto));
-    assert!(with < 0.8 * base, "{with} m, {base} m without");
+    assert!(with < 0.6 * base, "{with} m, {base} m without");
 }
 
 /// Diagnosis of random actions in a task's hidden world, with full state at the paper's rate.
