@@ -113,7 +113,7 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let reversed = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
     let unnamed = field_log_bayes_factor.into_iter().chain(reversed).max_by(f64::total_cmp);
-    // What is left is no larger, for certain, than a discrepancy of two of its standard deviations.
+    // For certain no larger than a discrepancy of two of its standard deviations.
     let is_small =
         |e: &ExplainedShare| e.interval[0] >= 1.0 - (2.0 * SETTINGS.discrepancy_of_acceleration).powi(2);
     let alone = field::fit(fitter, &found.base)?;
