@@ -29,9 +29,10 @@ use crate::inference::selection::{
 };
 use crate::world::effect::DataRange;
 
-/// Maximum number of rounds of generalised least squares at a covariance, of covariances, and convergence tolerance, nats.
+/// Maximum number of rounds of generalised least squares at a design of the random effects, of designs, and convergence
+/// tolerance, nats.
 const MAX_GLS_ROUNDS: usize = 8;
-const COVARIANCE_UPDATES: usize = 2;
+const DESIGN_UPDATES: usize = 2;
 const GLS_TOLERANCE: f64 = 0.05;
 /// Excess of the linearised log posterior over the actual one, nats, above which a fit has not converged.
 const LINEARISATION_TOLERANCE: f64 = 1.0;
@@ -158,8 +159,8 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         Ok(self.gls_iterations(&layout, state)?.map(|iterate| iterate.log_posterior))
     }
 
-    /// Final iterate of generalised least squares from a nearby state. The covariance is held while parameters move, so that
-    /// their steps increase one posterior, and is then updated.
+    /// Final iterate of generalised least squares from a nearby state. The design of the random effects is held while parameters
+    /// move, so that their steps increase one posterior, and is then updated.
     fn gls_iterations(&self, layout: &ParameterLayout, state: FitState) -> Result<Option<Iterate>> {
         let first = VarianceComponents::initial(!layout.terms.is_empty());
         let values = state.values.clone();
@@ -173,8 +174,8 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             let next = self.take_step(layout, &best, modes_only);
             best = self.evaluate_like(layout, next, &best)?.unwrap_or(best);
         }
-        for _ in 0..COVARIANCE_UPDATES {
-            best = self.at_fixed_covariance(layout, best)?;
+        for _ in 0..DESIGN_UPDATES {
+            best = self.at_fixed_design(layout, best)?;
             if best.state.values == best.design_values {
                 break;
             }
@@ -184,8 +185,8 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         Ok(Some(best))
     }
 
-    /// The most probable iterate at the covariance of another, by the method of Levenberg and Marquardt.
-    fn at_fixed_covariance(&self, layout: &ParameterLayout, mut best: Iterate) -> Result<Iterate> {
+    /// The most probable iterate at the design of another, by the method of Levenberg and Marquardt.
+    fn at_fixed_design(&self, layout: &ParameterLayout, mut best: Iterate) -> Result<Iterate> {
         let mut damping = 0.0;
         for _ in 0..MAX_GLS_ROUNDS {
             let expected = best.laplace.log_joint - best.log_posterior;
@@ -209,7 +210,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         Ok(best)
     }
 
-    /// The iterate at another state with the covariance of `like`; without a context its components are estimated anew.
+    /// The iterate at another state with the design of `like`; without a context its components are estimated anew.
     fn evaluate_like(
         &self,
         layout: &ParameterLayout,
@@ -360,8 +361,8 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         else {
             return Ok(None);
         };
-        let linearized_groups =
-            self.reduce_to_groups(layout, state, |w| Cow::Borrowed(&linearizations[w]))?;
+        let design = RandomDesign::of(layout, &state.values, self.gravity);
+        let linearized_groups = self.reduce_to_groups(&design, |w| Cow::Borrowed(&linearizations[w]))?;
         Ok(linearized_groups.map(|linearized_groups| (linearizations, linearized_groups)))
     }
 
@@ -378,7 +379,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         else {
             return Ok(None);
         };
-        self.reduce_to_groups(layout, state, |w| {
+        self.reduce_to_groups(&RandomDesign::of(layout, &state.values, self.gravity), |w| {
             Cow::Owned(linearizations[w].with_columns(count, columns(w)))
         })
     }
@@ -393,28 +394,26 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         self.groups_by_design(&RandomDesign::of(layout, &state.values, self.gravity), linearizations)
     }
 
+    /// The same with a given design of the random effects.
     fn groups_by_design(
         &self,
         design: &RandomDesign,
         linearizations: &[Linearization],
     ) -> Result<Option<Vec<Group>>> {
         let discrepancy = self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0);
-        let linearization = |w: usize| match discrepancy {
+        self.reduce_to_groups(design, |w| match discrepancy {
             Some(d) => Cow::Owned(linearizations[w].with_columns(d.count, Some(d.responses[w].clone()))),
             None => Cow::Borrowed(&linearizations[w]),
-        };
-        groups::groups(self.data, &self.basis_caches, linearization, design, &self.scales)
+        })
     }
 
     /// Groups of linearizations that are made one at a time, since their columns take more memory than the groups.
     fn reduce_to_groups<'l>(
         &self,
-        layout: &ParameterLayout,
-        state: &FitState,
+        design: &RandomDesign,
         linearization: impl Fn(usize) -> Cow<'l, Linearization>,
     ) -> Result<Option<Vec<Group>>> {
-        let columns = RandomDesign::of(layout, &state.values, self.gravity);
-        groups::groups(self.data, &self.basis_caches, linearization, &columns, &self.scales)
+        groups::groups(self.data, &self.basis_caches, linearization, design, &self.scales)
     }
 }
 

@@ -149,4 +149,18 @@ mod tests {
             );
         });
     }
+
+    /// A formula that is the missing law is preferred to a field that resembles it.
+    #[test]
+    fn the_missing_law_is_preferred_to_a_field() {
+        throws::with_fit(&[0.4; 10], &[], 4, |fitter, base| {
+            let field = field::fit(fitter, base).unwrap();
+            assert!(field.is_some(), "there is a field to choose");
+            let law = LawProblem { fitter, base, model: base, field: field.as_ref() }.law(&NOISE).unwrap();
+            let law = law.expect("a law");
+            let scale = ErrorScale { noise: NOISE.sd, coordinates: 600.0, floor: 525.0, trials: 10 };
+            let report = law.report(base, base, &scale);
+            assert!(report.offered && report.formula.starts_with("ax ="), "{}", report.formula);
+        });
+    }
 }

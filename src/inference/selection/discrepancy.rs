@@ -413,6 +413,23 @@ mod tests {
         assert!((0.2 * plausible..3.0 * plausible).contains(&view), "{view} and {plausible}");
     }
 
+    /// Beyond the visited velocities the fields are as at their edge, and grow with the acceleration only.
+    #[test]
+    fn the_discrepancy_of_another_flight_is_bounded() {
+        let (segments, settings) = flights([0.0; 2], 4);
+        let found = discrepancy_of(&segments, &settings);
+        let count = segments[0].observations.len();
+        let path = |speed: f64| vec![[0.0, 1.0, speed, speed]; count];
+        let size = |speed: f64, typical: f64| {
+            found.responses_along(&segments[0], &path(speed), typical).row(2 * count - 2).norm()
+        };
+        let edge = size(1e3, 0.0);
+        assert!(edge > 0.0 && (size(1e6, 0.0) / edge - 1.0).abs() < 1e-9, "{} and {edge}", size(1e6, 0.0));
+        let time = segments[0].observations[count - 1].time;
+        assert!(edge < 2.0 * found.acceleration * time * time, "{edge} m");
+        assert!(size(1e3, 50.0) > 3.0 * edge);
+    }
+
     /// Impact errors act after the impact only; fully observed segments have no discrepancy.
     #[test]
     fn impact_errors_act_after_impact() {

@@ -74,12 +74,9 @@ fn from_squares(
     let mut step = DVector::zeros(all);
     let mut factor = None;
     for _ in 0..MAX_ROUNDS {
-        let (mut h, mut score) = (precision.clone(), pull.clone());
-        for (g, square) in groups.iter().zip(squares.iter()) {
-            let weight = g.weight_at(*square);
-            add_times(h.as_mut_slice(), g.gram.as_slice(), weight);
-            score.axpy(weight, &g.score, 1.0);
-        }
+        let weight = |(g, square): (&GroupStatistics, &f64)| g.weight_at(*square);
+        let weights = groups.iter().zip(squares.iter()).map(weight);
+        let (h, score) = normal_equations(groups, weights, &precision, &pull);
         let cholesky = h.cholesky()?;
         step = cholesky.solve(&score);
         factor = Some(cholesky);
@@ -125,15 +122,26 @@ pub fn damped_step(
     mode: &Laplace,
     damping: f64,
 ) -> Option<DVector<f64>> {
-    let (mut h, mean) = joint_prior(prior, mode.step.len(), mode.scale);
-    let mut score = &h * &mean;
-    for g in groups {
-        let weight = g.weight_at(g.square_after(&mode.step));
+    let (precision, mean) = joint_prior(prior, mode.step.len(), mode.scale);
+    let weights = groups.iter().map(|g| g.weight_after(&mode.step));
+    let (mut h, score) = normal_equations(groups, weights, &precision, &(&precision * &mean));
+    (0..prior.mean_offset.len()).for_each(|k| h[(k, k)] *= 1.0 + damping);
+    Some(h.cholesky()?.solve(&score))
+}
+
+/// Matrix and right-hand side of the weighted normal equations of all groups with the prior.
+fn normal_equations(
+    groups: &[GroupStatistics],
+    weights: impl Iterator<Item = f64>,
+    precision: &DMatrix<f64>,
+    pull: &DVector<f64>,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let (mut h, mut score) = (precision.clone(), pull.clone());
+    for (g, weight) in groups.iter().zip(weights) {
         add_times(h.as_mut_slice(), g.gram.as_slice(), weight);
         score.axpy(weight, &g.score, 1.0);
     }
-    (0..prior.mean_offset.len()).for_each(|k| h[(k, k)] *= 1.0 + damping);
-    Some(h.cholesky()?.solve(&score))
+    (h, score)
 }
 
 /// Adds a multiple of a slice to another.

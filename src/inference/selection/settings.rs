@@ -33,6 +33,11 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Share of the squared misfit that two standard deviations of the shared discrepancy leave.
+    pub fn small_misfit(&self) -> f64 {
+        (2.0 * self.discrepancy_of_acceleration).powi(2)
+    }
+
     /// Log posterior odds from which a hypothesis is certain.
     pub fn log_odds_of_certainty(&self) -> f64 {
         (self.confidence / (1.0 - self.confidence)).ln()
