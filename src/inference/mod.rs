@@ -173,7 +173,7 @@ fn select_model(
     progress: &dyn Progress,
     (data, layout, state): (&SegmentData, &ParameterLayout, FitState),
 ) -> Result<(Option<RecordingContext>, SearchResult, Decision)> {
-    let mut fitter = ModelFitter::new(data, noise);
+    let fitter = ModelFitter::new(data, noise);
     let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
     let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
     progress.report("trying strong effects", 0, 1)?;
@@ -185,13 +185,14 @@ fn select_model(
     let weak: Vec<Candidate> = weak;
     let search = ModelSearch::new(&fitter, weak, latents, config.seed).drop_unidentifiable(&first)?;
     let richest = [strong, search.library].concat();
-    fitter.context = Some(selection::context(&fitter, &first, &richest)?);
+    let context = selection::context(&fitter, &first, &richest)?;
+    let fitter = fitter.with_context(context.clone());
     let base = fitter.run_gls(layout.clone(), first.state)?.ok_or_else(failed)?;
     let search = ModelSearch::new(&fitter, candidates, latents, config.seed).drop_unidentifiable(&base)?;
     let found = search.search(base, config.max_effects, progress)?;
     progress.report("comparing sets of effects", 0, 1)?;
     let decision = selection::decide(&fitter, &found, config.seed)?;
-    Ok((fitter.context, found, decision))
+    Ok((Some(context), found, decision))
 }
 
 /// Segments with the fitted base model.

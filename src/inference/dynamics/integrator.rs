@@ -388,13 +388,13 @@ fn find_root(height: impl Fn(f64) -> [f64; 2]) -> f64 {
     at
 }
 
-/// A lane's polynomial (constant coefficient first), and its derivative.
-fn polynomial_value(c: &[LaneValues], lane: usize, s: f64) -> f64 {
-    c.iter().rev().fold(0.0, |sum, c| sum * s + c[lane])
+/// Value of a lane's polynomial (Horner's method).
+fn polynomial_value<const N: usize>(c: &[LaneValues; N], lane: usize, s: f64) -> f64 {
+    (0..N).rev().fold(0.0, |sum, i| sum * s + c[i][lane])
 }
 
-fn polynomial_derivative(c: &[LaneValues], lane: usize, s: f64) -> f64 {
-    c.iter().enumerate().skip(1).rev().fold(0.0, |sum, (i, c)| sum * s + i as f64 * c[lane])
+fn polynomial_derivative<const N: usize>(c: &[LaneValues; N], lane: usize, s: f64) -> f64 {
+    (1..N).rev().fold(0.0, |sum, i| sum * s + i as f64 * c[i][lane])
 }
 
 #[cfg(test)]

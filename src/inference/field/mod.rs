@@ -136,13 +136,14 @@ impl FieldGroups {
         let (layout, state) = (&model.layout, &model.state);
         let paths = model::segment_states(fitter.data, layout, state)?;
         let functions = FieldBasis::over(fitter.data.segments, &paths);
-        let field = |w: usize| match fitter.data.segments[w].kind {
-            SegmentKind::Flight | SegmentKind::Contact => {
-                Some(functions.responses(&fitter.data.segments[w], &paths[w]))
+        let field = |w: usize| {
+            let segment = &fitter.data.segments[w];
+            match segment.kind {
+                SegmentKind::Flight | SegmentKind::Contact => functions.responses(segment, &paths[w]),
+                _ => DMatrix::zeros(2 * segment.observations.len(), functions.count()),
             }
-            _ => None,
         };
-        let groups = fitter.groups_with_columns(layout, state, functions.count(), &field)?;
+        let groups = fitter.groups_with_columns(layout, state, &field)?;
         Ok(groups.map(|groups| FieldGroups { groups, functions, parameter_count: layout.parameters.len() }))
     }
 

@@ -107,16 +107,17 @@ fn solve_modes(group: &Group, all: &[RandomTerm], slow: f64, step: &DVector<f64>
     let mut precision = DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| all[k].sd.powi(-2)));
     let mut score = DVector::zeros(n);
     for (b, block) in group.blocks.iter().enumerate() {
-        let root = block.gp_variance.map(|s| (1.0 + slow * slow * s).sqrt().recip());
-        let left = (&block.residual - &block.jacobian * step).component_mul(&root);
+        let left = block.residual_at(step);
         let column = |d: &RandomTerm, i: usize| match (d.block.is_none_or(|own| own == b), d.column) {
             (false, _) => 0.0,
             (_, DesignColumn::Group(k)) => block.z_group[(i, k)],
             (_, DesignColumn::Segment(k)) => block.z_segment[(i, k)],
         };
-        let z = DMatrix::from_fn(left.len(), n, |i, k| root[i] * column(&all[k], i));
-        precision += z.tr_mul(&z);
-        score += z.tr_mul(&left);
+        let columns =
+            DMatrix::from_fn(left.len(), n + 1, |i, k| if k < n { column(&all[k], i) } else { left[i] });
+        let (products, _) = block.products(&columns, slow);
+        precision += products.view((0, 0), (n, n));
+        score += products.view((0, n), (n, 1)).column(0);
     }
     Some(precision.cholesky()?.solve(&score))
 }

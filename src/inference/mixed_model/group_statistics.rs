@@ -72,7 +72,7 @@ impl CrossProducts {
     pub fn of(group: &Group, columns: &[usize], slow: f64) -> CrossProducts {
         CrossProducts {
             blocks: group.blocks.iter().map(|b| block_products(b, columns, slow)).collect(),
-            count: group.blocks.iter().map(|b| b.residual.len() as f64).sum(),
+            count: group.blocks.iter().map(|b| b.count() as f64).sum(),
         }
     }
 
@@ -165,22 +165,13 @@ impl GroupProducts {
 
 fn block_products(block: &SegmentBlock, columns: &[usize], slow: f64) -> (DMatrix<f64>, f64) {
     let (parameters, q) = (columns.len(), columns.len() + block.z_group.ncols());
-    let mut log_det = block.log_det_noise;
-    let root = block.gp_variance.map(|s| {
-        let all = 1.0 + slow.powi(2) * s;
-        log_det += all.ln();
-        all.sqrt().recip()
+    let all = DMatrix::from_fn(block.residual.len(), q + 1 + block.z_segment.ncols(), |i, k| match k {
+        _ if k < parameters => block.jacobian[(i, columns[k])],
+        _ if k < q => block.z_group[(i, k - parameters)],
+        _ if k == q => block.residual[i],
+        _ => block.z_segment[(i, k - q - 1)],
     });
-    let all = DMatrix::from_fn(block.residual.len(), q + 1 + block.z_segment.ncols(), |i, k| {
-        root[i]
-            * match k {
-                _ if k < parameters => block.jacobian[(i, columns[k])],
-                _ if k < q => block.z_group[(i, k - parameters)],
-                _ if k == q => block.residual[i],
-                _ => block.z_segment[(i, k - q - 1)],
-            }
-    });
-    (all.tr_mul(&all), log_det)
+    block.products(&all, slow)
 }
 
 /// Adds a random effect of standard deviation `scale` along one column to the covariance (Sherman-Morrison):
@@ -337,6 +328,7 @@ mod tests {
                 z_group_effects: vec![RandomEffect::Acceleration(1), RandomEffect::Scale],
                 z_segment: DMatrix::from_fn(6, 1, |i, _| wave(120 + i)),
                 z_segment_effects: vec![RandomEffect::Acceleration(0)],
+                nuisances: DMatrix::zeros(6, 0),
                 log_det_noise: 0.3,
             }
         };

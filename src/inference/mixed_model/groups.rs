@@ -2,29 +2,26 @@
 //! rank.
 //!
 //! Residual and Jacobian of a segment are projected on the smoothing polynomials (or, with few observations,
-//! kept as they are); nuisances are projected out by an orthonormal complement (restricted likelihood with a
-//! flat prior of the initial state in *observed* coordinates, the same for every candidate); noise is
-//! whitened, and the covariance of the trial discrepancy diagonalised. The covariance is then diag(1 +
-//! discrepancy^2 variance) + group-level effects + segment-level effects, in units of the noise.
+//! kept as they are); noise is whitened, and the covariance of the trial discrepancy diagonalised. These
+//! coordinates are the same for every model. The covariance is then diag(1 + discrepancy^2 variance) +
+//! group-level effects + segment-level effects, in units of the noise. Nuisances are integrated out
+//! (restricted likelihood with a flat prior of the initial state in *observed* coordinates, the same for every
+//! candidate).
 //!
-//! Source: restricted likelihood (Patterson and Thompson, Biometrika 58 (1971) 545), model discrepancy as a Gaussian process
-//! (Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425).
+//! Source: restricted likelihood (Patterson and Thompson, Biometrika 58 (1971) 545; in the form log det V + log det N'V^-1 N:
+//! Harville, J. Am. Stat. Assoc. 72 (1977) 320), model discrepancy as a Gaussian process (Kennedy and O'Hagan, J. R. Stat.
+//! Soc. B 63 (2001) 425).
 
 use std::borrow::Cow;
-use std::collections::HashMap;
 
-use nalgebra::{DMatrix, DVector, Dyn, QR};
+use nalgebra::{DMatrix, DVector};
 
 use crate::error::Result;
-use crate::inference::data::noise::{self, Noise};
 use crate::inference::dynamics::Impact;
-use crate::inference::kernels;
+use crate::inference::mixed_model::coordinates::{SegmentCoordinates, WhiteNuisances};
 use crate::inference::mixed_model::random_design::{RandomDesign, RandomEffect};
 use crate::inference::model::{Linearization, SegmentData};
-use crate::inference::segment::{Segment, SegmentKind};
-
-/// Length scale of the trial discrepancy (Matern 3/2), as a share of the median duration of flights and rolls.
-const GP_LENGTH_SHARE: f64 = 0.25;
+use crate::inference::segment::Segment;
 
 /// A group of observations with a common scale: all measured segments of a trial, or one engine-simulated
 /// segment.
@@ -38,7 +35,8 @@ pub struct Group {
     pub has_random_effects: bool,
 }
 
-/// A segment in a group.
+/// A segment in a group, in coordinates of white noise and uncorrelated discrepancy. The nuisances are projected out of all
+/// columns by least squares.
 #[derive(Clone, Debug)]
 pub struct SegmentBlock {
     /// Index of the segment.
@@ -55,291 +53,181 @@ pub struct SegmentBlock {
     /// Segment-level random-effect columns, for one standard deviation.
     pub z_segment: DMatrix<f64>,
     pub z_segment_effects: Vec<RandomEffect>,
+    /// Orthonormal basis of the responses to nuisances.
+    pub nuisances: DMatrix<f64>,
     /// Log determinant of the noise covariance.
     pub log_det_noise: f64,
 }
 
-/// Quantities of a segment that are the same for all models.
-#[derive(Clone)]
-pub struct BasisCache {
-    /// Coordinates by observations: smoothing polynomials, or the used observations.
-    basis: DMatrix<f64>,
-    /// Covariances of noise (`None`: white) and of the trial discrepancy (`None`: none) in these coordinates,
-    /// per axis.
-    noise_covariance: Option<DMatrix<f64>>,
-    gp_covariance: Option<DMatrix<f64>>,
-    /// Whether the position along x and y varies; a constant coordinate is not used.
-    axes: [bool; 2],
-    /// Whether an earlier flight of its trial exists.
-    follows_flight: bool,
-}
-
-impl BasisCache {
-    /// Covariance of the unit trial discrepancy at the segment's observations, in two factors: the covariance in
-    /// coordinates times the basis (coordinates, observations), and the basis; `None` if there is none.
-    pub fn gp_covariance_at_observations(&self) -> Option<(DMatrix<f64>, &DMatrix<f64>)> {
-        self.gp_covariance.as_ref().map(|slow| (slow * &self.basis, &self.basis))
+impl SegmentBlock {
+    /// Number of coordinates beside those that the nuisances take.
+    pub fn count(&self) -> usize {
+        self.nuisances.nrows() - self.nuisances.ncols()
     }
 
-    /// Whether the segment moves along both axes.
-    pub fn moves_in_plane(&self) -> bool {
-        self.axes == [true; 2]
+    /// Residual after a step of the parameters.
+    pub fn residual_at(&self, step: &DVector<f64>) -> DVector<f64> {
+        &self.residual - &self.jacobian * step
     }
 
-    /// Whether a contact may have reset random accelerations of the segment.
-    pub fn may_be_reset_by_contact(&self, segment: &Segment) -> bool {
-        self.follows_flight || segment.kind == SegmentKind::Contact
+    /// Variances of noise and trial discrepancy, by coordinate; `discrepancy`: its standard deviation.
+    pub fn variances(&self, discrepancy: f64) -> DVector<f64> {
+        self.gp_variance.map(|variance| 1.0 + discrepancy * discrepancy * variance)
     }
-}
 
-/// Model-independent quantities of all segments.
-pub fn basis_caches(segments: &[Segment], noise: &Noise) -> Vec<BasisCache> {
-    let smooth = segments.iter().filter(|w| matches!(w.kind, SegmentKind::Flight | SegmentKind::Rolling));
-    let durations: Vec<f64> = smooth.map(|w| w.observations.last().map_or(0.0, |p| p.time)).collect();
-    let length = GP_LENGTH_SHARE * crate::inference::statistics::median(&durations).max(1e-6);
-    let mut first: HashMap<usize, f64> = HashMap::new();
-    for flight in segments.iter().filter(|w| w.kind == SegmentKind::Flight) {
-        let start = first.entry(flight.trial).or_insert(flight.start);
-        *start = start.min(flight.start);
+    /// C'V^-1 C of some columns C under noise and trial discrepancy, with the log determinant of V; nuisances are integrated
+    /// out under a flat prior.
+    pub fn products(&self, columns: &DMatrix<f64>, discrepancy: f64) -> (DMatrix<f64>, f64) {
+        let mut log_det = self.log_det_noise;
+        let root = self.variances(discrepancy).map(|variance| {
+            log_det += variance.ln();
+            variance.sqrt().recip()
+        });
+        let scaled =
+            |of: &DMatrix<f64>| DMatrix::from_fn(of.nrows(), of.ncols(), |i, k| root[i] * of[(i, k)]);
+        let (columns, nuisances) = (scaled(columns), scaled(&self.nuisances));
+        let mut products = gram(&columns);
+        // Cholesky's method column by column: nuisances are few, and independent.
+        let mut basis: Vec<DVector<f64>> = Vec::new();
+        for nuisance in nuisances.column_iter() {
+            let mut rest = nuisance.into_owned();
+            for b in &basis {
+                let along = b.dot(&rest);
+                rest.axpy(-along, b, 1.0);
+            }
+            let norm = rest.norm();
+            log_det += 2.0 * norm.ln();
+            rest /= norm;
+            let own = columns.tr_mul(&rest);
+            products.ger(-1.0, &own, &own, 1.0);
+            basis.push(rest);
+        }
+        (products, log_det)
     }
-    let after = |w: &Segment| first.get(&w.trial).is_some_and(|start| *start < w.start);
-    segments.iter().map(|w| basis_cache(w, noise, length, after(w))).collect()
-}
 
-fn basis_cache(segment: &Segment, noise: &Noise, length: f64, after: bool) -> BasisCache {
-    let points = &segment.observations;
-    let axes = match segment.kind.uses_engine() {
-        true => [true; 2],
-        false => [0, 1].map(|a| points.iter().any(|p| p.position[a] != points[0].position[a])),
-    };
-    let times: Vec<f64> = points.iter().map(|p| p.time).collect();
-    let sizes: Vec<f64> = points.iter().map(|p| p.weight).collect();
-    // Rows are in units of their own noise: a mean of several observations has less.
-    let weights: Vec<f64> = sizes.iter().map(|size| size.sqrt()).collect();
-    let n = points.len();
-    let rho = if segment.kind.uses_engine() { 0.0 } else { noise.rho };
-    let basis = segment.smooth.as_ref().and_then(|_| noise::polynomial_basis(&times, &weights));
-    let counted: Vec<usize> = (0..n).filter(|i| weights[*i] > 0.0).collect();
-    match basis {
-        Some(q) => BasisCache {
-            noise_covariance: (rho != 0.0).then(|| q.tr_mul(&kernels::autoregressive(rho, &sizes, &q))),
-            gp_covariance: Some(discrepancy_covariance(&times, &weights, length, &q)),
-            basis: q.transpose(),
-            axes,
-            follows_flight: after,
-        },
-        None => BasisCache {
-            // Unused observations are no coordinates.
-            basis: DMatrix::from_fn(counted.len(), n, |k, i| f64::from(counted[k] == i)),
-            gp_covariance: None,
-            noise_covariance: (rho != 0.0).then(|| noise::ar1_correlation(&counted, rho)),
-            axes,
-            follows_flight: after,
-        },
+    /// Columns in orthonormal coordinates of the complement of the nuisances.
+    pub fn complement(&self, mut columns: DMatrix<f64>) -> DMatrix<f64> {
+        if self.nuisances.ncols() > 0 {
+            self.nuisances.clone().qr().q_tr_mul(&mut columns);
+        }
+        columns.rows(self.nuisances.ncols(), self.count()).into_owned()
     }
 }
 
-/// Covariance of the unit trial discrepancy in the coordinates of `basis`, in units of the noise of each
-/// observation.
-fn discrepancy_covariance(times: &[f64], weights: &[f64], length: f64, basis: &DMatrix<f64>) -> DMatrix<f64> {
-    let rows = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| weights[i] * basis[(i, k)]);
-    rows.tr_mul(&kernels::matern(times, length, &rows))
+/// Products of all pairs of columns.
+fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = columns.ncols();
+    let mut out = DMatrix::zeros(n, n);
+    for j in 0..n {
+        for i in 0..=j {
+            let product = columns.column(i).dot(&columns.column(j));
+            (out[(i, j)], out[(j, i)]) = (product, product);
+        }
+    }
+    out
 }
 
-/// Block of a segment; `scale`: its residual standard deviation relative to the noise.
+/// Block of a segment. `more`: columns after those of parameters and perturbations, in its coordinates; `scale`: its residual
+/// standard deviation relative to the noise.
 fn segment_block(
     (w, segment): (usize, &Segment),
-    frame: &BasisCache,
+    coordinates: &SegmentCoordinates,
     linearization: &Linearization,
-    columns: &RandomDesign,
-    scale: f64,
+    design: &RandomDesign,
+    (more, scale): (Option<&DMatrix<f64>>, f64),
 ) -> Option<SegmentBlock> {
-    let (parameters, accelerations) = (columns.parameter_count, columns.acceleration_count);
-    let impact = linearization.impact;
-    let n = segment.observations.len();
-    let perturbations = linearization.jacobian.ncols() - parameters - accelerations;
-    let impact_errors = impact.map_or(0, |_| 2);
-    let order = ColumnIndex { parameters, perturbations, accelerations, impact_errors };
-    let of = |c: usize, i: usize| match c {
-        _ if c < parameters => linearization.jacobian[(i, c)],
-        _ if c < parameters + perturbations => linearization.jacobian[(i, c + accelerations)],
-        _ if c < order.impact_error(0) => linearization.jacobian[(i, c - perturbations)],
-        _ if c == order.residual() => linearization.residual[i],
-        _ => impact_error_response(segment, linearization, impact, c - order.impact_error(0), i),
-    };
-    let rows = RowAssembler {
-        axes: (0..2).filter(|a| frame.axes[*a]).collect(),
-        points: n,
-        coordinates: frame.basis.nrows(),
-        pseudo_observations: (linearization.residual.len() - 2 * n) / 2,
-        irls_scale: linearization.irls_scale,
-        scale: scale / linearization.irls_scale,
-    };
-    let start = rows.assemble(frame, linearization.nuisance_jacobian.ncols(), &|c, i| {
-        linearization.nuisance_jacobian[(i, c)]
+    let scales = [scale / linearization.irls_scale, 1.0 / linearization.irls_scale];
+    let nuisances = coordinates.white_nuisances(&linearization.nuisance_jacobian, scales)?;
+    let impact_errors = linearization.impact.map_or(0, |_| 2);
+    let beside = DMatrix::from_fn(linearization.residual.len(), impact_errors + 1, |i, k| match k {
+        _ if k == impact_errors => linearization.residual[i],
+        _ => impact_error_response(segment, linearization, linearization.impact, k, i),
     });
-    let simple = whiten_columns(frame, &rows, &start, rows.assemble(frame, order.residual() + 1, &of))?;
-    if simple.columns.iter().any(|v| !v.is_finite()) {
+    let project = |columns: DMatrix<f64>| {
+        let along = nuisances.basis.tr_mul(&columns);
+        columns - &nuisances.basis * along
+    };
+    let jacobian = project(coordinates.white(&linearization.jacobian, scales));
+    let beside = project(coordinates.white(&beside, scales));
+    // Further columns have no pseudo-observations.
+    let more = more.map(|more| project(more.clone().resize_vertically(jacobian.nrows(), 0.0)));
+    let all = jacobian.iter().chain(beside.iter()).chain(more.iter().flat_map(|more| more.iter()));
+    if all.into_iter().any(|v| !v.is_finite()) {
         return None;
     }
-    Some(assemble_block(simple, &order, columns, (w, segment), frame))
+    let columns = BlockColumns { jacobian, beside, more };
+    Some(columns.into_block((w, segment), design, coordinates, nuisances))
 }
 
-/// Column indices: parameters, perturbations, accelerations, impact errors, residual.
-struct ColumnIndex {
-    parameters: usize,
-    perturbations: usize,
-    accelerations: usize,
-    impact_errors: usize,
+/// Columns of a block: of a linearization, of impact errors and the residual, and further ones.
+struct BlockColumns {
+    jacobian: DMatrix<f64>,
+    beside: DMatrix<f64>,
+    more: Option<DMatrix<f64>>,
 }
 
-impl ColumnIndex {
-    fn acceleration(&self, k: usize) -> usize {
-        self.parameters + self.perturbations + k
-    }
-
-    fn impact_error(&self, k: usize) -> usize {
-        self.acceleration(self.accelerations) + k
-    }
-
-    fn residual(&self) -> usize {
-        self.impact_error(self.impact_errors)
-    }
-}
-
-/// Maps rows of a linearization to coordinates: polynomials, axis by axis, then pseudo-observations of
-/// nuisances.
-struct RowAssembler {
-    axes: Vec<usize>,
-    points: usize,
-    coordinates: usize,
-    pseudo_observations: usize,
-    irls_scale: f64,
-    scale: f64,
-}
-
-impl RowAssembler {
-    /// Number of coordinates.
-    fn dims(&self) -> usize {
-        self.coordinates * self.axes.len() + self.pseudo_observations
-    }
-
-    /// Coordinates of `count` columns with given values by column and row.
-    fn assemble(
-        &self,
-        frame: &BasisCache,
-        count: usize,
-        value: &dyn Fn(usize, usize) -> f64,
-    ) -> DMatrix<f64> {
-        let (n, k) = (self.points, self.coordinates);
-        let mut out = DMatrix::zeros(self.dims(), count);
-        for (b, axis) in self.axes.iter().enumerate() {
-            let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * self.scale);
-            out.rows_mut(b * k, k).copy_from(&(&frame.basis * rows));
-        }
-        for (h, c) in (0..self.pseudo_observations).flat_map(|h| (0..count).map(move |c| (h, c))) {
-            out[(k * self.axes.len() + h, c)] = value(c, 2 * n + 2 * h) / self.irls_scale;
-        }
-        out
-    }
-
-    /// Projects a covariance per axis on the complement of the nuisances; `rest`: variance of
-    /// pseudo-observations.
-    fn project_covariance(&self, axis: &DMatrix<f64>, rest: f64, complement: &NullSpace) -> DMatrix<f64> {
-        let k = self.coordinates;
-        let mut out = DMatrix::zeros(self.dims(), self.dims());
-        for b in 0..self.axes.len() {
-            out.view_mut((b * k, b * k), (k, k)).copy_from(axis);
-        }
-        (k * self.axes.len()..self.dims()).for_each(|h| out[(h, h)] = rest);
-        complement.project(complement.project(out).transpose())
-    }
-}
-
-/// Columns in coordinates with white noise and uncorrelated discrepancy.
-struct Whitened {
-    columns: DMatrix<f64>,
-    gp_variance: DVector<f64>,
-    log_det_noise: f64,
-}
-
-/// Projects out nuisances, whitens the noise and diagonalises the discrepancy.
-fn whiten_columns(
-    frame: &BasisCache,
-    rows: &RowAssembler,
-    start: &DMatrix<f64>,
-    of: DMatrix<f64>,
-) -> Option<Whitened> {
-    let complement = NullSpace::of(start)?;
-    let mut columns = complement.project(of);
-    let mut log_white = 0.0;
-    let mut misfit = frame.gp_covariance.as_ref().map(|slow| rows.project_covariance(slow, 0.0, &complement));
-    if let Some(white) = &frame.noise_covariance {
-        let white = rows.project_covariance(white, 1.0, &complement).cholesky()?;
-        log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let root = white.l();
-        columns = root.solve_lower_triangular(&columns)?;
-        if let Some(own) = &mut misfit {
-            let half = root.solve_lower_triangular(own)?;
-            *own = root.solve_lower_triangular(&half.transpose())?;
-        }
-    }
-    let mut slow = DVector::zeros(columns.nrows());
-    if let Some(misfit) = misfit {
-        let eigen = (0.5 * (&misfit + misfit.transpose())).symmetric_eigen();
-        slow = eigen.eigenvalues.map(|v| v.max(0.0));
-        columns = eigen.eigenvectors.transpose() * columns;
-    }
-    Some(Whitened { columns, gp_variance: slow, log_det_noise: log_white })
-}
-
-/// Splits columns into parameters, group-level and segment-level random effects.
-fn assemble_block(
-    simple: Whitened,
-    order: &ColumnIndex,
-    columns: &RandomDesign,
-    (w, segment): (usize, &Segment),
-    frame: &BasisCache,
-) -> SegmentBlock {
-    let column = |c: usize| simple.columns.column(c).into_owned();
-    let m = simple.columns.nrows();
-    let mut own: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
-    let mut group_level: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
-    let flies = segment.kind.is_airborne();
-    for (k, (place, fresh)) in columns.accelerations.iter().enumerate() {
-        match fresh {
-            true if flies => own.push((RandomEffect::Acceleration(*place), column(order.acceleration(k)))),
-            true => (),
-            false if flies => {
-                group_level.push((RandomEffect::Acceleration(*place), column(order.acceleration(k))))
+impl BlockColumns {
+    /// Splits the columns into parameters, group-level and segment-level random effects.
+    fn into_block(
+        self,
+        (w, segment): (usize, &Segment),
+        design: &RandomDesign,
+        coordinates: &SegmentCoordinates,
+        nuisances: WhiteNuisances,
+    ) -> SegmentBlock {
+        let m = self.jacobian.nrows();
+        let parameters = design.parameter_count;
+        let parameter = |k: usize| self.jacobian.column(k).into_owned();
+        let acceleration = |k: usize| parameter(parameters + k);
+        let mut own: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
+        let mut group_level: Vec<(RandomEffect, DVector<f64>)> = Vec::new();
+        let flies = segment.kind.is_airborne();
+        for (k, (place, fresh)) in design.accelerations.iter().enumerate() {
+            let effect = RandomEffect::Acceleration(*place);
+            match fresh {
+                true if flies => own.push((effect, acceleration(k))),
+                true => (),
+                false if flies => group_level.push((effect, acceleration(k))),
+                false => group_level.push((effect, DVector::zeros(m))),
             }
-            false => group_level.push((RandomEffect::Acceleration(*place), DVector::zeros(m))),
+        }
+        if flies && coordinates.may_be_reset_by_contact(segment) {
+            let renewed = design.contact_resets.iter().enumerate();
+            own.extend(
+                renewed
+                    .map(|(k, (c, plausible))| (RandomEffect::ContactReset(k), parameter(*c) * *plausible)),
+            );
+        }
+        let residual = self.beside.ncols() - 1;
+        own.extend((0..residual).map(|k| (RandomEffect::ImpactNoise, self.beside.column(k).into_owned())));
+        for sizes in &design.amplitude_directions {
+            let all = sizes.iter().fold(DVector::zeros(m), |all, (k, size)| all + parameter(*k) * *size);
+            group_level.push((RandomEffect::Scale, all));
+        }
+        let beside = |of: &[(RandomEffect, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
+        let names = |of: &[(RandomEffect, DVector<f64>)]| of.iter().map(|o| o.0).collect();
+        SegmentBlock {
+            segment: w,
+            residual: self.beside.column(residual).into_owned(),
+            z_group: beside(&group_level),
+            z_group_effects: names(&group_level),
+            z_segment: beside(&own),
+            z_segment_effects: names(&own),
+            gp_variance: coordinates.gp_variances(m),
+            nuisances: nuisances.basis,
+            log_det_noise: nuisances.log_det_noise,
+            jacobian: self.fixed_effects(design),
         }
     }
-    let renewed =
-        columns.contact_resets.iter().enumerate().filter(|_| flies && frame.may_be_reset_by_contact(segment));
-    for (k, (c, plausible)) in renewed {
-        let at = if *c < order.parameters { *c } else { order.acceleration(*c - order.parameters) };
-        own.push((RandomEffect::ContactReset(k), column(at) * *plausible));
-    }
-    own.extend((0..order.impact_errors).map(|k| (RandomEffect::ImpactNoise, column(order.impact_error(k)))));
-    for sizes in &columns.amplitude_directions {
-        let all =
-            sizes.iter().fold(DVector::zeros(m), |all, (parameter, size)| all + column(*parameter) * *size);
-        group_level.push((RandomEffect::Scale, all));
-    }
-    let beside = |of: &[(RandomEffect, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
-    let names = |of: &[(RandomEffect, DVector<f64>)]| of.iter().map(|o| o.0).collect();
-    SegmentBlock {
-        segment: w,
-        residual: column(order.residual()),
-        jacobian: simple.columns.columns(0, order.acceleration(0)).into_owned(),
-        z_group: beside(&group_level),
-        z_group_effects: names(&group_level),
-        z_segment: beside(&own),
-        z_segment_effects: names(&own),
-        gp_variance: simple.gp_variance,
-        log_det_noise: simple.log_det_noise,
+
+    /// Columns of parameters, perturbations beside the random accelerations, and further ones.
+    fn fixed_effects(self, design: &RandomDesign) -> DMatrix<f64> {
+        let columns = self.jacobian.remove_columns(design.parameter_count, design.acceleration_count);
+        let Some(more) = self.more else { return columns };
+        let before = columns.ncols();
+        let mut out = columns.resize_horizontally(before + more.ncols(), 0.0);
+        out.columns_mut(before, more.ncols()).copy_from(&more);
+        out
     }
 }
 
@@ -363,58 +251,23 @@ pub fn impact_error_response(
         * linearization.irls_scale
 }
 
-/// Orthogonal complement of the nuisance columns.
-struct NullSpace {
-    basis: QR<f64, Dyn, Dyn>,
-    rank: usize,
-}
-
-impl NullSpace {
-    /// `None` if the complement is empty.
-    fn of(start: &DMatrix<f64>) -> Option<NullSpace> {
-        let mut basis: Vec<DVector<f64>> = Vec::new();
-        for column in start.column_iter() {
-            let size = column.norm();
-            let mut rest = column.into_owned();
-            for _ in 0..2 {
-                for b in &basis {
-                    let along = b.dot(&rest);
-                    rest.axpy(-along, b, 1.0);
-                }
-            }
-            if rest.norm() > 1e-9 * size && size > 0.0 {
-                basis.push(rest.normalize());
-            }
-        }
-        let rank = basis.len();
-        let columns = DMatrix::from_fn(start.nrows(), rank, |i, k| basis[k][i]);
-        (rank < start.nrows()).then(|| NullSpace { basis: columns.qr(), rank })
-    }
-
-    /// Coordinates of every column in the complement.
-    fn project(&self, mut of: DMatrix<f64>) -> DMatrix<f64> {
-        if self.rank > 0 {
-            self.basis.q_tr_mul(&mut of);
-        }
-        of.rows(self.rank, of.nrows() - self.rank).into_owned()
-    }
-}
-
 /// Groups of all trials. `linearization`: linearization of a segment with columns for parameters, then
-/// [`nuisance_accelerations`], then perturbations; `scales`: of each segment's residuals, in units of the
-/// noise.
+/// [`nuisance_accelerations`](super::random_design::nuisance_accelerations), then perturbations; `more`: further columns of a
+/// segment in its coordinates; `scales`: of each segment's residuals, in units of the noise.
 pub fn groups<'l>(
     data: &SegmentData,
-    frames: &[BasisCache],
-    linearization: impl Fn(usize) -> Cow<'l, Linearization>,
-    columns: &RandomDesign,
+    coordinates: &[SegmentCoordinates],
+    linearizations: &[Linearization],
+    more: impl Fn(usize) -> Option<Cow<'l, DMatrix<f64>>>,
+    design: &RandomDesign,
     scales: &[f64],
 ) -> Result<Option<Vec<Group>>> {
     let mut out: Vec<Group> = Vec::new();
     for (w, segment) in data.segments.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
         data.progress.check_stop()?;
-        let linearization = linearization(w);
-        let Some(block) = segment_block((w, segment), &frames[w], &linearization, columns, scales[w]) else {
+        let (linearization, more) = (&linearizations[w], more(w));
+        let columns = (more.as_deref(), scales[w]);
+        let Some(block) = segment_block((w, segment), &coordinates[w], linearization, design, columns) else {
             if linearization.residual.iter().all(|r| r.is_finite()) {
                 continue;
             }
@@ -431,32 +284,17 @@ pub fn groups<'l>(
     Ok(Some(out))
 }
 
-/// Derivative of a segment's coordinates by its observed positions, 1/m (coordinates, two per observation);
-/// `None` if all are projected out.
+/// Derivative of a block's coordinates beside the nuisances by the observed positions of its segment, 1/m (coordinates, two per
+/// observation).
 pub fn observation_jacobian(
-    segment: (usize, &Segment),
-    frame: &BasisCache,
+    block: &SegmentBlock,
+    (segment, coordinates): (&Segment, &SegmentCoordinates),
     linearization: &Linearization,
     scale: f64,
-) -> Option<DMatrix<f64>> {
-    let n = 2 * segment.1.observations.len();
-    let mut own = linearization.without_jacobian();
-    own.append_columns(n, Some(DMatrix::identity(n, n)));
-    let none = RandomDesign {
-        parameter_count: 0,
-        acceleration_count: 0,
-        accelerations: Vec::new(),
-        contact_resets: Vec::new(),
-        amplitude_directions: Vec::new(),
-    };
-    segment_block(segment, frame, &own, &none, scale).map(|block| block.jacobian)
-}
-
-impl SegmentBlock {
-    /// Residual after a step of the parameters.
-    pub fn residual_at(&self, step: &DVector<f64>) -> DVector<f64> {
-        &self.residual - &self.jacobian * step
-    }
+) -> DMatrix<f64> {
+    let (rows, observed) = (linearization.residual.len(), 2 * segment.observations.len());
+    let by = DMatrix::from_fn(rows, observed, |i, k| if i == k { linearization.weights[i / 2] } else { 0.0 });
+    block.complement(coordinates.white(&by, [scale, 0.0]))
 }
 
 impl Group {
@@ -470,20 +308,33 @@ impl Group {
 mod tests {
     use super::*;
 
-    /// Nuisance columns are projected out whatever their scale; lengths in the complement are preserved.
+    /// Nuisances without prior are the limit of a large prior variance.
     #[test]
-    fn nuisances_are_projected_out() {
-        let start = DMatrix::from_fn(6, 3, |i, k| match k {
-            0 => 1.0,
-            1 => 1e4 * i as f64,
-            _ => 0.0,
-        });
-        let complement = NullSpace::of(&start).unwrap();
-        let line = DMatrix::from_fn(6, 1, |i, _| 3.0 - 2.0 * i as f64);
-        assert!(complement.project(line).norm() < 1e-9);
-        let bend = DMatrix::from_column_slice(6, 1, &[5.0, -1.0, -4.0, -4.0, -1.0, 5.0]);
-        let observed = complement.project(bend.clone());
-        assert_eq!(observed.nrows(), 4, "a column of nothing takes nothing up");
-        assert!((observed.norm() - bend.norm()).abs() < 1e-9);
+    fn nuisances_are_integrated_out() {
+        let wave = |k: usize| libm::sin(1.7 * k as f64);
+        let nuisances = DMatrix::from_fn(6, 2, |i, k| wave(5 + 11 * k + 3 * i)).qr().q();
+        let block = SegmentBlock {
+            segment: 0,
+            residual: DVector::zeros(6),
+            gp_variance: DVector::from_fn(6, |i, _| 1.0 / (1 + i) as f64),
+            jacobian: DMatrix::zeros(6, 0),
+            z_group: DMatrix::zeros(6, 0),
+            z_group_effects: Vec::new(),
+            z_segment: DMatrix::zeros(6, 0),
+            z_segment_effects: Vec::new(),
+            nuisances: nuisances.clone(),
+            log_det_noise: 0.3,
+        };
+        let columns = DMatrix::from_fn(6, 3, |i, k| wave(40 + 7 * i + k));
+        let (products, log_det) = block.products(&columns, 1.5);
+        let covariance = DMatrix::from_diagonal(&block.variances(1.5));
+        let own =
+            [&columns, &DMatrix::from_diagonal(&block.variances(1.5))].map(|of| block.complement(of.clone()));
+        let within = block.complement(own[1].transpose());
+        let expected = own[0].tr_mul(&within.clone().cholesky().unwrap().solve(&own[0]));
+        assert!((&products - &expected).amax() < 1e-9, "{products} for {expected}");
+        assert!((log_det - 0.3 - within.determinant().ln()).abs() < 1e-9);
+        let wide = covariance + &nuisances * nuisances.transpose() * 1e9;
+        assert!((products - columns.tr_mul(&wide.cholesky().unwrap().solve(&columns))).amax() < 1e-6);
     }
 }

@@ -1,6 +1,7 @@
 //! Mixed-effects model of the residuals of all trials, and its fit.
 
 pub mod conditional_modes;
+pub mod coordinates;
 pub mod cross_validation;
 pub mod fitted_model;
 pub mod group_statistics;

@@ -12,10 +12,11 @@ use nalgebra::{DMatrix, DVector};
 use crate::error::{Error, Result};
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::conditional_modes;
+use crate::inference::mixed_model::coordinates::{SegmentCoordinates, segment_coordinates};
 use crate::inference::mixed_model::cross_validation;
 use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{self, GroupStatistics, VarianceComponents};
-use crate::inference::mixed_model::groups::{self, BasisCache, Group};
+use crate::inference::mixed_model::groups::{self, Group};
 use crate::inference::mixed_model::leave_group_out::leave_group_out;
 use crate::inference::mixed_model::random_design::{RandomDesign, nuisance_accelerations};
 use crate::inference::mixed_model::variance_components::{ComponentLikelihood, INITIAL_STEP, WARM_STEP};
@@ -101,7 +102,7 @@ struct Iterate {
 #[derive(Clone)]
 pub struct ModelFitter<'a, 'b> {
     pub data: &'b SegmentData<'a>,
-    pub basis_caches: Vec<BasisCache>,
+    pub coordinates: Vec<SegmentCoordinates>,
     /// By segment: ratio of its residual standard deviation to the noise.
     pub scales: Vec<f64>,
     pub folds: Vec<usize>,
@@ -109,7 +110,9 @@ pub struct ModelFitter<'a, 'b> {
     pub range: DataRange,
     /// m/s^2
     pub gravity: f64,
-    pub context: Option<RecordingContext>,
+    context: Option<RecordingContext>,
+    /// Responses of each segment to the shared discrepancy of the context, in its coordinates.
+    discrepancy_columns: Vec<DMatrix<f64>>,
 }
 
 impl<'a, 'b> ModelFitter<'a, 'b> {
@@ -122,13 +125,25 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         };
         ModelFitter {
             data,
-            basis_caches: groups::basis_caches(data.segments, noise),
+            coordinates: segment_coordinates(data.segments, noise),
             scales: data.segments.iter().zip(&data.sd).map(scale).collect(),
             folds: cross_validation::folds(data.settings),
             range: candidates::data_range(data.segments),
             gravity: candidates::max_gravity(data.segments),
             context: None,
+            discrepancy_columns: Vec::new(),
         }
+    }
+
+    /// The same with the estimates that all models of the recording share.
+    pub fn with_context(self, context: RecordingContext) -> Self {
+        let responses = context.discrepancy.responses.iter().enumerate();
+        let discrepancy_columns = responses.map(|(w, own)| self.in_coordinates(w, own)).collect();
+        ModelFitter { context: Some(context), discrepancy_columns, ..self }
+    }
+
+    pub fn context(&self) -> Option<&RecordingContext> {
+        self.context.as_ref()
     }
 
     /// Fits a layout from an initial state; `None` if it cannot be simulated or its covariance is singular.
@@ -285,7 +300,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             linearizations.len(),
         );
         // If one axis is not observed, a random acceleration along it would only act in second order.
-        let unseen = modes.iter_mut().zip(&self.basis_caches).filter(|(_, frame)| !frame.moves_in_plane());
+        let unseen = modes.iter_mut().zip(&self.coordinates).filter(|(_, frame)| !frame.moves_in_plane());
         unseen.flat_map(|(mode, _)| &mut mode.accelerations).for_each(|acceleration| acceleration.1 = 0.0);
         apply_step(&mut state, linearizations, &clamped, modes);
         state
@@ -362,26 +377,36 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             return Ok(None);
         };
         let design = RandomDesign::of(layout, &state.values, self.gravity);
-        let linearized_groups = self.reduce_to_groups(&design, |w| Cow::Borrowed(&linearizations[w]))?;
+        let linearized_groups = self.reduce_to_groups(&design, &linearizations, |_| None)?;
         Ok(linearized_groups.map(|linearized_groups| (linearizations, linearized_groups)))
     }
 
-    /// As [`ModelFitter::groups`], with `count` additional columns by segment: two rows per observation.
+    /// As [`ModelFitter::groups`], with additional columns by segment: two rows per observation, m; as many of each segment.
     pub fn groups_with_columns(
         &self,
         layout: &ParameterLayout,
         state: &FitState,
-        count: usize,
-        columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
+        columns: &dyn Fn(usize) -> DMatrix<f64>,
     ) -> Result<Option<Vec<Group>>> {
         let Some(linearizations) =
             none_if_not_simulable(model::linearise(self.data, layout, state, &nuisance_accelerations()))?
         else {
             return Ok(None);
         };
-        self.reduce_to_groups(&RandomDesign::of(layout, &state.values, self.gravity), |w| {
-            Cow::Owned(linearizations[w].with_columns(count, columns(w)))
+        let design = RandomDesign::of(layout, &state.values, self.gravity);
+        self.reduce_to_groups(&design, &linearizations, |w| {
+            Some(Cow::Owned(self.in_coordinates(w, &columns(w))))
         })
+    }
+
+    /// White coordinates of displacements of a segment's observations (two rows per observation, m).
+    fn in_coordinates(&self, w: usize, displacements: &DMatrix<f64>) -> DMatrix<f64> {
+        let points = &self.data.segments[w].observations;
+        let weight = |i: usize| points[i / 2].weight.sqrt() / self.data.sd[w];
+        let weighted = DMatrix::from_fn(displacements.nrows(), displacements.ncols(), |i, k| {
+            weight(i) * displacements[(i, k)]
+        });
+        self.coordinates[w].white(&weighted, [self.scales[w], 0.0])
     }
 
     /// Groups with the columns of the shared discrepancy after those of the parameters.
@@ -400,20 +425,16 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         design: &RandomDesign,
         linearizations: &[Linearization],
     ) -> Result<Option<Vec<Group>>> {
-        let discrepancy = self.context.as_ref().map(|c| &c.discrepancy).filter(|d| d.count > 0);
-        self.reduce_to_groups(design, |w| match discrepancy {
-            Some(d) => Cow::Owned(linearizations[w].with_columns(d.count, Some(d.responses[w].clone()))),
-            None => Cow::Borrowed(&linearizations[w]),
-        })
+        self.reduce_to_groups(design, linearizations, |w| self.discrepancy_columns.get(w).map(Cow::Borrowed))
     }
 
-    /// Groups of linearizations that are made one at a time, since their columns take more memory than the groups.
     fn reduce_to_groups<'l>(
         &self,
         design: &RandomDesign,
-        linearization: impl Fn(usize) -> Cow<'l, Linearization>,
+        linearizations: &[Linearization],
+        more: impl Fn(usize) -> Option<Cow<'l, DMatrix<f64>>>,
     ) -> Result<Option<Vec<Group>>> {
-        groups::groups(self.data, &self.basis_caches, linearization, design, &self.scales)
+        groups::groups(self.data, &self.coordinates, linearizations, more, design, &self.scales)
     }
 }
 

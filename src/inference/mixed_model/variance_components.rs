@@ -270,6 +270,7 @@ mod tests {
                 jacobian: columns,
                 z_segment: DMatrix::zeros(8, 0),
                 z_segment_effects: Vec::new(),
+                nuisances: DMatrix::zeros(8, 0),
                 log_det_noise: 0.0,
             };
             Group { trial, blocks: vec![block], has_random_effects: true }

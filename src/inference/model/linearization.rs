@@ -105,44 +105,6 @@ impl Linearization {
         if weight > 0.0 { self.residual[row] / (self.irls_scale * weight) } else { f64::NAN }
     }
 
-    /// The same without Jacobian and impact.
-    pub fn without_jacobian(&self) -> Linearization {
-        let none = DMatrix::zeros(self.residual.len(), 0);
-        Linearization {
-            weights: self.weights.clone(),
-            residual: self.residual.clone(),
-            jacobian: none,
-            nuisance_jacobian: self.nuisance_jacobian.clone(),
-            square: self.square,
-            irls_scale: self.irls_scale,
-            nuisance_update: NuisanceUpdate {
-                step_at_fixed_parameters: self.nuisance_update.step_at_fixed_parameters.clone(),
-                by_parameter: DMatrix::zeros(self.nuisance_jacobian.ncols(), 0),
-            },
-            impact: None,
-        }
-    }
-
-    /// The same with additional columns, two rows per observation, not yet whitened.
-    pub fn with_columns(&self, count: usize, columns: Option<DMatrix<f64>>) -> Linearization {
-        let mut out = self.clone();
-        out.append_columns(count, columns);
-        out
-    }
-
-    /// Appends columns, two rows per observation, not yet whitened; zeros if `None`.
-    pub fn append_columns(&mut self, count: usize, columns: Option<DMatrix<f64>>) {
-        let (rows, before) = self.jacobian.shape();
-        let mut all = DMatrix::zeros(rows, before + count);
-        all.columns_mut(0, before).copy_from(&self.jacobian);
-        if let Some(columns) = columns {
-            for (i, k) in (0..columns.nrows()).flat_map(|i| (0..count).map(move |k| (i, k))) {
-                all[(i, before + k)] = columns[(i, k)] * self.weights[i / 2] * self.irls_scale;
-            }
-        }
-        self.jacobian = all;
-    }
-
     /// Projects the nuisances out of residual and Jacobian.
     fn project_out_nuisances(&mut self) {
         if self.nuisance_jacobian.ncols() > 0 {

@@ -109,6 +109,7 @@ mod tests {
             z_group_effects: Vec::new(),
             z_segment: DMatrix::zeros(5, 0),
             z_segment_effects: Vec::new(),
+            nuisances: DMatrix::zeros(5, 0),
             log_det_noise: 0.0,
         };
         let group = |launch: usize| Group {

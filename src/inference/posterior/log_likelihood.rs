@@ -68,8 +68,8 @@ pub struct FieldDraws {
     pub forces: DiscrepancyForces,
 }
 
-/// Segments that depend on the parameters and their block indices; `None` if a covariance fails.
-type CachedSegments = Option<(Vec<CachedSegment>, Vec<BlockIndex>)>;
+/// Segments that depend on the parameters, and their block indices.
+type CachedSegments = (Vec<CachedSegment>, Vec<BlockIndex>);
 
 /// Posterior of the discrepancy.
 pub struct DiscrepancySummary {
@@ -108,9 +108,7 @@ impl LogLikelihood {
         else {
             return Ok(None);
         };
-        let Some((windows, block_indices)) = cache_segments(fitter, fit, &linearizations, &groups)? else {
-            return Ok(None);
-        };
+        let (windows, block_indices) = cache_segments(fitter, fit, &linearizations, &groups)?;
         let new = |c, before| {
             ConditionalLikelihood::new(
                 &groups,
@@ -328,13 +326,8 @@ fn cache_segments(
             let (window, look) = (&data.segments[w], &linearizations[w]);
             let moves = |k: usize| look.jacobian.column(k).amax() > 0.0;
             if !layout.terms.is_empty() || (0..layout.parameters.len()).any(moves) {
-                let by = groups::observation_jacobian(
-                    (w, window),
-                    &fitter.basis_caches[w],
-                    look,
-                    fitter.scales[w],
-                );
-                let Some(by_position) = by else { return Ok(None) };
+                let coordinates = (window, &fitter.coordinates[w]);
+                let by_position = groups::observation_jacobian(block, coordinates, look, fitter.scales[w]);
                 block_indices.push(BlockIndex { group: p, row, by_position });
                 windows.push(CachedSegment {
                     scene: model::apply_initial_state(window, &state.nuisances[w]),
@@ -345,10 +338,10 @@ fn cache_segments(
                     group: p,
                 });
             }
-            row += block.residual.len();
+            row += block.count();
         }
     }
-    Ok(Some((windows, block_indices)))
+    Ok((windows, block_indices))
 }
 
 impl CachedSegment {

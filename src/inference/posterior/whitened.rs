@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::inference::mixed_model::group_statistics::{VarianceComponents, student_log_density};
-use crate::inference::mixed_model::groups::Group;
+use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 
 /// A group whitened by its covariance, up to scale.
 pub struct WhitenedGroup {
@@ -22,7 +22,7 @@ pub fn whiten(
     components: &VarianceComponents,
     parameter_count: usize,
 ) -> Option<(WhitenedGroup, DMatrix<f64>)> {
-    let n: usize = group.blocks.iter().map(|b| b.residual.len()).sum();
+    let n: usize = group.blocks.iter().map(SegmentBlock::count).sum();
     let basis_count = group.blocks.first()?.jacobian.ncols() - parameter_count;
     let (mut covariance, mut log_det) = (DMatrix::zeros(n, n), 0.0);
     let (mut residual, mut columns) = (DVector::zeros(n), DMatrix::zeros(n, parameter_count + basis_count));
@@ -31,20 +31,25 @@ pub fn whiten(
     let mut shared = DMatrix::zeros(n, shared_columns);
     let mut row = 0;
     for block in &group.blocks {
-        let m = block.residual.len();
+        let m = block.count();
         log_det += block.log_det_noise;
-        residual.rows_mut(row, m).copy_from(&block.residual);
-        columns.rows_mut(row, m).copy_from(&block.jacobian.columns(0, parameter_count + basis_count));
-        let mut block_covariance =
-            DMatrix::from_diagonal(&block.gp_variance.map(|s| 1.0 + components.discrepancy.powi(2) * s));
+        let free = |of: DMatrix<f64>| block.complement(of);
+        let left = DMatrix::from_column_slice(block.residual.len(), 1, block.residual.as_slice());
+        residual.rows_mut(row, m).copy_from(&free(left).column(0));
+        let fixed = block.jacobian.columns(0, parameter_count + basis_count).into_owned();
+        columns.rows_mut(row, m).copy_from(&free(fixed));
+        let variances = DMatrix::from_diagonal(&block.variances(components.discrepancy));
+        let mut block_covariance = free(free(variances).transpose());
+        let z_segment = free(block.z_segment.clone());
         for (k, kind) in block.z_segment_effects.iter().enumerate() {
-            let column = block.z_segment.column(k) * components.sd_of(*kind);
+            let column = z_segment.column(k) * components.sd_of(*kind);
             block_covariance += &column * column.transpose();
         }
         covariance.view_mut((row, row), (m, m)).copy_from(&block_covariance);
+        let z_group = free(block.z_group.clone());
         for k in 0..shared_columns {
             let sd = components.sd_of(block.z_group_effects[k]);
-            shared.view_mut((row, k), (m, 1)).copy_from(&(block.z_group.column(k) * sd));
+            shared.view_mut((row, k), (m, 1)).copy_from(&(z_group.column(k) * sd));
         }
         row += m;
     }

@@ -47,7 +47,11 @@ pub struct ReportInput<'a> {
 impl<'a> ReportInput<'a> {
     /// A fitter with the recording's context.
     fn fitter(&self) -> ModelFitter<'a, 'a> {
-        ModelFitter { context: self.context.clone(), ..ModelFitter::new(self.data, self.noise) }
+        let fitter = ModelFitter::new(self.data, self.noise);
+        match &self.context {
+            Some(context) => fitter.with_context(context.clone()),
+            None => fitter,
+        }
     }
 
     /// The experiment that discriminates what is not decided.

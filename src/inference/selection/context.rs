@@ -60,13 +60,13 @@ pub fn context(
     let responses =
         acceleration_responses(fitter.data.segments, &linearizations, model.layout.parameters.len());
     let whole = RecordingContext { discrepancy, components: model.components.clone(), responses };
-    let own = ModelFitter { context: Some(whole.clone()), ..fitter.clone() };
+    let own = fitter.clone().with_context(whole.clone());
     let Some(groups) = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations)? else {
         return Ok(whole);
     };
     let discrepancy = whole.discrepancy.reduced(fitter.data, &groups, model.layout.parameters.len())?;
     let start = RecordingContext { discrepancy, ..whole };
-    let own = ModelFitter { context: Some(start.clone()), ..own };
+    let own = own.with_context(start.clone());
     let groups = own.groups_with_discrepancy(&model.layout, &model.state, &linearizations)?;
     let components = components(&own, model, groups, start.discrepancy.broad_ratio)?;
     Ok(RecordingContext { components: components.unwrap_or_else(|| start.components.clone()), ..start })

@@ -66,7 +66,7 @@ pub fn explanation(
     let nothing = Explanation { shares: Vec::new(), gain: None };
     let displacements = discrepancy_mode(fitter, model);
     let Some(groups) = groups_without(fitter, model, displacements.as_deref())? else { return Ok(nothing) };
-    let sd = fitter.context.as_ref().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
+    let sd = fitter.context().map_or(0.0, |c| c.discrepancy.broad_ratio * c.discrepancy.acceleration);
     let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
     let (modes, broad) = match field::fit_broad(fitter, model, &groups, sd)? {
         Some((groups, step)) => {
@@ -100,7 +100,7 @@ pub fn explanation(
 /// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;
 /// `None` if the model was fitted without discrepancy.
 fn discrepancy_mode(fitter: &ModelFitter, model: &FittedModel) -> Option<Vec<DMatrix<f64>>> {
-    let (context, size) = (fitter.context.as_ref()?, &model.discrepancy_mode);
+    let (context, size) = (fitter.context()?, &model.discrepancy_mode);
     let own = |r: &DMatrix<f64>| DMatrix::from_column_slice(r.nrows(), 1, (r * size).as_slice());
     (!size.is_empty()).then(|| context.discrepancy.responses.iter().map(own).collect())
 }
@@ -111,8 +111,11 @@ fn groups_without(
     model: &FittedModel,
     displacements: Option<&[DMatrix<f64>]>,
 ) -> Result<Option<Vec<Group>>> {
-    let own = |w: usize| displacements.map(|d| d[w].clone());
-    let Some(mut groups) = fitter.groups_with_columns(&model.layout, &model.state, 1, &own)? else {
+    let own = |w: usize| match displacements {
+        Some(displacements) => displacements[w].clone(),
+        None => DMatrix::zeros(2 * fitter.data.segments[w].observations.len(), 1),
+    };
+    let Some(mut groups) = fitter.groups_with_columns(&model.layout, &model.state, &own)? else {
         return Ok(None);
     };
     let parameters = model.layout.parameters.len();
@@ -213,13 +216,13 @@ fn random_modes(model: &FittedModel, groups: &[Group], step: impl Fn(&Group) -> 
         let (mut precision, mut score) = (DMatrix::identity(n, n), DVector::zeros(n));
         let step = step(group);
         for (b, block) in group.blocks.iter().enumerate() {
-            let weights = block.gp_variance.map(|s| (1.0 + slow * slow * s).recip());
-            let left = block.residual_at(&step);
-            let own = || columns.iter().filter(|c| c.0 == b);
-            for (_, i, first) in own() {
-                let weighed = first.component_mul(&weights);
-                score[*i] += weighed.dot(&left);
-                own().for_each(|(_, j, second)| precision[(*i, *j)] += weighed.dot(second));
+            let own: Vec<&(usize, usize, DVector<f64>)> = columns.iter().filter(|c| c.0 == b).collect();
+            let all: Vec<DVector<f64>> =
+                own.iter().map(|c| c.2.clone()).chain([block.residual_at(&step)]).collect();
+            let (products, _) = block.products(&DMatrix::from_columns(&all), slow);
+            for (k, (_, i, _)) in own.iter().enumerate() {
+                score[*i] += products[(k, own.len())];
+                own.iter().enumerate().for_each(|(l, (_, j, _))| precision[(*i, *j)] += products[(k, l)]);
             }
         }
         let Some(factor) = precision.cholesky() else { continue };
@@ -260,8 +263,9 @@ fn noise_floor(fitter: &ModelFitter, base: &FittedModel, groups: &[Group]) -> Ve
     let c = &base.components;
     for group in groups {
         for block in &group.blocks {
-            let own = block.gp_variance.iter().map(|s| 1.0 + c.discrepancy * c.discrepancy * s).sum::<f64>();
-            out[group.trial] += own;
+            let free = |i: usize| 1.0 - block.nuisances.row(i).norm_squared();
+            let variances = block.variances(c.discrepancy);
+            out[group.trial] += variances.iter().enumerate().map(|(i, v)| free(i) * v).sum::<f64>();
         }
     }
     out
@@ -278,8 +282,7 @@ mod tests {
     fn the_true_effect_explains_everything() {
         throws::with_fit(&[0.4; 8], &[], 11, |fitter, base| {
             throws::with_fit(&[0.4; 8], &["linear_drag"], 11, |_, model| {
-                let own =
-                    ModelFitter { context: Some(context(fitter, base, &[]).unwrap()), ..fitter.clone() };
+                let own = fitter.clone().with_context(context(fitter, base, &[]).unwrap());
                 let share =
                     |m: &FittedModel| explanation(&own, &[base], m, 3).unwrap().shares[0].expect("a misfit");
                 let (right, none) = (share(model), share(base));

@@ -180,6 +180,7 @@ mod tests {
                         z_group_effects: Vec::new(),
                         z_segment: DMatrix::zeros(9, 0),
                         z_segment_effects: Vec::new(),
+                        nuisances: DMatrix::zeros(9, 0),
                         log_det_noise: 0.0,
                     };
                     let group = Group { trial: 0, blocks: vec![block], has_random_effects: true };

@@ -10,9 +10,10 @@ use nalgebra::{DMatrix, DVector};
 use crate::error::Result;
 use crate::inference::data::noise::Noise;
 use crate::inference::kernels;
+use crate::inference::mixed_model::coordinates::SegmentCoordinates;
 use crate::inference::mixed_model::fitted_model::ModelView;
 use crate::inference::mixed_model::group_statistics::VarianceComponents;
-use crate::inference::mixed_model::groups::{BasisCache, impact_error_response};
+use crate::inference::mixed_model::groups::impact_error_response;
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomDesign;
 use crate::inference::model::Linearization;
@@ -36,7 +37,7 @@ pub fn predictive_sds(
         if !scale.is_finite() {
             return vec![[f64::NAN; 2]; segment.observations.len()];
         }
-        let (linearization, frame) = (&linearizations[w], &fitter.basis_caches[w]);
+        let (linearization, frame) = (&linearizations[w], &fitter.coordinates[w]);
         let total = NuisanceProjector::of(&linearization.nuisance_jacobian);
         let mut variance =
             total.noise_variance(segment, frame, linearization, scale, components.discrepancy, noise);
@@ -66,7 +67,7 @@ pub fn predictive_sds(
 fn add_parameter_variance(
     variance: &mut DVector<f64>,
     segment: &Segment,
-    frame: &BasisCache,
+    frame: &SegmentCoordinates,
     linearization: &Linearization,
     columns: &RandomDesign,
     components: &VarianceComponents,
@@ -117,7 +118,7 @@ impl<'a> NuisanceProjector<'a> {
     fn noise_variance(
         &self,
         segment: &Segment,
-        frame: &BasisCache,
+        frame: &SegmentCoordinates,
         linearization: &Linearization,
         scale: f64,
         slow: f64,
