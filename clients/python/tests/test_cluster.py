@@ -189,7 +189,7 @@ def test_first_failure_cancels_others(nodes: Any, tmp_path: Path) -> None:
     with pytest.raises(cluster.UnitFailed, match="enough"):
         cluster.map(recording, [1, 0], progress=False)
     worker = next(pid for item, pid, _ in recording.tries() if item == "1")
-    until(lambda: not programs(worker), seconds=15)
+    until(lambda: not programs(worker))
 
 
 def test_policy_file_is_sent_to_nodes(nodes: Any) -> None:
