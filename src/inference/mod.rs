@@ -172,7 +172,7 @@ fn select_model(
     config: &DiagnosisConfig,
     progress: &dyn Progress,
     (data, layout, state): (&SegmentData, &ParameterLayout, FitState),
-) -> Result<(Option<RecordingContext>, SearchResult, Decision)> {
+) -> Result<(RecordingContext, SearchResult, Decision)> {
     let fitter = ModelFitter::new(data, noise);
     let failed = || Error::Failed("the log likelihood of the base model could not be evaluated".into());
     let first = fitter.run_gls(layout.clone(), state)?.ok_or_else(failed)?;
@@ -192,7 +192,7 @@ fn select_model(
     let found = search.search(base, config.max_effects, progress)?;
     progress.report("comparing sets of effects", 0, 1)?;
     let decision = selection::decide(&fitter, &found, config.seed)?;
-    Ok((Some(context), found, decision))
+    Ok((context, found, decision))
 }
 
 /// Segments with the fitted base model.

@@ -187,7 +187,7 @@ fn diagonalise(
 
 /// Orthonormal basis of the span of some columns, and the sum of the logarithms of the norms that remain of each beside
 /// those before it; dependent columns are left out (Gram and Schmidt, twice).
-fn orthonormalise(columns: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
+pub fn orthonormalise(columns: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut log_norms = 0.0;
     for column in columns.column_iter() {

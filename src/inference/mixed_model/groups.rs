@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::error::Result;
 use crate::inference::dynamics::Impact;
-use crate::inference::mixed_model::coordinates::{SegmentCoordinates, WhiteNuisances};
+use crate::inference::mixed_model::coordinates::{SegmentCoordinates, WhiteNuisances, orthonormalise};
 use crate::inference::mixed_model::random_design::{RandomDesign, RandomEffect};
 use crate::inference::model::{Linearization, SegmentData};
 use crate::inference::segment::Segment;
@@ -87,21 +87,10 @@ impl SegmentBlock {
             |of: &DMatrix<f64>| DMatrix::from_fn(of.nrows(), of.ncols(), |i, k| root[i] * of[(i, k)]);
         let (columns, nuisances) = (scaled(columns), scaled(&self.nuisances));
         let mut products = gram(&columns);
-        // Cholesky's method column by column: nuisances are few, and independent.
-        let mut basis: Vec<DVector<f64>> = Vec::new();
-        for nuisance in nuisances.column_iter() {
-            let mut rest = nuisance.into_owned();
-            for b in &basis {
-                let along = b.dot(&rest);
-                rest.axpy(-along, b, 1.0);
-            }
-            let norm = rest.norm();
-            log_det += 2.0 * norm.ln();
-            rest /= norm;
-            let own = columns.tr_mul(&rest);
-            products.ger(-1.0, &own, &own, 1.0);
-            basis.push(rest);
-        }
+        let (basis, log_norms) = orthonormalise(&nuisances);
+        let along = basis.tr_mul(&columns);
+        products -= along.tr_mul(&along);
+        log_det += 2.0 * log_norms;
         (products, log_det)
     }
 
@@ -328,8 +317,7 @@ mod tests {
         let columns = DMatrix::from_fn(6, 3, |i, k| wave(40 + 7 * i + k));
         let (products, log_det) = block.products(&columns, 1.5);
         let covariance = DMatrix::from_diagonal(&block.variances(1.5));
-        let own =
-            [&columns, &DMatrix::from_diagonal(&block.variances(1.5))].map(|of| block.complement(of.clone()));
+        let own = [&columns, &covariance].map(|of| block.complement(of.clone()));
         let within = block.complement(own[1].transpose());
         let expected = own[0].tr_mul(&within.clone().cholesky().unwrap().solve(&own[0]));
         assert!((&products - &expected).amax() < 1e-9, "{products} for {expected}");

@@ -300,7 +300,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
             linearizations.len(),
         );
         // If one axis is not observed, a random acceleration along it would only act in second order.
-        let unseen = modes.iter_mut().zip(&self.coordinates).filter(|(_, frame)| !frame.moves_in_plane());
+        let unseen = modes.iter_mut().zip(&self.coordinates).filter(|(_, own)| !own.moves_in_plane());
         unseen.flat_map(|(mode, _)| &mut mode.accelerations).for_each(|acceleration| acceleration.1 = 0.0);
         apply_step(&mut state, linearizations, &clamped, modes);
         state

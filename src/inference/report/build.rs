@@ -41,17 +41,13 @@ pub struct ReportInput<'a> {
     pub noise: &'a Noise,
     pub expected: &'a ExpectedRss,
     pub scale: &'a ErrorScale,
-    pub context: Option<RecordingContext>,
+    pub context: RecordingContext,
 }
 
 impl<'a> ReportInput<'a> {
     /// A fitter with the recording's context.
     fn fitter(&self) -> ModelFitter<'a, 'a> {
-        let fitter = ModelFitter::new(self.data, self.noise);
-        match &self.context {
-            Some(context) => fitter.with_context(context.clone()),
-            None => fitter,
-        }
+        ModelFitter::new(self.data, self.noise).with_context(self.context.clone())
     }
 
     /// The experiment that discriminates what is not decided.
@@ -61,7 +57,7 @@ impl<'a> ReportInput<'a> {
         decision: &Decision,
         config: &DiagnosisConfig,
     ) -> Result<Option<RecommendedExperiment>> {
-        let discrepancy = self.context.as_ref().map(|c| &c.discrepancy);
+        let discrepancy = Some(&self.context.discrepancy);
         let (segments, models) = (self.data.segments, decision.undecided(found));
         next_experiment(self.scene, segments, &models, decision.verdict, discrepancy, self.noise, config)
     }

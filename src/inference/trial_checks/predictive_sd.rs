@@ -37,11 +37,19 @@ pub fn predictive_sds(
         if !scale.is_finite() {
             return vec![[f64::NAN; 2]; segment.observations.len()];
         }
-        let (linearization, frame) = (&linearizations[w], &fitter.coordinates[w]);
+        let (linearization, coordinates) = (&linearizations[w], &fitter.coordinates[w]);
         let total = NuisanceProjector::of(&linearization.nuisance_jacobian);
         let mut variance =
-            total.noise_variance(segment, frame, linearization, scale, components.discrepancy, noise);
-        add_parameter_variance(&mut variance, segment, frame, linearization, &columns, components, known);
+            total.noise_variance(segment, coordinates, linearization, scale, components.discrepancy, noise);
+        add_parameter_variance(
+            &mut variance,
+            segment,
+            coordinates,
+            linearization,
+            &columns,
+            components,
+            known,
+        );
         if let (SegmentKind::Contact, Some(_)) = (segment.kind, &segment.surface) {
             for way in 0..2 {
                 let error = DVector::from_fn(variance.len(), |i, _| {
@@ -67,7 +75,7 @@ pub fn predictive_sds(
 fn add_parameter_variance(
     variance: &mut DVector<f64>,
     segment: &Segment,
-    frame: &SegmentCoordinates,
+    coordinates: &SegmentCoordinates,
     linearization: &Linearization,
     columns: &RandomDesign,
     components: &VarianceComponents,
@@ -88,7 +96,7 @@ fn add_parameter_variance(
         accelerations.for_each(|(k, (place, _))| {
             add(&[(columns.parameter_count + k, 1.0)], components.accelerations[*place])
         });
-        let renewed = columns.contact_resets.iter().filter(|_| frame.may_be_reset_by_contact(segment));
+        let renewed = columns.contact_resets.iter().filter(|_| coordinates.may_be_reset_by_contact(segment));
         renewed.for_each(|(c, plausible)| add(&[(*c, 1.0)], *plausible));
     }
     let count = known.nrows().min(columns.parameter_count);
@@ -118,7 +126,7 @@ impl<'a> NuisanceProjector<'a> {
     fn noise_variance(
         &self,
         segment: &Segment,
-        frame: &SegmentCoordinates,
+        coordinates: &SegmentCoordinates,
         linearization: &Linearization,
         scale: f64,
         slow: f64,
@@ -127,7 +135,7 @@ impl<'a> NuisanceProjector<'a> {
         let n = segment.observations.len();
         let rho = if segment.kind.uses_engine() { 0.0 } else { noise.rho };
         let sizes: Vec<f64> = segment.observations.iter().map(|p| p.weight).collect();
-        let misfit = frame.gp_covariance_at_observations().filter(|_| slow > 0.0);
+        let misfit = coordinates.gp_covariance_at_observations().filter(|_| slow > 0.0);
         let within = |correlated: DMatrix<f64>| {
             let noise = kernels::autoregressive(rho, &sizes, &correlated);
             match &misfit {
