@@ -143,7 +143,8 @@ fn law_of_few_trials_improves_rollouts() {
 /// Diagnosis of random actions in a task's hidden world, with full state at the paper's rate.
 fn task(family: &str, effects: Vec<EffectTerm>, engine: Engine, seed: u64) -> Diagnosis {
     let family = iplw::task::family(family).unwrap();
-    tried(family, HiddenConfig { effects, engine, ..standard(family) }, 16, seed)
+    let count = if engine == Engine::Auto { 16 } else { cases(10, 16) };
+    tried(family, HiddenConfig { effects, engine, ..standard(family) }, count, seed)
 }
 
 /// Diagnosis of `count` random actions in a task's hidden world.
@@ -220,9 +221,10 @@ fn integration_scheme_is_not_an_effect() {
             let observed = Simulator::new(Engine::Rapier).run(&[rollout]).unwrap().remove(0);
             Trial { name: i.to_string(), setting: None, scene, observed }
         };
-        let mut trials: Vec<Trial> = (0..12).map(throw).collect();
+        let count = cases(7, 12) as u32;
+        let mut trials: Vec<Trial> = (0..count).map(throw).collect();
         // A trial without observations does not invalidate the others.
-        let mut unseen = throw(12);
+        let mut unseen = throw(count);
         unseen.scene.bodies[0].position = None;
         unseen.observed.bodies[0].x.fill(f64::NAN);
         trials.insert(0, unseen);

@@ -1,6 +1,6 @@
 //! Posteriors from trials of hidden worlds: draws cover the truth, and report model discrepancy.
 
-use crate::all_cases;
+use crate::{all_cases, cases};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
@@ -49,7 +49,7 @@ fn near([mean, sd]: [f64; 2], truth: f64, share: f64) {
 /// Recovers latents and drag, deterministically, and agrees with MCMC.
 #[test]
 fn draws_cover_hidden_parameters() {
-    let (scene, trials) = measured(14, 71, true);
+    let (scene, trials) = measured(cases(8, 14), 71, true);
     let wanted = config(&[&["linear_drag"]], 3);
     let found = posterior(&scene, &trials, &wanted, &NoProgress).unwrap();
     let document = PosteriorDocument::new(&found, &wanted);
@@ -106,7 +106,7 @@ fn reports_model_discrepancy() {
 /// false confidence.
 #[test]
 fn sampled_discrepancy_removes_bias() {
-    let (scene, trials) = measured(10, 72, true);
+    let (scene, trials) = measured(cases(6, 10), 72, true);
     let found = |follow: bool| {
         let wanted = PosteriorConfig { sample_discrepancy: follow, ..config(&[&[]], 4) };
         let found = posterior(&scene, &trials, &wanted, &NoProgress).unwrap();
