@@ -113,14 +113,16 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let field_log_bayes_factor = field.as_ref().map(|f| f.log_evidence - champion.log_evidence);
     let reversed = reversed_effect_log_bayes_factor(fitter, found, rivals[0])?;
     let unnamed = field_log_bayes_factor.into_iter().chain(reversed).max_by(f64::total_cmp);
-    let is_small = |e: ExplainedShare| e.interval[0] >= 1.0 - SETTINGS.small_misfit();
+    let explained = shares.first().copied().flatten();
+    // Beside every smaller set as well: the scene alone may be far off, compared with which anything is small.
+    let is_small = |e: &ExplainedShare| e.interval[0] >= 1.0 - SETTINGS.small_misfit();
+    let is_field_small = explained.is_some() && shares.iter().flatten().all(is_small);
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
-    let explained = shares.first().copied().flatten();
     let explains = explained.is_none_or(|e| e.explains_enough())
         && !reversed.is_some_and(is_certain)
-        && (!field_log_bayes_factor.is_some_and(is_certain) || explained.is_some_and(is_small))
+        && (!field_log_bayes_factor.is_some_and(is_certain) || is_field_small)
         && earned
         && is_likelier
         && !champion.is_at_bound();

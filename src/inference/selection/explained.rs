@@ -77,10 +77,6 @@ pub fn explanation(
         None => (random_modes(model, &groups, current), None),
     };
     let own = squares_by_trial(model, &groups, &modes, current);
-    let held_out = |m: &FittedModel, groups: &[Group]| {
-        squares_by_trial(m, groups, &modes, |group| m.held_out_steps[group.trial].clone())
-    };
-    let after = held_out(model, &groups);
     let mut out = nothing;
     for (k, base) in fewer.iter().enumerate() {
         let Some(groups) = groups_without(fitter, base, displacements.as_deref())? else {
@@ -91,10 +87,27 @@ pub fn explanation(
             (squares_by_trial(base, &groups, &modes, current), noise_floor(fitter, base, &groups));
         out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
-            out.gain = removed_share(&held_out(base, &groups), &after, floor.iter().sum());
+            out.gain = held_out_gain(fitter, base, model, &modes, floor.iter().sum())?;
         }
     }
     Ok(out)
+}
+
+/// Share of the excess squared error on held-out trials that a model removes, random effects subtracted. The shared discrepancy
+/// counts as error here: predictions are made without it.
+fn held_out_gain(
+    fitter: &ModelFitter,
+    base: &FittedModel,
+    model: &FittedModel,
+    modes: &Modes,
+    floor: f64,
+) -> Result<Option<f64>> {
+    let squares = |m: &FittedModel| -> Result<Option<Vec<f64>>> {
+        let step = |group: &Group| m.held_out_steps[group.trial].clone();
+        Ok(groups_without(fitter, m, None)?.map(|groups| squares_by_trial(m, &groups, modes, step)))
+    };
+    let (Some(before), Some(after)) = (squares(base)?, squares(model)?) else { return Ok(None) };
+    Ok(removed_share(&before, &after, floor))
 }
 
 /// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;
