@@ -106,7 +106,7 @@ fn reports_model_discrepancy() {
 /// false confidence.
 #[test]
 fn sampled_discrepancy_removes_bias() {
-    let (scene, trials) = measured(cases(6, 10), 72, true);
+    let (scene, trials) = measured(cases(8, 10), 72, true);
     let found = |follow: bool| {
         let wanted = PosteriorConfig { sample_discrepancy: follow, ..config(&[&[]], 4) };
         let found = posterior(&scene, &trials, &wanted, &NoProgress).unwrap();

@@ -28,11 +28,9 @@ const BEAM: [(usize, usize); 2] = [(usize::MAX, 12), (3, 6)];
 const MIN_AMPLITUDE_ONLY_PAIRS: usize = 8;
 /// Maximum number of initial values per effect.
 const MAX_STARTS: usize = 2;
-/// Least-squares steps before generalised least squares: of one effect, of one by cached Jacobians, and of sets that start near
-/// the fit of another set. More of them lead such sets away to optima that are worse once trials may differ.
-const SINGLE_STEPS: usize = 12;
-const SINGLE_STEPS_CACHED: usize = 5;
-const SET_STEPS: usize = 2;
+/// Least-squares steps before generalised least squares, and with cached Jacobians.
+const LEAST_SQUARES_STEPS: usize = 12;
+const LEAST_SQUARES_STEPS_CACHED: usize = 5;
 /// Minimum squared response to a plausible amplitude, in units of the noise, for an effect to be
 /// identifiable.
 const MIN_SCREENING_INFORMATION: f64 = 1.0;
@@ -228,15 +226,14 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     /// Best fit over the initial states of a set.
     fn fit_set(&self, candidate_set: CandidateSet) -> Result<Option<FittedModel>> {
         let mut best: Option<FittedModel> = None;
+        let steps = match self.fitter.data.cached_jacobians.is_empty() {
+            true => LEAST_SQUARES_STEPS,
+            false => LEAST_SQUARES_STEPS_CACHED,
+        };
         let surveyed = |layout: &ParameterLayout| {
             layout.terms.len() < 2 && global_search::is_applicable(self.fitter.data, layout)
         };
         for (layout, start) in candidate_set.starts {
-            let steps = match (layout.terms.len(), self.fitter.data.cached_jacobians.is_empty()) {
-                (2.., _) => SET_STEPS,
-                (_, true) => SINGLE_STEPS,
-                (_, false) => SINGLE_STEPS_CACHED,
-            };
             let start = match surveyed(&layout) {
                 true => {
                     match crate::inference::mixed_model::model_fit::none_if_not_simulable(
