@@ -90,7 +90,9 @@ def test_distinguishes_killed_from_failed_command() -> None:
 def test_command_ends_with_its_parent(how: signal.Signals, tmp_path: Path) -> None:
     asks = f"from iplw.cli import compute; compute([{LONG!r}])"
     remote = {**os.environ, "TMPDIR": str(tmp_path)}
-    asking = subprocess.Popen([sys.executable, "-c", asks], env=remote, stderr=subprocess.DEVNULL)
+    # A shell's background jobs ignore Ctrl-C, and so do the processes they start.
+    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    asking = subprocess.Popen([sys.executable, "-c", asks], env=remote, stderr=subprocess.DEVNULL, preexec_fn=heed)
     program = until(lambda: programs(asking.pid))[0]
     asking.send_signal(how)
     asking.wait(60)
