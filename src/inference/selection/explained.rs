@@ -87,27 +87,33 @@ pub fn explanation(
             (squares_by_trial(base, &groups, &modes, current), noise_floor(fitter, base, &groups));
         out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
-            out.gain = held_out_gain(fitter, base, model, &modes, floor.iter().sum())?;
+            let (pair, floor) = ((*base, model), floor.iter().sum());
+            out.gain = held_out_gain(fitter, pair, displacements.as_deref(), &modes, floor)?;
         }
     }
     Ok(out)
 }
 
-/// Share of the excess squared error on held-out trials that a model removes, random effects subtracted. The shared discrepancy
-/// counts as error here: predictions are made without it.
+/// Share of the excess squared error on held-out trials that a model removes, random effects subtracted: the smaller one of those
+/// with the shared discrepancy counted as error, since predictions are made without it, and subtracted.
 fn held_out_gain(
     fitter: &ModelFitter,
-    base: &FittedModel,
-    model: &FittedModel,
+    (base, model): (&FittedModel, &FittedModel),
+    displacements: Option<&[DMatrix<f64>]>,
     modes: &Modes,
     floor: f64,
 ) -> Result<Option<f64>> {
-    let squares = |m: &FittedModel| -> Result<Option<Vec<f64>>> {
+    let squares = |m: &FittedModel, displacements: Option<&[DMatrix<f64>]>| -> Result<Option<Vec<f64>>> {
         let step = |group: &Group| m.held_out_steps[group.trial].clone();
-        Ok(groups_without(fitter, m, None)?.map(|groups| squares_by_trial(m, &groups, modes, step)))
+        Ok(groups_without(fitter, m, displacements)?.map(|groups| squares_by_trial(m, &groups, modes, step)))
     };
-    let (Some(before), Some(after)) = (squares(base)?, squares(model)?) else { return Ok(None) };
-    Ok(removed_share(&before, &after, floor))
+    let mut least: Option<f64> = None;
+    for displacements in [None, displacements] {
+        let (before, after) = (squares(base, displacements)?, squares(model, displacements)?);
+        let (Some(before), Some(after)) = (before, after) else { continue };
+        least = least.into_iter().chain(removed_share(&before, &after, floor)).min_by(f64::total_cmp);
+    }
+    Ok(least)
 }
 
 /// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;
