@@ -25,20 +25,35 @@ pub struct PolynomialSmooth {
     pub axes: f64,
     /// Orthonormal polynomial basis over the inliers (rows, polynomials).
     pub basis: DMatrix<f64>,
+    /// Coefficients of the Chebyshev polynomials of x and y, m, and the first and last time, s.
+    pub coefficients: [DVector<f64>; 2],
+    pub span: [f64; 2],
+}
+
+impl PolynomialSmooth {
+    /// Smooth position along an axis at a time on the trial's clock, m.
+    pub fn value(&self, axis: usize, time: f64) -> f64 {
+        let of = |(k, c): (usize, &f64)| c * chebyshev(k, self.span, time);
+        self.coefficients[axis].iter().enumerate().map(of).sum()
+    }
+}
+
+/// Chebyshev polynomial of degree `k` over a span of times.
+fn chebyshev(k: usize, [first, last]: [f64; 2], time: f64) -> f64 {
+    let u = 2.0 * (time - first) / (last - first).max(1e-12) - 1.0;
+    libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
 }
 
 /// Fits a flight's rows.
 pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     let n = rows.len();
     let degree = degree(n);
-    let (first, last) = (rows[0].0, rows[n - 1].0);
-    let full = DMatrix::from_fn(n, degree + 1, |i, k| {
-        let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;
-        libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
-    });
+    let span = [rows[0].0, rows[n - 1].0];
+    let full = DMatrix::from_fn(n, degree + 1, |i, k| chebyshev(k, span, rows[i].0));
     let mut used = vec![true; n];
     let mut fitted = DMatrix::zeros(n, 0);
     let mut residual = [vec![0.0; n], vec![0.0; n]];
+    let mut coefficients = [DVector::zeros(degree + 1), DVector::zeros(degree + 1)];
     for pass in 0..12 {
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if used[i] { full[(i, k)] } else { 0.0 });
         let Some(q) = orthonormal_basis(&basis) else { break };
@@ -52,7 +67,10 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
             let centred = y.map(|v| v - mean);
             // Rejected rows are tested again against the fit to the others.
             let beta = (&basis.transpose() * &basis).pseudo_inverse(1e-12).ok();
-            let fit = beta.map(|inv| &full * (inv * basis.transpose() * &centred)).unwrap_or(centred.clone());
+            let Some(inverse) = beta else { continue };
+            coefficients[axis] = inverse * basis.transpose() * &centred;
+            let fit = &full * &coefficients[axis];
+            coefficients[axis][0] += mean;
             let off: Vec<f64> = (0..n).map(|i| centred[i] - fit[i]).collect();
             let sizes: Vec<f64> = (0..n).filter(|i| used[*i]).map(|i| off[i].abs()).collect();
             let share = (1.0 - (degree + 1) as f64 / n as f64).max(0.2);
@@ -77,7 +95,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     }
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    PolynomialSmooth { residual, is_inlier: used, axes, basis: fitted }
+    PolynomialSmooth { residual, is_inlier: used, axes, basis: fitted, coefficients, span }
 }
 
 /// Rows of a flight that are outliers relative to their neighbours; the polynomial of [`fit_polynomials`]
@@ -140,18 +158,16 @@ fn parabola_weights(time: f64, times: &[f64]) -> DVector<f64> {
     (&powers * pseudo_inverse(&powers.tr_mul(&powers))).column(0).into_owned()
 }
 
-/// Orthonormal basis of the smoothing polynomials over the points with weight; `None` if there are too few.
-pub fn polynomial_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
+/// Orthonormal basis of the smoothing polynomials over the points with weight, which are the means of `observations`;
+/// `None` if there are too few.
+pub fn polynomial_basis(times: &[f64], weights: &[f64], observations: usize) -> Option<DMatrix<f64>> {
     let n = times.len();
-    let degree = degree(n);
+    let degree = degree(observations);
     if weights.iter().filter(|w| **w > 0.0).count() < degree + 3 {
         return None;
     }
-    let span = (times[n - 1] - times[0]).max(1e-12);
-    orthonormal_basis(&DMatrix::from_fn(n, degree + 1, |i, k| {
-        let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
-        weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
-    }))
+    let span = [times[0], times[n - 1]];
+    orthonormal_basis(&DMatrix::from_fn(n, degree + 1, |i, k| weights[i] * chebyshev(k, span, times[i])))
 }
 
 fn degree(n: usize) -> usize {
@@ -196,7 +212,7 @@ mod tests {
     fn polynomial_basis_captures_bends() {
         let slow = |bend: f64| {
             let (times, r) = residual(40, bend);
-            let basis = polynomial_basis(&times, &[1.0; 40]).unwrap();
+            let basis = polynomial_basis(&times, &[1.0; 40], 40).unwrap();
             let along =
                 |axis: usize| basis.tr_mul(&DVector::from_fn(40, |i, _| r[2 * i + axis])).norm_squared();
             (along(0) + along(1), basis.ncols(), r.iter().map(|v| v * v).sum::<f64>())

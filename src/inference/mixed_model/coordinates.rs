@@ -67,7 +67,9 @@ impl SegmentCoordinates {
         // Rows are in units of their own noise: a mean of several observations has less.
         let weights: Vec<f64> = sizes.iter().map(|size| size.sqrt()).collect();
         let rho = if segment.kind.uses_engine() { 0.0 } else { noise.rho };
-        let polynomials = segment.smooth.as_ref().and_then(|_| noise::polynomial_basis(&times, &weights));
+        let observations = points.len() + segment.within_blocks.merged_count;
+        let polynomials =
+            segment.smooth.as_ref().and_then(|_| noise::polynomial_basis(&times, &weights, observations));
         let (basis, noise_covariance, gp_covariance) = match polynomials {
             Some(q) => (
                 q.transpose(),

@@ -140,10 +140,10 @@ impl FittedModel {
         t_quantile(0.05, (self.held_out_squares.len() as f64 - 1.0).max(1.0))
     }
 
-    /// Root mean square residual in excess of the noise, in its units.
-    pub fn excess_rms(&self) -> f64 {
+    /// Squared residuals beyond those expected from noise, in units of the noise.
+    pub fn excess_square(&self) -> f64 {
         let count: f64 = self.group_statistics.iter().map(|t| t.count).sum();
-        (self.squares.iter().sum::<f64>() / count.max(1.0) - 1.0).max(0.0).sqrt()
+        (self.squares.iter().sum::<f64>() - count).max(0.0)
     }
 
     /// Between-trial standard deviation of a parameter, from the scale of its effect and its random

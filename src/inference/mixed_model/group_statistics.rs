@@ -214,11 +214,7 @@ pub fn student_log_density(square: f64, log_det: f64, count: f64) -> f64 {
 impl GroupStatistics {
     /// Square after a step of the parameters.
     pub fn square_after(&self, step: &DVector<f64>) -> f64 {
-        let own =
-            |(column, s): (&[f64], &f64)| s * column.iter().zip(step.iter()).map(|(g, t)| g * t).sum::<f64>();
-        let n = step.len().max(1);
-        let quadratic: f64 = self.gram.as_slice().chunks_exact(n).zip(step.iter()).map(own).sum();
-        self.square - 2.0 * self.score.dot(step) + quadratic
+        self.square + (&self.gram * step - &self.score * 2.0).dot(step)
     }
 
     /// Weight of the group, its scale integrated out, after a step of the parameters.

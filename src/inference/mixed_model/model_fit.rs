@@ -153,10 +153,20 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
         start: FitState,
         rounds: usize,
     ) -> Result<Option<FittedModel>> {
-        match none_if_not_simulable(model::fit(self.data, &layout, start, rounds))? {
-            Some((state, _)) => self.run_gls(layout, state),
+        match self.least_squares(&layout, start, rounds)? {
+            Some(state) => self.run_gls(layout, state),
             None => Ok(None),
         }
+    }
+
+    /// State after least squares; `None` if the layout cannot be simulated.
+    pub fn least_squares(
+        &self,
+        layout: &ParameterLayout,
+        start: FitState,
+        rounds: usize,
+    ) -> Result<Option<FitState>> {
+        Ok(none_if_not_simulable(model::fit(self.data, layout, start, rounds))?.map(|(state, _)| state))
     }
 
     /// Generalised least squares from a nearby state; steps that decrease the posterior are repeated with more damping.

@@ -19,7 +19,7 @@ pub fn residual_summary(
     gain: &PredictionGain,
     scale: &ErrorScale,
 ) -> ResidualSummary {
-    let [before, after] = [base, model].map(|f| f.excess_rms() * noise.sd);
+    let [before, after] = [base, model].map(|f| scale.rmse(f.excess_square()));
     let error = gain.held_out.as_ref().map_or(scale.rmse(held_out_square(base)), |g| g.extended_rmse);
     let floor = scale.rmse(scale.floor);
     let text = residual_text([before, after, noise.sd], error, floor);

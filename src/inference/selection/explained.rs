@@ -51,8 +51,8 @@ impl ExplainedShare {
 pub struct Explanation {
     /// Share of the excess misfit of each simpler model; `None` where that model's misfit is no larger than the floor.
     pub shares: Vec<Option<ExplainedShare>>,
-    /// Share of the excess squared error on held-out trials that the model removes; `None` where the base model leaves no more
-    /// than the floor.
+    /// Share of the excess squared error on held-out trials that the model removes, the smaller one of those with the shared
+    /// discrepancy subtracted and counted as error; `None` where the base model leaves no more than the floor.
     pub gain: Option<f64>,
 }
 
@@ -79,41 +79,50 @@ pub fn explanation(
     let own = squares_by_trial(model, &groups, &modes, current);
     let mut out = nothing;
     for (k, base) in fewer.iter().enumerate() {
-        let Some(groups) = groups_without(fitter, base, displacements.as_deref())? else {
+        let Some(simpler) = groups_without(fitter, base, displacements.as_deref())? else {
             out.shares.push(None);
             continue;
         };
         let (none, floor) =
-            (squares_by_trial(base, &groups, &modes, current), noise_floor(fitter, base, &groups));
+            (squares_by_trial(base, &simpler, &modes, current), noise_floor(fitter, base, &simpler));
         out.shares.push(explained_share(&none, &own, broad.as_ref().unwrap_or(&own), &floor, seed));
         if k == 0 {
-            let (pair, floor) = ((*base, model), floor.iter().sum());
-            out.gain = held_out_gain(fitter, pair, displacements.as_deref(), &modes, floor)?;
+            let floor = floor.iter().sum();
+            let subtracted = held_out_gain((base, &simpler), (model, &groups), &modes, floor);
+            let as_error = match displacements {
+                Some(_) => gain_of_predictions(fitter, base, model, &modes, floor)?,
+                None => None,
+            };
+            out.gain = subtracted.into_iter().chain(as_error).min_by(f64::total_cmp);
         }
     }
     Ok(out)
 }
 
-/// Share of the excess squared error on held-out trials that a model removes, random effects subtracted: the smaller one of those
-/// with the shared discrepancy counted as error, since predictions are made without it, and subtracted.
+/// Share of the excess squared error on held-out trials that a model removes, random effects subtracted; models with their groups.
 fn held_out_gain(
+    (base, simpler): (&FittedModel, &[Group]),
+    (model, groups): (&FittedModel, &[Group]),
+    modes: &Modes,
+    floor: f64,
+) -> Option<f64> {
+    let squares = |m: &FittedModel, groups: &[Group]| {
+        squares_by_trial(m, groups, modes, |group| m.held_out_steps[group.trial].clone())
+    };
+    removed_share(&squares(base, simpler), &squares(model, groups), floor)
+}
+
+/// The same with the shared discrepancy counted as error, since predictions are made without it.
+fn gain_of_predictions(
     fitter: &ModelFitter,
-    (base, model): (&FittedModel, &FittedModel),
-    displacements: Option<&[DMatrix<f64>]>,
+    base: &FittedModel,
+    model: &FittedModel,
     modes: &Modes,
     floor: f64,
 ) -> Result<Option<f64>> {
-    let squares = |m: &FittedModel, displacements: Option<&[DMatrix<f64>]>| -> Result<Option<Vec<f64>>> {
-        let step = |group: &Group| m.held_out_steps[group.trial].clone();
-        Ok(groups_without(fitter, m, displacements)?.map(|groups| squares_by_trial(m, &groups, modes, step)))
-    };
-    let mut least: Option<f64> = None;
-    for displacements in [None, displacements] {
-        let (before, after) = (squares(base, displacements)?, squares(model, displacements)?);
-        let (Some(before), Some(after)) = (before, after) else { continue };
-        least = least.into_iter().chain(removed_share(&before, &after, floor)).min_by(f64::total_cmp);
-    }
-    Ok(least)
+    let [simpler, groups] = [base, model].map(|m| groups_without(fitter, m, None));
+    let (Some(simpler), Some(groups)) = (simpler?, groups?) else { return Ok(None) };
+    Ok(held_out_gain((base, &simpler), (model, &groups), modes, floor))
 }
 
 /// Displacements of observations by the shared discrepancy at its mode under a model, by segment, two rows per observation, m;

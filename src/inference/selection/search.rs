@@ -31,6 +31,8 @@ const MAX_STARTS: usize = 2;
 /// Least-squares steps before generalised least squares, and with cached Jacobians.
 const LEAST_SQUARES_STEPS: usize = 12;
 const LEAST_SQUARES_STEPS_CACHED: usize = 5;
+/// Relative difference of parameters up to which two least-squares fits ended at the same optimum.
+const SAME_OPTIMUM: f64 = 0.01;
 /// Minimum squared response to a plausible amplitude, in units of the noise, for an effect to be
 /// identifiable.
 const MIN_SCREENING_INFORMATION: f64 = 1.0;
@@ -208,8 +210,11 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             names.sort_unstable();
             let Some(at) = found.fits.iter().position(|f| f.effect_names() == names) else { continue };
             let (layout, values) = large.without_term(t, self.fitter.data.setting_count());
-            let start = FitState::new(values, found.fits[at].state.nuisances.clone());
-            again.push((at, CandidateSet { names, expected_gain: 0.0, starts: vec![(layout, start)] }));
+            let start = (layout, FitState::new(values, found.fits[at].state.nuisances.clone()));
+            match again.iter_mut().find(|(known, _)| *known == at) {
+                Some((_, candidate_set)) => candidate_set.starts.push(start),
+                None => again.push((at, CandidateSet { names, expected_gain: 0.0, starts: vec![start] })),
+            }
         }
         let fitted: Vec<Result<(usize, Option<FittedModel>)>> =
             again.into_par_iter().map(|(at, candidate_set)| Ok((at, self.fit_set(candidate_set)?))).collect();
@@ -226,6 +231,8 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     /// Best fit over the initial states of a set.
     fn fit_set(&self, candidate_set: CandidateSet) -> Result<Option<FittedModel>> {
         let mut best: Option<FittedModel> = None;
+        // Order of the terms, and values of the parameters.
+        let mut optima: Vec<(Vec<&'static str>, Vec<f64>)> = Vec::new();
         let steps = match self.fitter.data.cached_jacobians.is_empty() {
             true => LEAST_SQUARES_STEPS,
             false => LEAST_SQUARES_STEPS_CACHED,
@@ -245,7 +252,14 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
                 }
                 false => start,
             };
-            let Some(fit) = self.fitter.fit(layout, start, steps)? else { continue };
+            let Some(start) = self.fitter.least_squares(&layout, start, steps)? else { continue };
+            // Another start led to the same optimum.
+            let names = layout.terms.iter().map(|t| t.effect.name).collect::<Vec<_>>();
+            if optima.iter().any(|(order, values)| *order == names && are_close(values, &start.values)) {
+                continue;
+            }
+            optima.push((names, start.values.clone()));
+            let Some(fit) = self.fitter.run_gls(layout, start)? else { continue };
             if best.as_ref().is_none_or(|b| fit.log_evidence > b.log_evidence) {
                 best = Some(fit);
             }
@@ -416,6 +430,11 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         }
         out
     }
+}
+
+/// Whether two parameter vectors differ by rounding and by the tolerance of least squares alone.
+fn are_close(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_OPTIMUM * a.abs().max(b.abs()))
 }
 
 /// Perturbations by the amplitudes of a term at its initial values.
