@@ -39,9 +39,9 @@ pub fn residual_summary(
 fn residual_text([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
     let [before, after, noise] = [before, after, noise].map(|v| format!("{:.2} mm", 1e3 * v));
     let slow = match before == after {
-        true => format!("systematic error per point {before}, measurement noise {noise}"),
+        true => format!("systematic error {before}, measurement noise {noise}"),
         false => {
-            format!("systematic error per point {before} before, {after} after; measurement noise {noise}")
+            format!("systematic error {before} before, {after} after; measurement noise {noise}")
         }
     };
     let held_out = match error <= FLOOR_RATIO * floor {
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn residual_text_compares_with_the_noise() {
         let at = |error: f64| residual_text([0.0089, 0.0032, 0.0016], error, 0.002);
-        let slow = "systematic error per point 8.90 mm before, 3.20 mm after; measurement noise 1.60 mm; ";
+        let slow = "systematic error 8.90 mm before, 3.20 mm after; measurement noise 1.60 mm; ";
         assert_eq!(at(0.0021), format!("{slow}on held-out trials the error is no larger than the noise"));
         assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times the noise"));
     }
