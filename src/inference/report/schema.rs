@@ -208,9 +208,10 @@ pub struct ModelScore {
 /// Residual summary of the reported model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResidualSummary {
-    /// Root-mean-square of the smooth part of held-out residuals above the noise by the base model, m.
+    /// Systematic error of a coordinate with the base model, m: root mean square, over all observations, of the smooth part of the
+    /// residuals beyond that expected from noise.
     pub slow_before_m: f64,
-    /// The same by the reported model, m.
+    /// The same with the reported model, m.
     pub slow_after_m: f64,
     /// Standard deviation of the noise, m.
     pub noise_m: f64,
