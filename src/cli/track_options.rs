@@ -16,8 +16,9 @@ use iplw::task::ball::BallScene;
 pub struct TrackOptions {
     /// Measured trials (CSV: trial,t,body,x,y) or tracks of one body; at least four trials.
     ///
-    /// Tracks may come from Tracker, Kinovea or a data frame, with columns such as `t`, `Time (s)` or `frame`, `x`, `X [m]`, `pos_x` or
-    /// `pixelx`. Every file without a column `trial` is one trial, named after the file.
+    /// Tracks may come from Tracker (.txt, .trk), Kinovea, TrackMate (CSV, XML), DeepLabCut, Logger Pro, Capstone, Qualisys (.tsv), ImageJ
+    /// or a data frame, with columns such as `t`, `Time (s)` or `frame`, `x`, `X [m]`, `pos_x` or `pixelx`. Every file without a column
+    /// `trial` is one trial, named after the file.
     #[arg(long, required = true, value_name = "FILE", num_args = 1..)]
     trials: Vec<PathBuf>,
     /// Scene of the trials (iplw.scene/1); for a single ball, --radius replaces it.

@@ -4,20 +4,15 @@
 //! [`Reality::measure`], and every valid attempt is counted. Files are parsed from text; the caller reads them.
 
 pub mod certify;
-mod columns;
-mod header;
 mod hidden;
-mod parse_options;
-mod track_rows;
-mod track_table;
-mod tracks;
+mod text_encoding;
+mod track_files;
 mod trials_csv;
-mod unit_checks;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
-pub use parse_options::TrackParseOptions;
-pub use tracks::{LoadedTrials, Subject, TrackFile, load_tracks};
-pub use trials_csv::{decode, read_trials_csv, trials_from_csv, trials_to_csv, write_trials_csv};
+pub use text_encoding::decode;
+pub use track_files::{LoadedTrials, Subject, TrackFile, TrackParseOptions, load_tracks};
+pub use trials_csv::{read_trials_csv, trials_from_csv, trials_to_csv, write_trials_csv};
 
 use crate::error::{Error, Result};
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};

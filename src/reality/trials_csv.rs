@@ -4,21 +4,13 @@
 //! `t` share a sample. An empty cell is a missing value (NaN in memory). An error names line, column and value.
 
 use super::Trial;
-use super::track_rows::{TrackRow, assemble, check_complete, invalid_value};
+use super::track_files::{TrackRow, assemble, check_complete, invalid_value};
 use crate::budget::{Budget, Unlimited, checked};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 
 const REQUIRED: [&str; 5] = ["trial", "t", "body", "x", "y"];
 const OPTIONAL: [&str; 5] = ["setting", "angle", "vx", "vy", "omega"];
-
-/// Decodes a file as UTF-8; an error names the first invalid line.
-pub fn decode(bytes: Vec<u8>) -> Result<String> {
-    String::from_utf8(bytes).map_err(|e| {
-        let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        invalid_value(line, "", "", "UTF-8 text")
-    })
-}
 
 /// Parses trials; each starts from `scene` in the trial's setting with bodies at their first observation.
 pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {

@@ -11,9 +11,7 @@ skip() {
 }
 
 command -v npm >/dev/null || skip "no Node (apt-get install nodejs npm)"
-if ! command -v chromium >/dev/null && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-	(apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium) >/dev/null 2>&1 || true
-fi
+sh chromium.sh
 command -v chromium >/dev/null || skip "no Chromium (apt-get install chromium)"
 make -C ../.. --no-print-directory web-check
 exec "$1" -m pytest -q -p no:cacheprovider -rA --no-header .

@@ -49,7 +49,7 @@ def _path(trial: Any) -> Path | None:
 def _text(trial: Any, field: str) -> str:
     path = _path(trial)
     if path is not None:
-        return path.read_text(encoding="utf-8-sig")
+        return _decoded(path.read_bytes(), path)
     if isinstance(trial, str):
         return trial
     if hasattr(trial, "to_csv"):
@@ -59,6 +59,18 @@ def _text(trial: Any, field: str) -> str:
     if table.ndim != 2 or table.shape[1] != 3:
         raise ValueError(f"{field} has shape {table.shape}; allowed: (n, 3), of t (s), x and y (m)")
     return "t,x,y\n" + "".join(",".join(map(_cell, row)) + "\n" for row in table.tolist())
+
+
+def _decoded(data: bytes, path: Path) -> str:
+    """The text of a file in UTF-8, UTF-16 or Latin-1, which programs on Windows write."""
+    if data.startswith(b"\x89HDF"):
+        raise ValueError(f"{path} is HDF5; allowed: a table as text, by DataFrame.to_csv, or the data frame itself")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def _cell(value: float) -> str:

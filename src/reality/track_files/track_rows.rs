@@ -2,13 +2,14 @@
 
 use std::collections::HashSet;
 
-use super::Trial;
 use crate::budget::{Budget, checked};
 use crate::error::{Error, InvalidInput, Result};
+use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 
 /// Observation of one body at one time.
+#[derive(Default)]
 pub struct TrackRow {
     /// Line of the file, from 1.
     pub line: usize,
@@ -19,6 +20,27 @@ pub struct TrackRow {
     pub t: f64,
     /// x (m), y (m, up), angle (rad), vx, vy (m/s), omega (rad/s); NaN where missing.
     pub values: [f64; 6],
+}
+
+/// The points of one trial of one body.
+pub struct TrialPoints {
+    pub trial: String,
+    /// Time, s, x and y, m, where y is observed.
+    pub points: Vec<[f64; 3]>,
+}
+
+impl TrialPoints {
+    /// The points of each trial; rows of a trial are contiguous.
+    pub fn by_trial(rows: &[TrackRow]) -> impl Iterator<Item = TrialPoints> {
+        rows.chunk_by(|a, b| a.trial == b.trial).map(|trial| TrialPoints {
+            trial: trial[0].trial.clone(),
+            points: trial
+                .iter()
+                .map(|r| [r.t, r.values[0], r.values[1]])
+                .filter(|p| p[2].is_finite())
+                .collect(),
+        })
+    }
 }
 
 /// Assembles trials from rows in contiguous blocks; each trial starts from `scene` in the trial's setting with bodies at their first

@@ -28,6 +28,19 @@ pub struct TrackParseOptions {
     #[arg(long, num_args = 0, default_missing_value = "true")]
     #[arg(help = "The y axis points downwards, as in images: row 700 is at -700 pixels")]
     pub y_down: Option<bool>,
+    /// Names of the columns, if the files have no line of names: t,x,y or frame,x,y.
+    #[arg(long, value_name = "NAMES")]
+    pub columns: Option<String>,
+    /// The axis that points up in files of three coordinates: x, y, z, -x, -y or -z.
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    #[arg(
+        help = "Axis that points up, for files of three coordinates: x, y, z, -x, -y, -z [default: against the fall]"
+    )]
+    pub up: Option<String>,
+    /// Whether files that cannot be read are left out, with a note.
+    #[arg(long, num_args = 0, default_missing_value = "true")]
+    #[arg(help = "Leave out files that cannot be read, with a note")]
+    pub skip_bad: Option<bool>,
     /// The track or body to read from files with several.
     #[arg(long, value_name = "NAME")]
     pub track: Option<String>,

@@ -1,7 +1,7 @@
 //! Column names of tracking programs and data frames, and the quantities they denote.
 //!
-//! Sources: exports of Tracker (`t`, `x`, `y`, `pixelx`), of Kinovea (`Time`, `Ball/0/X`) and of data frames (`pos_x`,
-//! `Time (s)`, `X [m]`, `x_px`, an index without a name).
+//! Sources: exports of Tracker (`t`, `x`, `y`, `pixelx`), Kinovea (`Time`, `Ball/0/X`), TrackMate (`POSITION_X`, `TRACK_ID`), ImageJ
+//! (`Track n°`, `Slice n°`), Logger Pro (`Latest: Time (s)`), Capstone (`Time (s) Run #1`) and of data frames (`pos_x`, `X [m]`, `x_px`, an index without a name).
 
 /// Quantity of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,9 +9,16 @@ pub enum ColumnQuantity {
     Time,
     /// Frame number; converted to a time by the frame rate.
     Frame,
+    /// Time since the row above.
+    Interval,
     X,
     Y,
+    Z,
+    /// Confidence of a detection, from 0 to 1.
+    Likelihood,
     Trial,
+    /// The program's number of a track, which is a trial; rows without one belong to none.
+    TrackNumber,
     Setting,
     Body,
 }
@@ -32,8 +39,22 @@ pub struct TrackColumn {
     pub quantity: Option<ColumnQuantity>,
     /// Unit in the name, if any.
     pub unit: Option<ColumnUnit>,
-    /// Track in the name, if any: `Ball` of `Ball/0/X`.
+    /// Track in the name, if any: `Ball/0` of `Ball/0/X`.
     pub track: Option<String>,
+    /// Run in the name, if any: `Run 1` of `Run 1: X (m)`. Each run has its own times.
+    pub run: Option<String>,
+}
+
+impl TrackColumn {
+    /// A column that is not read.
+    pub fn other(name: &str) -> TrackColumn {
+        TrackColumn { name: name.to_string(), quantity: None, unit: None, track: None, run: None }
+    }
+
+    /// A column of known quantity.
+    pub fn known(name: &str, quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> TrackColumn {
+        TrackColumn { quantity: Some(quantity), unit, ..TrackColumn::other(name) }
+    }
 }
 
 /// Units of length with all accepted names.
@@ -41,7 +62,7 @@ pub const LENGTHS: [(ColumnUnit, &[&str]); 8] = [
     (unit("m", 1.0), &["m", "metre", "metres", "meter", "meters"]),
     (unit("cm", 1e-2), &["cm", "centimetre", "centimetres", "centimeter", "centimeters"]),
     (unit("mm", 1e-3), &["mm", "millimetre", "millimetres", "millimeter", "millimeters"]),
-    (unit("um", 1e-6), &["um", "µm", "μm"]),
+    (unit("um", 1e-6), &["um", "µm", "μm", "micron", "microns", "micrometer", "micrometre"]),
     (unit("km", 1e3), &["km"]),
     (unit("in", 0.0254), &["in", "inch", "inches"]),
     (unit("ft", 0.3048), &["ft", "foot", "feet"]),
@@ -58,27 +79,93 @@ pub const TIMES: [(ColumnUnit, &[&str]); 5] = [
 ];
 
 /// Accepted column names, in lower case without separators.
-const NAMES: [(ColumnQuantity, &[&str]); 7] = [
-    (ColumnQuantity::Time, &["t", "time", "times", "timestamp", "elapsed", "elapsedtime", "zeit", "temps"]),
+const NAMES: [(ColumnQuantity, &[&str]); 10] = [
     (
-        ColumnQuantity::Frame,
-        &["frame", "frames", "framenumber", "frameno", "framenr", "frameindex", "frameidx"],
+        ColumnQuantity::Time,
+        &[
+            "t",
+            "time",
+            "times",
+            "timestamp",
+            "elapsed",
+            "elapsedtime",
+            "positiont",
+            "timesec",
+            "zeit",
+            "temps",
+            "tiempo",
+            "tempo",
+        ],
     ),
     (
+        ColumnQuantity::Frame,
+        &[
+            "frame",
+            "frames",
+            "framenumber",
+            "frameno",
+            "framenr",
+            "framenum",
+            "frameindex",
+            "frameidx",
+            "frameid",
+            "framecount",
+            "slice",
+            "slicen°",
+            "slicenumber",
+            "image",
+        ],
+    ),
+    (ColumnQuantity::Interval, &["dt", "deltat", "Δt", "timestep", "timedelta"]),
+    (
         ColumnQuantity::X,
-        &["x", "xpos", "posx", "positionx", "xposition", "xcoord", "xcoordinate", "centerx", "centrex"],
+        &[
+            "x",
+            "xpos",
+            "posx",
+            "positionx",
+            "xposition",
+            "xcoord",
+            "xcoordinate",
+            "centerx",
+            "centrex",
+            "centroidx",
+            "xcenter",
+            "xcentre",
+            "cx",
+            "xc",
+        ],
     ),
     (
         ColumnQuantity::Y,
-        &["y", "ypos", "posy", "positiony", "yposition", "ycoord", "ycoordinate", "centery", "centrey"],
+        &[
+            "y",
+            "ypos",
+            "posy",
+            "positiony",
+            "yposition",
+            "ycoord",
+            "ycoordinate",
+            "centery",
+            "centrey",
+            "centroidy",
+            "ycenter",
+            "ycentre",
+            "cy",
+            "yc",
+        ],
     ),
+    (ColumnQuantity::Z, &["z", "zpos", "posz", "positionz", "zposition", "zcoord", "zcoordinate"]),
+    (ColumnQuantity::Likelihood, &["likelihood"]),
+    (ColumnQuantity::Trial, &["trial", "run", "launch", "throw", "shot", "take"]),
     (
-        ColumnQuantity::Trial,
-        &["trial", "run", "launch", "throw", "shot", "take", "particle", "track", "trackid"],
+        ColumnQuantity::TrackNumber,
+        &["particle", "track", "trackid", "tracknumber", "trackn°", "trackno", "trackindex", "trajectory"],
     ),
     (ColumnQuantity::Setting, &["setting"]),
-    (ColumnQuantity::Body, &["body", "object", "marker"]),
 ];
+/// Names of the body of a row.
+const BODIES: [&str; 3] = ["body", "object", "marker"];
 /// Names of coordinates in pixels.
 const PIXELS: [(ColumnQuantity, &[&str]); 2] = [
     (ColumnQuantity::X, &["pixelx", "xpixel", "pxx", "pixx", "xpix"]),
@@ -107,38 +194,50 @@ const NON_TRACK_NAMES: [&str; 16] = [
 /// Parses a column's name.
 pub fn column(name: &str) -> TrackColumn {
     let written = name.trim().trim_start_matches('\u{feff}').trim();
-    let found = |quantity, unit, track: Option<&str>| TrackColumn {
-        name: written.to_string(),
-        quantity: Some(quantity),
-        unit,
-        track: track.map(|t| t.trim().to_string()),
+    let (run, own) = match (written.rsplit_once(':'), written.rsplit_once(" Run #")) {
+        (Some((run, own)), _) if !run.trim().is_empty() => (Some(run.trim().to_string()), own.trim()),
+        (_, Some((own, number))) => (Some(format!("Run {}", number.trim())), own.trim()),
+        _ => (None, written),
     };
-    let (rest, unit) = without_unit(written);
+    let (quantity, unit, track) = match quantity(own) {
+        Some((quantity, unit, track)) => (Some(quantity), unit, track.map(|t| t.trim().to_string())),
+        None => (None, None, None),
+    };
+    TrackColumn { name: written.to_string(), quantity, unit, track, run }
+}
+
+/// Quantity, unit and track of a column called `name`.
+fn quantity(name: &str) -> Option<(ColumnQuantity, Option<ColumnUnit>, Option<&str>)> {
+    let (rest, unit) = without_unit(name);
     if let Some(quantity) = named(&NAMES, rest).filter(|q| fits(*q, unit)) {
-        return found(quantity, unit, None);
+        return Some((quantity, unit, None));
+    }
+    if BODIES.contains(&plain(name).as_str()) {
+        return Some((ColumnQuantity::Body, None, None));
     }
     if let Some(quantity) = named(&PIXELS, rest) {
-        return found(quantity, Some(PIXEL), None);
+        return Some((quantity, Some(PIXEL), None));
     }
-    if let Some((unit, _)) =
-        TIMES[..2].iter().find(|(_, names)| names[1..].contains(&plain(written).as_str()))
-    {
-        return found(ColumnQuantity::Time, Some(*unit), None);
+    if let Some((unit, _)) = TIMES[..2].iter().find(|(_, names)| names[1..].contains(&plain(name).as_str())) {
+        return Some((ColumnQuantity::Time, Some(*unit), None));
     }
-    if let Some((track, tail)) = rest.rsplit_once(SEPARATORS) {
-        let coordinate = match plain(tail).as_str() {
-            "x" => Some(ColumnQuantity::X),
-            "y" => Some(ColumnQuantity::Y),
-            _ => None,
-        };
-        let track = track.trim_end_matches(SEPARATORS);
-        if let Some(coordinate) =
-            coordinate.filter(|q| fits(*q, unit) && !NON_TRACK_NAMES.contains(&spelt(track).as_str()))
-        {
-            return found(coordinate, unit, Some(track));
-        }
-    }
-    TrackColumn { name: written.to_string(), quantity: None, unit: None, track: None }
+    let (track, tail) = rest.rsplit_once(SEPARATORS)?;
+    let quantity = match plain(tail).as_str() {
+        "x" => ColumnQuantity::X,
+        "y" => ColumnQuantity::Y,
+        "z" => ColumnQuantity::Z,
+        "likelihood" => ColumnQuantity::Likelihood,
+        _ => return None,
+    };
+    let track = track.trim_end_matches(SEPARATORS);
+    let is_track = !NON_TRACK_NAMES.contains(&spelt(track).as_str());
+    (is_track && fits(quantity, unit)).then_some((quantity, unit, Some(track)))
+}
+
+/// The unit in a cell below a column's name: `(m)`, `[ms]`, `px`.
+pub fn unit_of_cell(cell: &str) -> Option<ColumnUnit> {
+    let inside = cell.trim().trim_start_matches(['(', '[']).trim_end_matches([')', ']']);
+    unit_named(&LENGTHS, inside).or_else(|| unit_named(&TIMES, inside))
 }
 
 /// The unit called `name` among `units`.
@@ -174,12 +273,12 @@ fn without_unit(name: &str) -> (&str, Option<ColumnUnit>) {
 }
 
 /// Whether a unit matches the quantity.
-fn fits(quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> bool {
+pub fn fits(quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> bool {
     let among =
         |units: &[(ColumnUnit, &[&str])]| unit.is_none_or(|u| units.iter().any(|(known, _)| *known == u));
     match quantity {
-        ColumnQuantity::Time => among(&TIMES),
-        ColumnQuantity::X | ColumnQuantity::Y => among(&LENGTHS),
+        ColumnQuantity::Time | ColumnQuantity::Interval => among(&TIMES),
+        ColumnQuantity::X | ColumnQuantity::Y | ColumnQuantity::Z => among(&LENGTHS),
         _ => unit.is_none(),
     }
 }
@@ -222,7 +321,15 @@ mod tests {
             ("Ball/0/X", ColumnQuantity::X, None, Some("Ball/0")),
             ("P1_y", ColumnQuantity::Y, None, Some("P1")),
             ("A_x", ColumnQuantity::X, None, Some("A")),
-            ("track_id", ColumnQuantity::Trial, None, None),
+            ("track_id", ColumnQuantity::TrackNumber, None, None),
+            ("POSITION_T", ColumnQuantity::Time, None, None),
+            ("Slice n°", ColumnQuantity::Frame, None, None),
+            ("Data Set 1:Time(s)", ColumnQuantity::Time, Some("s"), None),
+            ("VideoAnalysis: X (m)", ColumnQuantity::X, Some("m"), None),
+            ("X (m) Run #2", ColumnQuantity::X, Some("m"), None),
+            ("ball Z", ColumnQuantity::Z, None, Some("ball")),
+            ("dt (ms)", ColumnQuantity::Interval, Some("ms"), None),
+            ("cx", ColumnQuantity::X, None, None),
             ("object", ColumnQuantity::Body, None, None),
         ];
         for (name, quantity, unit, track) in cases {

@@ -1,0 +1,206 @@
+//! Converts track files into trials of a given scene, or of a scene built for a single ball.
+
+use std::path::Path;
+
+use super::floor::{FloorEstimate, check_floor, find_floor, remark_on_bounce};
+use super::parse_options::TrackParseOptions;
+use super::read::{self, TrackTable};
+use super::track_rows::{TrackRow, TrialPoints, assemble};
+use super::unit_checks::{DeclaredUnits, check_units};
+use super::vertical_plane::project;
+use crate::budget::Budget;
+use crate::error::{Error, Result};
+use crate::reality::{Trial, trials_csv};
+use crate::task::Scene;
+use crate::task::ball::{BallScene, STANDARD_GRAVITY_M_S2};
+
+/// A track file. Its name appears in errors and is the default name of its trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackFile {
+    pub name: String,
+    pub text: String,
+}
+
+/// Subject of the tracks.
+#[derive(Clone, Copy, Debug)]
+pub enum Subject<'a> {
+    Scene(&'a Scene),
+    Ball(&'a BallScene),
+}
+
+/// Trials with their scene.
+#[derive(Clone, Debug)]
+pub struct LoadedTrials {
+    pub scene: Scene,
+    pub trials: Vec<Trial>,
+    /// Notes for the user: unused columns, implausible values.
+    pub notes: Vec<String>,
+    /// Whether all files are in this project's own format and no option is set.
+    pub own_format: bool,
+}
+
+/// Parses track files. Files of a scene with several bodies, and those with a header `trial,t,body,x,y`, are in this project's own
+/// format; others contain one body's track from a tracking program. Implausible units are errors; if they are declared, or in this
+/// project's own format with a given scene, they are notes. Ends early with `budget`.
+pub fn load_tracks(
+    files: &[TrackFile],
+    of: Subject,
+    reading: &TrackParseOptions,
+    budget: &dyn Budget,
+) -> Result<LoadedTrials> {
+    reading.validate()?;
+    let one = match of {
+        Subject::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
+        Subject::Ball(_) => Some(BALL),
+    };
+    let (mut tables, mut notes) = read_files(files, one, reading, budget)?;
+    let declared = DeclaredUnits {
+        length: tables.iter().all(|t| t.units_declared[0]),
+        time: tables.iter().all(|t| t.units_declared[1]),
+        up: reading.y_down.is_some(),
+    };
+    notes.extend(project(&mut tables, reading)?);
+    let own = tables.iter().all(|t| t.own_format) && matches!(of, Subject::Scene(_));
+    let points: Vec<TrialPoints> = tables.iter().flat_map(|t| TrialPoints::by_trial(&t.rows)).collect();
+    let all_declared = DeclaredUnits { length: true, time: true, up: true };
+    let declared = if own { all_declared } else { declared };
+    let scene = match of {
+        Subject::Scene(scene) => {
+            if scene.bodies.len() == 1 {
+                notes.extend(check_units(&points, scene.gravity, !scene.statics.is_empty(), declared)?);
+            }
+            scene.clone()
+        }
+        Subject::Ball(ball) => {
+            let g = ball.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
+            notes.extend(check_units(&points, [0.0, -g], ball.floor.is_some(), declared)?);
+            let ball = on_floor(ball, &points, g, &mut notes)?;
+            ball.build(body(&tables)?, seconds(&tables))?
+        }
+    };
+    let mut trials = Vec::new();
+    for table in tables {
+        let assembled = assemble(table.rows, &scene, budget);
+        trials.extend(assembled.map_err(|e| e.in_file(&table.file))?);
+    }
+    Ok(LoadedTrials { scene, trials, notes, own_format: own && reading.is_silent() })
+}
+
+/// Reads each file, and remarks on them. `body` is the name of the only body of the scene.
+fn read_files(
+    files: &[TrackFile],
+    body: Option<&str>,
+    reading: &TrackParseOptions,
+    budget: &dyn Budget,
+) -> Result<(Vec<TrackTable>, Vec<String>)> {
+    let (mut tables, mut notes) = (Vec::new(), Vec::new());
+    for (file, name) in files.iter().zip(names(files)) {
+        let read = || match body {
+            Some(body) => read::read(&file.text, &name, body, reading, budget),
+            None if reading.is_silent() => own_format(&file.text, budget),
+            None => {
+                Err(Error::input("scene", "of several bodies", "one body, if units or a track are given"))
+            }
+        };
+        let mut table = match read().map_err(|e| e.in_file(&file.name)) {
+            Ok(table) => table,
+            Err(Error::Input(input)) if reading.skip_bad == Some(true) => {
+                notes.push(format!("left out: {input}"));
+                continue;
+            }
+            Err(e) => return Err(e),
+        };
+        table.file.clone_from(&file.name);
+        if files.len() > 1 && table.names_trials {
+            table.rows.iter_mut().for_each(|r| r.trial = format!("{name}/{}", r.trial));
+        }
+        notes.extend(table.notes.iter().map(|note| format!("{}: {note}", file.name)));
+        tables.push(table);
+    }
+    if tables.is_empty() && !files.is_empty() {
+        let value = format!("{} files, of which none can be read", files.len());
+        return Err(Error::input("trials", value, format!("at least one; {}", notes[0])));
+    }
+    Ok((tables, notes))
+}
+
+/// The ball with a floor where its tracks show one, if none is given. Without gravity, as seen from above, there is none.
+fn on_floor(
+    ball: &BallScene,
+    points: &[TrialPoints],
+    gravity: f64,
+    notes: &mut Vec<String>,
+) -> Result<BallScene> {
+    if let Some(floor) = ball.floor {
+        check_floor(points, ball.radius, floor, gravity)?;
+        return Ok(ball.clone());
+    }
+    if gravity == 0.0 {
+        return Ok(ball.clone());
+    }
+    let found = find_floor(points, ball.radius, gravity)?;
+    match &found {
+        Some(FloorEstimate { height, evidence }) => {
+            notes.push(format!("floor found at {height:.4} m: {evidence}"))
+        }
+        None => notes.extend(remark_on_bounce(points, gravity)),
+    }
+    Ok(BallScene { floor: found.map(|f| f.height), ..ball.clone() })
+}
+
+/// Default name of a ball.
+const BALL: &str = "ball";
+
+fn own_format(text: &str, budget: &dyn Budget) -> Result<TrackTable> {
+    let rows = trials_csv::rows(text, budget)?;
+    Ok(TrackTable {
+        rows,
+        names_trials: true,
+        own_format: true,
+        file: String::new(),
+        z: Vec::new(),
+        notes: Vec::new(),
+        units_declared: [true; 2],
+    })
+}
+
+/// Default trial name of each file: its stem, or its full name if the stems are not unique.
+fn names(files: &[TrackFile]) -> Vec<String> {
+    let stem = |f: &TrackFile| {
+        Path::new(&f.name).file_stem().map_or(f.name.clone(), |s| s.to_string_lossy().into_owned())
+    };
+    let stems: Vec<String> = files.iter().map(stem).collect();
+    let alike = (1..stems.len()).any(|i| stems[..i].contains(&stems[i]));
+    if alike { files.iter().map(|f| f.name.clone()).collect() } else { stems }
+}
+
+/// Name of the only body.
+fn body(tables: &[TrackTable]) -> Result<&str> {
+    let mut rows = tables.iter().flat_map(|t| &t.rows);
+    let first = rows.next().map_or(BALL, |r| r.body.as_str());
+    match rows.find(|r| r.body != first) {
+        Some(other) => {
+            let both = format!("{first:?} and {:?}", other.body);
+            Err(Error::input(
+                "body",
+                both,
+                "one ball; select it with `track`, or give a scene with all bodies",
+            ))
+        }
+        None => Ok(first),
+    }
+}
+
+/// Duration of the longest trial, s.
+fn seconds(tables: &[TrackTable]) -> f64 {
+    let mut longest: f64 = 0.0;
+    for table in tables {
+        let mut first: Option<&TrackRow> = None;
+        for row in &table.rows {
+            let start = first.filter(|f| f.trial == row.trial).unwrap_or(row);
+            longest = longest.max(row.t - start.t);
+            first = Some(start);
+        }
+    }
+    longest
+}

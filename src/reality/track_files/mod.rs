@@ -1,0 +1,27 @@
+//! Files of measured tracks: from the formats of tracking programs to trials of a scene.
+
+mod columns;
+mod deeplabcut;
+mod floor;
+mod formats;
+#[cfg(test)]
+mod formats_test;
+mod header;
+mod kinovea;
+mod load;
+mod parse_options;
+mod qualisys;
+mod read;
+mod selection;
+mod table;
+mod times;
+mod track_rows;
+mod tracker_project;
+mod trackmate_xml;
+mod unit_checks;
+mod vertical_plane;
+mod xml;
+
+pub use load::{LoadedTrials, Subject, TrackFile, load_tracks};
+pub use parse_options::TrackParseOptions;
+pub use track_rows::{TrackRow, assemble, check_complete, invalid_value};
