@@ -4,6 +4,7 @@
 //! before and after it cross, which is closer than the samples are.
 
 use super::track_rows::TrialPoints;
+use super::unit_checks::parabola;
 use crate::error::{Error, Result};
 
 /// The height of a floor.
@@ -14,11 +15,11 @@ pub struct FloorEstimate {
     pub evidence: String,
 }
 
-/// Minimum upward change of velocity in a bounce: as a multiple of the change due to gravity, and in m/s.
-const MIN_BOUNCE_VELOCITY_CHANGE: [f64; 2] = [5.0, 0.5];
-/// Minimum upward change of velocity in a bounce, as a multiple of noise over the duration of the turn. The standard error of the
-/// change is five times that ratio, and many samples are tested.
-const MIN_BOUNCE_NOISE_MULTIPLE: f64 = 25.0;
+/// Minimum jump of the vertical velocity in a bounce, m/s, and relative to its standard error.
+const MIN_JUMP_M_S: f64 = 0.5;
+const MIN_JUMP_SIGNIFICANCE: f64 = 8.0;
+/// Largest misfit of two flights around a bounce, relative to that of one parabola, which fits a smooth turn (of a spring) as well.
+const MAX_MISFIT_RATIO: f64 = 0.5;
 /// Tolerance of the floor's height, m.
 const FLOOR_TOLERANCE_M: f64 = 0.02;
 /// Number of points of each parabola beside a bounce, and the least number.
@@ -108,62 +109,73 @@ struct BounceEstimate {
     centre: f64,
 }
 
-/// The bounces of a trial.
+/// The bounces of a trial: the lowest points between a fall and a rise that two flights fit better than one smooth turn.
 fn bounces(trial: &TrialPoints, gravity: f64) -> Vec<BounceEstimate> {
     let points = &trial.points;
     let noise = noise(points);
-    let speed = |a: usize, b: usize| (points[b][2] - points[a][2]) / (points[b][0] - points[a][0]);
-    let mut found = Vec::new();
-    let mut i = 0;
-    while i + 7 <= points.len() {
-        let time = points[i + 6][0] - points[i][0];
-        let least = (MIN_BOUNCE_VELOCITY_CHANGE[0] * gravity * time)
-            .max(MIN_BOUNCE_VELOCITY_CHANGE[1])
-            .max(MIN_BOUNCE_NOISE_MULTIPLE * noise / time);
-        let down = |a: usize, b: usize| points[i + b][2] < points[i + a][2];
-        // A single outlier is not a bounce.
-        let turns = down(0, 1) && down(1, 2) && down(5, 4) && down(6, 5);
-        if !turns || speed(i + 3, i + 6) - speed(i, i + 3) <= least {
-            i += 1;
-            continue;
-        }
-        if let Some((time, centre)) = crossing(points, i, gravity) {
-            found.push(BounceEstimate { trial: trial.trial.clone(), time, centre });
-        }
-        i += 4;
-    }
-    found
+    let is_lowest = |i: &usize| points[i - 1][2] > points[*i][2] && points[i + 1][2] >= points[*i][2];
+    let lowest = (1..points.len().saturating_sub(1)).filter(is_lowest);
+    let bounce = |i: usize| {
+        let (time, centre) = crossing(points, i, gravity, noise)?;
+        Some(BounceEstimate { trial: trial.trial.clone(), time, centre })
+    };
+    lowest.filter_map(bounce).collect()
 }
 
-/// Time and height where the flights before and after the turn in the seven points from `i` cross.
-fn crossing(points: &[[f64; 3]], i: usize, gravity: f64) -> Option<(f64, f64)> {
-    let lowest = (i + 2..i + 5).min_by(|a, b| points[*a][2].total_cmp(&points[*b][2]))?;
-    // Flights are monotonic: the ball falls before the turn and rises after it.
+/// Time and height where the flights before and after a lowest point cross, if they do as in a bounce.
+fn crossing(points: &[[f64; 3]], lowest: usize, gravity: f64, noise: f64) -> Option<(f64, f64)> {
     let before = (0..lowest).rev().take_while(|k| points[*k][2] > points[k + 1][2]).take(FLIGHT_POINTS[0]);
     let after =
         (lowest + 1..points.len()).take_while(|k| points[*k][2] > points[k - 1][2]).take(FLIGHT_POINTS[0]);
-    let [before, after] = [before.collect::<Vec<_>>(), after.collect()].map(|at| {
-        at.into_iter().map(|k| (points[k][0] - points[lowest][0], points[k][2])).collect::<Vec<_>>()
-    });
+    // Without gravity's share a flight is a line.
+    let straight = |k: usize| {
+        let t = points[k][0] - points[lowest][0];
+        (t, points[k][2] + 0.5 * gravity * t * t)
+    };
+    let [before, after]: [Vec<(f64, f64)>; 2] =
+        [before.map(straight).collect(), after.map(straight).collect()];
     if before.len().min(after.len()) < FLIGHT_POINTS[1] {
         return None;
     }
-    // Without gravity's share a flight is a line.
-    let [(a, b), (c, d)] = [before, after].map(|flight| line(&flight, gravity));
-    let t = (c - a) / (b - d);
+    let [first, second] = [&before, &after].map(|flight| LineFit::new(flight));
+    let jump = second.slope - first.slope;
+    let standard_error = noise * (first.slope_variance + second.slope_variance).sqrt();
+    if jump < MIN_JUMP_M_S.max(MIN_JUMP_SIGNIFICANCE * standard_error) {
+        return None;
+    }
+    let n = (before.len() + after.len()) as f64;
+    let misfit = ((first.square + second.square) / n).sqrt();
+    let turn: Vec<(f64, f64)> = before.into_iter().rev().chain(after).collect();
+    if misfit > MAX_MISFIT_RATIO * parabola(&turn)?.1 {
+        return None;
+    }
+    let t = (first.intercept - second.intercept) / jump;
     let within = points[lowest - 1][0] - points[lowest][0]..=points[lowest + 1][0] - points[lowest][0];
-    within.contains(&t).then(|| (points[lowest][0] + t, a + b * t - 0.5 * gravity * t * t))
+    let height = first.intercept + first.slope * t - 0.5 * gravity * t * t;
+    within.contains(&t).then_some((points[lowest][0] + t, height))
 }
 
-/// Intercept and slope of y + g t^2 / 2 over t.
-fn line(points: &[(f64, f64)], gravity: f64) -> (f64, f64) {
-    let n = points.len() as f64;
-    let straight = |p: &(f64, f64)| p.1 + 0.5 * gravity * p.0 * p.0;
-    let (mt, my) =
-        (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(straight).sum::<f64>() / n);
-    let covariance: f64 = points.iter().map(|p| (p.0 - mt) * (straight(p) - my)).sum();
-    let slope = covariance / points.iter().map(|p| (p.0 - mt).powi(2)).sum::<f64>();
-    (my - slope * mt, slope)
+/// A least-squares line.
+struct LineFit {
+    intercept: f64,
+    slope: f64,
+    /// Variance of the slope for points of unit variance.
+    slope_variance: f64,
+    /// Residual sum of squares.
+    square: f64,
+}
+
+impl LineFit {
+    fn new(points: &[(f64, f64)]) -> LineFit {
+        let n = points.len() as f64;
+        let (mt, my) =
+            (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+        let spread = points.iter().map(|p| (p.0 - mt).powi(2)).sum::<f64>();
+        let slope = points.iter().map(|p| (p.0 - mt) * (p.1 - my)).sum::<f64>() / spread;
+        let intercept = my - slope * mt;
+        let square = points.iter().map(|p| (p.1 - intercept - slope * p.0).powi(2)).sum();
+        LineFit { intercept, slope, slope_variance: 1.0 / spread, square }
+    }
 }
 
 /// Height that the ball keeps for most of the time in most trials.
@@ -209,4 +221,79 @@ fn noise(points: &[[f64; 3]]) -> f64 {
     let third = |v: &[[f64; 3]]| (v[3][2] - 3.0 * v[2][2] + 3.0 * v[1][2] - v[0][2]).abs();
     let thirds: Vec<f64> = points.windows(4).map(third).collect();
     if thirds.is_empty() { 0.0 } else { 1.4826 * median(thirds) / 20f64.sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Heights of the centre at `fps` frames per second of balls that fall from several heights on a floor at -0.3 m.
+    fn drops(fps: f64, restitution: f64) -> Vec<TrialPoints> {
+        let drop = |k: usize| {
+            let (mut flight, mut speed, mut start) = (0.5 + 0.1 * k as f64, 0.0, 0.0);
+            let mut points = Vec::new();
+            for frame in 0..(2.0 * fps) as usize {
+                let t = frame as f64 / fps;
+                let duration = |h: f64, v: f64| (v + f64::sqrt(v * v + 2.0 * 9.81 * h)) / 9.81;
+                while speed >= 0.0 && t - start > duration(flight, speed) {
+                    let time = duration(flight, speed);
+                    (start, speed, flight) = (start + time, restitution * (9.81 * time - speed), 0.0);
+                    if speed < 0.05 {
+                        // At rest from here on.
+                        (start, speed) = (f64::INFINITY, 0.0);
+                    }
+                }
+                let s = if start.is_finite() { t - start } else { 0.0 };
+                // Noise of half a millimetre.
+                let noise = 5e-4 * ((frame * 7919 + k * 104_729) as f64).sin();
+                points.push([t, 0.0, -0.28 + flight + speed * s - 4.905 * s * s + noise]);
+            }
+            TrialPoints { trial: format!("drop{k}"), points }
+        };
+        (0..6).map(drop).collect()
+    }
+
+    #[test]
+    fn finds_floor_of_bouncing_balls() {
+        for fps in [25.0, 30.0, 60.0, 240.0] {
+            for restitution in [0.55, 0.7, 0.9] {
+                let found = find_floor(&drops(fps, restitution), 0.02, 9.81).unwrap();
+                let found = found.unwrap_or_else(|| panic!("{fps} {restitution}"));
+                assert!((found.height + 0.3).abs() < 2e-3, "{fps} {restitution}: {}", found.height);
+            }
+        }
+    }
+
+    #[test]
+    fn finds_floor_of_rolling_ball() {
+        let roll = |k: usize| {
+            let noise = |i: usize| 5e-4 * ((i * 7919 + k) as f64).sin();
+            let points = (0..60).map(|i| [i as f64 / 30.0, 0.1 * i as f64, 1.03 + noise(i)]).collect();
+            TrialPoints { trial: k.to_string(), points }
+        };
+        let found = find_floor(&(0..4).map(roll).collect::<Vec<_>>(), 0.03, 9.81).unwrap().unwrap();
+        assert!((found.height - 1.0).abs() < 1e-3, "{}", found.height);
+    }
+
+    /// A mass on a spring turns smoothly, and a thrown ball does not turn upwards.
+    #[test]
+    fn smooth_turns_are_no_bounces() {
+        for fps in [30.0, 120.0] {
+            let trials = |height: &dyn Fn(f64, usize) -> f64| -> Vec<TrialPoints> {
+                let trial = |k: usize| {
+                    let points = (0..(1.5 * fps) as usize).map(|i| i as f64 / fps);
+                    let noise = |t: f64| 5e-4 * (7919.0 * t).sin();
+                    let points = points.map(|t| [t, 0.0, height(t, k) + noise(t)]).collect();
+                    TrialPoints { trial: k.to_string(), points }
+                };
+                (0..6).map(trial).collect()
+            };
+            let spring = trials(&|t, k| -0.25 + (0.1 + 0.05 * k as f64) * (40f64.sqrt() * t).cos());
+            let throw = trials(&|t, k| (3.0 + 0.5 * k as f64) * t - 4.905 * t * t);
+            for trials in [spring, throw] {
+                assert!(find_floor(&trials, 0.02, 9.81).unwrap().is_none(), "{fps}");
+                assert!(remark_on_bounce(&trials, 9.81).is_none(), "{fps}");
+            }
+        }
+    }
 }

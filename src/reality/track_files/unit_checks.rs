@@ -259,7 +259,7 @@ pub fn median_acceleration(tracks: impl Iterator<Item = Vec<(f64, f64)>>) -> Opt
 }
 
 /// Second derivative of the least-squares parabola through points (t, y), and its root-mean-square misfit.
-fn parabola(points: &[(f64, f64)]) -> Option<(f64, f64)> {
+pub fn parabola(points: &[(f64, f64)]) -> Option<(f64, f64)> {
     let n = points.len() as f64;
     let (t0, y0) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
     let square = points.iter().map(|p| (p.0 - t0).powi(2)).sum::<f64>() / n;
