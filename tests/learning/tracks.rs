@@ -206,6 +206,35 @@ fn floors_are_found_or_checked() {
     assert!(restitution.identifiable && (restitution.value - 0.8).abs() < 0.02, "{restitution:?}");
 }
 
+/// One film of a ball that bounces many times is cut into trials, and gives restitution.
+#[test]
+fn one_film_of_many_bounces_is_diagnosed() {
+    let (restitution, fps) = (0.85, 120.0);
+    let (mut start, mut flight, mut speed, mut text) = (0.0, 1.0, 0.0, String::from("t,x,y\n"));
+    for frame in 0..500 {
+        let t = f64::from(frame) / fps;
+        let duration =
+            (speed + f64::sqrt(speed * speed + 2.0 * STANDARD_GRAVITY_M_S2 * flight)) / STANDARD_GRAVITY_M_S2;
+        if t - start > duration {
+            let rebound = restitution * (STANDARD_GRAVITY_M_S2 * duration - speed);
+            (start, speed, flight) = (start + duration, rebound, 0.0);
+        }
+        let (s, noise) = (t - start, |k: f64| 1e-3 * 1.414 * f64::sin(k));
+        let y = 0.02 + flight + speed * s - 0.5 * STANDARD_GRAVITY_M_S2 * s * s;
+        let shake = [f64::from(frame * 7919), f64::from(frame * frame * 31 + 5)].map(noise);
+        text += &format!("{t:.5},{:.5},{:.5}\n", 0.3 * t + shake[0], y + shake[1]);
+    }
+    let found =
+        gathered(&[TrackFile { name: "film.csv".into(), text }], &TrackParseOptions::default()).unwrap();
+    assert!(found.notes.iter().any(|n| n.contains("cut into")), "{:?}", found.notes);
+    assert!(found.trials.len() >= 5 && found.trials[1].name == "film, part 2", "{}", found.trials.len());
+    let d =
+        diagnose(&found.scene, &found.trials, &DiagnosisConfig::standard(0), &NoProgress).unwrap().diagnosis;
+    let found = d.calibrated.iter().find(|c| c.name == "restitution").unwrap();
+    assert!(found.identifiable && (found.value - restitution).abs() < 0.01, "{found:?} {}", d.reason);
+    assert!(d.effects.is_empty(), "{:?}", d.effects);
+}
+
 /// Several files become trials by name, and errors name the file.
 #[test]
 fn trials_and_errors_name_files() {

@@ -100,6 +100,27 @@ pub fn check_floor(trials: &[TrialPoints], radius: f64, height: f64, gravity: f6
     Ok(())
 }
 
+/// Number of points on each side of a bounce in a part of a film.
+const MIN_PART_POINTS: usize = 5;
+
+/// Times, s, that cut a film of many bounces into parts with one bounce each: where the ball is highest between two bounces.
+/// Bounces with few points around them stay in the last part.
+pub fn cuts_between_bounces(trial: &TrialPoints, gravity: f64) -> Vec<f64> {
+    let bounces = bounces(trial, gravity);
+    let mut cuts = Vec::new();
+    for pair in bounces.windows(2) {
+        let between: Vec<&[f64; 3]> =
+            trial.points.iter().filter(|p| (pair[0].time..pair[1].time).contains(&p[0])).collect();
+        let highest =
+            (0..between.len()).max_by(|a, b| between[*a][2].total_cmp(&between[*b][2])).unwrap_or(0);
+        if highest < MIN_PART_POINTS || between.len() - highest < MIN_PART_POINTS {
+            break;
+        }
+        cuts.push(between[highest][0]);
+    }
+    cuts
+}
+
 /// A sharp upward turn of a path.
 struct BounceEstimate {
     trial: String,
@@ -262,6 +283,16 @@ mod tests {
                 assert!((found.height + 0.3).abs() < 2e-3, "{fps} {restitution}: {}", found.height);
             }
         }
+    }
+
+    #[test]
+    fn cuts_film_between_bounces() {
+        let film = drops(60.0, 0.8).swap_remove(0);
+        let cuts = cuts_between_bounces(&film, 9.81);
+        assert!((2..=4).contains(&cuts.len()), "{cuts:?}");
+        // The first bounce is at the end of the fall from half a metre, the highest point after it a flight of 0.8 times its speed later.
+        let fall = f64::sqrt(2.0 * 0.5 / 9.81);
+        assert!((cuts[0] - 1.8 * fall).abs() < 0.05, "{cuts:?}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::floor::{FloorEstimate, check_floor, find_floor, remark_on_bounce};
+use super::floor::{FloorEstimate, check_floor, cuts_between_bounces, find_floor, remark_on_bounce};
 use super::parse_options::TrackParseOptions;
 use super::read::{self, TrackTable};
 use super::track_rows::{TrackRow, TrialPoints, assemble};
@@ -75,6 +75,9 @@ pub fn load_tracks(
             let g = ball.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
             notes.extend(check_units(&points, [0.0, -g], ball.floor.is_some(), declared)?);
             let ball = on_floor(ball, &points, g, &mut notes)?;
+            if points.len() < MIN_TRIALS && ball.floor.is_some() {
+                notes.extend(cut_films(&mut tables, &points, g));
+            }
             ball.build(body(&tables)?, seconds(&tables))?
         }
     };
@@ -146,6 +149,25 @@ fn on_floor(
         None => notes.extend(remark_on_bounce(points, gravity)),
     }
     Ok(BallScene { floor: found.map(|f| f.height), ..ball.clone() })
+}
+
+/// Number of trials below which films are cut into parts.
+const MIN_TRIALS: usize = 4;
+
+/// Cuts films of many bounces into trials with one bounce each; their starts are independent, since each is fitted.
+fn cut_films(tables: &mut [TrackTable], points: &[TrialPoints], gravity: f64) -> Option<String> {
+    let cuts: Vec<Vec<f64>> = points.iter().map(|trial| cuts_between_bounces(trial, gravity)).collect();
+    let films = tables.iter_mut().flat_map(|t| t.rows.chunk_by_mut(|a, b| a.trial == b.trial));
+    for (rows, cuts) in films.zip(&cuts).filter(|(_, cuts)| !cuts.is_empty()) {
+        for row in rows {
+            let part = cuts.iter().filter(|cut| **cut <= row.t).count() + 1;
+            row.trial += &format!(", part {part}");
+        }
+    }
+    let parts: usize = cuts.iter().map(|cuts| cuts.len() + 1).sum();
+    (parts > points.len()).then(|| {
+        format!("{} films of many bounces are cut into {parts} trials where the ball is highest between two bounces", points.len())
+    })
 }
 
 /// Default name of a ball.

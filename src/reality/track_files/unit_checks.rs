@@ -30,6 +30,8 @@ const PLAUSIBLE_RISE: f64 = -0.5;
 const MAX_EXTENT_M: f64 = 300.0;
 /// Extent above which coordinates may be pixels or millimetres.
 const LARGE_EXTENT: f64 = 30.0;
+/// Deviation from a straight motion, relative to its extent, of a body in free flight.
+const MIN_BEND: f64 = 0.1;
 /// Frame rates of cameras, 1/s.
 const FRAME_RATES: [f64; 2] = [10.0, 5000.0];
 
@@ -115,7 +117,13 @@ fn implausible_unit(
             units && declared.up,
         )
     };
-    let varies = found.quartiles.iter().any(|q| is_possible(q / g));
+    let is_like_median = |q: &f64| {
+        let along_too = q / g;
+        !is_possible(along_too)
+            && (along_too.abs() < PLAUSIBLE_FALL[0]) == is_slow
+            && (is_slow || along_too.signum() == along.signum())
+    };
+    let varies = !found.quartiles.iter().all(is_like_median);
     Some(ImplausibleUnit {
         field,
         value,
@@ -224,38 +232,63 @@ fn acceleration(trials: &[TrialPoints], gravity: [f64; 2]) -> Option<Acceleratio
 pub struct Acceleration {
     pub median: f64,
     pub quartiles: [f64; 2],
+    /// Median deviation of segments from a straight motion, relative to their extent: 0.25 for a fall from rest, 0 for a fall with a
+    /// constant speed, whatever the units.
+    bend: f64,
 }
 
 /// Parts of a track that its segments are: long ones fit best in free flight with noise, short ones between bounces.
 const SEGMENTS_PER_TRACK: [usize; 3] = [8, 4, 2];
 const MIN_SEGMENT_POINTS: usize = 7;
-/// Extent of a segment, relative to the largest one of all tracks, above which the body moves.
+/// Extent of a segment, relative to the largest one of its track, above which the body moves.
 const MOVING: f64 = 0.1;
+
+/// A segment of a track.
+struct TrackSegment {
+    /// m
+    extent: f64,
+    /// m/s^2
+    acceleration: f64,
+    /// Misfit of the parabola relative to the extent.
+    misfit: f64,
+    bend: f64,
+}
 
 /// Acceleration of tracks (time, position): of their moving segments, the half that fits a parabola best for its extent. `None`
 /// if no segment identifies it.
 pub fn median_acceleration(tracks: impl Iterator<Item = Vec<(f64, f64)>>) -> Option<Acceleration> {
-    // Extent, acceleration and misfit.
-    let mut segments: Vec<[f64; 3]> = Vec::new();
+    let mut all: Vec<TrackSegment> = Vec::new();
     for mut points in tracks {
         points.retain(|p| p.1.is_finite());
+        let mut segments: Vec<TrackSegment> = Vec::new();
         for part in SEGMENTS_PER_TRACK {
             let n = (points.len() / part).max(MIN_SEGMENT_POINTS);
             segments.extend(points.windows(n).step_by(n / 2).filter_map(|points| {
                 let (acceleration, misfit) = parabola(points)?;
-                Some([range(points.iter().map(|p| p.1)), acceleration, misfit])
+                let (extent, time) = (range(points.iter().map(|p| p.1)), points[n - 1].0 - points[0].0);
+                let bend = acceleration.abs() * time * time / 8.0 / extent;
+                Some(TrackSegment { extent, acceleration, misfit: misfit / extent, bend })
             }));
         }
+        let largest = segments.iter().map(|s| s.extent).fold(0.0, f64::max);
+        segments.retain(|s| s.extent > MOVING * largest);
+        segments.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        segments.truncate(segments.len().div_ceil(2));
+        all.extend(segments);
     }
-    let largest = segments.iter().map(|s| s[0]).fold(0.0, f64::max);
-    segments.retain(|s| s[0] > MOVING * largest);
-    segments.sort_by(|a, b| (a[2] / a[0]).total_cmp(&(b[2] / b[0])));
-    segments.truncate(segments.len().div_ceil(2));
-    let mut found: Vec<f64> = segments.iter().map(|s| s[1]).collect();
-    found.sort_by(f64::total_cmp);
+    let sorted = |of: fn(&TrackSegment) -> f64| {
+        let mut values: Vec<f64> = all.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let (found, bends) = (sorted(|s| s.acceleration), sorted(|s| s.bend));
     let quantile =
         |share: f64| found.get(((found.len().max(1) - 1) as f64 * share).round() as usize).copied();
-    Some(Acceleration { median: quantile(0.5)?, quartiles: [quantile(0.25)?, quantile(0.75)?] })
+    Some(Acceleration {
+        median: quantile(0.5)?,
+        quartiles: [quantile(0.25)?, quantile(0.75)?],
+        bend: bends[bends.len() / 2],
+    })
 }
 
 /// Second derivative of the least-squares parabola through points (t, y), and its root-mean-square misfit.
