@@ -45,6 +45,17 @@ def frame() -> Any:
     return pandas.concat(parts, ignore_index=True)
 
 
+def test_reads_encodings_of_windows_programs(tmp_path: Path) -> None:
+    text = "t,x (µm),y\n0,1,2\n"
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "latin-1"):
+        path = tmp_path / f"{encoding}.csv"
+        path.write_bytes(text.encode(encoding))
+        assert trial_texts(path) == text
+    path.write_bytes(b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(ValueError, match="is HDF5; allowed: a table as text"):
+        trial_texts(path)
+
+
 def test_frames_arrays_and_files_are_equivalent(client: iplw.Client, tmp_path: Path) -> None:
     files = []
     for i, table in enumerate(THROWS):

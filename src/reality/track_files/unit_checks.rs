@@ -123,14 +123,10 @@ fn implausible_unit(
             && (along_too.abs() < PLAUSIBLE_FALL[0]) == is_slow
             && (is_slow || along_too.signum() == along.signum())
     };
+    // A body that is held, or falls with a constant speed, has little acceleration.
+    let is_held = is_slow && (has_supports || found.bend < MIN_BEND);
     let varies = !found.quartiles.iter().all(is_like_median);
-    Some(ImplausibleUnit {
-        field,
-        value,
-        allowed,
-        is_declared,
-        may_be_physics: varies || has_supports && is_slow,
-    })
+    Some(ImplausibleUnit { field, value, allowed, is_declared, may_be_physics: varies || is_held })
 }
 
 /// Whether a body may fall with an acceleration, relative to gravity, or rise with it.

@@ -2047,6 +2047,8 @@ export interface components {
         };
         /** @description Units, and the track to read, if the files do not state them. */
         ReadingIn: {
+            /** @description Names of the columns, if the files have no line of names: t,x,y or frame,x,y. */
+            columns?: string | null;
             /**
              * Format: double
              * @description Frames per second; times are then frame numbers.
@@ -2059,10 +2061,14 @@ export interface components {
              * @description m per pixel; coordinates are then in pixels.
              */
             metres_per_pixel?: number | null;
+            /** @description Whether files that cannot be read are left out, with a note. */
+            skip_bad?: boolean | null;
             /** @description s, ms, us, min. */
             time_unit?: string | null;
             /** @description The track or body to read from files with several. */
             track?: string | null;
+            /** @description The axis that points up in files of three coordinates: x, y, z, -x, -y or -z. */
+            up?: string | null;
             /** @description Whether y points down, as in images. */
             y_down?: boolean | null;
         };
