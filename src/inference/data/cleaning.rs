@@ -1,6 +1,6 @@
 //! Truncation of segments at their predictability horizon and rejection of outliers.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::{DMatrix, DVector};
 
@@ -53,7 +53,7 @@ fn predictability_horizon(scene: &Scene, engine: Engine, progress: &dyn Progress
     Ok((0..own.times.len()).find(parted).map_or(f64::INFINITY, |i| own.times[i]))
 }
 
-/// Rejects outliers of flights by the residuals of a fit with gravity alone.
+/// Rejects outliers of flights by the residuals of a fit with gravity alone, also in the contacts that share the observations.
 pub fn reject_outliers(
     segments: &mut [Segment],
     sd: &[f64],
@@ -69,14 +69,30 @@ pub fn reject_outliers(
     let layout = ParameterLayout::new(&[], Vec::new(), 1);
     let start = FitState::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
     let (_, left) = model::fit(&data, &layout, start, 3)?;
+    let mut rejected: HashSet<(usize, i64)> = HashSet::new();
     for (k, w) in flights.into_iter().enumerate() {
         progress.check_stop()?;
         let times: Vec<f64> = own[k].observations.iter().map(|p| p.time).collect();
         for i in local_outliers(&times, &left.residuals[k], sd[w]) {
             segments[w].observations[i].weight = 0.0;
         }
+        let segment = &segments[w];
+        let unused = segment.observations.iter().filter(|p| p.weight == 0.0);
+        rejected.extend(unused.map(|p| observation_key(segment, p.time)));
+    }
+    for segment in segments.iter_mut().filter(|w| w.kind == SegmentKind::Contact) {
+        for i in 0..segment.observations.len() {
+            if rejected.contains(&observation_key(segment, segment.observations[i].time)) {
+                segment.observations[i].weight = 0.0;
+            }
+        }
     }
     Ok(())
+}
+
+/// The trial of an observation and its time in the trial, to a nanosecond.
+fn observation_key(segment: &Segment, time: f64) -> (usize, i64) {
+    (segment.trial, ((segment.start + time) * 1e9).round() as i64)
 }
 
 /// Number of observations with which the first of a trial is compared, and the maximum number of rejected
@@ -170,6 +186,19 @@ mod tests {
         reject_outliers(&mut segments, &[1e-3; 2], &settings, Engine::Auto, &NoProgress).unwrap();
         let out = |w: &Segment| (0..20).filter(|i| w.observations[*i].weight == 0.0).collect::<Vec<_>>();
         assert_eq!((out(&segments[0]), out(&segments[1])), (vec![], vec![19]));
+    }
+
+    /// An outlier of a flight is one of the contact that shares the observation, too.
+    #[test]
+    fn outliers_are_rejected_in_contacts() {
+        let (mut segments, settings) = flights([0.0, 0.0], 2);
+        segments[0].observations[15].position[1] += 0.02;
+        let mut contact = Segment { kind: SegmentKind::Contact, ..segments[0].clone() };
+        contact.observations.drain(..12);
+        segments.push(contact);
+        reject_outliers(&mut segments, &[1e-3; 3], &settings, Engine::Auto, &NoProgress).unwrap();
+        let weights: Vec<f64> = segments[2].observations.iter().map(|p| p.weight).collect();
+        assert_eq!(weights, [1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 
     /// A first observation that is shifted by 1 cm in all trials is rejected, and no other.

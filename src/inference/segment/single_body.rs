@@ -12,8 +12,10 @@ use crate::inference::statistics::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;
 
-/// Maximum and minimum number of observations on each side of a bounce.
+/// Number of observations on each side of a bounce, or those within a time, s, if there are more: many pictures a second measure
+/// velocities no better unless they span the same time. And the minimum number.
 const OBSERVATIONS_AROUND_BOUNCE: usize = 8;
+const TIME_AROUND_BOUNCE: f64 = 0.1;
 const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// Longest gap between observations within a segment, and around a bounce, as multiples of the typical
 /// interval.
@@ -98,10 +100,8 @@ impl BodyObservations<'_> {
             return None;
         }
         let surface = self.surface(contact)?;
-        let (before, after) = (
-            &rows[b - OBSERVATIONS_AROUND_BOUNCE.min(b - a)..b],
-            &rows[c..c + OBSERVATIONS_AROUND_BOUNCE.min(d - c)],
-        );
+        let count = OBSERVATIONS_AROUND_BOUNCE.max((TIME_AROUND_BOUNCE / self.typical_interval) as usize);
+        let (before, after) = (&rows[b - count.min(b - a)..b], &rows[c..c + count.min(d - c)]);
         let mut segment =
             self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Contact);
         let spin = self.observed_spin(before);
