@@ -44,6 +44,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/glossary.md": ("glossary.md", "Glossary"),
     "docs/tutorials/diagnose_a_ball.md": ("tutorials/diagnose_a_ball.md", "Diagnose a thrown ball"),
     "docs/tutorials/from_trials_to_a_policy.md": ("tutorials/from_trials_to_a_policy.md", "From trials to a policy"),
+    "docs/gallery/index.md": ("gallery/index.md", "Gallery"),
     "docs/how-to/how_many_trials.md": ("how-to/how_many_trials.md", "How many launches do I need?"),
     "docs/how-to/run_a_server.md": ("how-to/run_a_server.md", "Run a server"),
     "docs/how-to/many_machines.md": ("how-to/many_machines.md", "Use many machines"),
@@ -136,7 +137,7 @@ def nav(result: dict[str, tuple[str, str]], generated: dict[str, str], notebooks
     rest = sorted(page for page in generated if page.startswith("python/") and page not in first)
     http = [page for page in generated if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
     return [
-        {"Start": ["index.md", *rows("docs/glossary.md")]},
+        {"Start": ["index.md", *rows("docs/gallery/index.md", "docs/glossary.md")]},
         {"Tutorials": [*section("tutorials"), *notebooks]},
         {"How to": section("how-to")},
         {"Reference": [{"Command line": "commands.md"}, *section("reference"), *rows("SECURITY.md")]},

@@ -73,8 +73,11 @@ pub fn load_tracks(
         }
         Subject::Ball(ball) => {
             let g = ball.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
-            notes.extend(check_units(&points, [0.0, -g], ball.floor.is_some(), declared)?);
-            let ball = on_floor(ball, &points, g, &mut notes)?;
+            // A floor explains why a ball does not fall; wrong units explain why none is found.
+            let on_floor = on_floor(ball, &points, g, &mut notes);
+            let has_floor = on_floor.as_ref().is_ok_and(|ball| ball.floor.is_some());
+            notes.extend(check_units(&points, [0.0, -g], has_floor, declared)?);
+            let ball = on_floor?;
             if points.len() < MIN_TRIALS && ball.floor.is_some() {
                 notes.extend(cut_films(&mut tables, &points, g));
             }

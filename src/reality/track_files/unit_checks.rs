@@ -46,7 +46,7 @@ pub fn check_units(
     let Some(found) = implausible_unit(trials, gravity, has_supports, declared) else { return Ok(None) };
     let ImplausibleUnit { field, value, allowed, is_declared, may_be_physics } = found;
     if is_declared {
-        return Ok(Some(format!("{field} is {value}; the declared units are used")));
+        return Ok((!may_be_physics).then(|| format!("{field} is {value}; the declared units are used")));
     }
     if may_be_physics {
         return Ok(Some(format!(
@@ -234,7 +234,7 @@ pub struct Acceleration {
 }
 
 /// Parts of a track that its segments are: long ones fit best in free flight with noise, short ones between bounces.
-const SEGMENTS_PER_TRACK: [usize; 3] = [8, 4, 2];
+const SEGMENTS_PER_TRACK: [usize; 4] = [32, 8, 4, 2];
 const MIN_SEGMENT_POINTS: usize = 7;
 /// Extent of a segment, relative to the largest one of its track, above which the body moves.
 const MOVING: f64 = 0.1;
