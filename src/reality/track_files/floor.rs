@@ -3,6 +3,7 @@
 //! Without a floor, bounces would be explained by spurious forces. The centre's height at a bounce is where the parabolas
 //! before and after it cross, which is closer than the samples are.
 
+use super::line_fit::LineFit;
 use super::track_rows::TrialPoints;
 use super::unit_checks::parabola;
 use crate::error::{Error, Result};
@@ -174,29 +175,6 @@ fn crossing(points: &[[f64; 3]], lowest: usize, gravity: f64, noise: f64) -> Opt
     let within = points[lowest - 1][0] - points[lowest][0]..=points[lowest + 1][0] - points[lowest][0];
     let height = first.intercept + first.slope * t - 0.5 * gravity * t * t;
     within.contains(&t).then_some((points[lowest][0] + t, height))
-}
-
-/// A least-squares line.
-struct LineFit {
-    intercept: f64,
-    slope: f64,
-    /// Variance of the slope for points of unit variance.
-    slope_variance: f64,
-    /// Residual sum of squares.
-    square: f64,
-}
-
-impl LineFit {
-    fn new(points: &[(f64, f64)]) -> LineFit {
-        let n = points.len() as f64;
-        let (mt, my) =
-            (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-        let spread = points.iter().map(|p| (p.0 - mt).powi(2)).sum::<f64>();
-        let slope = points.iter().map(|p| (p.0 - mt) * (p.1 - my)).sum::<f64>() / spread;
-        let intercept = my - slope * mt;
-        let square = points.iter().map(|p| (p.1 - intercept - slope * p.0).powi(2)).sum();
-        LineFit { intercept, slope, slope_variance: 1.0 / spread, square }
-    }
 }
 
 /// Height that the ball keeps for most of the time in most trials.

@@ -8,6 +8,7 @@ mod formats;
 mod formats_test;
 mod header;
 mod kinovea;
+mod line_fit;
 mod load;
 mod parse_options;
 mod qualisys;

@@ -137,74 +137,81 @@ fn clock(table: &Table, options: &TrackParseOptions) -> Result<(TrackClock, bool
     }
 }
 
-/// Coordinate columns of the selected track; those in pixels if they exist and the size of a pixel is known.
-fn axes(table: &Table, options: &TrackParseOptions, has_bodies: bool) -> Result<AxisColumns> {
+/// Coordinate columns of one track of a file, in pixels or not.
+struct FileTrack<'a> {
+    name: Option<&'a str>,
+    in_pixels: bool,
+    axes: AxisColumns,
+}
+
+/// All tracks of a file.
+fn file_tracks(table: &Table) -> Result<Vec<FileTrack<'_>>> {
+    use ColumnQuantity::{X, Y, Z};
     let invalid =
         |value: &str, allowed: &str| Err(invalid_value(table.header_line, "header", value, allowed));
-    let mut tracks: Vec<(Option<&str>, bool, AxisColumns)> = Vec::new();
-    let mut is_incomplete = None;
-    for column in &table.columns {
-        use ColumnQuantity::{X, Y, Z};
-        if !matches!(column.quantity, Some(X | Y | Z)) {
-            continue;
-        }
-        let in_pixels = |c: &TrackColumn| c.unit.is_some_and(|u| u.size.is_none());
-        let of = |quantity| {
-            let all = (0..table.columns.len()).filter(move |i| {
-                let other = &table.columns[*i];
-                other.quantity == Some(quantity)
-                    && other.track == column.track
-                    && in_pixels(other) == in_pixels(column)
-            });
-            all.collect::<Vec<usize>>()
+    let in_pixels = |c: &TrackColumn| c.unit.is_some_and(|u| u.size.is_none());
+    let mut tracks: Vec<FileTrack> = Vec::new();
+    let mut missing = "x";
+    for column in table.columns.iter().filter(|c| matches!(c.quantity, Some(X | Y | Z))) {
+        let (name, pixels) = (column.track.as_deref(), in_pixels(column));
+        let of = |quantity| -> Vec<usize> {
+            let is_own = |c: &TrackColumn| {
+                c.quantity == Some(quantity) && c.track.as_deref() == name && in_pixels(c) == pixels
+            };
+            (0..table.columns.len()).filter(|i| is_own(&table.columns[*i])).collect()
         };
         let [x, y, z] = [X, Y, Z].map(of);
         if let Some(twice) = [&x, &y, &z].into_iter().find(|c| c.len() > 1) {
             return invalid(&format!("{:?} twice", table.columns[twice[0]].name), "every column once");
         }
         // Where only two of three coordinates are given, they are across and up.
-        let found = match (x.first(), y.first(), z.first()) {
+        let axes = match (x.first(), y.first(), z.first()) {
             (Some(x), Some(y), z) => AxisColumns { x: *x, y: *y, z: z.copied() },
             (Some(across), None, Some(up)) | (None, Some(across), Some(up)) => {
                 AxisColumns { x: *across, y: *up, z: None }
             }
             _ => {
-                is_incomplete = Some(if y.is_empty() { "y" } else { "x" });
+                missing = if y.is_empty() { "y" } else { "x" };
                 continue;
             }
         };
-        let key = (column.track.as_deref(), in_pixels(column));
-        if !tracks.iter().any(|t| (t.0, t.1) == key) {
-            tracks.push((key.0, key.1, found));
+        if !tracks.iter().any(|t| (t.name, t.in_pixels) == (name, pixels)) {
+            tracks.push(FileTrack { name, in_pixels: pixels, axes });
         }
     }
     if tracks.is_empty() {
-        let value = format!("without a {} to go with the other coordinate", is_incomplete.unwrap_or("x"));
+        let value = format!("without a {missing} to go with the other coordinate");
         return invalid(&value, "columns `x` and `y` of one track, in one unit");
     }
-    let wanted = options.metres_per_pixel.is_some() && tracks.iter().any(|t| t.1);
-    if tracks.iter().any(|t| t.1 == wanted) {
-        tracks.retain(|t| t.1 == wanted);
+    Ok(tracks)
+}
+
+/// Coordinate columns of the selected track; those in pixels if they exist and the size of a pixel is known.
+fn axes(table: &Table, options: &TrackParseOptions, has_bodies: bool) -> Result<AxisColumns> {
+    let mut tracks = file_tracks(table)?;
+    let wanted = options.metres_per_pixel.is_some() && tracks.iter().any(|t| t.in_pixels);
+    if tracks.iter().any(|t| t.in_pixels == wanted) {
+        tracks.retain(|t| t.in_pixels == wanted);
     }
-    let names = |tracks: &[(Option<&str>, bool, AxisColumns)]| {
-        let named = tracks.iter().map(|t| t.0.map_or("one without a name".into(), |n| format!("{n:?}")));
+    let names = |tracks: &[FileTrack]| {
+        let named = tracks.iter().map(|t| t.name.map_or("one without a name".into(), |n| format!("{n:?}")));
         named.collect::<Vec<_>>().join(", ")
     };
     if let Some(track) = options.track.as_deref().filter(|_| !has_bodies) {
         let known = names(&tracks);
-        tracks.retain(|t| t.0.is_some_and(|name| name.eq_ignore_ascii_case(track)));
+        tracks.retain(|t| t.name.is_some_and(|name| name.eq_ignore_ascii_case(track)));
         if tracks.is_empty() {
             let allowed = format!("one of {known}");
             return Err(invalid_value(table.header_line, "track", &format!("{track:?}"), &allowed));
         }
-    } else if tracks.iter().any(|t| t.0.is_none()) {
-        tracks.retain(|t| t.0.is_none());
+    } else if tracks.iter().any(|t| t.name.is_none()) {
+        tracks.retain(|t| t.name.is_none());
     }
     match tracks.as_slice() {
-        [(_, _, axes)] => Ok(*axes),
+        [track] => Ok(track.axes),
         _ => {
             let value = format!("with several tracks: {}", names(&tracks));
-            invalid(&value, "one track; select it with `track`")
+            Err(invalid_value(table.header_line, "header", &value, "one track; select it with `track`"))
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Times of a trial's rows.
 
+use super::line_fit::LineFit;
 use super::track_rows::{TrackRow, invalid_value};
 use crate::error::Result;
 
@@ -79,7 +80,8 @@ pub fn undo_rounding(trial: &mut [TrackRow], place: f64) -> Option<f64> {
         if frames.windows(2).any(|w| w[1] <= w[0]) {
             return None;
         }
-        let (start, step) = line(&frames, &times);
+        let points: Vec<(f64, f64)> = frames.iter().copied().zip(times.iter().copied()).collect();
+        let LineFit { intercept: start, slope: step, .. } = LineFit::new(&points);
         let fitted = |i: usize| start + step * frames[i];
         let largest = (0..n).map(|i| (times[i] - fitted(i)).abs()).fold(0.0, f64::max);
         let is_rounded = (EXACT * place..=MAX_ROUNDING_DEVIATION * place).contains(&largest);
@@ -88,15 +90,6 @@ pub fn undo_rounding(trial: &mut [TrackRow], place: f64) -> Option<f64> {
             step
         })
     })
-}
-
-/// Intercept and slope of the least-squares line.
-fn line(x: &[f64], y: &[f64]) -> (f64, f64) {
-    let n = x.len() as f64;
-    let (mx, my) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
-    let covariance: f64 = x.iter().zip(y).map(|(x, y)| (x - mx) * (y - my)).sum();
-    let slope = covariance / x.iter().map(|x| (x - mx).powi(2)).sum::<f64>();
-    (my - slope * mx, slope)
 }
 
 /// Size of the last decimal place of a number as written, in its unit; 0 with an exponent.

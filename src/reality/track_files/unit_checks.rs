@@ -2,8 +2,8 @@
 //!
 //! A thrown object falls with approximately the acceleration of gravity. With coordinates in pixels or millimetres, or times in frames
 //! or milliseconds, the acceleration differs by factors of hundreds, and its sign is reversed if y points down. The
-//! acceleration is estimated from the curvatures of parabolas through segments of all tracks: the median of those that fit
-//! best, for their extent. Segments at rest do not count.
+//! acceleration is estimated from the curvatures of parabolas through segments of all tracks: the median of those that
+//! determine it best. Segments at rest do not count.
 //!
 //! An implausible acceleration is an error only where nothing but units explains it: that of most segments is implausible, and
 //! nothing supports the body. Otherwise it is a remark. A unit is suggested only if the data are plausible in it.
@@ -245,30 +245,32 @@ struct TrackSegment {
     extent: f64,
     /// m/s^2
     acceleration: f64,
-    /// Misfit of the parabola relative to the extent.
-    misfit: f64,
+    /// Misfit of the parabola over the square of the duration, m/s^2: a measure of the acceleration's standard error.
+    error: f64,
     bend: f64,
 }
 
-/// Acceleration of tracks (time, position): of their moving segments, the half that fits a parabola best for its extent. `None`
-/// if no segment identifies it.
+/// Acceleration of tracks (time, position): of the moving segments of each, the half that determines it best. `None` if no
+/// segment identifies it.
 pub fn median_acceleration(tracks: impl Iterator<Item = Vec<(f64, f64)>>) -> Option<Acceleration> {
     let mut all: Vec<TrackSegment> = Vec::new();
     for mut points in tracks {
         points.retain(|p| p.1.is_finite());
         let mut segments: Vec<TrackSegment> = Vec::new();
-        for part in SEGMENTS_PER_TRACK {
-            let n = (points.len() / part).max(MIN_SEGMENT_POINTS);
+        let mut sizes =
+            SEGMENTS_PER_TRACK.map(|parts| (points.len() / parts).max(MIN_SEGMENT_POINTS)).to_vec();
+        sizes.dedup();
+        for n in sizes {
             segments.extend(points.windows(n).step_by(n / 2).filter_map(|points| {
                 let (acceleration, misfit) = parabola(points)?;
                 let (extent, time) = (range(points.iter().map(|p| p.1)), points[n - 1].0 - points[0].0);
                 let bend = acceleration.abs() * time * time / 8.0 / extent;
-                Some(TrackSegment { extent, acceleration, misfit: misfit / extent, bend })
+                Some(TrackSegment { extent, acceleration, error: misfit / (time * time), bend })
             }));
         }
         let largest = segments.iter().map(|s| s.extent).fold(0.0, f64::max);
         segments.retain(|s| s.extent > MOVING * largest);
-        segments.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        segments.sort_by(|a, b| a.error.total_cmp(&b.error));
         segments.truncate(segments.len().div_ceil(2));
         all.extend(segments);
     }
