@@ -135,9 +135,15 @@ def blocks(text: str) -> Iterator[Block]:
 
 def matches(expected: str, observed: str) -> bool:
     """Whether an output equals the expected one; a line `...` matches any lines, trailing spaces are ignored."""
-    lines = [line.rstrip() for line in expected.strip().splitlines()]
-    pattern = "\n".join(r"(?:.*\n?)*?" if line == "..." else re.escape(line) for line in lines)
-    return re.fullmatch(pattern, "\n".join(line.rstrip() for line in observed.strip().splitlines())) is not None
+    lines = [line.rstrip() for line in observed.strip().splitlines()]
+    # Numbers of observed lines that the expected lines so far may cover.
+    covered = {0}
+    for line in (line.rstrip() for line in expected.strip().splitlines()):
+        if line == "...":
+            covered = set(range(min(covered, default=len(lines) + 1), len(lines) + 1))
+        else:
+            covered = {i + 1 for i in covered if i < len(lines) and lines[i] == line}
+    return len(lines) in covered
 
 
 def block_errors(text: str, root: Path, binary: Path) -> Iterator[str]:
