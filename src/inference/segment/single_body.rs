@@ -15,7 +15,7 @@ use crate::task::Scene;
 /// Number of observations on each side of a bounce, or those within a time, s, if there are more: many pictures a second measure
 /// velocities no better unless they span the same time. And the minimum number.
 const OBSERVATIONS_AROUND_BOUNCE: usize = 8;
-const TIME_AROUND_BOUNCE: f64 = 0.1;
+const TIME_AROUND_BOUNCE: f64 = 0.05;
 const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// Longest gap between observations within a segment, and around a bounce, as multiples of the typical
 /// interval.
