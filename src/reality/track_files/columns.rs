@@ -52,7 +52,7 @@ impl TrackColumn {
     }
 
     /// A column of known quantity.
-    pub fn known(name: &str, quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> TrackColumn {
+    pub fn of_quantity(name: &str, quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> TrackColumn {
         TrackColumn { quantity: Some(quantity), unit, ..TrackColumn::other(name) }
     }
 }

@@ -29,7 +29,7 @@ pub fn table(text: &str, budget: &dyn Budget) -> Result<Table> {
     let cell = |line: usize, i: usize| records[line].1.get(i).map_or("", |c| c.trim());
     let column = |i: usize| {
         if i == 0 {
-            return TrackColumn::known("frame", ColumnQuantity::Frame, None);
+            return TrackColumn::of_quantity("frame", ColumnQuantity::Frame, None);
         }
         let part = cell(parts, i);
         let individual =
@@ -39,7 +39,7 @@ pub fn table(text: &str, budget: &dyn Budget) -> Result<Table> {
         let pixels = unit_named(&LENGTHS, "px");
         let known = |quantity, unit| TrackColumn {
             track: Some(track.clone()),
-            ..TrackColumn::known(&name, quantity, unit)
+            ..TrackColumn::of_quantity(&name, quantity, unit)
         };
         match cell(coordinates, i) {
             "x" => known(ColumnQuantity::X, pixels),

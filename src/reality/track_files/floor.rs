@@ -5,7 +5,7 @@
 
 use super::line_fit::LineFit;
 use super::track_rows::TrialPoints;
-use super::unit_checks::parabola;
+use super::unit_checks::{parabola, range};
 use crate::error::{Error, Result};
 
 /// The height of a floor.
@@ -29,6 +29,8 @@ const FLIGHT_POINTS: [usize; 2] = [8, 3];
 const MIN_SHARE: f64 = 0.1;
 /// Largest median deviation of the heights of bounces off one floor, m.
 const MAX_FLOOR_DEVIATION_M: f64 = 0.01;
+/// Largest share of points, outliers, whose centre is below a floor that was found.
+const MAX_SHARE_BELOW: f64 = 0.02;
 /// Time, s, over which a supported ball keeps its height, and how much it may change, relative to a free fall.
 const SUPPORTED: (f64, f64) = (0.1, 0.05);
 
@@ -57,6 +59,16 @@ pub fn find_floor(trials: &[TrialPoints], radius: f64, gravity: f64) -> Result<O
         );
         let allowed =
             "the height of what they bounce off; a scene, if it is not level; or tracks that end before";
+        return Err(Error::input("floor", value, allowed));
+    }
+    let points = || trials.iter().flat_map(|t| &t.points);
+    let below = points().filter(|p| p[2] < centre - radius).count();
+    if below as f64 > MAX_SHARE_BELOW * points().count() as f64 {
+        let value = format!(
+            "missing: {bouncing} of {} trials bounce, and fall below what they bounce off",
+            trials.len()
+        );
+        let allowed = "the height of a floor below all points; a scene; or tracks that end before";
         return Err(Error::input("floor", value, allowed));
     }
     let evidence = format!(
@@ -185,17 +197,17 @@ fn supported(trials: &[TrialPoints], gravity: f64) -> Option<f64> {
         let largest_change = SUPPORTED.1 * gravity * SUPPORTED.0 * SUPPORTED.0 / 8.0;
         let change = largest_change.max(6.0 * noise(points));
         let (mut level, mut all) = (Vec::new(), 0);
-        for (i, start) in points.iter().enumerate() {
-            let end = points[i..].iter().take_while(|p| p[0] <= start[0] + SUPPORTED.0).count();
-            let window = &points[i..i + end];
-            if window.len() < 3 || i + end == points.len() {
+        let mut i = 0;
+        while i < points.len() {
+            let end = i + points[i..].iter().take_while(|p| p[0] <= points[i][0] + SUPPORTED.0).count();
+            let heights = points[i..end].iter().map(|p| p[2]);
+            // Windows overlap by half, so that the work does not grow with the rate of pictures.
+            i += ((end - i) / 2).max(1);
+            if heights.len() < 3 || end == points.len() {
                 continue;
             }
             all += 1;
-            let heights = window.iter().map(|p| p[2]);
-            let range = heights.clone().fold(f64::NEG_INFINITY, f64::max)
-                - heights.clone().fold(f64::INFINITY, f64::min);
-            if range < change {
+            if range(heights.clone()) < change {
                 level.push(median(heights.collect()));
             }
         }
@@ -261,6 +273,21 @@ mod tests {
                 assert!((found.height + 0.3).abs() < 2e-3, "{fps} {restitution}: {}", found.height);
             }
         }
+    }
+
+    /// A racket that hits a ball in the air is no floor, since the ball falls below it later.
+    #[test]
+    fn a_racket_is_no_floor() {
+        let hit = |k: usize| {
+            let height = |t: f64| {
+                if t < 0.3 { 1.0 - 2.0 * t } else { 0.4 + 3.0 * (t - 0.3) - 4.905 * (t - 0.3).powi(2) }
+            };
+            let points = (0..80).map(|i| [i as f64 / 60.0, 0.0, height(i as f64 / 60.0)]).collect();
+            TrialPoints { trial: k.to_string(), points }
+        };
+        let error =
+            find_floor(&(0..4).map(hit).collect::<Vec<_>>(), 0.02, 9.81).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("fall below what they bounce off"), "{error}");
     }
 
     #[test]

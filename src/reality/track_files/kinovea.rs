@@ -11,10 +11,10 @@ pub fn is_kinovea(start: &str) -> bool {
 /// Tracks are bodies; one without a name has a number.
 pub fn table(text: &str) -> Table {
     let columns = vec![
-        TrackColumn::known("body", ColumnQuantity::Body, None),
-        TrackColumn::known("T", ColumnQuantity::Time, None),
-        TrackColumn::known("X", ColumnQuantity::X, None),
-        TrackColumn::known("Y", ColumnQuantity::Y, None),
+        TrackColumn::of_quantity("body", ColumnQuantity::Body, None),
+        TrackColumn::of_quantity("T", ColumnQuantity::Time, None),
+        TrackColumn::of_quantity("X", ColumnQuantity::X, None),
+        TrackColumn::of_quantity("Y", ColumnQuantity::Y, None),
     ];
     let mut records = Vec::new();
     let (mut name, mut tracks, mut was_blank) = (None, 0, true);

@@ -177,16 +177,7 @@ fn cut_films(tables: &mut [TrackTable], points: &[TrialPoints], gravity: f64) ->
 const BALL: &str = "ball";
 
 fn own_format(text: &str, budget: &dyn Budget) -> Result<TrackTable> {
-    let rows = trials_csv::rows(text, budget)?;
-    Ok(TrackTable {
-        rows,
-        names_trials: true,
-        own_format: true,
-        file: String::new(),
-        z: Vec::new(),
-        notes: Vec::new(),
-        units_declared: [true; 2],
-    })
+    Ok(TrackTable::in_own_format(trials_csv::rows(text, budget)?, [true; 2]))
 }
 
 /// Default trial name of each file: its stem, or its full name if the stems are not unique.

@@ -41,13 +41,13 @@ pub fn table(text: &str, budget: &dyn Budget) -> Result<Table> {
     let has_header = records.get(header).is_some_and(|(_, cells)| is_name(cells));
     let has_frames = has_header && records[header].1[0].trim().eq_ignore_ascii_case("frame");
     if has_frames {
-        columns.push(TrackColumn::known("Frame", ColumnQuantity::Frame, None));
-        columns.push(TrackColumn::known("Time", ColumnQuantity::Time, unit_named(&TIMES, "s")));
+        columns.push(TrackColumn::of_quantity("Frame", ColumnQuantity::Frame, None));
+        columns.push(TrackColumn::of_quantity("Time", ColumnQuantity::Time, unit_named(&TIMES, "s")));
     }
     for marker in &markers {
         columns.extend(axes.iter().map(|(axis, quantity)| TrackColumn {
             track: Some(marker.clone()),
-            ..TrackColumn::known(&format!("{marker} {axis}"), *quantity, unit_named(&LENGTHS, "mm"))
+            ..TrackColumn::of_quantity(&format!("{marker} {axis}"), *quantity, unit_named(&LENGTHS, "mm"))
         }));
     }
     let line = records.get(header).map_or(1, |(line, _)| *line);

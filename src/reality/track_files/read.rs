@@ -38,6 +38,21 @@ pub struct TrackTable {
     pub units_declared: [bool; 2],
 }
 
+impl TrackTable {
+    /// Rows of a file in this project's own format.
+    pub fn in_own_format(rows: Vec<TrackRow>, units_declared: [bool; 2]) -> TrackTable {
+        TrackTable {
+            file: String::new(),
+            rows,
+            z: Vec::new(),
+            names_trials: true,
+            own_format: true,
+            notes: Vec::new(),
+            units_declared,
+        }
+    }
+}
+
 /// Reads a file. `trial` and `body` are the default names; `options` must be valid.
 pub fn read(
     text: &str,
@@ -209,15 +224,7 @@ fn own_format(text: &str, reading: &TrackParseOptions, budget: &dyn Budget) -> R
         let sizes = [length, up * length, up, length / time, up * length / time, up / time];
         row.values.iter_mut().zip(sizes).for_each(|(v, size)| *v *= size);
     }
-    Ok(TrackTable {
-        rows,
-        names_trials: true,
-        own_format: true,
-        file: String::new(),
-        z: Vec::new(),
-        notes: Vec::new(),
-        units_declared: [length_declared, time_declared],
-    })
+    Ok(TrackTable::in_own_format(rows, [length_declared, time_declared]))
 }
 
 #[cfg(test)]

@@ -53,10 +53,11 @@ pub fn table(document: &Document) -> Result<Table> {
     // A scale of one pixel is that of a project without calibration.
     let calibrated = systems.iter().any(|s| s.1.scale != [1.0; 2]);
     let unit = if calibrated { value(panel, "length_unit").unwrap_or("m") } else { "px" };
-    let coordinate = |name: &str, quantity| TrackColumn::known(name, quantity, unit_named(&LENGTHS, unit));
+    let coordinate =
+        |name: &str, quantity| TrackColumn::of_quantity(name, quantity, unit_named(&LENGTHS, unit));
     let columns = vec![
-        TrackColumn::known("body", ColumnQuantity::Body, None),
-        TrackColumn::known("t", ColumnQuantity::Time, unit_named(&TIMES, "s")),
+        TrackColumn::of_quantity("body", ColumnQuantity::Body, None),
+        TrackColumn::of_quantity("t", ColumnQuantity::Time, unit_named(&TIMES, "s")),
         coordinate("x", ColumnQuantity::X),
         coordinate("y", ColumnQuantity::Y),
     ];

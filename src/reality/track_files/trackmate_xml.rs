@@ -79,14 +79,14 @@ fn model(root: Node) -> Result<Table> {
 
 fn time(name: &str, unit: Option<&str>) -> TrackColumn {
     let quantity = if name == "frame" { ColumnQuantity::Frame } else { ColumnQuantity::Time };
-    TrackColumn::known(name, quantity, unit.and_then(|u| unit_named(&TIMES, u)))
+    TrackColumn::of_quantity(name, quantity, unit.and_then(|u| unit_named(&TIMES, u)))
 }
 
 fn columns(unit: Option<&str>, time: TrackColumn) -> Vec<TrackColumn> {
     let unit = unit.and_then(|u| unit_named(&LENGTHS, u));
-    let coordinate = |name: &str, quantity| TrackColumn::known(name, quantity, unit);
+    let coordinate = |name: &str, quantity| TrackColumn::of_quantity(name, quantity, unit);
     vec![
-        TrackColumn::known("track", ColumnQuantity::TrackNumber, None),
+        TrackColumn::of_quantity("track", ColumnQuantity::TrackNumber, None),
         time,
         coordinate("x", ColumnQuantity::X),
         coordinate("y", ColumnQuantity::Y),

@@ -211,7 +211,7 @@ fn has_whole_times(trials: &[TrialPoints]) -> bool {
 }
 
 /// Difference of the largest and the smallest value.
-fn range(values: impl Iterator<Item = f64> + Clone) -> f64 {
+pub fn range(values: impl Iterator<Item = f64> + Clone) -> f64 {
     values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
 }
 

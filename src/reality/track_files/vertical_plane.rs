@@ -56,9 +56,9 @@ pub fn project(tables: &mut [TrackTable], options: &TrackParseOptions) -> Result
             start += trial.len();
             let plane = VerticalPlane::fit(&places, up);
             for (row, place) in trial.iter_mut().zip(&places) {
-                [row.values[0], row.values[1]] = [plane.along(place), up.sign * place[up.index]];
+                [row.values[0], row.values[1]] = [plane.distance_along(place), up.sign * place[up.index]];
             }
-            let across = places.iter().map(|p| plane.across(p)).filter(|v| v.is_finite());
+            let across = places.iter().map(|p| plane.distance_from(p)).filter(|v| v.is_finite());
             for value in across {
                 squares += value * value;
                 points += 1;
@@ -149,11 +149,11 @@ impl VerticalPlane {
             range.max(0.0)
         };
         let vertical = extent(&|p| p[up.index]);
-        let along = extent(&|p| plane.along(p));
+        let along = extent(&|p| plane.distance_along(p));
         if along < MIN_HORIZONTAL_EXTENT * vertical {
             plane.direction = [1.0, 0.0];
         } else if let (Some(first), Some(last)) = (known.first(), known.last())
-            && plane.along(last) < plane.along(first)
+            && plane.distance_along(last) < plane.distance_along(first)
         {
             plane.direction = plane.direction.map(|v| -v);
         }
@@ -162,13 +162,13 @@ impl VerticalPlane {
     }
 
     /// Distance along the plane, m.
-    fn along(&self, place: &[f64; 3]) -> f64 {
+    fn distance_along(&self, place: &[f64; 3]) -> f64 {
         let [a, b] = self.horizontal;
         place[a] * self.direction[0] + place[b] * self.direction[1]
     }
 
     /// Distance from the plane, m.
-    fn across(&self, place: &[f64; 3]) -> f64 {
+    fn distance_from(&self, place: &[f64; 3]) -> f64 {
         let [a, b] = self.horizontal;
         (place[b] - self.centre[1]) * self.direction[0] - (place[a] - self.centre[0]) * self.direction[1]
     }
