@@ -87,6 +87,7 @@ fn target_in_words(target: EffectTarget) -> &'static str {
     match target {
         EffectTarget::Motion => "the motion of all bodies",
         EffectTarget::Contact => "contacts",
+        EffectTarget::Body => "the masses and moments of inertia of bodies",
         EffectTarget::Region => "the motion of bodies within a region",
         EffectTarget::Sensor => "measurements, not the motion itself",
         EffectTarget::Action => "the placement of bodies by actions",

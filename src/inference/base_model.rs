@@ -48,7 +48,7 @@ pub fn fit_base_model(
     }
     let blur = contact_noise_scale(scene, data, layout, &state, &evaluation)?;
     for (w, segment) in data.segments.iter().enumerate() {
-        if segment.kind == SegmentKind::Contact {
+        if segment.kind.is_impact() {
             data.sd[w] *= blur;
         }
     }
@@ -152,7 +152,7 @@ fn square_by_body(segment: &Segment, residuals: &[f64]) -> Vec<f64> {
 fn friction_restarts(layout: &ParameterLayout, state: &FitState, segments: &[Segment]) -> Vec<FitState> {
     let friction = |s: &Parameter| s.latent().is_some_and(|l| FACTORS[l].name == "friction");
     let parameter = layout.parameters.iter().position(friction);
-    let Some(parameter) = parameter.filter(|_| segments.iter().any(|w| w.kind == SegmentKind::Contact))
+    let Some(parameter) = parameter.filter(|_| segments.iter().any(|w| w.kind.is_impact()))
     else {
         return Vec::new();
     };
@@ -172,7 +172,7 @@ fn contact_noise_scale(
     state: &FitState,
     base: &FitEvaluation,
 ) -> Result<f64> {
-    let contact = |w: &Segment| w.kind == SegmentKind::Contact;
+    let contact = |w: &Segment| w.kind.is_impact();
     if !data.segments.iter().any(contact) {
         return Ok(1.0);
     }
@@ -189,7 +189,7 @@ fn contact_noise_scale(
     let (_, helped) = model::fit(data, &layout, start, 8)?;
     let usual = |evaluation: &FitEvaluation| {
         let contacts = (0..data.segments.len()).filter(|w| contact(&data.segments[*w]));
-        let left = |w: usize| (2.0 * data.segments[w].observations.len() as f64 - 5.0).max(1.0);
+        let left = |w: usize| data.segments[w].impact_degrees_of_freedom().max(1.0);
         median(&contacts.map(|w| evaluation.squares[w] / left(w)).collect::<Vec<_>>())
     };
     Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())

@@ -73,6 +73,7 @@ impl BallScene {
             angle: 0.0,
             velocity: [0.0; 2],
             angular_velocity: 0.0,
+            inertia: None,
         });
         if let Some(height) = self.floor {
             check_range("floor", height, -MAX_LENGTH_M, MAX_LENGTH_M)?;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::limits::{
-    DENSITY_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector,
+    DENSITY_RANGE_KG_M2, INERTIA_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector,
 };
 use super::shape::Shape;
 use super::solid::{ConvexPieces, Solid};
@@ -23,6 +23,9 @@ pub struct Body {
     /// kg/m^2; 1.0 if neither this nor `mass` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub density: Option<f64>,
+    /// Moment of inertia about the centre of mass; by default that of a uniform body of this shape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inertia: Option<Inertia>,
     /// Coefficient of this surface; a contact's is the product of both.
     #[serde(default = "default_coefficient")]
     pub friction: f64,
@@ -41,6 +44,42 @@ pub struct Body {
     /// rad/s
     #[serde(default)]
     pub angular_velocity: f64,
+}
+
+/// A body's moment of inertia.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Inertia {
+    /// kg m^2, for the body's own mass; in proportion for another.
+    Value(f64),
+    /// That of a round body of the disc's radius.
+    Of(RoundBody),
+}
+
+/// Mass distribution of a round body.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RoundBody {
+    /// I = m R^2 / 2
+    Disc,
+    /// I = 2 m R^2 / 5
+    SolidSphere,
+    /// I = 2 m R^2 / 3
+    HollowSphere,
+    /// I = m R^2
+    Hoop,
+}
+
+/// Moments of inertia of round bodies over m R^2.
+impl RoundBody {
+    fn ratio(self) -> f64 {
+        match self {
+            RoundBody::Disc => 0.5,
+            RoundBody::SolidSphere => 0.4,
+            RoundBody::HollowSphere => 2.0 / 3.0,
+            RoundBody::Hoop => 1.0,
+        }
+    }
 }
 
 /// An object that never moves.
@@ -70,12 +109,14 @@ impl Body {
     /// own density or mass.
     pub fn mass_properties(&self, density: Option<f64>) -> (f64, f64) {
         let moments = self.shape.moments();
-        let mass = match (density, self.mass, self.density) {
-            (Some(density), _, _) => density * moments.area,
-            (None, Some(mass), _) => mass,
-            (None, None, own) => own.unwrap_or(1.0) * moments.area,
+        let own = self.mass.unwrap_or_else(|| self.density.unwrap_or(1.0) * moments.area);
+        let mass = density.map_or(own, |density| density * moments.area);
+        let per_mass = match (self.inertia, self.shape.disc_radius()) {
+            (Some(Inertia::Value(inertia)), _) => inertia / own,
+            (Some(Inertia::Of(round)), Some(radius)) => round.ratio() * radius * radius,
+            _ => moments.second,
         };
-        (mass, mass * moments.second)
+        (mass, mass * per_mass)
     }
 
     /// The body's geometry at its position and angle; `None` without a position.
@@ -93,6 +134,17 @@ impl Body {
             [("mass", self.mass, MASS_RANGE_KG), ("density", self.density, DENSITY_RANGE_KG_M2)]
         {
             value.map_or(Ok(0.0), |v| check_range(field, v, low, high))?;
+        }
+        match self.inertia {
+            Some(Inertia::Value(value)) => {
+                let [low, high] = INERTIA_RANGE_KG_M2;
+                check_range("inertia", value, low, high)?;
+            }
+            Some(Inertia::Of(_)) if self.shape.disc_radius().is_none() => {
+                let allowed = "a number in kg m^2, or a disc as `shape`";
+                return Err(Error::input("inertia", format!("of a round body, for a {}", self.shape.name()), allowed));
+            }
+            _ => {}
         }
         check_range("friction", self.friction, 0.0, 100.0)?;
         check_range("restitution", self.restitution, 0.0, 1.0)?;

@@ -12,6 +12,8 @@ pub const MAX_SPEED_M_S: f64 = 400.0;
 pub const MAX_SPIN_RAD_S: f64 = 1e4;
 /// Range of masses, kg: their inverses and those of the moments of inertia are representable in f32.
 pub const MASS_RANGE_KG: [f64; 2] = [1e-12, 1e9];
+/// Range of moments of inertia, kg m^2, for the same reason.
+pub const INERTIA_RANGE_KG_M2: [f64; 2] = [1e-20, 1e18];
 /// Range of densities, kg/m^2, for the same reason.
 pub const DENSITY_RANGE_KG_M2: [f64; 2] = [1e-6, 1e9];
 /// Range of time steps, s.

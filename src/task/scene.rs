@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::action::ActionSpace;
-pub use super::body::{Body, Static};
+pub use super::body::{Body, Inertia, RoundBody, Static};
 pub use super::contact_rules::{ContactRules, FrictionRule, MAX_RESTITUTION_THRESHOLD_M_S, RestitutionRule};
 use super::geometry::{Aabb, union_box};
 pub use super::goal::{Goal, GoalPoint};

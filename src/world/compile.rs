@@ -4,7 +4,7 @@
 use super::Rollout;
 use super::compiled_intervention::{InterventionOp, MaterialProperties};
 use super::effect::{
-    self, ActiveEffect, Constants, ContactLaw, EffectKind, MotionLaw, PlacementLaw, Sensor, SimulationContext,
+    self, ActiveEffect, BodyLaw, Constants, ContactLaw, EffectKind, MassProperties, MotionLaw, PlacementLaw, Sensor, SimulationContext,
 };
 use super::goal::GoalSpec;
 use super::intervene;
@@ -26,12 +26,12 @@ pub fn compile(rollout: &Rollout) -> Result<RolloutModel> {
         None => ObservationSchedule::Every(scene.observe_every),
     };
     let bodies = scene.bodies.iter().enumerate().map(|(i, body)| {
-        let body = compile_body(rollout, body, &laws.placement_laws);
+        let body = compile_body(rollout, body, &laws.objects);
         body.map_err(|e| e.in_field(&format!("bodies[{i}]")))
     });
     let bodies = bodies.collect::<Result<Vec<BodyModel>>>()?;
     let statics: Vec<StaticModel> =
-        scene.statics.iter().map(|s| compile_static(rollout, s, &laws.placement_laws)).collect();
+        scene.statics.iter().map(|s| compile_static(rollout, s, &laws.objects.placement_laws)).collect();
     let mut model = RolloutModel {
         gravity: scene.gravity,
         time_step: scene.time_step,
@@ -53,24 +53,20 @@ pub fn compile(rollout: &Rollout) -> Result<RolloutModel> {
         bodies,
         statics,
     };
-    let placement_laws = &laws.placement_laws;
     intervene::compile_interventions(
         rollout,
         &mut model,
-        |body| compile_body(rollout, body, placement_laws),
-        |fixed| compile_static(rollout, fixed, placement_laws),
-        |latents| material_properties(&Rollout { latents, ..*rollout }, placement_laws),
+        |body| compile_body(rollout, body, &laws.objects),
+        |fixed| compile_static(rollout, fixed, &laws.objects.placement_laws),
+        |latents| material_properties(&Rollout { latents, ..*rollout }, &laws.objects),
     )?;
     Ok(model)
 }
 
 /// Material properties of the scene's own objects for the rollout's latents.
-fn material_properties(
-    rollout: &Rollout,
-    placement_laws: &[(&'static dyn PlacementLaw, Constants)],
-) -> Result<InterventionOp> {
+fn material_properties(rollout: &Rollout, laws: &ObjectLaws) -> Result<InterventionOp> {
     let body = |body: &Body| {
-        let own = compile_body(rollout, body, placement_laws)?;
+        let own = compile_body(rollout, body, laws)?;
         Ok(MaterialProperties {
             mass: own.mass,
             inertia: own.inertia,
@@ -78,7 +74,7 @@ fn material_properties(
         })
     };
     let fixed = |fixed: &Static| {
-        let own = compile_static(rollout, fixed, placement_laws);
+        let own = compile_static(rollout, fixed, &laws.placement_laws);
         [own.friction, own.restitution]
     };
     Ok(InterventionOp::SetMaterials {
@@ -92,7 +88,9 @@ fn material_properties(
 pub fn is_variant_of(rollout: &Rollout, other: &Rollout) -> bool {
     let same = |(a, b): (&EffectTerm, &EffectTerm)| a.name == b.name;
     let simulated =
-        |a: &ActiveEffect| matches!(a.effect.kind, EffectKind::Motion(_) | EffectKind::Contact(_));
+        |a: &ActiveEffect| {
+            matches!(a.effect.kind, EffectKind::Motion(_) | EffectKind::Contact(_) | EffectKind::Body(_))
+        };
     std::ptr::eq(rollout.scene, other.scene)
         && rollout.effects.len() == other.effects.len()
         && rollout.effects.iter().zip(other.effects).all(same)
@@ -108,6 +106,13 @@ struct ResolvedEffects {
     motion_laws: Vec<(&'static dyn MotionLaw, Constants)>,
     contact_laws: Vec<(&'static dyn ContactLaw, Constants)>,
     sensors: Vec<(&'static dyn Sensor, Constants)>,
+    objects: ObjectLaws,
+}
+
+/// Laws of inertial properties and of placement.
+#[derive(Default)]
+struct ObjectLaws {
+    body_laws: Vec<(&'static dyn BodyLaw, Constants)>,
     placement_laws: Vec<(&'static dyn PlacementLaw, Constants)>,
 }
 
@@ -128,12 +133,16 @@ impl ResolvedEffects {
                     laws.names.push(effect.name);
                     laws.contact_laws.push((law, law.constants(&values, &context)));
                 }
+                EffectKind::Body(law) => {
+                    laws.names.push(effect.name);
+                    laws.objects.body_laws.push((law, law.constants(&values, &context)));
+                }
                 EffectKind::Sensor(_) | EffectKind::Action(_) if neutral => {}
                 EffectKind::Sensor(sensor) => {
                     laws.sensors.push((sensor, sensor.constants(&values, &context)))
                 }
                 EffectKind::Action(placing) => {
-                    laws.placement_laws.push((placing, placing.constants(&values, &context)))
+                    laws.objects.placement_laws.push((placing, placing.constants(&values, &context)))
                 }
             }
         }
@@ -142,14 +151,13 @@ impl ResolvedEffects {
 }
 
 /// Errors name the body's field.
-fn compile_body(
-    rollout: &Rollout,
-    body: &Body,
-    placement_laws: &[(&'static dyn PlacementLaw, Constants)],
-) -> Result<BodyModel> {
+fn compile_body(rollout: &Rollout, body: &Body, laws: &ObjectLaws) -> Result<BodyModel> {
     let (scene, latents) = (rollout.scene, &rollout.latents);
     let carries = scene.carries_latents(&body.name);
     let (mass, inertia) = body.mass_properties(latents.density.filter(|_| carries));
+    let index = scene.bodies.iter().position(|b| b.name == body.name).unwrap_or(scene.bodies.len());
+    let own = MassProperties { mass, inertia };
+    let MassProperties { mass, inertia } = laws.body_laws.iter().fold(own, |m, (law, c)| law.apply(c, index, m));
     let Some(position) = body.position else {
         let allowed = if scene.action.as_ref().is_some_and(|a| a.places(&body.name)) {
             "an action that places it, or a position in the scene"
@@ -170,7 +178,7 @@ fn compile_body(
         centre: body.shape.moments().centre,
         friction: latents.friction.filter(|_| carries).unwrap_or(body.friction),
         restitution: latents.restitution.filter(|_| carries).unwrap_or(body.restitution),
-        position: placed_position(scene, placement_laws, &body.name, position),
+        position: placed_position(scene, &laws.placement_laws, &body.name, position),
         angle: body.angle,
         velocity: body.velocity,
         omega: body.angular_velocity,

@@ -7,6 +7,8 @@
 #[allow(dead_code, reason = "not every program uses recorded worlds")]
 pub mod camera;
 mod contact;
+#[allow(dead_code, reason = "not every program uses motions with contacts")]
+pub mod contact_motion;
 #[allow(dead_code, reason = "not every program uses recorded worlds")]
 mod hidden_effects;
 #[allow(dead_code, reason = "not every program uses recorded worlds")]

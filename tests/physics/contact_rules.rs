@@ -102,6 +102,7 @@ fn body(shape: Shape) -> Body {
         angle: 0.0,
         velocity: [0.0; 2],
         angular_velocity: 0.0,
+        inertia: None,
     }
 }
 

@@ -984,6 +984,7 @@ fn ball(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body
         angle: 0.0,
         velocity,
         angular_velocity: 0.0,
+        inertia: None,
     }
 }
 

@@ -147,6 +147,7 @@ fn compound_rotates_about_its_centre_of_mass() {
     let own = Body {
         shape,
         angular_velocity: 3.0,
+        inertia: None,
         velocity: [1.0, 4.0],
         position: Some([0.0, 5.0]),
         ..block(1.0, 1.0)
@@ -390,6 +391,7 @@ fn block(half_width: f64, half_height: f64) -> Body {
         angle: 0.0,
         velocity: [0.0; 2],
         angular_velocity: 0.0,
+        inertia: None,
     }
 }
 

@@ -387,5 +387,6 @@ fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body
         angle: 0.0,
         velocity,
         angular_velocity: 0.0,
+        inertia: None,
     }
 }

@@ -79,6 +79,7 @@ fn body(name: &str, shape: Shape, position: [f64; 2]) -> Body {
         angle: 0.0,
         velocity: [0.0; 2],
         angular_velocity: 0.0,
+        inertia: None,
     }
 }
 

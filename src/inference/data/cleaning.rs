@@ -80,7 +80,7 @@ pub fn reject_outliers(
         let unused = segment.observations.iter().filter(|p| p.weight == 0.0);
         rejected.extend(unused.map(|p| observation_key(segment, p.time)));
     }
-    for segment in segments.iter_mut().filter(|w| w.kind == SegmentKind::Contact) {
+    for segment in segments.iter_mut().filter(|w| w.kind.is_impact()) {
         for i in 0..segment.observations.len() {
             if rejected.contains(&observation_key(segment, segment.observations[i].time)) {
                 segment.observations[i].weight = 0.0;

@@ -80,7 +80,7 @@ pub fn preprocess(
     segments.retain(|w| !left_out.contains(&w.trial));
     progress.report("estimating the noise", 0, 1)?;
     let stepping = time_alignment::align_velocities(&mut segments, trials, engine, progress)?;
-    let is_informative = |i: &usize| segments.iter().any(|w| w.trial == *i && w.kind != SegmentKind::Contact);
+    let is_informative = |i: &usize| segments.iter().any(|w| w.trial == *i && !w.kind.is_impact());
     let informative = (0..trials.len()).filter(is_informative).count();
     if informative < MIN_TRIALS {
         return Ok(Err(too_few_trials(informative, trials.len())));
@@ -93,6 +93,8 @@ pub fn preprocess(
     let Some(noise) = recording_noise(&segments, runs, progress)? else {
         return Ok(Err(noise_not_identifiable(trials)));
     };
+    // Polynomials do not describe how sliding ends.
+    segments.iter_mut().filter(|w| w.kind == SegmentKind::Sliding).for_each(|w| w.smooth = None);
     // The bases take most of the memory of a long recording and are not used below.
     segments.iter_mut().flat_map(|w| &mut w.smooth).for_each(|s| s.basis = DMatrix::zeros(0, 0));
     progress.report("rejecting outliers", 0, 1)?;

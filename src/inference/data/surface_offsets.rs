@@ -6,7 +6,7 @@
 
 use crate::inference::model::FitState;
 use crate::inference::report::SurfaceOffset;
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::segment::Segment;
 use crate::inference::statistics::mean_and_error;
 use crate::task::Scene;
 
@@ -35,8 +35,8 @@ pub struct FaceOffset {
 pub fn offsets(segments: &[Segment], state: &FitState) -> Vec<FaceOffset> {
     let mut faces: Vec<(FaceOffset, Vec<f64>)> = Vec::new();
     for (segment, nuisances) in segments.iter().zip(&state.nuisances) {
-        let (SegmentKind::Contact, Some(surface), Some(height)) =
-            (segment.kind, &segment.surface, nuisances.get(5))
+        let (true, Some(surface), Some(height)) =
+            (segment.kind.is_impact(), &segment.surface, nuisances.get(5))
         else {
             continue;
         };

@@ -8,7 +8,7 @@
 use std::array::from_fn;
 
 use super::physics::{Impact, KICK_DURATION, SegmentPhysics};
-use super::rolling::PlanarState;
+use super::supported::PlanarState;
 
 use crate::inference::segment::{SegmentKind, Surface};
 use crate::world::effect::{
@@ -18,7 +18,7 @@ use crate::world::effect::{
 /// Maximum number of iterations for the impact time; bisection alone gives a picosecond.
 const MAX_ROOT_ITERATIONS: usize = 40;
 
-type LaneValues = [f64; LANES];
+pub(super) type LaneValues = [f64; LANES];
 /// x, y, vx, vy, omega by lane.
 type PlanarStateLanes = [LaneValues; 5];
 
@@ -29,7 +29,7 @@ pub type InitialCondition<'a, 'b> = (&'b SegmentPhysics<'a>, &'b [f64]);
 /// impacts. All trajectories belong to one segment, and either all laws are smooth or all may have edges.
 pub fn integrate(
     paths: &[InitialCondition],
-    mut visit: impl FnMut(usize, usize, PlanarState),
+    visit: &mut dyn FnMut(usize, usize, PlanarState),
 ) -> Vec<Option<Impact>> {
     let mut steps = [None; 2];
     let longest = paths
@@ -50,7 +50,7 @@ pub fn integrate(
 }
 
 /// Initial state from nuisances.
-fn state_from_nuisances(nuisances: &[f64]) -> PlanarState {
+pub(super) fn state_from_nuisances(nuisances: &[f64]) -> PlanarState {
     match nuisances {
         [x, y, vx, vy, rest @ ..] => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
         _ => [f64::NAN; 5],
@@ -58,8 +58,8 @@ fn state_from_nuisances(nuisances: &[f64]) -> PlanarState {
 }
 
 /// Up to [`LANES`] trajectories; unused lanes repeat the first.
-struct BatchedIntegrator<'a, 'b> {
-    paths: [InitialCondition<'a, 'b>; LANES],
+pub(super) struct BatchedIntegrator<'a, 'b> {
+    pub(super) paths: [InitialCondition<'a, 'b>; LANES],
     laws: Vec<(&'static dyn MotionLaw, [LaneValues; MAX_PARAMETERS])>,
     gravity: [f64; 2],
     /// Longest step, s.
@@ -67,16 +67,16 @@ struct BatchedIntegrator<'a, 'b> {
 }
 
 /// A trajectory up to an impact and after it.
-struct DenseTrajectory {
-    arcs: [SmoothArc; 2],
+pub(super) struct DenseTrajectory {
+    pub(super) arcs: [SmoothArc; 2],
     /// Impact times; infinite without impact.
-    impact_times: LaneValues,
+    pub(super) impact_times: LaneValues,
 }
 
 /// Integration steps between times, with their interpolants.
 #[derive(Default)]
-struct SmoothArc {
-    times: Vec<LaneValues>,
+pub(super) struct SmoothArc {
+    pub(super) times: Vec<LaneValues>,
     polynomials: Vec<HermitePolynomial>,
 }
 
@@ -84,7 +84,7 @@ struct SmoothArc {
 type SurfaceEvent = Option<(f64, PlanarState, Impact)>;
 
 /// An integration step with its end points.
-struct IntegrationStep<'s> {
+pub(super) struct IntegrationStep<'s> {
     now: &'s LaneValues,
     h: LaneValues,
     bodies: &'s PlanarStateLanes,
@@ -94,13 +94,13 @@ struct IntegrationStep<'s> {
 }
 
 /// Coefficients of the interpolating polynomials in the fraction of a step: of x and y, and of the spin.
-struct HermitePolynomial {
+pub(super) struct HermitePolynomial {
     place: [[LaneValues; 6]; 2],
     spin: [LaneValues; 4],
 }
 
 impl<'a, 'b> BatchedIntegrator<'a, 'b> {
-    fn of(group: &[InitialCondition<'a, 'b>], max_step: f64) -> BatchedIntegrator<'a, 'b> {
+    pub(super) fn of(group: &[InitialCondition<'a, 'b>], max_step: f64) -> BatchedIntegrator<'a, 'b> {
         let paths: [InitialCondition; LANES] = from_fn(|lane| *group.get(lane).unwrap_or(&group[0]));
         let gravity = paths[0].0.segment.scene.gravity;
         // A law that is inactive in some lanes has neutral values there, which change nothing.
@@ -158,7 +158,7 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
     }
 
     /// True times by lane of a time since the segment's start, s.
-    fn true_times(&self, time: f64) -> LaneValues {
+    pub(super) fn true_times(&self, time: f64) -> LaneValues {
         from_fn(|lane| self.paths[lane].0.true_time(time))
     }
 
@@ -196,7 +196,7 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
     }
 
     /// Integrates between times until `goes_on` returns false.
-    fn integrate_arc(
+    pub(super) fn integrate_arc(
         &self,
         times: Vec<LaneValues>,
         start: &[PlanarState; LANES],
@@ -306,8 +306,13 @@ fn advance(s: &PlanarStateLanes, slope: &PlanarStateLanes, h: &LaneValues) -> Pl
 }
 
 impl SmoothArc {
+    /// State of a lane at the fraction `share` of step `k`.
+    pub(super) fn state(&self, k: usize, lane: usize, share: f64) -> PlanarState {
+        self.polynomials[k].body(lane, share, self.step(k, lane)[1])
+    }
+
     /// Start and length of a lane's step, s.
-    fn step(&self, k: usize, lane: usize) -> [f64; 2] {
+    pub(super) fn step(&self, k: usize, lane: usize) -> [f64; 2] {
         let now = self.times[k][lane];
         [now, self.times[k + 1][lane] - now]
     }
@@ -315,7 +320,7 @@ impl SmoothArc {
 
 impl DenseTrajectory {
     /// State of a lane at a time. `places`: steps by arc that contained an earlier time.
-    fn at(&self, lane: usize, time: f64, places: &mut [usize; 2]) -> PlanarState {
+    pub(super) fn at(&self, lane: usize, time: f64, places: &mut [usize; 2]) -> PlanarState {
         let which = usize::from(time > self.impact_times[lane]);
         let (leg, k) = (&self.arcs[which], &mut places[which]);
         while *k + 1 < leg.polynomials.len() && leg.times[*k + 1][lane] < time {
@@ -368,7 +373,7 @@ impl HermitePolynomial {
 }
 
 /// Root of a height in a step, given its value and slope: Newton's method, safeguarded by bisection.
-fn find_root(height: impl Fn(f64) -> [f64; 2]) -> f64 {
+pub(super) fn find_root(height: impl Fn(f64) -> [f64; 2]) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     let mut at = 0.5;
     for _ in 0..MAX_ROOT_ITERATIONS {
@@ -420,7 +425,7 @@ mod tests {
     /// States by trajectory and observation.
     fn flown(paths: &[InitialCondition]) -> Vec<Vec<PlanarState>> {
         let mut out = vec![Vec::new(); paths.len()];
-        integrate(paths, |p, _, body| out[p].push(body));
+        integrate(paths, &mut |p, _, body| out[p].push(body));
         out
     }
 
@@ -439,7 +444,7 @@ mod tests {
                 let off = |k: usize| (at[k] - expected[k]).hypot(at[k + 1] - expected[k + 1]);
                 assert!(off(0) < 1e-6 && off(2) < 1e-5, "{name}: {} and {}", off(0), off(2));
             }
-            let met = paths.map(|path| integrate(&[path], |_, _, _| ())[0]);
+            let met = paths.map(|path| integrate(&[path], &mut |_, _, _| ())[0]);
             assert!(met.iter().all(|m| m.is_some() == (segment.kind == SegmentKind::Contact)));
             if let [Some(a), Some(b)] = met {
                 let off =

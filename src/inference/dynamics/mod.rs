@@ -1,22 +1,24 @@
-//! Dynamics of one body in a segment: free flight, one bounce, or rolling. Integrated in microseconds, since
+//! Dynamics of a segment: free flight, one impact, rolling or sliding. Integrated in microseconds, since
 //! a diagnosis needs about 10^5 trajectories.
 //!
 //! The acceleration of a law of motion is its velocity change over [`KICK_DURATION`]; laws of contact act at
 //! the bounce; sensors transform states and time. `physics`: laws of a segment; `integrator`: flights with at
-//! most one bounce; `rolling`: rolling.
+//! most one bounce; `landing`: impacts
+//! after which a surface supports the body; `collision`: collisions of two discs; `supported`: rolling and sliding.
 //!
 //! Differences from the engines: continuous equations, to which engines converge as their time step
-//! decreases. A bounce is instantaneous, with Newton's restitution and Coulomb friction. Rolling is without
-//! slip.
+//! decreases. An impact is instantaneous, with Newton's restitution and Coulomb friction.
 
+mod collision;
 mod integrator;
+mod landing;
 mod physics;
-mod rolling;
+mod supported;
 
 use crate::inference::segment::SegmentKind;
 pub use integrator::InitialCondition;
 pub use physics::{Impact, KICK_DURATION, SegmentPhysics};
-use rolling::{PlanarState, RollingDisc};
+use supported::{PlanarState, SupportedBody};
 
 impl SegmentPhysics<'_> {
     /// Measured positions at the segment's observations, two numbers each; NaN if the trajectory diverges.
@@ -40,19 +42,26 @@ impl SegmentPhysics<'_> {
             visit(i, [body[0], body[1], body[2], body[3]]);
             out.extend(self.measure(&body));
         };
-        if self.segment.kind == SegmentKind::Rolling {
-            self.roll(nuisances, show);
+        if self.segment.kind.is_supported() {
+            self.move_supported(nuisances, show);
             return (out, None);
         }
-        let impacts = integrator::integrate(&[(self, nuisances)], |_, i, body| show(i, body));
+        if self.segment.kind == SegmentKind::Landing {
+            let impact = self.land(nuisances, show);
+            return (out, impact);
+        }
+        let integrate = if self.segment.kind == SegmentKind::Collision { collision::integrate } else { integrator::integrate };
+        let impacts = integrate(&[(self, nuisances)], &mut |_, i, body| show(i, body));
         (out, impacts[0])
     }
 
-    /// Passes the state at every observation of a rolling segment to `visit`.
-    fn roll(&self, nuisances: &[f64], mut visit: impl FnMut(usize, PlanarState)) {
+    /// Passes the state at every observation of a supported body to `visit`.
+    fn move_supported(&self, nuisances: &[f64], mut visit: impl FnMut(usize, PlanarState)) {
         let points = &self.segment.observations;
         let (Some(first), Some(surface)) = (points.first(), &self.segment.surface) else { return };
-        let Some(mut rolling) = RollingDisc::new(surface, first.position, nuisances) else {
+        let rolls = self.segment.kind == SegmentKind::Rolling;
+        let coefficients = [if rolls { f64::INFINITY } else { self.friction }, self.inertia];
+        let Some(mut own) = SupportedBody::new(surface, coefficients, first.position, nuisances) else {
             (0..points.len()).for_each(|i| visit(i, [f64::NAN; 5]));
             return;
         };
@@ -62,34 +71,39 @@ impl SegmentPhysics<'_> {
         };
         let resists = (!self.contact_laws.is_empty()).then_some(resists);
         let mut time = self.true_time(first.time);
-        let longest = self.max_step_from(&rolling.body());
+        let longest = self.max_step_from(&own.body());
         for (i, point) in points.iter().enumerate() {
             let until = self.true_time(point.time);
             let count = ((until - time) / longest).ceil().max(1.0);
             let h = (until - time) / count;
             for k in (0..count as usize).filter(|_| h > 1e-12) {
                 let now = time + h * k as f64;
-                rolling.advance(h, |body| self.acceleration(now, body), resists);
+                own.advance(h, |body| self.acceleration(now, body), resists);
             }
             time = until;
-            visit(i, rolling.body());
+            visit(i, own.body());
         }
     }
 }
 
 /// Predicted positions and impacts of several trajectories of one segment.
 pub fn predict_batch(paths: &[InitialCondition]) -> Vec<(Vec<f64>, Option<Impact>)> {
-    if paths.first().is_some_and(|(physics, _)| physics.segment.kind == SegmentKind::Rolling) {
+    let one_by_one = |kind: SegmentKind| kind.is_supported() || kind == SegmentKind::Landing;
+    if paths.first().is_some_and(|(physics, _)| one_by_one(physics.segment.kind)) {
         return paths.iter().map(|(physics, nuisances)| physics.simulate(nuisances, |_, _| ())).collect();
     }
     let room =
         |(physics, _): &InitialCondition| (Vec::with_capacity(2 * physics.segment.observations.len()), None);
     let mut out: Vec<(Vec<f64>, Option<Impact>)> = paths.iter().map(room).collect();
+    let integrate = match paths.first().map(|(physics, _)| physics.segment.kind) {
+        Some(SegmentKind::Collision) => collision::integrate,
+        _ => integrator::integrate,
+    };
     for smooth in [true, false] {
         let those: Vec<usize> = (0..paths.len()).filter(|i| paths[*i].0.is_smooth() == smooth).collect();
         let together: Vec<InitialCondition> = those.iter().map(|i| paths[*i]).collect();
-        let impacts = integrator::integrate(&together, |p, _, body| {
-            out[those[p]].0.extend(together[p].0.measure(&body))
+        let impacts = integrate(&together, &mut |p, _, body| {
+            out[those[p]].0.extend(together[p].0.measure(&body));
         });
         those.iter().zip(impacts).for_each(|(i, impact)| out[*i].1 = impact);
     }

@@ -1,11 +1,11 @@
 //! Laws of a segment: those of the scene and of a model's terms; impacts on a surface.
 
-use super::rolling::PlanarState;
-use crate::inference::segment::{Segment, Surface};
+use super::supported::PlanarState;
+use crate::inference::segment::{CollidingPair, Segment, Surface};
 use crate::world::Latents;
 use crate::world::effect::{
-    Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget, Measurement,
-    MotionLaw, MotionState, Sensor, SimulationContext,
+    BodyLaw, Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget, MassProperties,
+    Measurement, MotionLaw, MotionState, Sensor, SimulationContext,
 };
 
 /// Duration of a velocity change from which accelerations are computed, s; small against all motion, large
@@ -33,6 +33,10 @@ pub struct SegmentPhysics<'a> {
     pub(super) max_step: f64,
     pub(super) restitution: f64,
     pub(super) friction: f64,
+    /// Moment of inertia over mass and radius squared of the body of a surface.
+    pub(super) inertia: f64,
+    /// Of the discs of a collision.
+    pub(super) masses: [MassProperties; 2],
 }
 
 /// A law of motion with the index of its effect.
@@ -56,6 +60,11 @@ pub struct Impact {
     pub normal: f64,
     /// The same along (-ny, nx).
     pub tangent: f64,
+    /// (nx, ny): away from the surface, or from the second disc to the first.
+    pub direction: [f64; 2],
+    /// Velocity change of each body over that of the first off a static: 1 there; in a collision, whose impulses are over the
+    /// reduced mass, the reduced mass over the body's own, negative for the second.
+    pub shares: [f64; 2],
 }
 
 impl<'a> SegmentPhysics<'a> {
@@ -68,6 +77,7 @@ impl<'a> SegmentPhysics<'a> {
         let around = SimulationContext { time_step: KICK_DURATION, gravity: segment.scene.gravity };
         let own = segment.scene_effects.iter().map(|a| (a.effect, a.values.as_slice()));
         let (mut motion_laws, mut contact_laws, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
+        let mut body_laws: Vec<(&'static dyn BodyLaw, Constants)> = Vec::new();
         let mut max_step = MAX_STEPS[0];
         for (place, (effect, values)) in own.chain(terms.iter().copied()).enumerate() {
             if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
@@ -79,6 +89,7 @@ impl<'a> SegmentPhysics<'a> {
                     motion_laws.push(ActiveMotionLaw { place, effect, law, constants });
                 }
                 EffectKind::Contact(law) => contact_laws.push((law, law.constants(values, &around))),
+                EffectKind::Body(law) => body_laws.push((law, law.constants(values, &around))),
                 EffectKind::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
                 // A free initial state absorbs any effect on placement.
                 EffectKind::Action(_) => {}
@@ -91,19 +102,31 @@ impl<'a> SegmentPhysics<'a> {
             let [r, o] = sensor.clock(c);
             [rate * r, rate * o + offset]
         });
-        let [friction, restitution] = segment.surface.as_ref().map_or([1.0; 2], |s| {
-            let carried = |k: usize, latent: Option<f64>, own: f64| {
-                latent.filter(|_| s.carries_latents[k]).unwrap_or(own)
-            };
-            let of = |k: usize| {
-                [
-                    carried(k, latents.friction, s.friction[k]),
-                    carried(k, latents.restitution, s.restitution[k]),
-                ]
-            };
-            segment.scene.contact_rules.unwrap_or_default().of_contact(of(0), of(1))
+        let [friction, restitution] = contact_coefficients(segment, latents);
+        let body = |body, own| body_laws.iter().fold(own, |m, (law, c)| law.apply(c, body, m));
+        let inertia = segment.surface.as_ref().map_or(1.0, |s| {
+            let whole = body(usize::MAX, MassProperties { mass: 1.0, inertia: s.inertia });
+            whole.inertia / whole.mass
         });
-        SegmentPhysics { segment, motion_laws, contact_laws, sensors, clock, max_step, restitution, friction }
+        let masses = segment.pair.map_or([MassProperties { mass: 1.0, inertia: 1.0 }; 2], |pair| {
+            [0, 1].map(|k| {
+                let density = latents.density.filter(|_| pair.carries_latents[k]);
+                let (mass, inertia) = segment.scene.bodies[k].mass_properties(density);
+                body(pair.bodies[k], MassProperties { mass, inertia })
+            })
+        });
+        SegmentPhysics {
+            segment,
+            motion_laws,
+            contact_laws,
+            sensors,
+            clock,
+            max_step,
+            restitution,
+            friction,
+            inertia,
+            masses,
+        }
     }
 
     /// Measured position of a body; NaN if it left all bounds.
@@ -186,22 +209,78 @@ impl<'a> SegmentPhysics<'a> {
         let n = surface.normal;
         let speed = at[2] * n[0] + at[3] * n[1];
         let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
+        let (normal, tangent) = self.impulses([speed, slip], 1.0 + 1.0 / self.inertia);
+        at[2] += normal * n[0] - tangent * n[1];
+        at[3] += normal * n[1] + tangent * n[0];
+        at[4] -= tangent / (self.inertia * surface.radius);
+        let impact = Impact {
+            time: self.observed_time(time),
+            approach: (-speed).max(0.0),
+            slip,
+            normal,
+            tangent,
+            direction: n,
+            shares: [1.0, 0.0],
+        };
+        (at, impact)
+    }
+
+    /// States of two discs after they collide, and the kinematics; impulses are over the reduced mass.
+    pub(super) fn resolve_collision(
+        &self,
+        time: f64,
+        [mut a, mut b]: [PlanarState; 2],
+        pair: &CollidingPair,
+    ) -> ([PlanarState; 2], Impact) {
+        let [dx, dy] = [a[0] - b[0], a[1] - b[1]];
+        let distance = dx.hypot(dy).max(f64::MIN_POSITIVE);
+        let n = [dx / distance, dy / distance];
+        let [vx, vy] = [a[2] - b[2], a[3] - b[3]];
+        let speed = vx * n[0] + vy * n[1];
+        let slip = vy * n[0] - vx * n[1] - pair.radii[0] * a[4] - pair.radii[1] * b[4];
+        let [m, w] = self.masses;
+        let reduced = m.mass * w.mass / (m.mass + w.mass);
+        let turn = [0, 1].map(|k| reduced * pair.radii[k] / self.masses[k].inertia);
+        let (normal, tangent) =
+            self.impulses([speed, slip], 1.0 + pair.radii[0] * turn[0] + pair.radii[1] * turn[1]);
+        let shares = [reduced / m.mass, -reduced / w.mass];
+        for (k, state) in [&mut a, &mut b].into_iter().enumerate() {
+            state[2] += shares[k] * (normal * n[0] - tangent * n[1]);
+            state[3] += shares[k] * (normal * n[1] + tangent * n[0]);
+            state[4] -= tangent * turn[k];
+        }
+        let (time, approach) = (self.observed_time(time), (-speed).max(0.0));
+        ([a, b], Impact { time, approach, slip, normal, tangent, direction: n, shares })
+    }
+
+    /// Impulses over mass along the normal and along (-ny, nx), for the speeds away and along the surface. `mobility`: change of
+    /// the slip by a unit tangential impulse.
+    fn impulses(&self, [speed, slip]: [f64; 2], mobility: f64) -> (f64, f64) {
         let contact = ContactState { approach: (-speed).max(0.0), slip, begins: true };
         let own = ContactResponse { restitution: self.restitution, slip: 0.0 };
         let response = self.contact_laws.iter().fold(own, |a, (law, c)| law.respond(c, contact, a));
-        // Impulses over mass; tangential along (-ny, nx).
         let normal = -(1.0 + response.restitution) * speed;
-        let mobility = 1.0 + 1.0 / surface.inertia;
         // No tangential impulse without normal impulse.
         let most = (self.friction * normal).max(0.0);
-        let tangent = ((response.slip - slip) / mobility).clamp(-most, most);
-        at[2] += normal * n[0] - tangent * n[1];
-        at[3] += normal * n[1] + tangent * n[0];
-        at[4] -= tangent / (surface.inertia * surface.radius);
-        let impact =
-            Impact { time: self.observed_time(time), approach: contact.approach, slip, normal, tangent };
-        (at, impact)
+        (normal, ((response.slip - slip) / mobility).clamp(-most, most))
     }
+}
+
+/// Friction and restitution of a segment's contact.
+fn contact_coefficients(segment: &Segment, latents: &Latents) -> [f64; 2] {
+    let (own, carries) = match (&segment.surface, &segment.pair) {
+        (Some(s), _) => ([0, 1].map(|k| [s.friction[k], s.restitution[k]]), s.carries_latents),
+        (None, Some(pair)) => {
+            let of = |k: usize| [segment.scene.bodies[k].friction, segment.scene.bodies[k].restitution];
+            ([0, 1].map(of), pair.carries_latents)
+        }
+        (None, None) => return [1.0; 2],
+    };
+    let of = |k: usize| {
+        let carried = |latent: Option<f64>, own: f64| latent.filter(|_| carries[k]).unwrap_or(own);
+        [carried(latents.friction, own[k][0]), carried(latents.restitution, own[k][1])]
+    };
+    segment.scene.contact_rules.unwrap_or_default().of_contact(of(0), of(1))
 }
 
 impl Surface {

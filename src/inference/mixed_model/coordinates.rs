@@ -14,6 +14,8 @@ use crate::inference::segment::{Segment, SegmentKind};
 
 /// Length scale of the trial discrepancy (Matern 3/2), as a share of the median duration of flights and rolls.
 const GP_LENGTH_SHARE: f64 = 0.25;
+/// Number of observations after which noise is not correlated.
+const UNCORRELATED_DISTANCE: usize = 100_000;
 /// Norm of a column beside the others, relative to its own, below which it depends on them.
 const DEPENDENT: f64 = 1e-9;
 
@@ -80,7 +82,10 @@ impl SegmentCoordinates {
                 // Unused observations are no coordinates.
                 let counted: Vec<usize> = (0..points.len()).filter(|i| weights[*i] > 0.0).collect();
                 let basis = DMatrix::from_fn(counted.len(), points.len(), |k, i| f64::from(counted[k] == i));
-                (basis, (rho != 0.0).then(|| noise::ar1_correlation(&counted, rho)), None)
+                // The noise of one body is independent of another's.
+                let places: Vec<usize> =
+                    counted.iter().map(|i| i + points[*i].body * UNCORRELATED_DISTANCE).collect();
+                (basis, (rho != 0.0).then(|| noise::ar1_correlation(&places, rho)), None)
             }
         };
         let (whitening, gp_variance, log_det_noise) = diagonalise(noise_covariance, gp_covariance.as_ref());
@@ -138,7 +143,7 @@ impl SegmentCoordinates {
 
     /// Whether a contact may have reset random accelerations of the segment.
     pub fn may_be_reset_by_contact(&self, segment: &Segment) -> bool {
-        self.follows_flight || segment.kind == SegmentKind::Contact
+        self.follows_flight || segment.kind.is_impact()
     }
 
     fn along_axes(&self, map: &DMatrix<f64>, columns: &DMatrix<f64>, scales: [f64; 2]) -> DMatrix<f64> {

@@ -229,12 +229,13 @@ pub fn impact_error_response(
     way: usize,
     i: usize,
 ) -> f64 {
-    let (Some(met), Some(surface)) = (impact, &segment.surface) else { return 0.0 };
+    let Some(met) = impact else { return 0.0 };
     let Some(point) = segment.observations.get(i / 2) else { return 0.0 };
-    let [nx, ny] = surface.normal;
+    let [nx, ny] = met.direction;
     let along = [[nx, ny], [-ny, nx]][way][i % 2];
     (point.time - met.time).max(0.0)
         * along
+        * met.shares[point.body]
         * met.approach
         * linearization.weights[i / 2]
         * linearization.irls_scale

@@ -23,7 +23,7 @@ use crate::inference::mixed_model::variance_components::{ComponentLikelihood, IN
 use crate::inference::model::{
     self, FitState, Linearization, ParameterLayout, Perturbation, RandomEffects, SegmentData, Term,
 };
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::segment::Segment;
 use crate::inference::selection::candidates;
 use crate::inference::selection::{
     FixedEffectsPrior, Laplace, SharedDiscrepancy, damped_step, marginal_evidence, profile_log_posterior,
@@ -119,7 +119,7 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
     /// Without shared discrepancy; every model estimates its variance components.
     pub fn new(data: &'b SegmentData<'a>, noise: &Noise) -> ModelFitter<'a, 'b> {
         let scale = |(w, sd): (&crate::inference::segment::Segment, &f64)| match w.kind {
-            SegmentKind::Contact => sd / noise.sd,
+            kind if kind.is_impact() => sd / noise.sd,
             _ if sd.is_finite() => 1.0,
             _ => f64::NAN,
         };

@@ -8,10 +8,12 @@ use super::parameters::{Parameter, ParameterKind, ParameterLayout};
 use crate::inference::dynamics::{Impact, SegmentPhysics, predict_batch};
 use crate::inference::segment::{Segment, SegmentKind};
 
-/// Finite-difference steps of a rolling segment's distance, speed, offset and slope, and of x, y, vx, vy,
-/// omega and the surface's offset.
-const ROLLING_FD_STEPS: [f64; 4] = [1e-4, 1e-3, 1e-4, 1e-4];
+/// Finite-difference steps of a supported body's distance, speed, offset, slope and spin; of x, y, vx, vy, omega and the surface's
+/// offset; and of x, y, vx, vy, omega of two discs and their offset.
+const SUPPORTED_FD_STEPS: [f64; 5] = [1e-4, 1e-3, 1e-4, 1e-4, 1e-1];
 const FLIGHT_FD_STEPS: [f64; 6] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
+const COLLISION_FD_STEPS: [f64; 11] =
+    [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
 
 /// Predicted positions of a segment's observations, two numbers each, and their derivatives.
 #[derive(Default)]
@@ -71,8 +73,11 @@ pub fn linearise_ode(
     let (nuisances, values, random_effect_terms) =
         (state.nuisances[w].as_slice(), state.values_in(w), state.random_effect_terms(w));
     let current = layout.segment_physics(segment, &values, &random_effect_terms);
-    let steps: &[f64] =
-        if segment.kind == SegmentKind::Rolling { &ROLLING_FD_STEPS } else { &FLIGHT_FD_STEPS };
+    let steps: &[f64] = match segment.kind {
+        SegmentKind::Rolling | SegmentKind::Sliding => &SUPPORTED_FD_STEPS,
+        SegmentKind::Collision => &COLLISION_FD_STEPS,
+        _ => &FLIGHT_FD_STEPS,
+    };
     let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
         .map(|k| {
             let mut moved = nuisances.to_vec();

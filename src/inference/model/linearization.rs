@@ -233,8 +233,12 @@ fn regularised_nuisances(segment: &Segment) -> Vec<(usize, f64)> {
     let spin = segment.surface.as_ref().map_or(SPIN_SD, |s| s.spin_prior_sd);
     let count = segment.nuisances.len();
     let all: Vec<(usize, f64)> = match segment.kind {
-        SegmentKind::Contact => vec![(4, spin), (5, HEIGHT_SD)],
-        SegmentKind::Rolling => vec![(2, HEIGHT_SD), (3, SLOPE_SD)],
+        SegmentKind::Contact | SegmentKind::Landing => vec![(4, spin), (5, HEIGHT_SD)],
+        SegmentKind::Collision => {
+            let [first, second] = segment.pair.map_or([SPIN_SD; 2], |pair| pair.spin_prior_sd);
+            vec![(4, first), (9, second), (10, HEIGHT_SD)]
+        }
+        SegmentKind::Rolling | SegmentKind::Sliding => vec![(2, HEIGHT_SD), (3, SLOPE_SD), (4, spin)],
         // The spin of every body.
         SegmentKind::MultiStep => (4..count).step_by(STATE_FD_STEPS.len()).map(|k| (k, SPIN_SD)).collect(),
         // Speed along an axis without observed motion: a lift would turn it into an acceleration.

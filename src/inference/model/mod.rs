@@ -21,7 +21,7 @@ pub use engine_linearization::{apply_initial_state, cache_jacobians, positions_a
 pub use fit_state::{FitState, Perturbation, RandomEffects};
 pub use least_squares::{FitEvaluation, NormalEquations, fit, sum_by_trial, total_square};
 pub use linearization::{Linearization, linearise};
-pub use parameters::{Parameter, ParameterKind, ParameterLayout, Term};
+pub use parameters::{Bracket, Parameter, ParameterKind, ParameterLayout, Term};
 pub use prediction::{predict, predict_segment};
 pub use robust_loss::robust_losses;
 pub use segment_data::{CachedJacobian, SegmentData};

@@ -30,6 +30,16 @@ pub struct Term {
     pub free: Vec<bool>,
     /// Finite-difference step of the fitted parameters; the registry's by default.
     pub fd_step: Option<f64>,
+    /// Of a stepwise parameter, which is not fitted.
+    pub bracket: Option<Bracket>,
+}
+
+/// The values of a stepwise parameter that predict the same.
+#[derive(Clone, Copy, Debug)]
+pub struct Bracket {
+    pub interval: [f64; 2],
+    /// Number of intervals that the data distinguish.
+    pub count: usize,
 }
 
 /// An estimated parameter.
@@ -218,7 +228,7 @@ mod tests {
     fn term(name: &str, per_setting: bool, free: &[bool]) -> Term {
         let effect = find(name).unwrap();
         let start = effect.parameters.iter().map(|p| p.neutral).collect();
-        Term { effect, per_setting, start, free: free.to_vec(), fd_step: None }
+        Term { effect, per_setting, start, free: free.to_vec(), fd_step: None, bracket: None }
     }
 
     /// Friction, a wind by setting of which only x is fitted, and drag.

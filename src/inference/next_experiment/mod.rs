@@ -47,7 +47,7 @@ pub fn next_experiment(
         return Ok(None);
     }
     let own = &rivals[..rivals.len().min(MAX_RIVALS)];
-    match segments.iter().position(|w| w.kind != SegmentKind::Contact) {
+    match segments.iter().position(|w| !w.kind.is_impact()) {
         Some(w) if matches!(segments[w].kind, SegmentKind::FromInitialState | SegmentKind::OneStep) => {
             action_experiment(scene, &segments[w], [own[0], own[1]], noise, config)
         }

@@ -20,7 +20,7 @@ pub fn effect_estimates(
         .iter()
         .enumerate()
         .map(|(t, term)| {
-            let parameters = f
+            let fitted = f
                 .layout
                 .parameters_of_term(t)
                 .into_iter()
@@ -39,8 +39,9 @@ pub fn effect_estimates(
                         setting: parameter.setting.map(|s| names[s].clone()),
                         spread: f.between_trial_sd(i),
                     })
-                })
-                .collect();
+                });
+            let stepwise = term.bracket.iter().flat_map(|b| bracket_estimate(term, b));
+            let parameters: Vec<ParameterEstimate> = stepwise.chain(fitted).collect();
             EffectEstimate {
                 name: term.effect.name.into(),
                 acts_on: term.effect.target().name().into(),
@@ -49,6 +50,24 @@ pub fn effect_estimates(
             }
         })
         .collect()
+}
+
+/// Share of a bracket outside of the central interval, on each side.
+const BRACKET_TAIL: f64 = 0.025;
+
+/// Estimate of a stepwise parameter: uniform in its bracket.
+fn bracket_estimate(term: &model::Term, bracket: &model::Bracket) -> Option<ParameterEstimate> {
+    let p = term.effect.parameters.iter().position(|p| p.stepwise)?;
+    let [low, high] = bracket.interval;
+    let at = |share: f64| Some(low + share * (high - low));
+    Some(ParameterEstimate {
+        name: term.effect.parameters[p].name.into(),
+        value: term.start[p],
+        ci95: [at(BRACKET_TAIL), at(1.0 - BRACKET_TAIL)],
+        unit: term.effect.parameters[p].unit.into(),
+        setting: None,
+        spread: None,
+    })
 }
 
 /// Decrease of the profile log density that excludes a value, nats: half the 95 % quantile of chi-squared

@@ -98,7 +98,7 @@ pub fn evidence(
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, segment) in data.segments.iter().enumerate() {
         data.progress.check_stop()?;
-        if segment.kind == SegmentKind::Contact {
+        if segment.kind.is_impact() {
             out.bounces.extend(bounce_record(segment, w, base, model));
             continue;
         }

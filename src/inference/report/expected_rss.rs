@@ -26,7 +26,7 @@ impl ExpectedRss {
     /// Misfit of a fit without contact segments.
     pub fn misfit_of(&self, fit: &FittedModel, segments: &[Segment]) -> (f64, f64) {
         let mut squares = vec![0.0; self.mean.len()];
-        for (w, segment) in segments.iter().enumerate().filter(|(_, w)| w.kind != SegmentKind::Contact) {
+        for (w, segment) in segments.iter().enumerate().filter(|(_, w)| !w.kind.is_impact()) {
             squares[segment.trial] += fit.evaluation.squares[w];
         }
         self.misfit(&squares)
@@ -64,12 +64,15 @@ pub fn expected_rss(segments: &[Segment], sd: &[f64], trials: usize, noise: &Noi
                 let weights: Vec<f64> = w.observations.iter().map(|p| p.weight).collect();
                 expected_rss_moments(&times, &weights, axes, noise.rho)
             }
-            SegmentKind::Contact => {
-                out.contacts += 2.0 * n - 5.0;
+            SegmentKind::Contact | SegmentKind::Landing | SegmentKind::Collision => {
+                out.contacts += w.impact_degrees_of_freedom();
                 out.coordinates[w.trial] += 2.0 * n;
                 continue;
             }
-            SegmentKind::FromInitialState | SegmentKind::OneStep | SegmentKind::MultiStep => {
+            SegmentKind::Sliding
+            | SegmentKind::FromInitialState
+            | SegmentKind::OneStep
+            | SegmentKind::MultiStep => {
                 let left = (2.0 * n - w.nuisances.len() as f64).max(1.0);
                 (left, 2.0 * left)
             }

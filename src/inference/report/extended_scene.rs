@@ -17,7 +17,7 @@ pub fn extend_scene(
     model: ModelView,
 ) -> Scene {
     let mut out = scene.clone();
-    let first = segments.iter().position(|w| w.kind != SegmentKind::Contact).unwrap_or(0);
+    let first = segments.iter().position(|w| !w.kind.is_impact()).unwrap_or(0);
     let setting = segments[first].setting;
     let (terms, latents): (Vec<EffectTerm>, _) =
         model.layout.effects_and_latents(&model.state.values, setting, 0.0);

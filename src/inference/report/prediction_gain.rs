@@ -5,7 +5,7 @@ use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::mixed_model::leave_group_out::leave_group_out;
 use crate::inference::report::expected_rss::ExpectedRss;
 use crate::inference::report::{BaseMisfit, HeldOutError, PredictionGain};
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::segment::Segment;
 use crate::inference::statistics::normal_survival;
 
 /// Excess over the noise floor, as a share of it, below which shares of the excess are undefined.
@@ -119,7 +119,7 @@ fn root_mean_square(segments: &[Segment], residuals: &[Vec<f64>]) -> f64 {
 /// Lag-1 autocorrelation of residuals, and its p-value.
 fn lag_one_correlation(segments: &[Segment], residuals: &[Vec<f64>]) -> (f64, f64) {
     let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
-    for (segment, r) in segments.iter().zip(residuals).filter(|(w, _)| w.kind != SegmentKind::Contact) {
+    for (segment, r) in segments.iter().zip(residuals).filter(|(w, _)| !w.kind.is_impact()) {
         let bodies = segment.scene.bodies.len();
         for i in 0..r.len() {
             let j = i + 2 * bodies;

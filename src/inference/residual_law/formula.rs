@@ -80,7 +80,7 @@ pub fn formula_terms(data: &SegmentData, model: &FittedModel, noise: &Noise) -> 
             start[axis] = amplitude.clamp(low, high);
             let free = (0..start.len()).map(|p| p == axis).collect();
             let difference = Some(ACCELERATION_FD_STEP / largest(k).max(1e-9));
-            terms.push(Term { effect, per_setting: false, start, free, fd_step: difference });
+            terms.push(Term { effect, per_setting: false, start, free, fd_step: difference, bracket: None });
         }
     }
     Ok(terms)

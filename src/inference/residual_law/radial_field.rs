@@ -34,7 +34,7 @@ pub fn radial_terms(fitter: &ModelFitter, model: &FittedModel, form: FieldSpec) 
             start[axis] = amplitudes[axis].clamp(low, high);
         }
         let free = (0..start.len()).map(|p| p < 2).collect();
-        Term { effect, per_setting: false, start, free, fd_step: None }
+        Term { effect, per_setting: false, start, free, fd_step: None, bracket: None }
     };
     Ok(joined.into_iter().map(term).collect())
 }

@@ -21,8 +21,14 @@ pub struct ContactEvent {
     pub normal: [f64; 2],
     /// Position of the body's centre along the normal at contact, m.
     pub level: f64,
-    /// Index of the static; `None` for a contact with another body.
-    pub static_index: Option<usize>,
+    pub obstacle: Obstacle,
+}
+
+/// The object that a body touches, by index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Obstacle {
+    Static(usize),
+    Body(usize),
 }
 
 /// Contact at each row: the gap has a low minimum where approach turns into departure, or stays low.
@@ -32,29 +38,31 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
     let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
     let extent = shape.disc_radius().unwrap_or_else(|| shape.half_size());
     let near = 0.15 * extent;
+    let angles: Vec<f64> = rows.iter().map(|(t, _)| observed_angle(trial, body, *t)).collect();
     for (f, fixed) in scene.statics.iter().enumerate() {
         let solid = fixed.placed();
-        let gap = |p: [f64; 2]| solid.signed_distance_to(&shape.placed(p, 0.0));
-        let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
+        let gap = |p: [f64; 2], angle: f64| solid.signed_distance_to(&shape.placed(p, angle));
+        let gaps: Vec<f64> = rows.iter().zip(&angles).map(|((_, p), angle)| gap(*p, *angle)).collect();
         let h = 1e-3 * extent;
-        let normal = |p: [f64; 2]| {
+        let normal = |i: usize| {
+            let (p, a) = (rows[i].1, angles[i]);
             let n = [
-                gap([p[0] + h, p[1]]) - gap([p[0] - h, p[1]]),
-                gap([p[0], p[1] + h]) - gap([p[0], p[1] - h]),
+                gap([p[0] + h, p[1]], a) - gap([p[0] - h, p[1]], a),
+                gap([p[0], p[1] + h], a) - gap([p[0], p[1] - h], a),
             ];
             let length = n[0].hypot(n[1]);
             if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
         };
         let supported = supported_rows(rows, &gaps, extent, |i| {
-            let n = normal(rows[i].1);
+            let n = normal(i);
             [n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]]
         });
         let held = supported.iter().zip(&gaps).map(|(held, gap)| if *held { gap.min(0.0) } else { *gap });
         let gaps_held: Vec<f64> = held.collect();
         mark_contacts(&gaps_held, near, |i| {
-            let (p, normal) = (rows[i].1, normal(rows[i].1));
+            let (p, normal) = (rows[i].1, normal(i));
             let level = p[0] * normal[0] + p[1] * normal[1] - gaps[i];
-            out[i] = Some(ContactEvent { normal, level, static_index: Some(f) });
+            out[i] = Some(ContactEvent { normal, level, obstacle: Obstacle::Static(f) });
         });
     }
     for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
@@ -63,15 +71,25 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
         let gaps: Vec<f64> = rows
             .iter()
             .map(|(t, p)| match at(*t).and_then(|i| observed_position(other, i)) {
-                Some(q) => shape.placed(*p, 0.0).signed_distance_to(&theirs.placed(q, 0.0)),
+                Some(q) => {
+                    let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t));
+                    shape.placed(*p, own).signed_distance_to(&theirs.placed(q, other))
+                }
                 None => f64::INFINITY,
             })
             .collect();
         mark_contacts(&gaps, near, |i| {
-            out[i] = Some(ContactEvent { normal: [0.0, 1.0], level: 0.0, static_index: None })
+            out[i] = Some(ContactEvent { normal: [0.0, 1.0], level: 0.0, obstacle: Obstacle::Body(k) })
         });
     }
     out
+}
+
+/// Observed angle of a body at a time, rad; 0 if it was not observed.
+fn observed_angle(trial: &Trial, body: usize, time: f64) -> f64 {
+    let at = trial.observed.times.iter().position(|s| *s == time);
+    let angle = at.and_then(|i| trial.observed.bodies[body].angle.get(i).copied());
+    angle.filter(|a| a.is_finite()).unwrap_or(0.0)
 }
 
 /// Intervals (first row, end, contact) along one straight static in which the height varies no more than the
@@ -89,7 +107,7 @@ pub fn rolling_intervals(
         };
         let turned = |n: [f64; 2]| (n[0] - touch.normal[0]).hypot(n[1] - touch.normal[1]);
         let same = |t: ContactEvent| {
-            t.static_index.is_some() && t.static_index == touch.static_index && turned(t.normal) < 1e-3
+            matches!(t.obstacle, Obstacle::Static(_)) && t.obstacle == touch.obstacle && turned(t.normal) < 1e-3
         };
         let end = (i..rows.len()).find(|k| !touches[*k].is_some_and(same)).unwrap_or(rows.len());
         // A body slides or hops at the beginning of a landing.
@@ -210,7 +228,7 @@ mod tests {
             };
             (0..30).map(at).collect()
         };
-        let touch = ContactEvent { normal, level: 0.0, static_index: Some(0) };
+        let touch = ContactEvent { normal, level: 0.0, obstacle: Obstacle::Static(0) };
         let mut touches = vec![Some(touch); 30];
         touches[..4].fill(None);
         let found = |sag| {

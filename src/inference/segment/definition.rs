@@ -16,9 +16,18 @@ pub enum SegmentKind {
     /// A few observations before and after one bounce on a static; nuisances x, y, vx, vy, omega, and the
     /// offset of the surface along its normal.
     Contact,
+    /// A few observations of a disc before an impact on a static and after it, while the static supports the disc; nuisances as
+    /// of a contact.
+    Landing,
+    /// A few observations of two discs before and after they collide, all of the first disc, then all of the second;
+    /// nuisances x, y, vx, vy, omega of each, and the excess of the distance at contact over the sum of the radii.
+    Collision,
     /// A disc rolling on a straight static; nuisances are its distance and speed along it, and the offset and
     /// slope of the surface.
     Rolling,
+    /// A body that slides on a straight static, and rolls or rests from some time on; nuisances as of a rolling one, and
+    /// the spin of a disc.
+    Sliding,
     /// The beginning of a trial whose initial state is known exactly, up to the predictability horizon; no
     /// nuisances.
     FromInitialState,
@@ -32,7 +41,22 @@ pub enum SegmentKind {
 impl SegmentKind {
     /// Whether it is a flight, or flights before and after a bounce: random accelerations act in these.
     pub fn is_airborne(self) -> bool {
-        matches!(self, SegmentKind::Flight | SegmentKind::Contact)
+        matches!(self, SegmentKind::Flight) || self.is_impact()
+    }
+
+    /// Whether bodies bounce off a static or each other in it.
+    pub fn is_impact(self) -> bool {
+        matches!(self, SegmentKind::Contact | SegmentKind::Landing | SegmentKind::Collision)
+    }
+
+    /// Whether it has a free initial state and is simulated without an engine.
+    pub fn has_free_initial_state(self) -> bool {
+        self.is_airborne() || self.is_supported()
+    }
+
+    /// Whether a straight static supports the body.
+    pub fn is_supported(self) -> bool {
+        matches!(self, SegmentKind::Rolling | SegmentKind::Sliding)
     }
 
     /// Whether a physics engine simulates it, with all contacts.
@@ -87,8 +111,10 @@ pub struct Segment {
     pub observations: Vec<Observation>,
     /// Initial values of the nuisance parameters; see [`SegmentKind`].
     pub nuisances: Vec<f64>,
-    /// Surface of a contact or rolling segment.
+    /// Surface of a contact, landing, rolling or sliding segment.
     pub surface: Option<Surface>,
+    /// The discs of a collision segment.
+    pub pair: Option<CollidingPair>,
     /// Effects of the scene.
     pub scene_effects: Vec<ActiveEffect>,
     /// Polynomial fit of the observations, for the noise estimate.
@@ -125,10 +151,23 @@ pub struct Surface {
     pub carries_latents: [bool; 2],
     /// m
     pub radius: f64,
-    /// Moment of inertia over mass and radius squared.
+    /// Moment of inertia over mass and radius squared; infinite for a block that lies on the static.
     pub inertia: f64,
     /// Prior standard deviation of the spin, rad/s; small if the spin was observed.
     pub spin_prior_sd: f64,
+}
+
+/// Two discs that collide.
+#[derive(Clone, Copy, Debug)]
+pub struct CollidingPair {
+    /// Their indices in the trial's scene.
+    pub bodies: [usize; 2],
+    /// m
+    pub radii: [f64; 2],
+    /// Whether each carries the latents.
+    pub carries_latents: [bool; 2],
+    /// Prior standard deviations of the spins, rad/s; small where the spin was observed.
+    pub spin_prior_sd: [f64; 2],
 }
 
 /// Variation within blocks of averaged observations.
@@ -145,7 +184,7 @@ impl Segment {
     pub fn new(kind: SegmentKind, scene: Scene, start: f64, observations: Vec<Observation>) -> Segment {
         let scene_effects = effect::scene_effects(&scene).unwrap_or_default();
         let nuisances = Vec::new();
-        let (trial, setting, contacts_established, surface, smooth) = (0, 0, false, None, None);
+        let (trial, setting, contacts_established, surface, pair, smooth) = (0, 0, false, None, None, None);
         let within_blocks = WithinBlockVariation::default();
         Segment {
             trial,
@@ -157,6 +196,7 @@ impl Segment {
             observations,
             nuisances,
             surface,
+            pair,
             scene_effects,
             smooth,
             within_blocks,
@@ -176,6 +216,12 @@ impl Segment {
             contacts_established: self.contacts_established,
             ..Rollout::of(scene)
         }
+    }
+
+    /// Number of used coordinates of an impact segment beyond its nuisances; a surface's offset is held by its prior.
+    pub fn impact_degrees_of_freedom(&self) -> f64 {
+        let used = self.observations.iter().filter(|p| p.weight > 0.0).count();
+        2.0 * used as f64 - (self.nuisances.len() as f64 - 1.0)
     }
 
     /// Index of the observation at the segment's start time, if there is one.

@@ -1,7 +1,7 @@
 //! Trials cut into segments, each simulated from an initial state of its own.
 //!
 //! `definition`: kinds of segments. `segmentation`: cuts trials. `single_body`: flights, bounces and rolling
-//! of one body, by detected contacts (`contact_detection`) and holds (`holds`); `full_state`: segments of all
+//! of one body, by detected contacts (`contact_detection`) and holds (`holds`); `sliding`: whether they slide; `collision`: collisions of two; `full_state`: segments of all
 //! bodies of trials whose initial state is known. `block_averages`: averages of long segments.
 //!
 //! Source: multiple shooting (Bock 1983).
@@ -10,16 +10,18 @@
 //! so that errors of contact models do not affect estimates of motion.
 
 mod block_averages;
+mod collision;
 mod contact_detection;
 mod definition;
 mod full_state;
 mod holds;
 mod segmentation;
 mod single_body;
+mod sliding;
 
 pub use block_averages::average_blocks;
 pub use definition::{
-    MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, any_known_initial_state,
+    CollidingPair, MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, any_known_initial_state,
     any_multi_step, any_one_step,
 };
 pub use full_state::{initial_state_guess, remove_overlaps};

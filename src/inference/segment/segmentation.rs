@@ -2,7 +2,8 @@
 
 use super::definition::Segment;
 use super::full_state::{initial_segment, multi_step_segments, one_step_segments};
-use super::single_body::single_body_segments;
+use super::collision::collision_segments;
+use super::single_body::BodyObservations;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -41,7 +42,9 @@ fn trial_segments(placed: &Scene, trial: &Trial, most: usize, longest: usize) ->
     let bodies = trial.scene.bodies.len();
     let mut out = if known { one_step_segments(trial, most) } else { Vec::new() };
     if out.is_empty() && (!known || bodies == 1) {
-        out = (0..bodies).flat_map(|body| single_body_segments(trial, body)).collect();
+        let observed: Vec<_> = (0..bodies).filter_map(|body| BodyObservations::of(trial, body)).collect();
+        out = observed.iter().flat_map(BodyObservations::segments).collect();
+        out.extend(collision_segments(&observed));
     }
     if out.is_empty() && known {
         out = initial_segment(trial, longest).into_iter().chain(multi_step_segments(trial)).collect();

@@ -2,11 +2,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::contact_detection::{ContactEvent, detect_contacts, rolling_intervals};
+use super::contact_detection::{ContactEvent, Obstacle, detect_contacts, rolling_intervals};
 use super::definition::{
     MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, observed_position,
 };
 use super::holds::without_holds;
+use super::sliding::{Slide, slide};
 use crate::inference::data::smoothing::{TimedPosition, fit_polynomials};
 use crate::inference::statistics::{median, slope};
 use crate::reality::Trial;
@@ -16,55 +17,62 @@ use crate::task::Scene;
 /// velocities no better unless they span the same time. And the minimum number.
 const OBSERVATIONS_AROUND_BOUNCE: usize = 8;
 const TIME_AROUND_BOUNCE: f64 = 0.05;
-const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
+pub const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// Longest gap between observations within a segment, and around a bounce, as multiples of the typical
 /// interval.
 const MAX_GAP: f64 = 6.0;
 const MAX_GAP_AT_BOUNCE: f64 = 3.0;
 /// Number of observations from which an initial state is estimated.
 const INITIAL_STATE_OBSERVATIONS: usize = 12;
+/// Largest deviation of a sliding block's observed angle from its median, rad.
+const MAX_TURN: f64 = 0.1;
 /// Prior standard deviation of a spin that was not observed and of one that was, rad/s.
 const UNOBSERVED_SPIN_SD: f64 = 300.0;
 const OBSERVED_SPIN_SD: f64 = 0.5;
 
-/// All segments of one body.
-pub fn single_body_segments(trial: &Trial, body: usize) -> Vec<Segment> {
-    let track = &trial.observed.bodies[body];
-    let rows: Vec<TimedPosition> = trial
-        .observed
-        .times
-        .iter()
-        .enumerate()
-        .filter_map(|(i, t)| Some((*t, observed_position(track, i)?)))
-        .collect();
-    if rows.len() < 3 {
-        return Vec::new();
-    }
-    let touches = detect_contacts(trial, body, &rows);
-    let usual = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
-    let seen = BodyObservations { trial, body, rows, contacts: touches, typical_interval: usual };
-    let [gx, gy] = trial.scene.gravity;
-    let of = |piece: (usize, usize)| without_holds(&seen.rows, piece, gx.hypot(gy));
-    let pieces: Vec<(usize, usize)> = seen.flight_intervals().into_iter().map(of).collect();
-    let flights =
-        pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS).map(|piece| seen.flight(*piece));
-    let contacts = pieces.windows(2).filter_map(|pair| seen.contact(pair[0], pair[1]));
-    let rolls = rolling_intervals(&seen.contacts, &seen.rows);
-    flights.chain(contacts).chain(rolls.into_iter().filter_map(|roll| seen.rolling(roll))).collect()
-}
-
 /// Observations of one body.
-struct BodyObservations<'a> {
-    trial: &'a Trial,
-    body: usize,
-    rows: Vec<TimedPosition>,
+pub struct BodyObservations<'a> {
+    pub trial: &'a Trial,
+    pub body: usize,
+    pub rows: Vec<TimedPosition>,
     /// Detected contact by row.
-    contacts: Vec<Option<ContactEvent>>,
+    pub contacts: Vec<Option<ContactEvent>>,
     /// Typical interval between rows, s.
-    typical_interval: f64,
+    pub typical_interval: f64,
 }
 
-impl BodyObservations<'_> {
+impl<'a> BodyObservations<'a> {
+    /// `None` if the body was observed fewer than three times.
+    pub fn of(trial: &'a Trial, body: usize) -> Option<BodyObservations<'a>> {
+        let track = &trial.observed.bodies[body];
+        let row = |(i, t): (usize, &f64)| Some((*t, observed_position(track, i)?));
+        let rows: Vec<TimedPosition> = trial.observed.times.iter().enumerate().filter_map(row).collect();
+        if rows.len() < 3 {
+            return None;
+        }
+        let contacts = detect_contacts(trial, body, &rows);
+        let typical_interval = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
+        Some(BodyObservations { trial, body, rows, contacts, typical_interval })
+    }
+
+    /// Flights, bounces and rolling of the body.
+    pub fn segments(&self) -> Vec<Segment> {
+        let [gx, gy] = self.trial.scene.gravity;
+        let of = |piece: (usize, usize)| without_holds(&self.rows, piece, gx.hypot(gy));
+        let pieces: Vec<(usize, usize)> = self.flight_intervals().into_iter().map(of).collect();
+        let flights =
+            pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS).map(|piece| self.flight(*piece));
+        let contacts = pieces.windows(2).filter_map(|pair| self.contact(pair[0], pair[1]));
+        let rolls = rolling_intervals(&self.contacts, &self.rows);
+        let landings = pieces.iter().filter_map(|piece| self.landing(*piece, &rolls));
+        flights.chain(contacts).chain(landings.collect::<Vec<_>>()).chain(rolls.into_iter().filter_map(|roll| self.rolling(roll))).collect()
+    }
+
+    /// Number of observations on each side of an impact.
+    pub fn count_around_impact(&self) -> usize {
+        OBSERVATIONS_AROUND_BOUNCE.max((TIME_AROUND_BOUNCE / self.typical_interval) as usize)
+    }
+
     /// Intervals of flight (first row, end): rows without contact and without long gaps.
     fn flight_intervals(&self) -> Vec<(usize, usize)> {
         let (rows, mut pieces, mut first) = (&self.rows, Vec::new(), None);
@@ -100,25 +108,68 @@ impl BodyObservations<'_> {
             return None;
         }
         let surface = self.surface(contact)?;
-        let count = OBSERVATIONS_AROUND_BOUNCE.max((TIME_AROUND_BOUNCE / self.typical_interval) as usize);
+        if surface.inertia.is_infinite() {
+            return None;
+        }
+        let count = self.count_around_impact();
         let (before, after) = (&rows[b - count.min(b - a)..b], &rows[c..c + count.min(d - c)]);
         let mut segment =
             self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Contact);
-        let spin = self.observed_spin(before);
-        let held = if spin.is_some() { OBSERVED_SPIN_SD } else { UNOBSERVED_SPIN_SD };
-        segment.nuisances =
-            [&initial_state(before, segment.scene.gravity)[..], &[spin.unwrap_or(0.0), 0.0]].concat();
+        let (state, held) = self.state_with_spin(before);
+        segment.nuisances = [&state[..], &[0.0]].concat();
         segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
         Some(segment)
     }
 
+    /// The impact at the end of a flight interval after which a surface supports a disc.
+    fn landing(&self, (a, b): (usize, usize), rolls: &[(usize, usize, ContactEvent)]) -> Option<Segment> {
+        let follows = |roll: &&(usize, usize, ContactEvent)| {
+            roll.0 >= b && (b..roll.0).all(|i| self.contacts[i].is_some_and(|c| c.obstacle == roll.2.obstacle))
+        };
+        let (_, end, contact) = rolls.iter().find(follows)?;
+        let surface = self.surface(*contact)?;
+        let count = self.count_around_impact();
+        let (before, after) = (&self.rows[b - count.min(b - a)..b], &self.rows[b..*end.min(&(b + count))]);
+        if surface.inertia.is_infinite()
+            || before.len() < MIN_OBSERVATIONS_AROUND_BOUNCE
+            || after.len() < MIN_OBSERVATIONS_AROUND_BOUNCE
+        {
+            return None;
+        }
+        let mut segment =
+            self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Landing);
+        let (state, held) = self.state_with_spin(before);
+        segment.nuisances = [&state[..], &[0.0]].concat();
+        segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
+        Some(segment)
+    }
+
+    /// Position, velocity and spin at the first of some rows, and the prior standard deviation of the spin, rad/s.
+    pub fn state_with_spin(&self, rows: &[TimedPosition]) -> ([f64; 5], f64) {
+        let spin = self.observed_spin(rows);
+        let [x, y, vx, vy] = initial_state(rows, self.trial.scene.gravity);
+        let held = if spin.is_some() { OBSERVED_SPIN_SD } else { UNOBSERVED_SPIN_SD };
+        ([x, y, vx, vy, spin.unwrap_or(0.0)], held)
+    }
+
     fn rolling(&self, (from, to, contact): (usize, usize, ContactEvent)) -> Option<Segment> {
         let rows = &self.rows[from..to];
-        let mut segment =
-            with_smooth(rows, self.segment(rows, self.single_body_scene(), SegmentKind::Rolling));
+        let surface = self.surface(contact)?;
+        if surface.inertia.is_infinite() && !self.keeps_angle(rows) {
+            return None;
+        }
+        let slide = slide(rows, &surface, &self.trial.scene);
+        let kind = if slide.is_some() { SegmentKind::Sliding } else { SegmentKind::Rolling };
+        let mut segment = with_smooth(rows, self.segment(rows, self.single_body_scene(), kind));
         let [_, _, vx, vy] = initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], [0.0; 2]);
         segment.nuisances = vec![0.0, vx * contact.normal[1] - vy * contact.normal[0], 0.0, 0.0];
-        segment.surface = Some(self.surface(contact)?);
+        if let Some(Slide { speed, slip }) = slide {
+            segment.nuisances[1] = speed;
+            if surface.inertia.is_finite() {
+                segment.nuisances.push((slip - speed) / surface.radius);
+            }
+        }
+        segment.surface = Some(surface);
         Some(segment)
     }
 
@@ -148,13 +199,22 @@ impl BodyObservations<'_> {
         Segment::new(kind, scene, start, points)
     }
 
-    /// The surface of a contact; `None` if the body is no disc or the contact is not with a static.
+    /// The surface of a contact; `None` if the contact is not with a static. A body that is no disc cannot turn.
     fn surface(&self, contact: ContactEvent) -> Option<Surface> {
         let scene = &self.trial.scene;
-        let fixed = contact.static_index?;
+        let Obstacle::Static(fixed) = contact.obstacle else { return None };
         let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
-        let radius = own.shape.disc_radius()?;
-        let (mass, inertia) = own.mass_properties(None);
+        let radius = match own.shape.disc_radius() {
+            Some(radius) => radius,
+            None => own.shape.pieces()?.half_size(),
+        };
+        let inertia = match own.shape.disc_radius() {
+            Some(_) => {
+                let (mass, inertia) = own.mass_properties(None);
+                inertia / (mass * radius * radius)
+            }
+            None => f64::INFINITY,
+        };
         Some(Surface {
             static_index: fixed,
             normal: contact.normal,
@@ -163,9 +223,21 @@ impl BodyObservations<'_> {
             restitution: [own.restitution, other.restitution],
             carries_latents: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
             radius,
-            inertia: inertia / (mass * radius * radius),
+            inertia,
             spin_prior_sd: UNOBSERVED_SPIN_SD,
         })
+    }
+
+    /// Whether the observed angles, if any, hardly vary.
+    fn keeps_angle(&self, rows: &[TimedPosition]) -> bool {
+        let observed = &self.trial.observed;
+        let angle = |t: f64| {
+            let at = observed.times.iter().position(|s| *s == t)?;
+            observed.bodies[self.body].angle.get(at).copied().filter(|a| a.is_finite())
+        };
+        let angles: Vec<f64> = rows.iter().filter_map(|(t, _)| angle(*t)).collect();
+        let usual = median(&angles);
+        angles.iter().all(|a| (a - usual).abs() < MAX_TURN)
     }
 
     /// Spin from observed angles, rad/s; `None` with fewer than four.
@@ -250,7 +322,7 @@ mod tests {
             touched.contains(&i).then_some(ContactEvent {
                 normal: [0.0, 1.0],
                 level: 0.0,
-                static_index: None,
+                obstacle: Obstacle::Body(1),
             })
         };
         let touches = (0..times.len()).map(contact).collect();

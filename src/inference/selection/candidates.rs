@@ -7,7 +7,7 @@ use crate::inference::model::Term;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::task::Scene;
 use crate::world::effect::{
-    DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, REGISTRY, SearchStrategy,
+    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, REGISTRY, SearchStrategy,
     ShapeParameter,
 };
 
@@ -17,6 +17,9 @@ pub struct RecordingSummary {
     pub range: DataRange,
     /// Whether there may be contacts.
     pub has_contacts: bool,
+    /// Whether movable bodies may collide, and whether bodies may roll.
+    pub has_collisions: bool,
+    pub has_rolling: bool,
     /// Whether any segment starts from the scene's initial state.
     pub has_initial_segments: bool,
 }
@@ -35,9 +38,15 @@ pub struct Candidate {
 pub fn candidates(scene: &Scene, ground: &RecordingSummary) -> Vec<Candidate> {
     let told = |e: &&'static Effect| match e.target() {
         EffectTarget::Contact => ground.has_contacts,
+        EffectTarget::Body => true,
         // A free or observed initial state absorbs effects on placement.
         EffectTarget::Action => ground.has_initial_segments,
         EffectTarget::Motion | EffectTarget::Region | EffectTarget::Sensor => true,
+    };
+    let identified = |e: &&'static Effect| match e.identified_by {
+        Some(IdentifyingMotion::Collision) => ground.has_collisions,
+        Some(IdentifyingMotion::Rolling) => ground.has_rolling,
+        None => true,
     };
     let of = |e: &'static Effect| {
         let starts = match e.search {
@@ -47,10 +56,10 @@ pub fn candidates(scene: &Scene, ground: &RecordingSummary) -> Vec<Candidate> {
         };
         let per_setting = scene.per_setting.iter().any(|n| n == e.name);
         let free = vec![true; e.parameters.len()];
-        let term = |start| Term { effect: e, per_setting, start, free: free.clone(), fd_step: None };
+        let term = |start| Term { effect: e, per_setting, start, free: free.clone(), fd_step: None, bracket: None };
         Some(Candidate { effect: e, starts: starts.into_iter().map(term).collect(), strong_start: None })
     };
-    REGISTRY.iter().copied().filter(told).filter_map(of).collect()
+    REGISTRY.iter().copied().filter(told).filter(identified).filter_map(of).collect()
 }
 
 /// Prior standard deviation of a shape parameter, from the range of the data.
@@ -70,9 +79,14 @@ pub fn shape_sd(parameter: &ParameterDeclaration, range: &DataRange) -> f64 {
 
 /// Summarises a recording.
 pub fn summarise(segments: &[Segment]) -> RecordingSummary {
+    let any = |of: &dyn Fn(&Segment) -> bool| segments.iter().any(of);
     RecordingSummary {
         range: data_range(segments),
         has_contacts: segments.iter().any(|w| w.kind != SegmentKind::Flight),
+        has_collisions: any(&|w| {
+            w.kind == SegmentKind::Collision || (w.kind.uses_engine() && w.scene.bodies.len() > 1)
+        }),
+        has_rolling: any(&|w| w.kind == SegmentKind::Rolling || w.kind.uses_engine()),
         has_initial_segments: segments.iter().any(|w| w.kind == SegmentKind::FromInitialState),
     }
 }
@@ -97,7 +111,7 @@ pub fn data_range(segments: &[Segment]) -> DataRange {
         }
         let last = w.observations.last().map_or(0.0, |p| p.time);
         duration = duration.max(w.start + last);
-        let bodies = w.scene.bodies.len();
+        let bodies = if w.kind == SegmentKind::Collision { 1 } else { w.scene.bodies.len() };
         for (a, b) in
             w.observations.iter().zip(w.observations.iter().skip(bodies)).filter(|(a, b)| a.body == b.body)
         {

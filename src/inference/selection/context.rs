@@ -24,7 +24,6 @@ use crate::inference::mixed_model::groups::Group;
 use crate::inference::mixed_model::model_fit::{ModelFitter, RecordingContext, acceleration_responses};
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::model::{self, Term};
-use crate::inference::segment::SegmentKind;
 use crate::inference::selection::candidates::Candidate;
 use crate::progress::Progress;
 use crate::world::effect::EffectTarget;
@@ -51,7 +50,7 @@ pub fn context(
         .data
         .segments
         .iter()
-        .any(|w| matches!(w.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling));
+        .any(|w| w.kind.has_free_initial_state());
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;

@@ -67,7 +67,7 @@ impl SharedDiscrepancy {
     ) -> Result<Self> {
         let paths = model::segment_states(data, layout, state)?;
         let impacts = data.each_segment(|w, segment| match segment.kind {
-            SegmentKind::Contact => model::impact(segment, w, layout, state),
+            kind if kind.is_impact() => model::impact(segment, w, layout, state),
             _ => None,
         })?;
         let typical = typical_acceleration(data, layout, state, &paths)?;
@@ -144,11 +144,6 @@ impl SharedDiscrepancy {
     }
 }
 
-/// Whether a segment has a free initial state.
-fn has_free_initial_state(segment: &Segment) -> bool {
-    matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling)
-}
-
 /// Median over flights of the root mean square acceleration beyond gravity, m/s^2; 0 without flights.
 fn typical_acceleration(
     data: &SegmentData,
@@ -211,7 +206,7 @@ impl DiscrepancyBasis {
         impacts: &[Option<Impact>],
     ) -> Result<DiscrepancyBasis> {
         let states: Vec<[f64; 4]> = (data.segments.iter().zip(paths))
-            .filter(|(w, _)| has_free_initial_state(w))
+            .filter(|(w, _)| w.kind.has_free_initial_state())
             .flat_map(|(_, path)| path.iter().copied())
             .filter(|s| s.iter().all(|v| v.is_finite()))
             .collect();
@@ -314,7 +309,7 @@ impl DiscrepancyBasis {
         settings: &Settings,
     ) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(2 * segment.observations.len(), self.count());
-        if !has_free_initial_state(segment) || path.iter().flatten().any(|v| !v.is_finite()) {
+        if !segment.kind.has_free_initial_state() || path.iter().flatten().any(|v| !v.is_finite()) {
             return out;
         }
         self.integrate(segment, path, acceleration, &mut out);
@@ -324,19 +319,19 @@ impl DiscrepancyBasis {
                 (0..2).for_each(|a| out[(2 * i + a, first + k)] = position / self.camera_norm * moved[a]);
             }
         }
-        if let (Some(impact), Some(surface)) = (impact, &segment.surface) {
+        if let Some(impact) = impact {
             let [of_approach, of_tangent] = settings.discrepancy_of_impact;
             let normal = of_approach * impact.approach;
             let sizes =
                 [normal, normal.hypot(of_tangent * impact.tangent)].map(|size| size / self.impact_norm);
-            let [nx, ny] = surface.normal;
+            let [nx, ny] = impact.direction;
             let first = first + CAMERA_MODES;
             for (k, bump) in self.impact.iter().enumerate() {
                 let current = bump.at([impact.approach, impact.slip]);
                 for (way, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
                     let size = sizes[way] * current;
                     for (i, point) in segment.observations.iter().enumerate() {
-                        let since = (point.time - impact.time).max(0.0);
+                        let since = impact.shares[point.body] * (point.time - impact.time).max(0.0);
                         (0..2).for_each(|a| out[(2 * i + a, first + 2 * k + way)] = since * size * along[a]);
                     }
                 }
@@ -348,7 +343,7 @@ impl DiscrepancyBasis {
     /// Integrates every function twice along a trajectory; along the surface if the body rolls.
     fn integrate(&self, segment: &Segment, path: &[[f64; 4]], size: f64, out: &mut DMatrix<f64>) {
         let tangent = match (&segment.surface, segment.kind) {
-            (Some(surface), SegmentKind::Rolling) => Some([surface.normal[1], -surface.normal[0]]),
+            (Some(surface), kind) if kind.is_supported() => Some([surface.normal[1], -surface.normal[0]]),
             _ => None,
         };
         let count = self.acceleration_count();
@@ -356,7 +351,17 @@ impl DiscrepancyBasis {
         let mut before: Option<(f64, Vec<f64>)> = None;
         for (i, (point, state)) in segment.observations.iter().zip(path).enumerate() {
             let now = self.at_state(*state);
-            if let Some((time, last)) = before {
+            // A body at rest is held there.
+            if segment.kind == SegmentKind::Sliding && state[2] == 0.0 && state[3] == 0.0 {
+                speed.fill(0.0);
+            }
+            // Each body's trajectory begins anew.
+            let same = i > 0 && segment.observations[i - 1].body == point.body;
+            if !same {
+                speed.fill(0.0);
+                moved.fill(0.0);
+            }
+            if let Some((time, last)) = before.filter(|_| same) {
                 let dt = point.time - time;
                 for k in 0..count {
                     let a = 0.5 * size * (last[k] + now[k]);

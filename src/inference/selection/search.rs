@@ -64,6 +64,12 @@ pub fn log_prior(size: usize) -> f64 {
     size as f64 * (SETTINGS.inclusion / (1.0 - SETTINGS.inclusion)).ln()
 }
 
+/// Log prior probability of a fitted set; of a stepwise parameter every distinguishable value is as probable.
+fn log_prior_of(fit: &FittedModel) -> f64 {
+    let brackets = fit.layout.terms.iter().filter_map(|t| t.bracket);
+    log_prior(fit.effects.len()) - brackets.map(|b| (b.count.max(1) as f64).ln()).sum::<f64>()
+}
+
 /// Score test of a candidate: expected log density, index of the initial values, and amplitudes.
 type ScoreTest = (f64, usize, Vec<f64>);
 
@@ -111,7 +117,9 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
                 self.expand(&parents, &found, if size == 1 { usize::MAX } else { BEAM[size.min(3) - 2].1 })?;
             let stage = (progress, stage[size.min(3) - 1]);
             self.fit_sets(&mut found, candidate_sets, stage)?;
-            if size > 1 {
+            if size == 1 {
+                self.refit_base(&mut found)?;
+            } else {
                 let simple = self.special_cases(&found, size);
                 self.fit_sets(&mut found, simple, stage)?;
                 self.refit_subsets(&mut found, size)?;
@@ -154,6 +162,9 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         most: usize,
     ) -> Vec<(ParameterLayout, FitState)> {
         let Candidate { starts, strong_start: strong, .. } = &self.library[candidate];
+        if let Some((term, _)) = strong.iter().find(|(term, _)| term.bracket.is_some()) {
+            return vec![fit.with_terms([term.clone()], self.fitter.data.setting_count())];
+        }
         let linear = promised.iter().take(most).map(|(_, start, sizes)| {
             let term = &starts[*start];
             Term { start: with_amplitudes(term, sizes), ..term.clone() }
@@ -188,11 +199,32 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         for (fit, names) in fitted.into_iter().zip(names) {
             match fit? {
                 Some(fit) => {
-                    found.log_posterior.push(fit.log_evidence + log_prior(fit.effects.len()));
+                    found.log_posterior.push(fit.log_evidence + log_prior_of(&fit));
                     found.fits.push(fit);
                 }
                 None => found.failed.push(names),
             }
+        }
+        Ok(())
+    }
+
+    /// Refits the base model from the latents of the best single effects: these may have found a better optimum.
+    fn refit_base(&self, found: &mut SearchResult) -> Result<()> {
+        if self.latents.is_empty() {
+            return Ok(());
+        }
+        let best: Vec<usize> = found.ranked(|f| f.effects.len() == 1).into_iter().take(BEAM[1].0).collect();
+        let start = |i: usize| {
+            let (layout, values) = found.fits[i].without_term(0, self.fitter.data.setting_count());
+            (layout, FitState::new(values, found.base.state.nuisances.clone()))
+        };
+        let starts = best.into_iter().map(start).collect();
+        let names = Vec::new();
+        if let Some(fit) = self.fit_set(CandidateSet { names, expected_gain: 0.0, starts })?
+            && fit.log_evidence > found.base_log_posterior
+        {
+            found.base_log_posterior = fit.log_evidence;
+            found.base = fit;
         }
         Ok(())
     }
@@ -220,7 +252,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             again.into_par_iter().map(|(at, candidate_set)| Ok((at, self.fit_set(candidate_set)?))).collect();
         for refitted in fitted {
             let (at, Some(fit)) = refitted? else { continue };
-            let log_posterior = fit.log_evidence + log_prior(fit.effects.len());
+            let log_posterior = fit.log_evidence + log_prior_of(&fit);
             if log_posterior > found.log_posterior[at] {
                 (found.fits[at], found.log_posterior[at]) = (fit, log_posterior);
             }
@@ -389,6 +421,15 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             }
             let sizes = (0..count).map(|k| tests.iter().map(|t| t.1[k]).sum::<f64>() / tests.len() as f64);
             out[c].push((before + tests.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
+        }
+        for (c, candidate) in self.library.iter().enumerate() {
+            // A linearization does not show steps.
+            if let Some((term, gain)) = &candidate.strong_start
+                && term.bracket.is_some()
+                && !fit.effects.iter().any(|e| e.name == candidate.effect.name)
+            {
+                out[c] = vec![(before + gain, 0, term.start.clone())];
+            }
         }
         out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
         Ok(Some(out))

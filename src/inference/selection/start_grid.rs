@@ -13,8 +13,8 @@ use crate::error::Result;
 use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::SCALE_DOF;
 use crate::inference::mixed_model::model_fit::{ModelFitter, none_if_not_simulable, with_amplitudes};
-use crate::inference::model::{self, FitState, Parameter, ParameterLayout, SegmentData, Term};
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::model::{self, Bracket, FitState, Parameter, ParameterLayout, SegmentData, Term};
+use crate::inference::segment::Segment;
 use crate::inference::selection::candidates::Candidate;
 use crate::world::effect::{Effect, ParameterDeclaration, SearchStrategy};
 
@@ -42,7 +42,7 @@ pub fn add_strong_starts(
     if loss - grid.noise_loss() < MIN_GAIN {
         return Ok(());
     }
-    let may_be_strong = |c: &&mut Candidate| c.effect.parameters.iter().any(|p| p.heavy_tailed);
+    let may_be_strong = |c: &&mut Candidate| c.effect.parameters.iter().any(|p| p.heavy_tailed || p.stepwise);
     let strong = |c: &mut Candidate| {
         let found = grid.best_strong_start(c.effect, &c.starts)?;
         c.strong_start = found.map(|(term, with)| (term, loss - with));
@@ -67,9 +67,7 @@ impl<'a> StartGrid<'a> {
         let step = data.trial_count.div_ceil(MAX_TRIALS).max(1);
         let chosen = |w: &usize| {
             let segment = &data.segments[*w];
-            let measured =
-                matches!(segment.kind, SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Rolling);
-            measured && segment.trial.is_multiple_of(step) && data.sd[*w].is_finite()
+            segment.kind.has_free_initial_state() && segment.trial.is_multiple_of(step) && data.sd[*w].is_finite()
         };
         let chosen: Vec<usize> = (0..data.segments.len()).filter(chosen).collect();
         let of = |w: &usize| {
@@ -87,6 +85,9 @@ impl<'a> StartGrid<'a> {
     /// Best strong start of an effect with one amplitude, with its loss; `None` if it is not better than the
     /// neutral start.
     fn best_strong_start(&self, effect: &'static Effect, starts: &[Term]) -> Result<Option<(Term, f64)>> {
+        if effect.parameters.len() == 1 && effect.parameters[0].stepwise {
+            return self.best_step(&starts[0]);
+        }
         let ([parameter], [term], SearchStrategy::FromNeutral) = (effect.parameters, starts, effect.search)
         else {
             return Ok(None);
@@ -111,6 +112,29 @@ impl<'a> StartGrid<'a> {
         }
         let better = best.filter(|(loss, _)| *loss < linear - MIN_GAIN);
         Ok(better.map(|(loss, value)| (Term { start: vec![value], ..term.clone() }, loss)))
+    }
+
+    /// Best value of a threshold for the approach speed of impacts: between two neighbouring speeds of the data.
+    fn best_step(&self, term: &Term) -> Result<Option<(Term, f64)>> {
+        let layout = ParameterLayout::new(&self.latents, Vec::new(), self.settings());
+        let approach = |(w, segment): (usize, &Segment)| {
+            segment.kind.is_impact().then(|| model::impact(segment, w, &layout, &self.start)).flatten()
+        };
+        let mut speeds: Vec<f64> =
+            self.segments.iter().enumerate().filter_map(approach).map(|impact| impact.approach).collect();
+        speeds.sort_by(f64::total_cmp);
+        speeds.dedup();
+        let mut best: Option<(f64, Term)> = None;
+        for pair in speeds.windows(2) {
+            let bracket = Some(Bracket { interval: [pair[0], pair[1]], count: speeds.len() });
+            let term = Term { start: vec![0.5 * (pair[0] + pair[1])], free: vec![false], bracket, ..term.clone() };
+            let Some((loss, _)) = self.loss_at(Some(&term), None)? else { continue };
+            if best.as_ref().is_none_or(|b| loss < b.0) {
+                best = Some((loss, term));
+            }
+        }
+        let Some((neutral, _)) = self.loss_at(None, None)? else { return Ok(None) };
+        Ok(best.filter(|(loss, _)| *loss < neutral - MIN_GAIN).map(|(loss, term)| (term, loss)))
     }
 
     /// Loss after a fit from neutral values.

@@ -111,7 +111,7 @@ pub fn term(name: &str) -> Term {
     let effect = find(name).unwrap();
     let start = effect.parameters.iter().map(|p| p.neutral).collect();
     let free = vec![true; effect.parameters.len()];
-    Term { effect, per_setting: false, start, free, fd_step: None }
+    Term { effect, per_setting: false, start, free, fd_step: None, bracket: None }
 }
 
 /// Flights under weaker gravity, models with some effects fitted to them, and the noise.

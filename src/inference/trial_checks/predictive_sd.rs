@@ -17,7 +17,7 @@ use crate::inference::mixed_model::groups::impact_error_response;
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomDesign;
 use crate::inference::model::Linearization;
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::segment::Segment;
 use crate::inference::statistics::pseudo_inverse;
 
 /// Predictive standard deviations of residuals by segment and observation along x and y, m; NaN for unused
@@ -50,7 +50,7 @@ pub fn predictive_sds(
             components,
             known,
         );
-        if let (SegmentKind::Contact, Some(_)) = (segment.kind, &segment.surface) {
+        if segment.kind.is_impact() {
             for way in 0..2 {
                 let error = DVector::from_fn(variance.len(), |i, _| {
                     impact_error_response(segment, linearization, linearization.impact, way, i)

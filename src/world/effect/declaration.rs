@@ -37,6 +37,8 @@ pub struct Effect {
     pub instrument_check: Option<&'static str>,
     /// How the model search starts it.
     pub search: SearchStrategy,
+    /// Motion without which a recording does not identify it.
+    pub identified_by: Option<IdentifyingMotion>,
 }
 
 /// The declaration of an effect's parameter.
@@ -58,11 +60,22 @@ pub struct ParameterDeclaration {
     pub prior_sd: f64,
     /// Whether sizes far beyond `prior_sd` are plausible too: of media and instruments of any kind.
     pub heavy_tailed: bool,
+    /// Whether predictions are piecewise constant in it.
+    pub stepwise: bool,
     /// The coordinate in which the prior is symmetric.
     pub prior_coordinate: PriorCoordinate,
     /// Finite-difference step: far above rounding errors and far below the scale of the effect; for edges
     /// of a region wide enough that some trajectory crosses the strip in between.
     pub fd_step: f64,
+}
+
+/// Motion by which a recording identifies an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IdentifyingMotion {
+    /// Movable bodies collide.
+    Collision,
+    /// Bodies roll.
+    Rolling,
 }
 
 /// The role of a parameter in its effect.
@@ -141,6 +154,8 @@ pub enum EffectTarget {
     Motion,
     /// Contacts.
     Contact,
+    /// Masses and moments of inertia.
+    Body,
     /// The motion of bodies within a region.
     Region,
     /// Measurements.
@@ -165,6 +180,7 @@ pub(super) const fn effect(kind: EffectKind) -> Effect {
         reset_by_contact: false,
         instrument_check: None,
         search: SearchStrategy::FromNeutral,
+        identified_by: None,
     }
 }
 
@@ -190,6 +206,7 @@ pub(super) const fn amplitude(size: f64, prior_sd: f64, fd_step: f64) -> Paramet
         typical_size: size,
         prior_sd,
         heavy_tailed: false,
+        stepwise: false,
         prior_coordinate: PriorCoordinate::Value,
         fd_step,
     }
@@ -211,7 +228,7 @@ pub(super) const fn edge(axis: usize, end: usize, size: f64, fd_step: f64) -> Pa
     shape(ShapeParameter::Edge { axis, end }, size, fd_step)
 }
 
-names!(EffectTarget: Motion = "motion", Contact = "contact", Region = "region", Sensor = "sensor",
+names!(EffectTarget: Motion = "motion", Contact = "contact", Body = "body", Region = "region", Sensor = "sensor",
     Action = "action");
 
 impl Effect {
@@ -223,6 +240,7 @@ impl Effect {
             }
             EffectKind::Motion(_) => EffectTarget::Motion,
             EffectKind::Contact(_) => EffectTarget::Contact,
+            EffectKind::Body(_) => EffectTarget::Body,
             EffectKind::Sensor(_) => EffectTarget::Sensor,
             EffectKind::Action(_) => EffectTarget::Action,
         }
@@ -269,6 +287,11 @@ impl ParameterDeclaration {
             PriorCoordinate::LogGravity if gravity > 0.0 => gravity * libm::expm1(deviation / gravity),
             PriorCoordinate::Value | PriorCoordinate::LogGravity => self.neutral + deviation,
         }
+    }
+
+    /// The same for a parameter in which predictions are piecewise constant.
+    pub(super) const fn stepwise(self) -> ParameterDeclaration {
+        ParameterDeclaration { stepwise: true, ..self }
     }
 
     /// The same with a heavy-tailed prior that is symmetric in a coordinate.

@@ -7,6 +7,8 @@ pub enum EffectKind {
     Motion(&'static dyn MotionLaw),
     /// Changes the response of contacts, or slows bodies that roll on them.
     Contact(&'static dyn ContactLaw),
+    /// Changes masses and moments of inertia.
+    Body(&'static dyn BodyLaw),
     /// Changes the measured states: see `world::observe`.
     Sensor(&'static dyn Sensor),
     /// Changes the initial positions of objects that an action places.
@@ -113,6 +115,26 @@ pub fn rolling_velocity_loss(along: f64, omega: f64, radius: f64, off: f64) -> [
     }
     let lost = along.signum() * off.min(along.abs()).min(rim.abs());
     [lost, lost / radius]
+}
+
+/// Inertial properties of a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MassProperties {
+    /// kg
+    pub mass: f64,
+    /// Moment of inertia about the centre of mass, kg m^2.
+    pub inertia: f64,
+}
+
+/// An error of the scene's masses or moments of inertia.
+pub trait BodyLaw: Sync {
+    /// As [`MotionLaw::constants`].
+    fn constants(&self, parameters: &[f64], _context: &SimulationContext) -> Constants {
+        constants(parameters)
+    }
+
+    /// Actual properties of the scene's body with index `body`.
+    fn apply(&self, constants: &Constants, body: usize, own: MassProperties) -> MassProperties;
 }
 
 /// A sensor: the measured state as a function of the true state and time.

@@ -10,10 +10,12 @@ pub mod clock_push;
 mod declaration;
 mod gravity_error;
 pub mod gust;
+mod inertia_error;
 mod lag;
 mod law;
 mod lift;
 pub(super) mod linear_drag;
+mod mass_ratio;
 pub mod monomial;
 mod moving_air;
 pub mod place_drive;
@@ -39,14 +41,14 @@ use std::fmt::Display;
 use crate::error::{Error, Result, check_range};
 use crate::task::scene::{EffectTerm, Scene};
 pub use declaration::{
-    DataRange, Effect, EffectTarget, ParameterDeclaration, ParameterRole, PriorCoordinate, SearchStrategy,
+    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, PriorCoordinate, SearchStrategy,
     ShapeParameter,
 };
 use declaration::{amplitude, edge, effect, parameter, scale_factor, shape};
 use law::constants;
 pub use law::{
-    ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,
-    Measurement, MotionLaw, MotionState, MotionStateLanes, PlacementLaw, Sensor, SimulationContext,
+    BodyLaw, ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,
+    MassProperties, Measurement, MotionLaw, MotionState, MotionStateLanes, PlacementLaw, Sensor, SimulationContext,
     rolling_velocity_loss,
 };
 pub use rbf::gaussian;
@@ -65,6 +67,8 @@ pub static REGISTRY: &[&Effect] = &[
     &restitution_speed::EFFECT,
     &restitution_threshold::EFFECT,
     &tangential_restitution::EFFECT,
+    &mass_ratio::EFFECT,
+    &inertia_error::EFFECT,
     &sticky_patch::EFFECT,
     &position_scale::EFFECT,
     &time_scale::EFFECT,
@@ -189,7 +193,7 @@ mod tests {
     fn motions() -> impl Iterator<Item = (&'static Effect, &'static dyn MotionLaw)> {
         REGISTRY.iter().filter_map(|e| match e.kind {
             EffectKind::Motion(law) => Some((*e, law)),
-            EffectKind::Contact(_) | EffectKind::Sensor(_) | EffectKind::Action(_) => None,
+            EffectKind::Contact(_) | EffectKind::Body(_) | EffectKind::Sensor(_) | EffectKind::Action(_) => None,
         })
     }
 

@@ -1,0 +1,126 @@
+//! Two discs that collide: each flies as without the other until they touch, and again from there with the velocities after
+//! the impact.
+
+use std::array::from_fn;
+
+use super::integrator::{BatchedIntegrator, DenseTrajectory, InitialCondition, LaneValues, SmoothArc, find_root};
+use super::physics::{Impact, MAX_STEPS, SegmentPhysics};
+use super::supported::PlanarState;
+use crate::inference::segment::CollidingPair;
+use crate::world::effect::LANES;
+
+/// Number of nuisances of a disc; the excess of the distance at contact follows those of both.
+const DISC_NUISANCES: usize = 5;
+/// Largest relative displacement in a step, in units of the smaller radius, so that no glancing collision is stepped over.
+const MAX_DISPLACEMENT: f64 = 0.2;
+const MAX_STEP_COUNT: f64 = 1000.0;
+
+/// As [`integrator::integrate`](super::integrator::integrate), for collision segments.
+pub fn integrate(
+    paths: &[InitialCondition],
+    visit: &mut dyn FnMut(usize, usize, PlanarState),
+) -> Vec<Option<Impact>> {
+    let Some((lead, start)) = paths.first() else { return Vec::new() };
+    let Some(pair) = lead.segment.pair else { return vec![None; paths.len()] };
+    let mut counts = [None; 2];
+    let step = longest_step(lead, start, &pair);
+    let mut impacts = Vec::with_capacity(paths.len());
+    for (first, group) in paths.chunks(LANES).enumerate().map(|(g, group)| (g * LANES, group)) {
+        let (discs, met) = trajectories(group, &pair, step, &mut counts);
+        for (lane, (physics, _)) in group.iter().enumerate() {
+            let mut places = [[0; 2]; 2];
+            for (i, point) in physics.segment.observations.iter().enumerate() {
+                let time = physics.true_time(point.time);
+                visit(first + lane, i, discs[point.body].at(lane, time, &mut places[point.body]));
+            }
+        }
+        impacts.extend(met.into_iter().take(group.len()));
+    }
+    impacts
+}
+
+/// Trajectories of both discs with their impacts by lane. `counts`: numbers of steps before and after the impact, set by the
+/// first group.
+fn trajectories(
+    group: &[InitialCondition],
+    pair: &CollidingPair,
+    step: f64,
+    counts: &mut [Option<usize>; 2],
+) -> ([DenseTrajectory; 2], [Option<Impact>; LANES]) {
+    let solver = BatchedIntegrator::of(group, step);
+    let points = &solver.paths[0].0.segment.observations;
+    let [from, until] = [f64::min, f64::max]
+        .map(|of| solver.true_times(points.iter().map(|p| p.time).reduce(of).unwrap_or(0.0)));
+    let start: [[PlanarState; LANES]; 2] = from_fn(|k| from_fn(|lane| disc_state(solver.paths[lane].1, k)));
+    let arc = |from: &LaneValues, start: &[PlanarState; LANES], count: usize| {
+        solver.integrate_arc(uniform_times(from, &until, count), start, |_| true)
+    };
+    let count = |from: f64, until: f64| ((until - from) / step).ceil().clamp(1.0, MAX_STEP_COUNT) as usize;
+    let before_count = *counts[0].get_or_insert_with(|| count(from[0], until[0]));
+    let before = [0, 1].map(|k| arc(&from, &start[k], before_count));
+    let events: [Option<(f64, [PlanarState; 2], Impact)>; LANES] = from_fn(|lane| {
+        let (physics, nuisances) = solver.paths[lane];
+        let distance = pair.radii[0] + pair.radii[1] + nuisances.get(2 * DISC_NUISANCES).copied().unwrap_or(0.0);
+        let (time, met) = first_touch(&before, lane, distance)?;
+        let (after, impact) = physics.resolve_collision(time, met, pair);
+        Some((time, after, impact))
+    });
+    let impact_times: LaneValues = from_fn(|lane| events[lane].map_or(f64::INFINITY, |e| e.0));
+    let restart: LaneValues = from_fn(|lane| events[lane].map_or(from[lane], |e| e.0));
+    let after = [0, 1].map(|k| {
+        if events.iter().all(Option::is_none) {
+            return SmoothArc::default();
+        }
+        let state: [PlanarState; LANES] = from_fn(|lane| events[lane].map_or(start[k][lane], |e| e.1[k]));
+        let count = *counts[1].get_or_insert_with(|| count(restart[0], until[0]));
+        arc(&restart, &state, count)
+    });
+    let [a, b] = before;
+    let [c, d] = after;
+    let discs = [[a, c], [b, d]].map(|arcs| DenseTrajectory { arcs, impact_times });
+    (discs, events.map(|e| e.map(|e| e.2)))
+}
+
+/// Time at which the centres of two discs are first at a distance (m) from each other, with their states; `None` if they never
+/// are, or begin nearer.
+fn first_touch(arcs: &[SmoothArc; 2], lane: usize, distance: f64) -> Option<(f64, [PlanarState; 2])> {
+    let states = |k: usize, share: f64| [0, 1].map(|body| arcs[body].state(k, lane, share));
+    let gap = |[a, b]: &[PlanarState; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) - distance;
+    let mut apart = gap(&states(0, 0.0)) > 0.0;
+    for k in 0..arcs[0].times.len() - 1 {
+        let touching = gap(&states(k, 1.0)) < 0.0;
+        if apart && touching {
+            let [now, h] = arcs[0].step(k, lane);
+            let share = find_root(|share| {
+                let [a, b] = states(k, share);
+                let [d, v] = [[a[0] - b[0], a[1] - b[1]], [a[2] - b[2], a[3] - b[3]]];
+                let slope = h * (d[0] * v[0] + d[1] * v[1]) / d[0].hypot(d[1]).max(f64::MIN_POSITIVE);
+                [gap(&[a, b]), slope]
+            });
+            return Some((now + h * share, states(k, share)));
+        }
+        apart = !touching;
+    }
+    None
+}
+
+/// Longest step, s: by the laws of motion, and short against the passage of the discs.
+fn longest_step(physics: &SegmentPhysics, nuisances: &[f64], pair: &CollidingPair) -> f64 {
+    let [a, b] = [0, 1].map(|k| disc_state(nuisances, k));
+    let speed = (a[2] - b[2]).hypot(a[3] - b[3]);
+    let passage = MAX_DISPLACEMENT * pair.radii[0].min(pair.radii[1]) / speed;
+    let own = physics.max_step_from(&a).min(physics.max_step_from(&b)).min(MAX_STEPS[1]);
+    if passage.is_finite() { own.min(passage) } else { own }
+}
+
+/// Initial state of a disc from the nuisances of a collision.
+fn disc_state(nuisances: &[f64], disc: usize) -> PlanarState {
+    let own = nuisances.get(DISC_NUISANCES * disc..DISC_NUISANCES * (disc + 1));
+    own.and_then(|own| own.try_into().ok()).unwrap_or([f64::NAN; 5])
+}
+
+/// Ends of equal steps by lane.
+fn uniform_times(from: &LaneValues, until: &LaneValues, count: usize) -> Vec<LaneValues> {
+    let at = |k: usize| from_fn(|lane| from[lane] + (until[lane] - from[lane]) * (k as f64 / count as f64));
+    (0..=count).map(at).collect()
+}
