@@ -57,6 +57,9 @@ fn list_entry(e: &Effect) -> String {
 fn description(e: &Effect) -> String {
     let mut text =
         format!("{}\n\n{}\n\nLaw:\n  {}\n\nParameters:\n", e.name, wrapped(e.summary, ""), e.equation);
+    if !e.aliases.is_empty() {
+        text = text.replacen("\n\n", &format!(" (also {})\n\n", e.aliases.join(", ")), 1);
+    }
     e.parameters.iter().for_each(|p| text += &parameter_line(p));
     text += &format!("\nActs on:\n  {}\n", target_in_words(e.target()));
     text += &format!("\nHow to recognise it:\n{}\n", wrapped(e.signature, "  "));

@@ -59,6 +59,7 @@ use data::surface_offsets;
 use mixed_model::model_fit::{ModelFitter, RecordingContext};
 use model::{FitState, ParameterLayout, SegmentData};
 pub use report::Diagnosis;
+use report::text::unused_contacts_text;
 use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use report::prediction_gain::ErrorScale;
@@ -157,6 +158,8 @@ fn diagnose_without(
     let mut finding = build_report(&given, found, &decision, config)?;
     finding.diagnosis.odd_trials = odd;
     finding.diagnosis.surface_offsets = surface_offsets::report(scene, &offsets);
+    finding.diagnosis.unused_contacts.clone_from(&ready.unused_contacts);
+    finding.diagnosis.reason += &unused_contacts_text(&ready.unused_contacts);
     finding.diagnosis.reason += &surface_offsets::text(&finding.diagnosis.surface_offsets);
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;

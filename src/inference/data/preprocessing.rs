@@ -8,6 +8,7 @@ use crate::inference::data::discretisation::COLD_START_SD;
 use crate::inference::data::noise::{self, Noise};
 use crate::inference::data::smoothing::PolynomialSmooth;
 use crate::inference::data::time_alignment::{self, IntegratorMismatch};
+use crate::inference::report::UnusedContacts;
 use crate::inference::report::expected_rss::{ExpectedRss, expected_rss};
 use crate::inference::segment::{self, MIN_FLIGHT_OBSERVATIONS, Segment, SegmentKind};
 use crate::inference::selection::candidates;
@@ -44,6 +45,8 @@ pub struct PreprocessedData {
     pub untrimmed: Vec<Segment>,
     /// Integrator mismatch, if there is one.
     pub mismatch: Option<IntegratorMismatch>,
+    /// Contacts in no segment.
+    pub unused_contacts: Vec<UnusedContacts>,
     /// Expected residual sum of squares of the segments, before averaging.
     pub expected_rss: ExpectedRss,
 }
@@ -77,6 +80,7 @@ pub fn preprocess(
 ) -> Result<std::result::Result<PreprocessedData, InsufficientData>> {
     let (names, settings) = index_settings(trials);
     let mut segments = segment::segment_trials(scene, trials, &settings, run, progress)?;
+    let unused_contacts = segment::unused_contacts(trials, &segments);
     segments.retain(|w| !left_out.contains(&w.trial));
     progress.report("estimating the noise", 0, 1)?;
     let stepping = time_alignment::align_velocities(&mut segments, trials, engine, progress)?;
@@ -119,6 +123,7 @@ pub fn preprocess(
         engine_sd: simulated,
         untrimmed: whole,
         mismatch: stepping,
+        unused_contacts,
         expected_rss,
     }))
 }

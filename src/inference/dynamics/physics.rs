@@ -94,7 +94,7 @@ impl<'a> SegmentPhysics<'a> {
                 // A free initial state absorbs any effect on placement.
                 EffectKind::Action(_) => {}
             }
-            if effect.target() == EffectTarget::Region {
+            if effect.target() == EffectTarget::Region || effect.is_abrupt {
                 max_step = MAX_STEPS[1];
             }
         }

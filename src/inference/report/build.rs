@@ -128,6 +128,7 @@ pub fn build_report(
         paths: trajectory_residuals::trajectory_residuals(&evidence, used),
         odd_trials: Vec::new(),
         surface_offsets: Vec::new(),
+        unused_contacts: Vec::new(),
         failed: found.failed.iter().map(|n| strings(n)).collect(),
         seed: config.seed,
     };
@@ -213,6 +214,7 @@ pub fn insufficient_data_report(
         remainder: None,
         odd_trials: Vec::new(),
         surface_offsets: Vec::new(),
+        unused_contacts: Vec::new(),
         failed: Vec::new(),
         next_experiment: Some(RecommendedExperiment {
             why: reason.to_string(),

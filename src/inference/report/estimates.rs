@@ -73,6 +73,8 @@ fn bracket_estimate(term: &model::Term, bracket: &model::Bracket) -> Option<Para
 /// Decrease of the profile log density that excludes a value, nats: half the 95 % quantile of chi-squared
 /// with one degree of freedom.
 const EXCLUSION_NATS: f64 = 1.92;
+/// Bisections of an interval at a bound: to a 250th of the searched range.
+const BISECTIONS: usize = 8;
 
 /// Calibrated latents, the first `count` parameters of a fit. A latent is identifiable if its interval is
 /// short and the data exclude the bounds outside of it: a friction that grips at every impact has no upper
@@ -97,11 +99,38 @@ pub fn calibrated_latents(
             && half < 0.25 * width.min(4.0)
             && information > 10.0 * parameter.min_information();
         let identifiable = is_short && excludes(&parameter.bounds[0])? && excludes(&parameter.bounds[1])?;
+        let at_bound = parameter.bounds.iter().any(|bound| value == *bound);
+        let (identifiable, [low, high]) = match at_bound && information > 10.0 * parameter.min_information() {
+            true => one_sided_interval(fitter, f, i)?.map_or((false, [value; 2]), |ends| (true, ends)),
+            false => (identifiable, [value - half, value + half]),
+        };
         let end = |v: f64| identifiable.then(|| v.clamp(parameter.bounds[0], parameter.bounds[1]));
-        let ci95 = [end(value - half), end(value + half)];
+        let ci95 = [end(low), end(high)];
         Ok(CalibratedLatent { name: FACTORS[latent].name.into(), value, ci95, identifiable })
     };
     (0..count).map(of).collect()
+}
+
+/// Interval of a parameter at one of its bounds, by the profile log density; `None` if a quarter of its range is not excluded.
+fn one_sided_interval(fitter: &ModelFitter, f: &FittedModel, slot: usize) -> Result<Option<[f64; 2]>> {
+    let parameter = &f.layout.parameters[slot];
+    let [low, high] = parameter.bounds;
+    let (value, range) = (f.state.values[slot], (high - low).min(4.0));
+    let inwards = if value == low { 1.0 } else { -1.0 };
+    let excluded = |distance: f64| -> Result<bool> {
+        let at = fitter.log_joint_with(f, slot, value + inwards * distance)?;
+        Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
+    };
+    let (mut inside, mut outside) = (0.0, 0.25 * range);
+    if !excluded(outside)? {
+        return Ok(None);
+    }
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (inside + outside);
+        if excluded(middle)? { outside = middle } else { inside = middle }
+    }
+    let end = value + inwards * outside;
+    Ok(Some([value.min(end), value.max(end)]))
 }
 
 /// All fitted models, most probable first; `names`: of the settings.

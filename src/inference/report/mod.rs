@@ -16,5 +16,5 @@ pub use schema::{
     BaseMisfit, BetweenTrialVariation, CalibratedLatent, Diagnosis, EffectEstimate, FORMAT, HeldOutError,
     LawTerm, ModelScore, OddTrial, ParameterEstimate, PredictionGain, PredictiveCheck, RecommendedExperiment,
     ResidualField, ResidualLaw, ResidualSummary, SurfaceOffset, TrajectoryResiduals, TrialEffectEstimate,
-    TrialEffects, TrialPredictiveCheck, TrialResiduals, Verdict, round_to_six_digits,
+    TrialEffects, TrialPredictiveCheck, TrialResiduals, UnusedContacts, Verdict, round_to_six_digits,
 };

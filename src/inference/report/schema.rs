@@ -69,16 +69,26 @@ pub struct Diagnosis {
     pub odd_trials: Vec<OddTrial>,
     /// Surfaces that are not where the scene has them.
     pub surface_offsets: Vec<SurfaceOffset>,
+    /// Contacts that the diagnosis does not use.
+    pub unused_contacts: Vec<UnusedContacts>,
     /// Sets whose fit failed; they are not ruled out.
     pub failed: Vec<Vec<String>>,
     pub seed: u64,
+}
+
+/// Contacts that are not used, for one reason.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct UnusedContacts {
+    /// The kind of contact and why it is not used.
+    pub reason: String,
+    pub count: usize,
 }
 
 /// An effect of the selected set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EffectEstimate {
     pub name: String,
-    /// `motion`, `contact`, `region`, `sensor` or `action`.
+    /// `motion`, `contact`, `body`, `region`, `sensor` or `action`.
     pub acts_on: String,
     /// Posterior probability that the effect acts, over all sets that were tried.
     pub probability: f64,

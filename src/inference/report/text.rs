@@ -3,7 +3,7 @@
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::report::prediction_gain::ErrorScale;
-use crate::inference::report::{PredictionGain, ResidualLaw, ResidualSummary, Verdict};
+use crate::inference::report::{PredictionGain, ResidualLaw, ResidualSummary, UnusedContacts, Verdict};
 use crate::inference::selection::search::SearchResult;
 use crate::inference::selection::{Decision, SETTINGS};
 
@@ -135,6 +135,13 @@ pub fn law_text(law: &ResidualLaw) -> String {
         ),
         _ => String::new(),
     }
+}
+
+/// Contacts that are not used; empty without any.
+pub fn unused_contacts_text(unused: &[UnusedContacts]) -> String {
+    let one = |u: &UnusedContacts| format!("{} {}", u.count, u.reason);
+    let all: Vec<String> = unused.iter().map(one).collect();
+    if all.is_empty() { String::new() } else { format!("; not used: {}", all.join(", ")) }
 }
 
 #[cfg(test)]

@@ -87,8 +87,8 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
 
 /// Observed angle of a body at a time, rad; 0 if it was not observed.
 fn observed_angle(trial: &Trial, body: usize, time: f64) -> f64 {
-    let at = trial.observed.times.iter().position(|s| *s == time);
-    let angle = at.and_then(|i| trial.observed.bodies[body].angle.get(i).copied());
+    let at = trial.observed.times.partition_point(|s| *s < time);
+    let angle = trial.observed.bodies[body].angle.get(at).copied();
     angle.filter(|a| a.is_finite()).unwrap_or(0.0)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! `definition`: kinds of segments. `segmentation`: cuts trials. `single_body`: flights, bounces and rolling
 //! of one body, by detected contacts (`contact_detection`) and holds (`holds`); `sliding`: whether they slide; `collision`: collisions of two; `full_state`: segments of all
-//! bodies of trials whose initial state is known. `block_averages`: averages of long segments.
+//! bodies of trials whose initial state is known. `unused_contacts`: contacts in no segment; `block_averages`: averages of long segments.
 //!
 //! Source: multiple shooting (Bock 1983).
 //!
@@ -18,6 +18,7 @@ mod holds;
 mod segmentation;
 mod single_body;
 mod sliding;
+mod unused_contacts;
 
 pub use block_averages::average_blocks;
 pub use definition::{
@@ -26,3 +27,4 @@ pub use definition::{
 };
 pub use full_state::{initial_state_guess, remove_overlaps};
 pub use segmentation::segment_trials;
+pub use unused_contacts::unused_contacts;

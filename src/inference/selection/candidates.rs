@@ -11,10 +11,15 @@ use crate::world::effect::{
     ShapeParameter,
 };
 
+/// Gravity in the plane of a table that is seen from above, m/s^2: a tilt of up to 17 degrees.
+const MAX_GRAVITY_FROM_ABOVE: f64 = 3.0;
+
 /// Properties of a recording on which the candidates depend.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordingSummary {
     pub range: DataRange,
+    /// Largest gravity of the scenes, m/s^2.
+    pub gravity: f64,
     /// Whether there may be contacts.
     pub has_contacts: bool,
     /// Whether movable bodies may collide, and whether bodies may roll.
@@ -46,6 +51,7 @@ pub fn candidates(scene: &Scene, ground: &RecordingSummary) -> Vec<Candidate> {
     let identified = |e: &&'static Effect| match e.identified_by {
         Some(IdentifyingMotion::Collision) => ground.has_collisions,
         Some(IdentifyingMotion::Rolling) => ground.has_rolling,
+        Some(IdentifyingMotion::SeenFromAbove) => ground.gravity < MAX_GRAVITY_FROM_ABOVE,
         None => true,
     };
     let of = |e: &'static Effect| {
@@ -82,6 +88,7 @@ pub fn summarise(segments: &[Segment]) -> RecordingSummary {
     let any = |of: &dyn Fn(&Segment) -> bool| segments.iter().any(of);
     RecordingSummary {
         range: data_range(segments),
+        gravity: max_gravity(segments),
         has_contacts: segments.iter().any(|w| w.kind != SegmentKind::Flight),
         has_collisions: any(&|w| {
             w.kind == SegmentKind::Collision || (w.kind.uses_engine() && w.scene.bodies.len() > 1)

@@ -30,6 +30,8 @@ const STEPS: usize = 3;
 const MAX_RISES: usize = 2;
 /// Minimum excess of the base model over the noise, and minimum gain of a strong start, nats.
 const MIN_GAIN: f64 = 3.0;
+/// Difference of the loss that excludes a value of a threshold, nats: half the 95 % quantile of chi-squared.
+const EXCLUSION_NATS: f64 = 1.92;
 
 /// Adds strong starts to candidates for which they are better.
 pub fn add_strong_starts(
@@ -124,17 +126,28 @@ impl<'a> StartGrid<'a> {
             self.segments.iter().enumerate().filter_map(approach).map(|impact| impact.approach).collect();
         speeds.sort_by(f64::total_cmp);
         speeds.dedup();
-        let mut best: Option<(f64, Term)> = None;
-        for pair in speeds.windows(2) {
-            let bracket = Some(Bracket { interval: [pair[0], pair[1]], count: speeds.len() });
-            let term = Term { start: vec![0.5 * (pair[0] + pair[1])], free: vec![false], bracket, ..term.clone() };
-            let Some((loss, _)) = self.loss_at(Some(&term), None)? else { continue };
-            if best.as_ref().is_none_or(|b| loss < b.0) {
-                best = Some((loss, term));
-            }
-        }
+        let between = |low: f64, high: f64, bracket| {
+            Term { start: vec![0.5 * (low + high)], free: vec![false], bracket, ..term.clone() }
+        };
+        let loss = |pair: &[f64]| -> Result<f64> {
+            let found = self.loss_at(Some(&between(pair[0], pair[1], None)), None)?;
+            Ok(found.map_or(f64::INFINITY, |(loss, _)| loss))
+        };
+        let losses = speeds.windows(2).map(loss).collect::<Result<Vec<f64>>>()?;
+        let Some(best) = (0..losses.len()).min_by(|a, b| losses[*a].total_cmp(&losses[*b])) else {
+            return Ok(None);
+        };
         let Some((neutral, _)) = self.loss_at(None, None)? else { return Ok(None) };
-        Ok(best.filter(|(loss, _)| *loss < neutral - MIN_GAIN).map(|(loss, term)| (term, loss)))
+        if losses[best] >= neutral - MIN_GAIN {
+            return Ok(None);
+        }
+        // Impacts that bounce too low to be seen do not tell neighbouring values apart.
+        let equal = |i: &usize| losses[*i] < losses[best] + EXCLUSION_NATS;
+        let first = (0..=best).rev().take_while(equal).last().unwrap_or(best);
+        let last = (best..losses.len()).take_while(equal).last().unwrap_or(best);
+        let interval = [speeds[first], speeds[last + 1]];
+        let bracket = Some(Bracket { interval, count: speeds.len() / (last + 1 - first) });
+        Ok(Some((between(interval[0], interval[1], bracket), losses[best])))
     }
 
     /// Loss after a fit from neutral values.

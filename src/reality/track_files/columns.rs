@@ -14,6 +14,9 @@ pub enum ColumnQuantity {
     X,
     Y,
     Z,
+    /// Height, or distance along a track: a coordinate where there is no other. Beside others it may be the size of a box.
+    Height,
+    Distance,
     /// Confidence of a detection, from 0 to 1.
     Likelihood,
     Trial,
@@ -79,7 +82,7 @@ pub const TIMES: [(ColumnUnit, &[&str]); 5] = [
 ];
 
 /// Accepted column names, in lower case without separators.
-const NAMES: [(ColumnQuantity, &[&str]); 10] = [
+const NAMES: [(ColumnQuantity, &[&str]); 12] = [
     (
         ColumnQuantity::Time,
         &[
@@ -156,6 +159,8 @@ const NAMES: [(ColumnQuantity, &[&str]); 10] = [
         ],
     ),
     (ColumnQuantity::Z, &["z", "zpos", "posz", "positionz", "zposition", "zcoord", "zcoordinate"]),
+    (ColumnQuantity::Height, &["height", "h", "altitude", "elevation", "hoehe", "höhe"]),
+    (ColumnQuantity::Distance, &["distance", "position", "displacement", "pos"]),
     (ColumnQuantity::Likelihood, &["likelihood"]),
     (ColumnQuantity::Trial, &["trial", "run", "launch", "throw", "shot", "take"]),
     (
@@ -278,7 +283,11 @@ pub fn fits(quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> bool {
         |units: &[(ColumnUnit, &[&str])]| unit.is_none_or(|u| units.iter().any(|(known, _)| *known == u));
     match quantity {
         ColumnQuantity::Time | ColumnQuantity::Interval => among(&TIMES),
-        ColumnQuantity::X | ColumnQuantity::Y | ColumnQuantity::Z => among(&LENGTHS),
+        ColumnQuantity::X
+        | ColumnQuantity::Y
+        | ColumnQuantity::Z
+        | ColumnQuantity::Height
+        | ColumnQuantity::Distance => among(&LENGTHS),
         _ => unit.is_none(),
     }
 }

@@ -72,8 +72,9 @@ fn is_header(columns: &[TrackColumn]) -> bool {
         |wanted: &[ColumnQuantity]| columns.iter().any(|c| c.quantity.is_some_and(|q| wanted.contains(&q)));
     let coordinates =
         [ColumnQuantity::X, ColumnQuantity::Y, ColumnQuantity::Z].into_iter().filter(|q| any(&[*q])).count();
+    let single = any(&[ColumnQuantity::Height, ColumnQuantity::Distance]);
     let has_time = any(&[ColumnQuantity::Time, ColumnQuantity::Frame, ColumnQuantity::Interval]);
-    coordinates >= 2 || coordinates == 1 && has_time
+    coordinates >= 2 || (coordinates == 1 || single) && has_time
 }
 
 /// The header of a file whose lines are all numbers.
@@ -103,8 +104,8 @@ const MAX_UNIT_ROWS: usize = 4;
 pub fn read_unit_rows(table: &mut Table) {
     let read: Vec<usize> = (0..table.columns.len())
         .filter(|i| {
-            use ColumnQuantity::{Frame, Interval, Time, X, Y, Z};
-            matches!(table.columns[*i].quantity, Some(Time | Frame | Interval | X | Y | Z))
+            use ColumnQuantity::{Distance, Frame, Height, Interval, Time, X, Y, Z};
+            matches!(table.columns[*i].quantity, Some(Time | Frame | Interval | X | Y | Z | Height | Distance))
         })
         .collect();
     for _ in 0..MAX_UNIT_ROWS {

@@ -13,6 +13,7 @@ mod load;
 mod parse_options;
 mod qualisys;
 mod read;
+mod repeated_frames;
 mod selection;
 mod table;
 mod times;

@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, HashSet};
 use super::columns::TrackColumn;
 use super::formats::table;
 use super::parse_options::TrackParseOptions;
+use super::repeated_frames::{Picture, without_repeats};
 use super::selection::{MIN_LIKELIHOOD, SelectedRow, TrackSelection, choose};
 use super::table::Table;
 use super::times::{check_increasing, undo_rounding};
@@ -118,10 +119,15 @@ fn read_table(
     let mut trials = by_trial(rows, budget)?;
     let rounded = complete_times(&mut trials, &selection)?;
     let mut notes = table.notes.clone();
+    notes.extend(drop_repeats(&mut trials));
     let unused = selection.unused(&table.columns);
     if !unused.is_empty() {
         let names: Vec<String> = unused.iter().map(|n| format!("{n:?}")).collect();
         notes.push(format!("unused columns: {}", names.join(", ")));
+    }
+    if let Some(missing) = selection.missing_coordinate() {
+        let text = "one coordinate was measured; effects that act";
+        notes.push(format!("{text} {missing} are not candidates"));
     }
     if let Some(step) = rounded.first() {
         let count = rounded.len();
@@ -161,6 +167,31 @@ fn complete_times(trials: &mut [Vec<SelectedRow>], selection: &TrackSelection) -
         rows.iter_mut().zip(own).for_each(|(r, row)| r.row = row);
     }
     Ok(rounded)
+}
+
+/// Leaves out pictures that repeat the one before, in films whose frame rate was converted that way.
+fn drop_repeats(trials: &mut [Vec<SelectedRow>]) -> Option<String> {
+    let mut remark = None;
+    for rows in trials {
+        let pictures: Vec<Picture> = rows.iter().map(|r| (r.row.t, [r.row.values[0], r.row.values[1]])).collect();
+        let Some(found) = without_repeats(&pictures) else { continue };
+        let mut kept = found.kept.iter().peekable();
+        let mut i = 0;
+        rows.retain_mut(|r| {
+            let time = kept.next_if(|k| k.0 == i).map(|k| k.1);
+            i += 1;
+            r.row.t = time.unwrap_or(r.row.t);
+            time.is_some()
+        });
+        let rate = (rows.len() - 1) as f64 / (rows[rows.len() - 1].row.t - rows[0].row.t);
+        remark.get_or_insert_with(|| {
+            format!(
+                "every {}th picture repeats the one before; repeats are left out and the others spaced evenly, {rate:.1} a second",
+                found.period
+            )
+        });
+    }
+    remark
 }
 
 /// Selects the rows of one body.
@@ -349,7 +380,7 @@ mod tests {
             ("a,b\n1,2\n", silent(), "1: `header` is \"a,b\"; allowed: a line that names the columns"),
             ("0,1,2\n1,1,2\n", silent(), "allowed: a line that names the columns"),
             ("", silent(), "`header` is \"empty\""),
-            ("t,x\n0,1\n", silent(), "1: `header` is without a y"),
+            ("t,x,z_px\n0,1,2\n", silent(), "1: `header` is without a y"),
             ("t,x,y,x\n0,1,2,3\n", silent(), "\"x\" twice"),
             ("frame,x,y\n0,1,2\n", silent(), "1: `frame` is a frame number; allowed: with `fps`"),
             ("t,x_px,y_px\n0,1,2\n", silent(), "1: `x_px` is in pixels; allowed: with `metres_per_pixel`"),

@@ -31,12 +31,18 @@ pub struct TrackSelection {
     pub units_declared: [bool; 2],
 }
 
-/// Columns of the coordinates of one track.
+/// Columns of the coordinates of one track. Where only a height or a distance along a track was measured, the other coordinate is 0.
 #[derive(Clone, Copy)]
 struct AxisColumns {
-    x: usize,
-    y: usize,
+    x: Option<usize>,
+    y: Option<usize>,
     z: Option<usize>,
+}
+
+impl AxisColumns {
+    fn all(&self) -> impl Iterator<Item = usize> {
+        [self.x, self.y, self.z].into_iter().flatten()
+    }
 }
 
 /// A row of the selected columns.
@@ -65,14 +71,15 @@ pub fn choose(table: &Table, options: &TrackParseOptions) -> Result<TrackSelecti
     let body = of(ColumnQuantity::Body);
     let axes = axes(table, options, body.is_some())?;
     let line = table.header_line;
-    let (length, length_declared) = options.length(line, &table.columns[axes.x])?;
-    for other in [Some(axes.y), axes.z].into_iter().flatten() {
+    let first = axes.all().next().expect("a track has a coordinate");
+    let (length, length_declared) = options.length(line, &table.columns[first])?;
+    for other in axes.all().skip(1) {
         if options.length(line, &table.columns[other])?.0 != length {
-            let both = format!("in another unit than {:?}", table.columns[axes.x].name);
+            let both = format!("in another unit than {:?}", table.columns[first].name);
             return Err(invalid_value(line, &table.columns[other].name, &both, "one unit for all"));
         }
     }
-    let track = &table.columns[axes.x].track;
+    let track = &table.columns[first].track;
     let numbers = of(ColumnQuantity::TrackNumber);
     let clock_column = clock.column().map(|(i, _)| &table.columns[i]);
     Ok(TrackSelection {
@@ -166,9 +173,9 @@ fn file_tracks(table: &Table) -> Result<Vec<FileTrack<'_>>> {
         }
         // Where only two of three coordinates are given, they are across and up.
         let axes = match (x.first(), y.first(), z.first()) {
-            (Some(x), Some(y), z) => AxisColumns { x: *x, y: *y, z: z.copied() },
+            (Some(x), Some(y), z) => AxisColumns { x: Some(*x), y: Some(*y), z: z.copied() },
             (Some(across), None, Some(up)) | (None, Some(across), Some(up)) => {
-                AxisColumns { x: *across, y: *up, z: None }
+                AxisColumns { x: Some(*across), y: Some(*up), z: None }
             }
             _ => {
                 missing = if y.is_empty() { "y" } else { "x" };
@@ -179,11 +186,35 @@ fn file_tracks(table: &Table) -> Result<Vec<FileTrack<'_>>> {
             tracks.push(FileTrack { name, in_pixels: pixels, axes });
         }
     }
+    if tracks.is_empty()
+        && let Some((i, axes)) = single_coordinate(table)
+    {
+        let column = &table.columns[i];
+        tracks.push(FileTrack { name: column.track.as_deref(), in_pixels: in_pixels(column), axes });
+    }
     if tracks.is_empty() {
         let value = format!("without a {missing} to go with the other coordinate");
-        return invalid(&value, "columns `x` and `y` of one track, in one unit");
+        return invalid(&value, "columns `x` and `y` of one track, in one unit; or one column `height` or `distance`");
     }
     Ok(tracks)
+}
+
+/// The only coordinate of a file: a height or a distance along a track.
+fn single_coordinate(table: &Table) -> Option<(usize, AxisColumns)> {
+    use ColumnQuantity::{Distance, Height, X, Y, Z};
+    let of = |quantities: &[ColumnQuantity]| -> Vec<usize> {
+        let is_one = |i: &usize| table.columns[*i].quantity.is_some_and(|q| quantities.contains(&q));
+        (0..table.columns.len()).filter(is_one).collect()
+    };
+    let named = of(&[X, Y, Z]);
+    let all = if named.is_empty() { of(&[Height, Distance]) } else { named };
+    let [only] = *all else { return None };
+    let none = AxisColumns { x: None, y: None, z: None };
+    let axes = match table.columns[only].quantity {
+        Some(X | Distance) => AxisColumns { x: Some(only), ..none },
+        _ => AxisColumns { y: Some(only), ..none },
+    };
+    Some((only, axes))
 }
 
 /// Coordinate columns of the selected track; those in pixels if they exist and the size of a pixel is known.
@@ -221,12 +252,21 @@ impl TrackSelection {
     fn selected(&self) -> [Option<usize>; 8] {
         let clock = self.clock.column().map(|(i, _)| i);
         let AxisColumns { x, y, z } = self.axes;
-        [clock, Some(x), Some(y), z, self.likelihood, self.trial, self.setting, self.body]
+        [clock, x, y, z, self.likelihood, self.trial, self.setting, self.body]
     }
 
     /// The cell of the height in a row.
     pub fn height<'a>(&self, cells: &'a [String]) -> Option<&'a str> {
-        cells.get(self.axes.y).map(String::as_str)
+        cells.get(self.axes.all().last()?).map(String::as_str)
+    }
+
+    /// The coordinate that was not measured, if any.
+    pub fn missing_coordinate(&self) -> Option<&'static str> {
+        match self.axes {
+            AxisColumns { x: None, .. } => Some("across"),
+            AxisColumns { y: None, .. } => Some("up"),
+            _ => None,
+        }
     }
 
     /// Names of the columns that are not read.
@@ -264,7 +304,11 @@ impl TrackSelection {
             Ok(value)
         };
         let t = self.clock.column().map_or(Ok(0.0), |(k, seconds)| number(k, seconds))?;
-        let (mut x, mut y) = (number(self.axes.x, self.length)?, number(self.axes.y, self.up * self.length)?);
+        // A coordinate without a column is missing where the other one is.
+        let mut coordinate = |k: Option<usize>, size: f64| k.map(|k| number(k, size)).transpose();
+        let [x, y] = [coordinate(self.axes.x, self.length)?, coordinate(self.axes.y, self.up * self.length)?];
+        let other = |own: Option<f64>| own.map_or(0.0, |own| 0.0 * own);
+        let (mut x, mut y) = (x.unwrap_or_else(|| other(y)), y.unwrap_or_else(|| other(x)));
         let z = self.axes.z.map_or(Ok(f64::NAN), |k| number(k, self.length))?;
         let likelihood = self.likelihood.map_or(Ok(1.0), |k| number(k, 1.0))?;
         if t.is_nan() {

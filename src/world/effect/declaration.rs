@@ -10,6 +10,8 @@ use crate::task::scene::EffectTerm;
 pub struct Effect {
     /// Name in scenes and reports.
     pub name: &'static str,
+    /// Other names by which it is found.
+    pub aliases: &'static [&'static str],
     /// Description in one sentence.
     pub summary: &'static str,
     /// Observable signature: how the effect shows in trajectories, and how it differs from similar effects.
@@ -24,6 +26,8 @@ pub struct Effect {
     pub special_cases: &'static [&'static Effect],
     /// Whether it is a force against the velocity, at any position.
     pub opposes_motion: bool,
+    /// Whether its acceleration changes at once where a body comes to rest.
+    pub is_abrupt: bool,
     /// Plausible between-trial standard deviation of each amplitude, in its unit, where it has a physical
     /// cause (a ball's spin, air movements); empty where it has none. Between-trial variation up to this
     /// size is not evidence for the effect.
@@ -76,6 +80,8 @@ pub enum IdentifyingMotion {
     Collision,
     /// Bodies roll.
     Rolling,
+    /// Bodies move without gravity in their plane.
+    SeenFromAbove,
 }
 
 /// The role of a parameter in its effect.
@@ -168,6 +174,7 @@ pub enum EffectTarget {
 pub(super) const fn effect(kind: EffectKind) -> Effect {
     Effect {
         name: "",
+        aliases: &[],
         summary: "",
         signature: "",
         equation: "",
@@ -175,6 +182,7 @@ pub(super) const fn effect(kind: EffectKind) -> Effect {
         kind,
         special_cases: &[],
         opposes_motion: false,
+        is_abrupt: false,
         between_trial_sd: &[],
         in_richest_model: false,
         reset_by_contact: false,

@@ -16,6 +16,7 @@ use super::{
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "lift",
+    aliases: &["magnus"],
     summary: "Lift of a spinning body (Magnus effect): an acceleration perpendicular to the velocity.",
     signature: "The trajectory curves without any change of speed, to a circle of radius |v| / s without \
         gravity; opposite directions curve the same way, unlike in any force field. Its sign is that \

@@ -16,6 +16,7 @@ use super::{
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "linear_drag",
+    aliases: &["stokes_drag", "viscous_drag"],
     summary: "Linear drag: a deceleration proportional to the velocity.",
     signature: "Speed decays exponentially, at the same rate for all speeds; only trials of different \
         speeds distinguish it from quadratic drag. Spin decays at the same rate. It acts in flight \

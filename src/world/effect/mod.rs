@@ -5,14 +5,17 @@
 //! its special cases, and how the model search starts it ([`SearchStrategy`]). Engines call the laws;
 //! estimation and diagnosis use the declaration; neither refers to an effect by name.
 
+mod buoyancy;
 mod camera_tilt;
 pub mod clock_push;
 mod declaration;
 mod gravity_error;
+mod ground_friction;
 pub mod gust;
 mod inertia_error;
 mod lag;
 mod law;
+mod lens;
 mod lift;
 pub(super) mod linear_drag;
 mod mass_ratio;
@@ -60,9 +63,11 @@ pub static REGISTRY: &[&Effect] = &[
     &wind::EFFECT,
     &moving_air::EFFECT,
     &gravity_error::EFFECT,
+    &buoyancy::EFFECT,
     &lift::EFFECT,
     &gust::EFFECT,
     &position_field::EFFECT,
+    &ground_friction::EFFECT,
     &rolling_resistance::EFFECT,
     &restitution_speed::EFFECT,
     &restitution_threshold::EFFECT,
@@ -73,6 +78,7 @@ pub static REGISTRY: &[&Effect] = &[
     &position_scale::EFFECT,
     &time_scale::EFFECT,
     &camera_tilt::EFFECT,
+    &lens::EFFECT,
     &lag::EFFECT,
     &placement_offset::EFFECT,
     &spin_decay::EFFECT,
@@ -164,12 +170,12 @@ pub fn validate_set(field: &str, names: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The effect named `name`.
+/// The effect with this name or alias.
 pub fn find(name: &str) -> Result<&'static Effect> {
     REGISTRY
         .iter()
         .copied()
-        .find(|e| e.name == name)
+        .find(|e| e.name == name || e.aliases.contains(&name))
         .ok_or_else(|| Error::not_found("effect", name, REGISTRY.iter().map(|e| e.name)))
 }
 

@@ -16,6 +16,7 @@ use super::{
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "quadratic_drag",
+    aliases: &["air_resistance"],
     summary: "Quadratic drag: a deceleration proportional to the square of the speed.",
     signature: "The relative loss of speed grows with the speed, so speed falls as 1/t and not \
         exponentially, and there is a terminal speed sqrt(g / k). Only trials of different speeds \

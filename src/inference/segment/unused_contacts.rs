@@ -1,0 +1,103 @@
+//! Contacts that no segment uses, by reason.
+
+use std::collections::BTreeMap;
+
+use super::contact_detection::Obstacle;
+use super::definition::Segment;
+use super::single_body::{BodyObservations, MIN_OBSERVATIONS_AROUND_BOUNCE};
+use crate::inference::report::UnusedContacts;
+use crate::reality::Trial;
+
+/// Counts the contacts of trials with unknown initial states that no segment uses; elsewhere an engine simulates every contact.
+pub fn unused_contacts(trials: &[Trial], segments: &[Segment]) -> Vec<UnusedContacts> {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for (t, trial) in trials.iter().enumerate() {
+        let own: Vec<&Segment> = segments.iter().filter(|w| w.trial == t).collect();
+        if own.iter().any(|w| w.kind.uses_engine()) {
+            continue;
+        }
+        for observed in (0..trial.scene.bodies.len()).filter_map(|body| BodyObservations::of(trial, body)) {
+            for (obstacle, time) in contacts(&observed) {
+                let name = &trial.scene.bodies[observed.body].name;
+                let uses = |w: &&&Segment| {
+                    let last = w.observations.iter().map(|p| p.time).fold(0.0, f64::max);
+                    (w.kind.is_impact() || w.kind.is_supported())
+                        && w.scene.bodies.iter().any(|b| b.name == *name)
+                        && (w.start..=w.start + last).contains(&time)
+                };
+                if !own.iter().any(|w| uses(&w)) {
+                    *counts.entry(reason(trial, observed.body, obstacle)).or_default() += 1;
+                }
+            }
+        }
+    }
+    counts.into_iter().map(|(reason, count)| UnusedContacts { reason, count }).collect()
+}
+
+/// Obstacles that a body touches one after the other, each with the first time, s. Two bodies touch each other once.
+fn contacts(observed: &BodyObservations) -> Vec<(Obstacle, f64)> {
+    let mut out: Vec<(Obstacle, f64)> = Vec::new();
+    let mut last = None;
+    for (contact, (time, _)) in observed.contacts.iter().zip(&observed.rows) {
+        let obstacle = contact.map(|c| c.obstacle);
+        if obstacle != last
+            && let Some(obstacle) = obstacle
+            && !matches!(obstacle, Obstacle::Body(other) if other < observed.body)
+        {
+            out.push((obstacle, *time));
+        }
+        last = obstacle;
+    }
+    out
+}
+
+fn reason(trial: &Trial, body: usize, obstacle: Obstacle) -> String {
+    let round = |k: usize| trial.scene.bodies[k].shape.disc_radius().is_some();
+    let all_round = round(body) && !matches!(obstacle, Obstacle::Body(other) if !round(other));
+    match (all_round, obstacle) {
+        (false, _) => "impacts of bodies that are not round".to_string(),
+        (true, Obstacle::Static(_)) => format!(
+            "impacts on fixed objects with fewer than {MIN_OBSERVATIONS_AROUND_BOUNCE} observations of free motion before or after"
+        ),
+        (true, Obstacle::Body(_)) => format!(
+            "collisions with fewer than {MIN_OBSERVATIONS_AROUND_BOUNCE} observations of free motion before or after"
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::segment::segment_trials;
+    use crate::progress::NoProgress;
+    use crate::reality::trials_from_csv;
+    use crate::task::Scene;
+
+    fn counted(shape: &str, rows_before: u32) -> Vec<(String, usize)> {
+        let scene = Scene::from_json(&format!(
+            r#"{{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
+                "bodies": [{{"name": "body", "shape": {shape}}}],
+                "statics": [{{"name": "floor", "shape": {{"type": "halfspace", "normal": [0, 1], "offset": 0}}}}]}}"#
+        ))
+        .unwrap();
+        let mut csv = String::from("trial,t,body,x,y\n");
+        for i in 0..40 {
+            let t = 0.01 * (f64::from(i) - f64::from(rows_before));
+            let speed = if t < 0.0 { -3.0 } else { 2.0 };
+            csv += &format!("a,{},body,{t},{}\n", 0.01 * f64::from(i), 0.05 + speed * t - 4.905 * t * t);
+        }
+        let trials = trials_from_csv(&csv, &scene).unwrap();
+        let segments = segment_trials(&scene, &trials, &[0], 8, &NoProgress).unwrap();
+        unused_contacts(&trials, &segments).into_iter().map(|u| (u.reason, u.count)).collect()
+    }
+
+    #[test]
+    fn unused_contacts_are_counted_by_reason() {
+        let disc = r#"{"type": "disc", "radius": 0.05}"#;
+        assert_eq!(counted(disc, 15), []);
+        let few = counted(disc, 3);
+        assert!(few.len() == 1 && few[0].0.starts_with("impacts on fixed objects") && few[0].1 == 1, "{few:?}");
+        let block = counted(r#"{"type": "box", "half_width": 0.05, "half_height": 0.05}"#, 15);
+        assert_eq!(block, [("impacts of bodies that are not round".to_string(), 1)]);
+    }
+}
