@@ -58,7 +58,8 @@ fn main() -> std::io::Result<()> {
         for kind in KINDS.into_iter().filter(|k| k.contains(&args.only) && shows(k, wrong)) {
             for seed in args.seed..args.seed + args.seeds {
                 let world = contact_world(kind, wrong, seed);
-                let found = diagnose(&world.scene, &world.trials, &DiagnosisConfig::standard(seed), &NoProgress);
+                let found =
+                    diagnose(&world.scene, &world.trials, &DiagnosisConfig::standard(seed), &NoProgress);
                 let found = found.expect("a diagnosis").diagnosis;
                 let counts = counts.entry(format!("{wrong:?}")).or_default();
                 counts.add(&world, &found);
@@ -70,7 +71,15 @@ fn main() -> std::io::Result<()> {
                     .calibrated
                     .iter()
                     .filter(|c| c.identifiable)
-                    .map(|c| format!("{} {:.3} [{:.4}, {:.4}]", c.name, c.value, c.ci95[0].unwrap_or(f64::NAN), c.ci95[1].unwrap_or(f64::NAN)))
+                    .map(|c| {
+                        format!(
+                            "{} {:.3} [{:.4}, {:.4}]",
+                            c.name,
+                            c.value,
+                            c.ci95[0].unwrap_or(f64::NAN),
+                            c.ci95[1].unwrap_or(f64::NAN)
+                        )
+                    })
                     .collect();
                 println!(
                     "{kind} {wrong:?} {seed}: {:?} {} {} {:?}",
@@ -82,7 +91,9 @@ fn main() -> std::io::Result<()> {
             }
         }
     }
-    let mut table = String::from("| wrong in the scene | recordings | found | interval holds the truth | wrong name |\n|---|---|---|---|---|\n");
+    let mut table = String::from(
+        "| wrong in the scene | recordings | found | interval holds the truth | wrong name |\n|---|---|---|---|---|\n",
+    );
     for (wrong, c) in &counts {
         let _ = writeln!(
             table,
@@ -117,7 +128,8 @@ impl Counts {
                 .map(|p| p.ci95),
         };
         let interval = interval.and_then(|[low, high]| Some([low?, high?]));
-        let in_set = effect.is_some_and(|(effect, _)| found.rivals.iter().any(|set| set.iter().any(|e| e == effect)));
+        let in_set =
+            effect.is_some_and(|(effect, _)| found.rivals.iter().any(|set| set.iter().any(|e| e == effect)));
         self.found += usize::from(interval.is_some() || in_set);
         if let Some([low, high]) = interval {
             self.intervals += 1;

@@ -152,8 +152,7 @@ fn square_by_body(segment: &Segment, residuals: &[f64]) -> Vec<f64> {
 fn friction_restarts(layout: &ParameterLayout, state: &FitState, segments: &[Segment]) -> Vec<FitState> {
     let friction = |s: &Parameter| s.latent().is_some_and(|l| FACTORS[l].name == "friction");
     let parameter = layout.parameters.iter().position(friction);
-    let Some(parameter) = parameter.filter(|_| segments.iter().any(|w| w.kind.is_impact()))
-    else {
+    let Some(parameter) = parameter.filter(|_| segments.iter().any(|w| w.kind.is_impact())) else {
         return Vec::new();
     };
     let at = |friction: f64| {

@@ -21,7 +21,7 @@ pub fn task(x: f64) -> Task {
         angle: 0.0,
         velocity: [0.0; 2],
         angular_velocity: 0.0,
-            inertia: None,
+        inertia: None,
     };
     let partner = if x < 0.5 { x + 0.35 } else { x - 0.35 };
     let set = |set, low, high| ActionComponent { target: "red".into(), set, low, high };

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::limits::{
-    DENSITY_RANGE_KG_M2, INERTIA_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector,
+    DENSITY_RANGE_KG_M2, INERTIA_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S,
+    check_vector,
 };
 use super::shape::Shape;
 use super::solid::{ConvexPieces, Solid};
@@ -142,7 +143,11 @@ impl Body {
             }
             Some(Inertia::Of(_)) if self.shape.disc_radius().is_none() => {
                 let allowed = "a number in kg m^2, or a disc as `shape`";
-                return Err(Error::input("inertia", format!("of a round body, for a {}", self.shape.name()), allowed));
+                return Err(Error::input(
+                    "inertia",
+                    format!("of a round body, for a {}", self.shape.name()),
+                    allowed,
+                ));
             }
             _ => {}
         }

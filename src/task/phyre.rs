@@ -267,7 +267,7 @@ fn moving(name: &str, shape: Shape) -> Body {
         angle: 0.0,
         velocity: [0.0, 0.0],
         angular_velocity: 0.0,
-            inertia: None,
+        inertia: None,
     }
 }
 

@@ -4,7 +4,8 @@
 use super::Rollout;
 use super::compiled_intervention::{InterventionOp, MaterialProperties};
 use super::effect::{
-    self, ActiveEffect, BodyLaw, Constants, ContactLaw, EffectKind, MassProperties, MotionLaw, PlacementLaw, Sensor, SimulationContext,
+    self, ActiveEffect, BodyLaw, Constants, ContactLaw, EffectKind, MassProperties, MotionLaw, PlacementLaw,
+    Sensor, SimulationContext,
 };
 use super::goal::GoalSpec;
 use super::intervene;
@@ -87,10 +88,9 @@ fn material_properties(rollout: &Rollout, laws: &ObjectLaws) -> Result<Intervent
 /// the same scene with other numbers. Cheaper than compiling it.
 pub fn is_variant_of(rollout: &Rollout, other: &Rollout) -> bool {
     let same = |(a, b): (&EffectTerm, &EffectTerm)| a.name == b.name;
-    let simulated =
-        |a: &ActiveEffect| {
-            matches!(a.effect.kind, EffectKind::Motion(_) | EffectKind::Contact(_) | EffectKind::Body(_))
-        };
+    let simulated = |a: &ActiveEffect| {
+        matches!(a.effect.kind, EffectKind::Motion(_) | EffectKind::Contact(_) | EffectKind::Body(_))
+    };
     std::ptr::eq(rollout.scene, other.scene)
         && rollout.effects.len() == other.effects.len()
         && rollout.effects.iter().zip(other.effects).all(same)
@@ -157,7 +157,8 @@ fn compile_body(rollout: &Rollout, body: &Body, laws: &ObjectLaws) -> Result<Bod
     let (mass, inertia) = body.mass_properties(latents.density.filter(|_| carries));
     let index = scene.bodies.iter().position(|b| b.name == body.name).unwrap_or(scene.bodies.len());
     let own = MassProperties { mass, inertia };
-    let MassProperties { mass, inertia } = laws.body_laws.iter().fold(own, |m, (law, c)| law.apply(c, index, m));
+    let MassProperties { mass, inertia } =
+        laws.body_laws.iter().fold(own, |m, (law, c)| law.apply(c, index, m));
     let Some(position) = body.position else {
         let allowed = if scene.action.as_ref().is_some_and(|a| a.places(&body.name)) {
             "an action that places it, or a position in the scene"

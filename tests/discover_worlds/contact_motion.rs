@@ -60,7 +60,9 @@ pub struct ContactWorld {
 pub fn shows(kind: &str, wrong: Wrong) -> bool {
     match wrong {
         Wrong::Nothing => true,
-        Wrong::Friction => matches!(kind, "slide_to_roll" | "slip_on_incline" | "block_to_rest" | "block_on_incline"),
+        Wrong::Friction => {
+            matches!(kind, "slide_to_roll" | "slip_on_incline" | "block_to_rest" | "block_on_incline")
+        }
         Wrong::MassRatio => matches!(kind, "two_discs" | "two_balls"),
         Wrong::Restitution => matches!(kind, "bouncing_ball" | "two_discs" | "two_balls" | "three_discs"),
         Wrong::Threshold => kind == "bouncing_ball",
@@ -85,7 +87,8 @@ pub fn contact_world(kind: &str, wrong: Wrong, seed: u64) -> ContactWorld {
             for (body, track) in launched.bodies.iter().zip(&path.bodies) {
                 let [x, y] = [track.x[i], track.y[i]].map(|v| v + NOISE_M * draw());
                 let turned = track.angle[i] + NOISE_RAD * draw();
-                let angle = if body.shape.disc_radius().is_none() { format!("{turned}") } else { String::new() };
+                let angle =
+                    if body.shape.disc_radius().is_none() { format!("{turned}") } else { String::new() };
                 let _ = writeln!(csv, "t{trial},{time},{},{x},{y},{angle}", body.name);
             }
         }
@@ -118,14 +121,20 @@ fn scene(kind: &str) -> Scene {
         "block_on_incline" => (9.81, block(0.3, 0.2), Some(slope(30.0)), 0.7),
         "tossed_box" => (9.81, block(0.4, 0.4), Some(slope(0.0)), 1.0),
         "bouncing_ball" => (9.81, disc("ball", 0.03, 0.3, 0.75), Some(slope(0.0)), 1.6),
-        "two_discs" => (0.0, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 1.0),
-        "two_balls" => (9.81, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 0.6),
+        "two_discs" => {
+            (0.0, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 1.0)
+        }
+        "two_balls" => {
+            (9.81, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 0.6)
+        }
         _ => {
             let three = ["red", "blue", "green"].map(|name| disc(name, 0.03, 0.2, 0.8));
             (0.0, three.join(","), None, 1.0)
         }
     };
-    let ground = ground.map_or(String::new(), |shape| format!(r#"{{"name": "ground", "shape": {shape}, "friction": 1, "restitution": 1}}"#));
+    let ground = ground.map_or(String::new(), |shape| {
+        format!(r#"{{"name": "ground", "shape": {shape}, "friction": 1, "restitution": 1}}"#)
+    });
     let steps = (STEPS_PER_SECOND * seconds) as u32;
     let text = format!(
         r#"{{"format": "iplw.scene/1", "gravity": [0, {}], "time_step": {}, "steps": {steps}, "observe_every": 8,

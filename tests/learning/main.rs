@@ -4,6 +4,7 @@
 #[allow(dead_code, reason = "shared with other test programs that use the rest")]
 mod worlds;
 
+mod contacts;
 mod coverage;
 mod discover;
 mod estimate;

@@ -36,6 +36,90 @@ fn quadratic_drag_slows_as_one_over_t() {
     }
 }
 
+/// A body that slides on the plane stops after v / (mu g) and v^2 / (2 mu g), at any speed, and stays.
+#[test]
+fn ground_friction_stops_bodies() {
+    for (engine, speed) in ENGINES.into_iter().flat_map(|engine| [(engine, 1.5), (engine, 3.0)]) {
+        let mut scene = free([speed, 0.0], 4.0, &[("ground_friction", &[("mu", 0.1)])], 1.0 / 480.0);
+        scene.gravity = [0.0, 0.0];
+        let t = run(&scene, engine);
+        near(last(&t.bodies[0].x), speed * speed / (2.0 * 0.1 * 9.81), 0.01, "way", engine);
+        assert_eq!(last(&t.bodies[0].vx), 0.0);
+        let half = t.times.iter().position(|time| *time >= 0.5).unwrap();
+        near(t.bodies[0].vx[half], speed - 0.1 * 9.81 * t.times[half], 0.01, "speed", engine);
+    }
+}
+
+/// Buoyancy is a gravity error of -ratio g.
+#[test]
+fn buoyancy_carries_weight() {
+    for engine in ENGINES {
+        let [carried, lighter] = [("buoyancy", "ratio", 0.3), ("gravity_error", "dg", -0.3 * G)]
+            .map(|(name, p, v)| run(&free([1.0, 2.0], 2.0, &[(name, &[(p, v)])], 1.0 / 240.0), engine));
+        near(last(&carried.bodies[0].y), last(&lighter.bodies[0].y), 1e-6, "height", engine);
+    }
+}
+
+/// Two equal discs meet head-on: with the first s times as heavy, momentum and restitution give the velocities.
+#[test]
+fn mass_ratio_changes_how_discs_share_momentum() {
+    for (engine, s) in ENGINES.into_iter().flat_map(|engine| [(engine, 0.5), (engine, 3.0)]) {
+        let mut scene = empty(1.0 / 960.0, 1.0);
+        scene.gravity = [0.0, 0.0];
+        scene.bodies = vec![ball("a", 0.1, [-0.5, 0.0], [1.0, 0.0]), ball("b", 0.1, [0.2, 0.0], [0.0, 0.0])];
+        scene.bodies.iter_mut().for_each(|b| b.restitution = 0.8);
+        let t = run(&with_effect(&scene, "mass_ratio", &[("s", s)]), engine);
+        let e = 0.64;
+        near(last(&t.bodies[0].vx), (s - e) / (1.0 + s), 5e-3, "first", engine);
+        near(last(&t.bodies[1].vx), s * (1.0 + e) / (1.0 + s), 5e-3, "second", engine);
+    }
+}
+
+/// Down a slope, a solid sphere accelerates by 5/7 of g sin(angle), a disc by 2/3, a hoop by 1/2, whether the scene or an effect
+/// says so.
+#[test]
+fn moments_of_inertia_change_rolling() {
+    use iplw::task::scene::{Inertia, RoundBody};
+    let cases = [
+        (None, 1.0, 2.0 / 3.0),
+        (Some(Inertia::Of(RoundBody::SolidSphere)), 1.0, 5.0 / 7.0),
+        (Some(Inertia::Of(RoundBody::Hoop)), 1.0, 0.5),
+        (None, 2.0, 0.5),
+        (None, 0.8, 5.0 / 7.0),
+        (Some(Inertia::Value(0.4 * 0.01)), 1.0, 5.0 / 7.0),
+    ];
+    for (engine, (inertia, s, share)) in ENGINES.into_iter().flat_map(|e| cases.map(|c| (e, c))) {
+        let mut scene = empty(1.0 / 480.0, 1.0);
+        scene.gravity = [2.0, -9.6];
+        scene.bodies = vec![ball("a", 0.1, [0.0, 0.1], [0.0, 0.0])];
+        (scene.bodies[0].mass, scene.bodies[0].density) = (Some(1.0), None);
+        (scene.bodies[0].friction, scene.bodies[0].restitution) = (1.0, 0.0);
+        scene.bodies[0].inertia = inertia;
+        scene.statics = vec![floor()];
+        let t = run(&with_effect(&scene, "inertia_error", &[("s", s)]), engine);
+        near(last(&t.bodies[0].vx), 2.0 * share, 0.03, "speed", engine);
+    }
+}
+
+/// A position at distance r from the centre is seen at (1 + k r^2) r, and velocities accordingly.
+#[test]
+fn lenses_move_positions_outwards() {
+    for engine in ENGINES {
+        let base = free([2.0, 0.0], 1.0, &[], 1.0 / 240.0);
+        let t = run(&base, engine);
+        let bent = run(&with_effect(&base, "lens", &[("k", 0.05), ("x", 1.0), ("y", 99.0)]), engine);
+        for i in 0..t.times.len() {
+            let (dx, dy) = (t.bodies[0].x[i] - 1.0, t.bodies[0].y[i] - 99.0);
+            let scale = 1.0 + 0.05 * (dx * dx + dy * dy);
+            near(bent.bodies[0].x[i], 1.0 + scale * dx, 1e-9, "x", engine);
+            near(bent.bodies[0].y[i], 99.0 + scale * dy, 1e-9, "y", engine);
+        }
+        let n = t.times.len() - 1;
+        let slope = (bent.bodies[0].x[n] - bent.bodies[0].x[n - 2]) / (t.times[n] - t.times[n - 2]);
+        near(bent.bodies[0].vx[n - 1], slope, 1e-3, "velocity", engine);
+    }
+}
+
 /// In flight the trajectory is unchanged to the bit and the spin decays by e^(-c t); after a bounce, where
 /// spin becomes speed, the ball is slower.
 #[test]

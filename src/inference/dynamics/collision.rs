@@ -3,7 +3,9 @@
 
 use std::array::from_fn;
 
-use super::integrator::{BatchedIntegrator, DenseTrajectory, InitialCondition, LaneValues, SmoothArc, find_root};
+use super::integrator::{
+    BatchedIntegrator, DenseTrajectory, InitialCondition, LaneValues, SmoothArc, find_root,
+};
 use super::physics::{Impact, MAX_STEPS, SegmentPhysics};
 use super::supported::PlanarState;
 use crate::inference::segment::CollidingPair;
@@ -60,7 +62,8 @@ fn trajectories(
     let before = [0, 1].map(|k| arc(&from, &start[k], before_count));
     let events: [Option<(f64, [PlanarState; 2], Impact)>; LANES] = from_fn(|lane| {
         let (physics, nuisances) = solver.paths[lane];
-        let distance = pair.radii[0] + pair.radii[1] + nuisances.get(2 * DISC_NUISANCES).copied().unwrap_or(0.0);
+        let distance =
+            pair.radii[0] + pair.radii[1] + nuisances.get(2 * DISC_NUISANCES).copied().unwrap_or(0.0);
         let (time, met) = first_touch(&before, lane, distance)?;
         let (after, impact) = physics.resolve_collision(time, met, pair);
         Some((time, after, impact))
@@ -123,4 +126,90 @@ fn disc_state(nuisances: &[f64], disc: usize) -> PlanarState {
 fn uniform_times(from: &LaneValues, until: &LaneValues, count: usize) -> Vec<LaneValues> {
     let at = |k: usize| from_fn(|lane| from[lane] + (until[lane] - from[lane]) * (k as f64 / count as f64));
     (0..=count).map(at).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::segment::{Observation, Segment, SegmentKind};
+    use crate::task::Scene;
+    use crate::world::Latents;
+    use crate::world::effect::find;
+
+    /// Two discs of 1 and 2 kg and radius 0.1 m; the first comes from the left.
+    fn segment(friction: f64, restitution: f64) -> Segment {
+        let scene = Scene::from_json(&format!(
+            r#"{{"format": "iplw.scene/1", "gravity": [0, 0], "time_step": 0.005, "bodies": [
+                {{"name": "a", "shape": {{"type": "disc", "radius": 0.1}}, "mass": 1, "friction": {friction}, "restitution": {restitution}}},
+                {{"name": "b", "shape": {{"type": "disc", "radius": 0.1}}, "mass": 2, "friction": 1, "restitution": 1}}]}}"#
+        ));
+        let times = (0..41).map(|i| 0.01 * f64::from(i));
+        let of = |body: usize| {
+            let point = move |time| Observation { body, time, position: [0.0; 2], weight: 1.0 };
+            times.clone().map(point).collect::<Vec<_>>()
+        };
+        let pair = CollidingPair {
+            bodies: [0, 1],
+            radii: [0.1; 2],
+            carries_latents: [true; 2],
+            spin_prior_sd: [1.0; 2],
+        };
+        let own = Segment::new(SegmentKind::Collision, scene.unwrap(), 0.0, [of(0), of(1)].concat());
+        Segment { pair: Some(pair), ..own }
+    }
+
+    /// States at the last observation of each disc, and the impact.
+    fn collided(physics: &SegmentPhysics, nuisances: &[f64]) -> ([PlanarState; 2], Option<Impact>) {
+        let mut states = [[f64::NAN; 5]; 2];
+        let points = &physics.segment.observations;
+        let impacts = integrate(&[(physics, nuisances)], &mut |_, i, s| states[points[i].body] = s);
+        (states, impacts[0])
+    }
+
+    /// Off-centre with friction: momentum, angular momentum and Newton's law of restitution hold.
+    #[test]
+    fn collisions_conserve_momentum() {
+        let segment = segment(0.3, 0.7);
+        let physics = SegmentPhysics::new(&segment, &[], &Latents::default());
+        let start = [-0.4, 0.05, 2.0, 0.1, 3.0, 0.0, 0.0, -0.2, 0.3, -5.0, 0.0];
+        let ([a, b], impact) = collided(&physics, &start);
+        let impact = impact.expect("they collide");
+        let before = [start[2] + 2.0 * start[7], start[3] + 2.0 * start[8]];
+        assert!((a[2] + 2.0 * b[2] - before[0]).abs() < 1e-9 && (a[3] + 2.0 * b[3] - before[1]).abs() < 1e-9);
+        let spin = |m: f64, s: &[f64]| m * (s[0] * s[3] - s[1] * s[2]) + m * 0.005 * s[4];
+        let (whole, then) =
+            (spin(1.0, &start[..5]) + spin(2.0, &start[5..10]), spin(1.0, &a) + spin(2.0, &b));
+        assert!((whole - then).abs() < 1e-9, "{whole} {then}");
+        let n = impact.direction;
+        let leaves = (a[2] - b[2]) * n[0] + (a[3] - b[3]) * n[1];
+        assert!((leaves - 0.7 * impact.approach).abs() < 1e-9, "{leaves} {}", impact.approach);
+        assert!(
+            impact.tangent.abs() > 0.01 && impact.tangent.abs() <= 0.3 * impact.normal + 1e-12,
+            "{impact:?}"
+        );
+    }
+
+    /// The time of the collision is exact, and depends on the excess of the distance.
+    #[test]
+    fn collisions_happen_at_contact() {
+        let segment = segment(0.0, 1.0);
+        let physics = SegmentPhysics::new(&segment, &[], &Latents::default());
+        for excess in [0.0, 0.02] {
+            let start = [-0.5, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, excess];
+            let (_, impact) = collided(&physics, &start);
+            assert!((impact.unwrap().time - (0.3 - excess) / 2.0).abs() < 1e-9);
+        }
+        let apart = [-0.5, 0.3, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert!(collided(&physics, &apart).1.is_none(), "they miss each other");
+    }
+
+    /// With the first three times as heavy, two discs share momentum as 3 and 2 kg do.
+    #[test]
+    fn mass_ratios_act_in_collisions() {
+        let segment = segment(0.0, 1.0);
+        let effect = find("mass_ratio").unwrap();
+        let physics = SegmentPhysics::new(&segment, &[(effect, &[3.0])], &Latents::default());
+        let ([a, b], _) = collided(&physics, &[-0.5, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!((a[2] - 0.4).abs() < 1e-9 && (b[2] - 2.4).abs() < 1e-9, "{a:?} {b:?}");
+    }
 }

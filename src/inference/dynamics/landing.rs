@@ -16,13 +16,18 @@ const TOUCHING: f64 = 1e-13;
 
 impl SegmentPhysics<'_> {
     /// Passes the state at every observation of a landing segment to `visit`; the first impact.
-    pub(super) fn land(&self, nuisances: &[f64], mut visit: impl FnMut(usize, PlanarState)) -> Option<Impact> {
+    pub(super) fn land(
+        &self,
+        nuisances: &[f64],
+        mut visit: impl FnMut(usize, PlanarState),
+    ) -> Option<Impact> {
         let points = &self.segment.observations;
         let surface = self.segment.surface.as_ref()?;
         let offset = nuisances.get(5).copied().unwrap_or(0.0);
         let mut at = state_from_nuisances(nuisances);
         let mut time = self.true_time(points.first()?.time);
-        let (mut first, mut impacts, mut supported): (Option<Impact>, usize, Option<SupportedBody>) = (None, 0, None);
+        let (mut first, mut impacts, mut supported): (Option<Impact>, usize, Option<SupportedBody>) =
+            (None, 0, None);
         let longest = self.max_step_from(&at).min(MAX_STEPS[1]);
         for (i, point) in points.iter().enumerate() {
             let until = self.true_time(point.time);
@@ -35,12 +40,14 @@ impl SegmentPhysics<'_> {
                     continue;
                 }
                 let next = self.runge_kutta(time, &at, h);
-                if !(surface.is_below(&next, offset) && surface.is_approached(&next)) || impacts > MAX_IMPACTS {
+                if !(surface.is_below(&next, offset) && surface.is_approached(&next)) || impacts > MAX_IMPACTS
+                {
                     (at, time) = (next, time + h);
                     continue;
                 }
                 let step = self.time_to_touch(time, &at, h, |s| surface.height(s, offset));
-                let (after, impact) = self.resolve_impact(time + step, self.runge_kutta(time, &at, step), surface);
+                let (after, impact) =
+                    self.resolve_impact(time + step, self.runge_kutta(time, &at, step), surface);
                 (at, time) = (after, time + step);
                 first = first.or(Some(impact));
                 impacts += 1;
@@ -54,7 +61,13 @@ impl SegmentPhysics<'_> {
     }
 
     /// Time until a height is zero, within a step at whose end it is negative, s.
-    fn time_to_touch(&self, time: f64, at: &PlanarState, h: f64, height: impl Fn(&PlanarState) -> f64) -> f64 {
+    fn time_to_touch(
+        &self,
+        time: f64,
+        at: &PlanarState,
+        h: f64,
+        height: impl Fn(&PlanarState) -> f64,
+    ) -> f64 {
         let value = |step: f64| height(&self.runge_kutta(time, at, step));
         let (mut low, mut high) = ((0.0, value(0.0)), (h, value(h)));
         if low.1 <= 0.0 {

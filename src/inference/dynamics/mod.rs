@@ -50,7 +50,11 @@ impl SegmentPhysics<'_> {
             let impact = self.land(nuisances, show);
             return (out, impact);
         }
-        let integrate = if self.segment.kind == SegmentKind::Collision { collision::integrate } else { integrator::integrate };
+        let integrate = if self.segment.kind == SegmentKind::Collision {
+            collision::integrate
+        } else {
+            integrator::integrate
+        };
         let impacts = integrate(&[(self, nuisances)], &mut |_, i, body| show(i, body));
         (out, impacts[0])
     }

@@ -4,8 +4,8 @@ use super::supported::PlanarState;
 use crate::inference::segment::{CollidingPair, Segment, Surface};
 use crate::world::Latents;
 use crate::world::effect::{
-    BodyLaw, Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget, MassProperties,
-    Measurement, MotionLaw, MotionState, Sensor, SimulationContext,
+    BodyLaw, Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget,
+    MassProperties, Measurement, MotionLaw, MotionState, Sensor, SimulationContext,
 };
 
 /// Duration of a velocity change from which accelerations are computed, s; small against all motion, large

@@ -54,7 +54,18 @@ impl SupportedBody {
             None if inertia.is_infinite() => 0.0,
             None => speed,
         };
-        Some(SupportedBody { origin: first, normal, radius, inertia, friction, distance, speed, rim, height, slope })
+        Some(SupportedBody {
+            origin: first,
+            normal,
+            radius,
+            inertia,
+            friction,
+            distance,
+            speed,
+            rim,
+            height,
+            slope,
+        })
     }
 
     /// A disc that touches a surface in a state.

@@ -12,8 +12,7 @@ use crate::inference::segment::{Segment, SegmentKind};
 /// offset; and of x, y, vx, vy, omega of two discs and their offset.
 const SUPPORTED_FD_STEPS: [f64; 5] = [1e-4, 1e-3, 1e-4, 1e-4, 1e-1];
 const FLIGHT_FD_STEPS: [f64; 6] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
-const COLLISION_FD_STEPS: [f64; 11] =
-    [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
+const COLLISION_FD_STEPS: [f64; 11] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
 
 /// Predicted positions of a segment's observations, two numbers each, and their derivatives.
 #[derive(Default)]

@@ -82,7 +82,14 @@ impl BasisField {
                 let [low, high] = effect.parameters[k].bounds;
                 start[k] = (coefficients[k] * unit).clamp(low, high);
             }
-            Term { effect, per_setting: false, free: vec![false; start.len()], start, fd_step: None, bracket: None }
+            Term {
+                effect,
+                per_setting: false,
+                free: vec![false; start.len()],
+                start,
+                fd_step: None,
+                bracket: None,
+            }
         })
     }
 

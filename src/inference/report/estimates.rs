@@ -20,26 +20,22 @@ pub fn effect_estimates(
         .iter()
         .enumerate()
         .map(|(t, term)| {
-            let fitted = f
-                .layout
-                .parameters_of_term(t)
-                .into_iter()
-                .filter_map(|i| {
-                    let parameter = &f.layout.parameters[i];
-                    let model::ParameterKind::EffectParameter(_, p) = parameter.kind else { return None };
-                    let half = f.ci_half_width(i);
-                    let value = f.state.values[i];
-                    let end =
-                        |v: f64| half.is_finite().then(|| v.clamp(parameter.bounds[0], parameter.bounds[1]));
-                    Some(ParameterEstimate {
-                        name: term.effect.parameters[p].name.into(),
-                        value,
-                        ci95: [end(value - half), end(value + half)],
-                        unit: term.effect.parameters[p].unit.into(),
-                        setting: parameter.setting.map(|s| names[s].clone()),
-                        spread: f.between_trial_sd(i),
-                    })
-                });
+            let fitted = f.layout.parameters_of_term(t).into_iter().filter_map(|i| {
+                let parameter = &f.layout.parameters[i];
+                let model::ParameterKind::EffectParameter(_, p) = parameter.kind else { return None };
+                let half = f.ci_half_width(i);
+                let value = f.state.values[i];
+                let end =
+                    |v: f64| half.is_finite().then(|| v.clamp(parameter.bounds[0], parameter.bounds[1]));
+                Some(ParameterEstimate {
+                    name: term.effect.parameters[p].name.into(),
+                    value,
+                    ci95: [end(value - half), end(value + half)],
+                    unit: term.effect.parameters[p].unit.into(),
+                    setting: parameter.setting.map(|s| names[s].clone()),
+                    spread: f.between_trial_sd(i),
+                })
+            });
             let stepwise = term.bracket.iter().flat_map(|b| bracket_estimate(term, b));
             let parameters: Vec<ParameterEstimate> = stepwise.chain(fitted).collect();
             EffectEstimate {
@@ -73,6 +69,8 @@ fn bracket_estimate(term: &model::Term, bracket: &model::Bracket) -> Option<Para
 /// Decrease of the profile log density that excludes a value, nats: half the 95 % quantile of chi-squared
 /// with one degree of freedom.
 const EXCLUSION_NATS: f64 = 1.92;
+/// Distance from a bound, as a share of the range, within which a value is at it.
+const AT_BOUND: f64 = 1e-3;
 /// Bisections of an interval at a bound: to a 250th of the searched range.
 const BISECTIONS: usize = 8;
 
@@ -99,8 +97,8 @@ pub fn calibrated_latents(
             && half < 0.25 * width.min(4.0)
             && information > 10.0 * parameter.min_information();
         let identifiable = is_short && excludes(&parameter.bounds[0])? && excludes(&parameter.bounds[1])?;
-        let at_bound = parameter.bounds.iter().any(|bound| value == *bound);
-        let (identifiable, [low, high]) = match at_bound && information > 10.0 * parameter.min_information() {
+        let at_bound = parameter.bounds.iter().any(|bound| (value - bound).abs() < AT_BOUND * width);
+        let (identifiable, [low, high]) = match at_bound {
             true => one_sided_interval(fitter, f, i)?.map_or((false, [value; 2]), |ends| (true, ends)),
             false => (identifiable, [value - half, value + half]),
         };

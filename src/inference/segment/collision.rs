@@ -24,7 +24,8 @@ impl Pair<'_> {
     fn segments(&self) -> Vec<Segment> {
         let Some(pair) = self.colliding_pair() else { return Vec::new() };
         let first = self.0[0];
-        let touches = |i: &usize| first.contacts[*i].is_some_and(|c| c.obstacle == Obstacle::Body(self.0[1].body));
+        let touches =
+            |i: &usize| first.contacts[*i].is_some_and(|c| c.obstacle == Obstacle::Body(self.0[1].body));
         let mut out = Vec::new();
         let mut i = 0;
         while let Some(from) = (i..first.rows.len()).find(touches) {
@@ -53,7 +54,8 @@ impl Pair<'_> {
         let (first, trial) = (self.0[0], self.0[0].trial);
         let begins = first.rows[near.start].0;
         let lasting = |i: &usize| first.rows[*i].0 - begins < MAX_DURATION;
-        let closest = near.clone().take_while(lasting).min_by(|a, b| self.gap(*a).total_cmp(&self.gap(*b)))?;
+        let closest =
+            near.clone().take_while(lasting).min_by(|a, b| self.gap(*a).total_cmp(&self.gap(*b)))?;
         // Bodies that stay near each other move freely after the collision all the same.
         let last = near.end - 1;
         let ends = first.rows[if lasting(&last) { last } else { closest }].0;
@@ -97,7 +99,8 @@ impl Pair<'_> {
         let (own, other) = (self.0[k], self.0[1 - k].body);
         let free = |i: &usize| own.contacts[*i].is_none_or(|c| c.obstacle == Obstacle::Body(other));
         let count = own.count_around_impact();
-        let (until, from) = (own.rows.partition_point(|r| r.0 < begins), own.rows.partition_point(|r| r.0 <= ends));
+        let (until, from) =
+            (own.rows.partition_point(|r| r.0 < begins), own.rows.partition_point(|r| r.0 <= ends));
         let before = (0..until).rev().take(count).take_while(free).count();
         let after = (from..own.rows.len()).take(count).take_while(free).count();
         [&own.rows[until - before..until], &own.rows[from..from + after]]

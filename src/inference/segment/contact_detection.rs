@@ -107,7 +107,9 @@ pub fn rolling_intervals(
         };
         let turned = |n: [f64; 2]| (n[0] - touch.normal[0]).hypot(n[1] - touch.normal[1]);
         let same = |t: ContactEvent| {
-            matches!(t.obstacle, Obstacle::Static(_)) && t.obstacle == touch.obstacle && turned(t.normal) < 1e-3
+            matches!(t.obstacle, Obstacle::Static(_))
+                && t.obstacle == touch.obstacle
+                && turned(t.normal) < 1e-3
         };
         let end = (i..rows.len()).find(|k| !touches[*k].is_some_and(same)).unwrap_or(rows.len());
         // A body slides or hops at the beginning of a landing.

@@ -1,8 +1,8 @@
 //! Segmentation of trials.
 
+use super::collision::collision_segments;
 use super::definition::Segment;
 use super::full_state::{initial_segment, multi_step_segments, one_step_segments};
-use super::collision::collision_segments;
 use super::single_body::BodyObservations;
 use crate::error::Result;
 use crate::progress::Progress;

@@ -8,6 +8,7 @@ use super::definition::{
 };
 use super::holds::without_holds;
 use super::sliding::{Slide, slide};
+use crate::inference::data::noise::third_difference_noise;
 use crate::inference::data::smoothing::{TimedPosition, fit_polynomials};
 use crate::inference::statistics::{median, slope};
 use crate::reality::Trial;
@@ -24,8 +25,10 @@ const MAX_GAP: f64 = 6.0;
 const MAX_GAP_AT_BOUNCE: f64 = 3.0;
 /// Number of observations from which an initial state is estimated.
 const INITIAL_STATE_OBSERVATIONS: usize = 12;
-/// Largest deviation of a sliding block's observed angle from its median, rad.
-const MAX_TURN: f64 = 0.1;
+/// Largest deviation of a sliding block's observed angles from their median: rad, and more in units of their noise. A block that
+/// rocks is not always supported.
+const MAX_TURN: f64 = 2e-3;
+const ROCKING: f64 = 1.3;
 /// Prior standard deviation of a spin that was not observed and of one that was, rad/s.
 const UNOBSERVED_SPIN_SD: f64 = 300.0;
 const OBSERVED_SPIN_SD: f64 = 0.5;
@@ -65,7 +68,11 @@ impl<'a> BodyObservations<'a> {
         let contacts = pieces.windows(2).filter_map(|pair| self.contact(pair[0], pair[1]));
         let rolls = rolling_intervals(&self.contacts, &self.rows);
         let landings = pieces.iter().filter_map(|piece| self.landing(*piece, &rolls));
-        flights.chain(contacts).chain(landings.collect::<Vec<_>>()).chain(rolls.into_iter().filter_map(|roll| self.rolling(roll))).collect()
+        flights
+            .chain(contacts)
+            .chain(landings.collect::<Vec<_>>())
+            .chain(rolls.into_iter().filter_map(|roll| self.rolling(roll)))
+            .collect()
     }
 
     /// Number of observations on each side of an impact.
@@ -124,7 +131,8 @@ impl<'a> BodyObservations<'a> {
     /// The impact at the end of a flight interval after which a surface supports a disc.
     fn landing(&self, (a, b): (usize, usize), rolls: &[(usize, usize, ContactEvent)]) -> Option<Segment> {
         let follows = |roll: &&(usize, usize, ContactEvent)| {
-            roll.0 >= b && (b..roll.0).all(|i| self.contacts[i].is_some_and(|c| c.obstacle == roll.2.obstacle))
+            roll.0 >= b
+                && (b..roll.0).all(|i| self.contacts[i].is_some_and(|c| c.obstacle == roll.2.obstacle))
         };
         let (_, end, contact) = rolls.iter().find(follows)?;
         let surface = self.surface(*contact)?;
@@ -155,7 +163,9 @@ impl<'a> BodyObservations<'a> {
     fn rolling(&self, (from, to, contact): (usize, usize, ContactEvent)) -> Option<Segment> {
         let rows = &self.rows[from..to];
         let surface = self.surface(contact)?;
-        if surface.inertia.is_infinite() && !self.keeps_angle(rows) {
+        // A block that has landed hops and rocks.
+        let landed = self.contacts[..from].iter().any(Option::is_none);
+        if surface.inertia.is_infinite() && (landed || !self.keeps_angle(rows)) {
             return None;
         }
         let slide = slide(rows, &surface, &self.trial.scene);
@@ -228,7 +238,7 @@ impl<'a> BodyObservations<'a> {
         })
     }
 
-    /// Whether the observed angles, if any, hardly vary.
+    /// Whether the observed angles, if any, vary by no more than their noise.
     fn keeps_angle(&self, rows: &[TimedPosition]) -> bool {
         let observed = &self.trial.observed;
         let angle = |t: f64| {
@@ -236,8 +246,10 @@ impl<'a> BodyObservations<'a> {
             observed.bodies[self.body].angle.get(at).copied().filter(|a| a.is_finite())
         };
         let angles: Vec<f64> = rows.iter().filter_map(|(t, _)| angle(*t)).collect();
-        let usual = median(&angles);
-        angles.iter().all(|a| (a - usual).abs() < MAX_TURN)
+        let (usual, count) = (median(&angles), angles.len().max(1) as f64);
+        let spread = (angles.iter().map(|a| (a - usual).powi(2)).sum::<f64>() / count).sqrt();
+        let noise = third_difference_noise(&[angles]).unwrap_or(0.0);
+        spread < MAX_TURN + ROCKING * noise
     }
 
     /// Spin from observed angles, rad/s; `None` with fewer than four.

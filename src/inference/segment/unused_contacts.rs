@@ -96,7 +96,10 @@ mod tests {
         let disc = r#"{"type": "disc", "radius": 0.05}"#;
         assert_eq!(counted(disc, 15), []);
         let few = counted(disc, 3);
-        assert!(few.len() == 1 && few[0].0.starts_with("impacts on fixed objects") && few[0].1 == 1, "{few:?}");
+        assert!(
+            few.len() == 1 && few[0].0.starts_with("impacts on fixed objects") && few[0].1 == 1,
+            "{few:?}"
+        );
         let block = counted(r#"{"type": "box", "half_width": 0.05, "half_height": 0.05}"#, 15);
         assert_eq!(block, [("impacts of bodies that are not round".to_string(), 1)]);
     }

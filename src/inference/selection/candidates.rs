@@ -7,8 +7,8 @@ use crate::inference::model::Term;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::task::Scene;
 use crate::world::effect::{
-    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, REGISTRY, SearchStrategy,
-    ShapeParameter,
+    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, REGISTRY,
+    SearchStrategy, ShapeParameter,
 };
 
 /// Gravity in the plane of a table that is seen from above, m/s^2: a tilt of up to 17 degrees.
@@ -62,7 +62,8 @@ pub fn candidates(scene: &Scene, ground: &RecordingSummary) -> Vec<Candidate> {
         };
         let per_setting = scene.per_setting.iter().any(|n| n == e.name);
         let free = vec![true; e.parameters.len()];
-        let term = |start| Term { effect: e, per_setting, start, free: free.clone(), fd_step: None, bracket: None };
+        let term =
+            |start| Term { effect: e, per_setting, start, free: free.clone(), fd_step: None, bracket: None };
         Some(Candidate { effect: e, starts: starts.into_iter().map(term).collect(), strong_start: None })
     };
     REGISTRY.iter().copied().filter(told).filter(identified).filter_map(of).collect()

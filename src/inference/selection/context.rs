@@ -46,11 +46,7 @@ pub fn context(
     base: &FittedModel,
     candidates: &[Candidate],
 ) -> Result<RecordingContext> {
-    let measured = fitter
-        .data
-        .segments
-        .iter()
-        .any(|w| w.kind.has_free_initial_state());
+    let measured = fitter.data.segments.iter().any(|w| w.kind.has_free_initial_state());
     let richest = if measured { richest(fitter, base, candidates)? } else { None };
     let model = richest.as_ref().unwrap_or(base);
     let discrepancy = SharedDiscrepancy::from_model(fitter.data, &model.layout, &model.state, &SETTINGS)?;

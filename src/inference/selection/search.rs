@@ -218,13 +218,16 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             let (layout, values) = found.fits[i].without_term(0, self.fitter.data.setting_count());
             (layout, FitState::new(values, found.base.state.nuisances.clone()))
         };
-        let starts = best.into_iter().map(start).collect();
-        let names = Vec::new();
-        if let Some(fit) = self.fit_set(CandidateSet { names, expected_gain: 0.0, starts })?
-            && fit.log_evidence > found.base_log_posterior
-        {
-            found.base_log_posterior = fit.log_evidence;
-            found.base = fit;
+        let starts: Vec<(ParameterLayout, FitState)> = best.into_iter().map(start).collect();
+        // Least squares, without the errors of impacts, may lead to another optimum.
+        let near = starts.clone().into_iter().map(|(layout, start)| self.fitter.run_gls(layout, start));
+        let mut fits: Vec<FittedModel> = near.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+        fits.extend(self.fit_set(CandidateSet { names: Vec::new(), expected_gain: 0.0, starts })?);
+        for fit in fits {
+            if fit.log_evidence > found.base_log_posterior {
+                found.base_log_posterior = fit.log_evidence;
+                found.base = fit;
+            }
         }
         Ok(())
     }

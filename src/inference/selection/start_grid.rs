@@ -15,6 +15,7 @@ use crate::inference::mixed_model::group_statistics::SCALE_DOF;
 use crate::inference::mixed_model::model_fit::{ModelFitter, none_if_not_simulable, with_amplitudes};
 use crate::inference::model::{self, Bracket, FitState, Parameter, ParameterLayout, SegmentData, Term};
 use crate::inference::segment::Segment;
+use crate::inference::selection::SETTINGS;
 use crate::inference::selection::candidates::Candidate;
 use crate::world::effect::{Effect, ParameterDeclaration, SearchStrategy};
 
@@ -69,7 +70,9 @@ impl<'a> StartGrid<'a> {
         let step = data.trial_count.div_ceil(MAX_TRIALS).max(1);
         let chosen = |w: &usize| {
             let segment = &data.segments[*w];
-            segment.kind.has_free_initial_state() && segment.trial.is_multiple_of(step) && data.sd[*w].is_finite()
+            segment.kind.has_free_initial_state()
+                && segment.trial.is_multiple_of(step)
+                && data.sd[*w].is_finite()
         };
         let chosen: Vec<usize> = (0..data.segments.len()).filter(chosen).collect();
         let of = |w: &usize| {
@@ -118,16 +121,39 @@ impl<'a> StartGrid<'a> {
 
     /// Best value of a threshold for the approach speed of impacts: between two neighbouring speeds of the data.
     fn best_step(&self, term: &Term) -> Result<Option<(Term, f64)>> {
-        let layout = ParameterLayout::new(&self.latents, Vec::new(), self.settings());
-        let approach = |(w, segment): (usize, &Segment)| {
-            segment.kind.is_impact().then(|| model::impact(segment, w, &layout, &self.start)).flatten()
+        let Some((neutral, _)) = self.loss_at(None, None)? else { return Ok(None) };
+        let Some((first, loss)) = self.scan_steps(term, &self.impact_speeds(None, &self.start))? else {
+            return Ok(None);
         };
-        let mut speeds: Vec<f64> =
-            self.segments.iter().enumerate().filter_map(approach).map(|impact| impact.approach).collect();
+        if loss >= neutral - MIN_GAIN {
+            return Ok(None);
+        }
+        // Impacts that the base model fits badly have other speeds under the threshold.
+        let Some((_, state)) = self.loss_at(Some(&first), None)? else { return Ok(None) };
+        Ok(self.scan_steps(term, &self.impact_speeds(Some(&first), &state))?.or(Some((first, loss))))
+    }
+
+    /// Approach speeds of all impacts under a fixed term or none, sorted, m/s.
+    fn impact_speeds(&self, term: Option<&Term>, state: &FitState) -> Vec<f64> {
+        let layout =
+            ParameterLayout::new(&self.latents, term.cloned().into_iter().collect(), self.settings());
+        let approach = |(w, segment): (usize, &Segment)| {
+            segment.kind.is_impact().then(|| model::impact(segment, w, &layout, state)).flatten()
+        };
+        let impacts = self.segments.iter().enumerate().filter_map(approach);
+        let mut speeds: Vec<f64> = impacts.map(|impact| impact.approach).collect();
         speeds.sort_by(f64::total_cmp);
         speeds.dedup();
-        let between = |low: f64, high: f64, bracket| {
-            Term { start: vec![0.5 * (low + high)], free: vec![false], bracket, ..term.clone() }
+        speeds
+    }
+
+    /// The threshold between two of some speeds with the smallest loss.
+    fn scan_steps(&self, term: &Term, speeds: &[f64]) -> Result<Option<(Term, f64)>> {
+        let between = |low: f64, high: f64, bracket| Term {
+            start: vec![0.5 * (low + high)],
+            free: vec![false],
+            bracket,
+            ..term.clone()
         };
         let loss = |pair: &[f64]| -> Result<f64> {
             let found = self.loss_at(Some(&between(pair[0], pair[1], None)), None)?;
@@ -137,15 +163,13 @@ impl<'a> StartGrid<'a> {
         let Some(best) = (0..losses.len()).min_by(|a, b| losses[*a].total_cmp(&losses[*b])) else {
             return Ok(None);
         };
-        let Some((neutral, _)) = self.loss_at(None, None)? else { return Ok(None) };
-        if losses[best] >= neutral - MIN_GAIN {
-            return Ok(None);
-        }
         // Impacts that bounce too low to be seen do not tell neighbouring values apart.
         let equal = |i: &usize| losses[*i] < losses[best] + EXCLUSION_NATS;
         let first = (0..=best).rev().take_while(equal).last().unwrap_or(best);
         let last = (best..losses.len()).take_while(equal).last().unwrap_or(best);
-        let interval = [speeds[first], speeds[last + 1]];
+        // Approach speeds are known as well as impacts follow any law.
+        let error = SETTINGS.discrepancy_of_impact[0];
+        let interval = [(1.0 - error) * speeds[first], (1.0 + error) * speeds[last + 1]];
         let bracket = Some(Bracket { interval, count: speeds.len() / (last + 1 - first) });
         Ok(Some((between(interval[0], interval[1], bracket), losses[best])))
     }

@@ -105,7 +105,10 @@ pub fn read_unit_rows(table: &mut Table) {
     let read: Vec<usize> = (0..table.columns.len())
         .filter(|i| {
             use ColumnQuantity::{Distance, Frame, Height, Interval, Time, X, Y, Z};
-            matches!(table.columns[*i].quantity, Some(Time | Frame | Interval | X | Y | Z | Height | Distance))
+            matches!(
+                table.columns[*i].quantity,
+                Some(Time | Frame | Interval | X | Y | Z | Height | Distance)
+            )
         })
         .collect();
     for _ in 0..MAX_UNIT_ROWS {

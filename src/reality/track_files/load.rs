@@ -99,7 +99,7 @@ fn read_files(
     reading: &TrackParseOptions,
     budget: &dyn Budget,
 ) -> Result<(Vec<TrackTable>, Vec<String>)> {
-    let (mut tables, mut notes) = (Vec::new(), Vec::new());
+    let (mut tables, mut notes, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
     for (file, name) in files.iter().zip(names(files)) {
         let read = || match body {
             Some(body) => read::read(&file.text, &name, body, reading, budget),
@@ -120,14 +120,32 @@ fn read_files(
         if files.len() > 1 && table.names_trials {
             table.rows.iter_mut().for_each(|r| r.trial = format!("{name}/{}", r.trial));
         }
-        notes.extend(table.notes.iter().map(|note| format!("{}: {note}", file.name)));
+        remarks.extend(table.notes.iter().map(|note| (note.clone(), file.name.clone())));
         tables.push(table);
     }
+    notes.extend(remarks_by_file(remarks));
     if tables.is_empty() && !files.is_empty() {
         let value = format!("{} files, of which none can be read", files.len());
         return Err(Error::input("trials", value, format!("at least one; {}", notes[0])));
     }
     Ok((tables, notes))
+}
+
+/// Remarks (text, file), each once.
+fn remarks_by_file(remarks: Vec<(String, String)>) -> Vec<String> {
+    let mut out: Vec<(String, String, usize)> = Vec::new();
+    for (text, file) in remarks {
+        match out.iter_mut().find(|r| r.0 == text) {
+            Some(known) => known.2 += 1,
+            None => out.push((text, file, 0)),
+        }
+    }
+    let one = |(text, file, more): (String, String, usize)| match more {
+        0 => format!("{file}: {text}"),
+        1 => format!("{file} and another file: {text}"),
+        _ => format!("{file} and {more} other files: {text}"),
+    };
+    out.into_iter().map(one).collect()
 }
 
 /// The ball with a floor where its tracks show one, if none is given. Without gravity, as seen from above, there is none.

@@ -173,7 +173,8 @@ fn complete_times(trials: &mut [Vec<SelectedRow>], selection: &TrackSelection) -
 fn drop_repeats(trials: &mut [Vec<SelectedRow>]) -> Option<String> {
     let mut remark = None;
     for rows in trials {
-        let pictures: Vec<Picture> = rows.iter().map(|r| (r.row.t, [r.row.values[0], r.row.values[1]])).collect();
+        let pictures: Vec<Picture> =
+            rows.iter().map(|r| (r.row.t, [r.row.values[0], r.row.values[1]])).collect();
         let Some(found) = without_repeats(&pictures) else { continue };
         let mut kept = found.kept.iter().peekable();
         let mut i = 0;

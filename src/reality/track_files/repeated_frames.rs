@@ -55,7 +55,9 @@ pub fn without_repeats(pictures: &[Picture]) -> Option<WithoutRepeats> {
     }
     // A repeat that was measured as movement lies a multiple of the period from its neighbour.
     let periodic: Vec<usize> = (isolated.iter().copied())
-        .filter(|i| isolated.contains(&(i + period)) || i.checked_sub(period).is_some_and(|k| isolated.contains(&k)))
+        .filter(|i| {
+            isolated.contains(&(i + period)) || i.checked_sub(period).is_some_and(|k| isolated.contains(&k))
+        })
         .collect();
     let is_dropped = |i: usize| {
         let near = periodic.iter().rev().find(|k| **k <= i).or(periodic.first());

@@ -8,8 +8,8 @@
 //! Differences from the source: without the added mass of the accelerated fluid, (1 + ratio / 2) times the body's own for a sphere.
 
 use super::{
-    Constants, Effect, EffectKind, MotionLaw, MotionState, SearchStrategy, SimulationContext, amplitude, constants,
-    effect, parameter,
+    Constants, Effect, EffectKind, MotionLaw, MotionState, SearchStrategy, SimulationContext, amplitude,
+    constants, effect, parameter,
 };
 
 /// The effect's row in the registry.

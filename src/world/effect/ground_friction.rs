@@ -9,8 +9,8 @@
 //! friction equals kinetic friction, and does not hold a body against forces within the plane.
 
 use super::{
-    Constants, Effect, EffectKind, IdentifyingMotion, MotionLaw, MotionState, SimulationContext, amplitude, constants,
-    effect, parameter,
+    Constants, Effect, EffectKind, IdentifyingMotion, MotionLaw, MotionState, SimulationContext, amplitude,
+    constants, effect, parameter,
 };
 use crate::task::ball::STANDARD_GRAVITY_M_S2;
 

@@ -5,7 +5,9 @@
 //!
 //! Differences from the source: none.
 
-use super::{BodyLaw, Constants, Effect, EffectKind, IdentifyingMotion, MassProperties, effect, scale_factor};
+use super::{
+    BodyLaw, Constants, Effect, EffectKind, IdentifyingMotion, MassProperties, effect, scale_factor,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -16,7 +18,9 @@ pub static EFFECT: Effect = Effect {
         shows neither. A recording on one slope alone cannot tell them apart.",
     equation: "moment of inertia = s * that of the scene",
     parameters: &[scale_factor(0.3, [0.01, 100.0])],
-    instrument_check: Some("give `inertia` in the scene: \"solid_sphere\", \"hollow_sphere\", \"hoop\" or kg m^2"),
+    instrument_check: Some(
+        "give `inertia` in the scene: \"solid_sphere\", \"hollow_sphere\", \"hoop\" or kg m^2",
+    ),
     identified_by: Some(IdentifyingMotion::Rolling),
     ..effect(EffectKind::Body(&InertiaError))
 };

@@ -6,8 +6,8 @@
 //! Differences from the source: the centre is given in the scene's coordinates.
 
 use super::{
-    Constants, Effect, EffectKind, Measurement, SearchStrategy, Sensor, ShapeParameter, amplitude, effect, parameter,
-    shape,
+    Constants, Effect, EffectKind, Measurement, SearchStrategy, Sensor, ShapeParameter, amplitude, effect,
+    parameter, shape,
 };
 
 /// The effect's row in the registry.

@@ -6,7 +6,9 @@
 //!
 //! Differences from the source: in a scene with more than two bodies the ratios among the others are unchanged.
 
-use super::{BodyLaw, Constants, Effect, EffectKind, IdentifyingMotion, MassProperties, effect, scale_factor};
+use super::{
+    BodyLaw, Constants, Effect, EffectKind, IdentifyingMotion, MassProperties, effect, scale_factor,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {

@@ -44,15 +44,15 @@ use std::fmt::Display;
 use crate::error::{Error, Result, check_range};
 use crate::task::scene::{EffectTerm, Scene};
 pub use declaration::{
-    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, PriorCoordinate, SearchStrategy,
-    ShapeParameter,
+    DataRange, Effect, EffectTarget, IdentifyingMotion, ParameterDeclaration, ParameterRole, PriorCoordinate,
+    SearchStrategy, ShapeParameter,
 };
 use declaration::{amplitude, edge, effect, parameter, scale_factor, shape};
 use law::constants;
 pub use law::{
-    BodyLaw, ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES, MAX_PARAMETERS,
-    MassProperties, Measurement, MotionLaw, MotionState, MotionStateLanes, PlacementLaw, Sensor, SimulationContext,
-    rolling_velocity_loss,
+    BodyLaw, ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, LANES,
+    MAX_PARAMETERS, MassProperties, Measurement, MotionLaw, MotionState, MotionStateLanes, PlacementLaw,
+    Sensor, SimulationContext, rolling_velocity_loss,
 };
 pub use rbf::gaussian;
 
@@ -199,7 +199,9 @@ mod tests {
     fn motions() -> impl Iterator<Item = (&'static Effect, &'static dyn MotionLaw)> {
         REGISTRY.iter().filter_map(|e| match e.kind {
             EffectKind::Motion(law) => Some((*e, law)),
-            EffectKind::Contact(_) | EffectKind::Body(_) | EffectKind::Sensor(_) | EffectKind::Action(_) => None,
+            EffectKind::Contact(_) | EffectKind::Body(_) | EffectKind::Sensor(_) | EffectKind::Action(_) => {
+                None
+            }
         })
     }
 

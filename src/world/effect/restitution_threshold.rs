@@ -25,7 +25,12 @@ pub static EFFECT: Effect = Effect {
         the threshold are unchanged. Only data with impacts on both sides of the threshold identify \
         it.",
     equation: "e = 0 where the impact speed < speed",
-    parameters: &[parameter("speed", "m/s", [0.0, MAX_RESTITUTION_THRESHOLD_M_S], amplitude(1.0, 2.0, 0.05).stepwise())],
+    parameters: &[parameter(
+        "speed",
+        "m/s",
+        [0.0, MAX_RESTITUTION_THRESHOLD_M_S],
+        amplitude(1.0, 2.0, 0.05).stepwise(),
+    )],
     search: SearchStrategy::FromStarts(starts),
     ..effect(EffectKind::Contact(&RestitutionThreshold))
 };

@@ -1,0 +1,64 @@
+//! Motions with contacts: nothing is named where nothing is hidden, and what is wrong in the scene is found.
+
+use iplw::inference::report::{Diagnosis, Verdict};
+use iplw::inference::{DiagnosisConfig, diagnose};
+use iplw::progress::NoProgress;
+
+use crate::worlds::contact_motion::{ContactWorld, KINDS, Wrong, contact_world};
+
+const SEED: u64 = 401;
+
+fn diagnosed(world: &ContactWorld) -> Diagnosis {
+    let found = diagnose(&world.scene, &world.trials, &DiagnosisConfig::standard(SEED), &NoProgress);
+    found.expect("a diagnosis").diagnosis
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is_hidden() {
+    for kind in KINDS {
+        let found = diagnosed(&contact_world(kind, Wrong::Nothing, SEED));
+        assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);
+        let unused = matches!(kind, "tossed_box");
+        assert_eq!(!found.unused_contacts.is_empty(), unused, "{kind}: {:?}", found.unused_contacts);
+    }
+}
+
+/// Friction of slides and restitution of collisions are latents: their intervals hold the truth, and nothing is named.
+#[test]
+fn wrong_coefficients_are_estimated() {
+    for (kind, wrong) in [
+        ("slide_to_roll", Wrong::Friction),
+        ("block_to_rest", Wrong::Friction),
+        ("two_balls", Wrong::Restitution),
+    ] {
+        let world = contact_world(kind, wrong, SEED);
+        let (name, truth) = world.wrong.unwrap();
+        let found = diagnosed(&world);
+        assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);
+        let latent = found.calibrated.iter().find(|c| c.name == name).unwrap();
+        let [Some(low), Some(high)] = latent.ci95 else { panic!("{kind}: {latent:?}") };
+        // The interval and as much on either side.
+        let half = 0.5 * (high - low);
+        assert!((low - half..high + half).contains(&truth) && half < 0.05, "{kind}: {latent:?} for {truth}");
+    }
+}
+
+#[test]
+fn wrong_masses_inertias_and_thresholds_are_named() {
+    for (kind, wrong) in [
+        ("two_discs", Wrong::MassRatio),
+        ("roll_on_incline", Wrong::Inertia),
+        ("bouncing_ball", Wrong::Threshold),
+    ] {
+        let world = contact_world(kind, wrong, SEED);
+        let (name, truth) = world.wrong.unwrap();
+        let (effect, _) = name.split_once('.').unwrap();
+        let found = diagnosed(&world);
+        let sets = &found.rivals;
+        assert!(sets.iter().any(|set| set == &[effect]), "{kind}: {sets:?}, {}", found.reason);
+        if let Some(own) = found.effects.iter().find(|e| e.name == effect) {
+            let value = own.parameters[0].value;
+            assert!((value / truth - 1.0).abs() < 0.1, "{kind}: {value} for {truth}");
+        }
+    }
+}
