@@ -73,10 +73,9 @@ pub fn build_report(
     let ReportInput { scene, trials, data, trial_indices: used, .. } = input;
     let (names, noise, scale) = (input.setting_names, input.noise, input.scale);
     let (segments, settings, verdict) = (data.segments, data.settings, decision.verdict);
-    let SearchResult { base, fits, .. } = &found;
-    let best = decision.selected.map(|c| &fits[c]);
+    let (base, fits) = (&found.base, &found.fits);
+    let (best, fitter) = (decision.selected.map(|c| &fits[c]), input.fitter());
     let model = best.unwrap_or(base);
-    let fitter = input.fitter();
     let law = match verdict {
         Verdict::Unknown => {
             LawProblem { fitter: &fitter, base, model, field: decision.field.as_ref() }.law(noise)?
@@ -102,8 +101,8 @@ pub fn build_report(
     let bands = [predictive_sds(input, base, base.view())?, predictive_sds(input, model, view)?];
     let evidence = evidence::evidence(data, [base.view(), view], bands, names)?;
     let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
-    let law_text = residual_law.as_ref().map_or(String::new(), text::law_text);
-    let described = law_text + &between_trial_variation::text(&unlike);
+    let described =
+        residual_law.as_ref().map_or(String::new(), text::law_text) + &between_trial_variation::text(&unlike);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,

@@ -425,17 +425,21 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
             let sizes = (0..count).map(|k| tests.iter().map(|t| t.1[k]).sum::<f64>() / tests.len() as f64);
             out[c].push((before + tests.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
         }
-        for (c, candidate) in self.library.iter().enumerate() {
-            // A linearization does not show steps.
+        self.add_steps(fit, before, &mut out);
+        out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
+        Ok(Some(out))
+    }
+
+    /// Adds the scans of stepwise effects, which a linearization does not show, to score tests by candidate.
+    fn add_steps(&self, fit: &FittedModel, before: f64, tests: &mut [Vec<ScoreTest>]) {
+        for (tests, candidate) in tests.iter_mut().zip(&self.library) {
             if let Some((term, gain)) = &candidate.strong_start
                 && term.bracket.is_some()
                 && !fit.effects.iter().any(|e| e.name == candidate.effect.name)
             {
-                out[c] = vec![(before + gain, 0, term.start.clone())];
+                *tests = vec![(before + gain, 0, term.start.clone())];
             }
         }
-        out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
-        Ok(Some(out))
     }
 
     /// Special cases of the best sets that were not tried.
