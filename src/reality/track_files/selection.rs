@@ -116,7 +116,7 @@ fn clock(table: &Table, options: &TrackParseOptions) -> Result<(TrackClock, bool
         return match (frames, times) {
             (Some(i), _) => Ok((TrackClock::Column(i, 1.0 / fps), true)),
             (None, Some(i)) => match table.columns[i].unit {
-                None => Ok((TrackClock::Column(i, frame_or_second(table, i, fps)?), true)),
+                None => Ok((TrackClock::Column(i, frame_or_second(table, i, fps)), true)),
                 Some(unit) => Err(contradiction(line, &table.columns[i], unit, "`fps` is for frame numbers")),
             },
             (None, None) => Ok((TrackClock::Rows(1.0 / fps), true)),
@@ -148,21 +148,17 @@ fn clock(table: &Table, options: &TrackParseOptions) -> Result<(TrackClock, bool
 const FRAME_RATE_TOLERANCE: f64 = 0.05;
 
 /// Size of the unit of a column without one beside a frame rate, s: it counts frames, or it has the seconds of that rate.
-fn frame_or_second(table: &Table, column: usize, fps: f64) -> Result<f64> {
+fn frame_or_second(table: &Table, column: usize, fps: f64) -> f64 {
     let value = |cells: &[String]| parse(cells.get(column)?, &mut None).ok().filter(|v| v.is_finite());
     let values: Vec<f64> = table.records.iter().filter_map(|(_, cells)| value(cells)).collect();
     if values.iter().all(|v| v.fract() == 0.0) {
-        return Ok(1.0 / fps);
+        return 1.0 / fps;
     }
     let mut steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
     steps.sort_by(f64::total_cmp);
     let step = steps.get(steps.len() / 2).copied().unwrap_or(f64::NAN);
-    if (step * fps - 1.0).abs() < FRAME_RATE_TOLERANCE {
-        return Ok(1.0);
-    }
-    let value = format!("neither a frame number nor a time at {fps} frames a second: {step:.4} between rows");
-    let allowed = "without `fps` if it has times, with `time_unit` if those are not s";
-    Err(invalid_value(table.header_line, &table.columns[column].name, &value, allowed))
+    let has_seconds = (step * fps - 1.0).abs() < FRAME_RATE_TOLERANCE;
+    if has_seconds { 1.0 } else { 1.0 / fps }
 }
 
 /// Coordinate columns of one track of a file, in pixels or not.
