@@ -1,18 +1,15 @@
 //! A disc that falls on a surface and stays there: it bounces until its bounces are too low to be seen, and slides or rolls from
 //! there.
 //!
-//! The classical Runge-Kutta method of fourth order, with the time of impact by the method of regula falsi (Illinois).
+//! The classical Runge-Kutta method of fourth order.
 
-use super::integrator::state_from_nuisances;
+use super::integrator::{find_root, state_from_nuisances};
 use super::physics::{Impact, MAX_STEPS, SegmentPhysics};
 use super::supported::{PlanarState, SupportedBody};
 
 /// Speed away from the surface below which a disc stays on it, m/s: a bounce of 0.05 mm on Earth.
 const SETTLING_SPEED: f64 = 0.03;
 const MAX_IMPACTS: usize = 50;
-const MAX_ROOT_ITERATIONS: usize = 60;
-/// Gap at which the search for an impact ends, m.
-const TOUCHING: f64 = 1e-13;
 
 impl SegmentPhysics<'_> {
     /// Passes the state at every observation of a landing segment to `visit`; the first impact.
@@ -34,7 +31,7 @@ impl SegmentPhysics<'_> {
             while time < until {
                 let h = (until - time).min(longest);
                 if let Some(body) = &mut supported {
-                    body.advance(h, |s| self.acceleration(time, s), None::<fn(f64) -> f64>);
+                    body.advance(h, |s| self.acceleration(time, s), self.rolling_resistance());
                     at = body.body();
                     time += h;
                     continue;
@@ -45,7 +42,10 @@ impl SegmentPhysics<'_> {
                     (at, time) = (next, time + h);
                     continue;
                 }
-                let step = self.time_to_touch(time, &at, h, |s| surface.height(s, offset));
+                let step = h * find_root(|share| {
+                    let s = self.runge_kutta(time, &at, share * h);
+                    [surface.height(&s, offset), h * surface.normal_velocity(&s)]
+                });
                 let (after, impact) =
                     self.resolve_impact(time + step, self.runge_kutta(time, &at, step), surface);
                 (at, time) = (after, time + step);
@@ -58,39 +58,6 @@ impl SegmentPhysics<'_> {
             visit(i, at);
         }
         first
-    }
-
-    /// Time until a height is zero, within a step at whose end it is negative, s.
-    fn time_to_touch(
-        &self,
-        time: f64,
-        at: &PlanarState,
-        h: f64,
-        height: impl Fn(&PlanarState) -> f64,
-    ) -> f64 {
-        let value = |step: f64| height(&self.runge_kutta(time, at, step));
-        let (mut low, mut high) = ((0.0, value(0.0)), (h, value(h)));
-        if low.1 <= 0.0 {
-            return 0.0;
-        }
-        let mut side = 0;
-        for _ in 0..MAX_ROOT_ITERATIONS {
-            let step = (low.0 * high.1 - high.0 * low.1) / (high.1 - low.1);
-            let now = value(step);
-            if now.abs() < TOUCHING {
-                return step;
-            }
-            if now > 0.0 {
-                low = (step, now);
-                high.1 *= if side == 1 { 0.5 } else { 1.0 };
-                side = 1;
-            } else {
-                high = (step, now);
-                low.1 *= if side == -1 { 0.5 } else { 1.0 };
-                side = -1;
-            }
-        }
-        0.5 * (low.0 + high.0)
     }
 
     fn runge_kutta(&self, time: f64, at: &PlanarState, h: f64) -> PlanarState {

@@ -42,21 +42,15 @@ impl SegmentPhysics<'_> {
             visit(i, [body[0], body[1], body[2], body[3]]);
             out.extend(self.measure(&body));
         };
-        if self.segment.kind.is_supported() {
-            self.move_supported(nuisances, show);
-            return (out, None);
-        }
-        if self.segment.kind == SegmentKind::Landing {
-            let impact = self.land(nuisances, show);
-            return (out, impact);
-        }
-        let integrate = if self.segment.kind == SegmentKind::Collision {
-            collision::integrate
-        } else {
-            integrator::integrate
+        let impact = match batch_integrator(self.segment.kind) {
+            Some(integrate) => integrate(&[(self, nuisances)], &mut |_, i, body| show(i, body))[0],
+            None if self.segment.kind == SegmentKind::Landing => self.land(nuisances, show),
+            None => {
+                self.move_supported(nuisances, show);
+                None
+            }
         };
-        let impacts = integrate(&[(self, nuisances)], &mut |_, i, body| show(i, body));
-        (out, impacts[0])
+        (out, impact)
     }
 
     /// Passes the state at every observation of a supported body to `visit`.
@@ -69,11 +63,7 @@ impl SegmentPhysics<'_> {
             (0..points.len()).for_each(|i| visit(i, [f64::NAN; 5]));
             return;
         };
-        let resists = |load: f64| {
-            self.contact_laws.iter().map(|(law, c)| law.rolling_loss(c, load * KICK_DURATION)).sum::<f64>()
-                / KICK_DURATION
-        };
-        let resists = (!self.contact_laws.is_empty()).then_some(resists);
+        let resists = self.rolling_resistance();
         let mut time = self.true_time(first.time);
         let longest = self.max_step_from(&own.body());
         for (i, point) in points.iter().enumerate() {
@@ -88,21 +78,38 @@ impl SegmentPhysics<'_> {
             visit(i, own.body());
         }
     }
+
+    /// Deceleration of a rolling disc by its load, both m/s^2; `None` without laws of contact.
+    fn rolling_resistance(&self) -> Option<impl Fn(f64) -> f64 + Copy> {
+        let lost = |load: f64| -> f64 {
+            self.contact_laws.iter().map(|(law, c)| law.rolling_loss(c, load * KICK_DURATION)).sum()
+        };
+        (!self.contact_laws.is_empty()).then_some(move |load: f64| lost(load) / KICK_DURATION)
+    }
+}
+
+/// Integrates trajectories of one segment: see [`integrator::integrate`].
+type BatchIntegrator =
+    fn(&[InitialCondition], &mut dyn FnMut(usize, usize, PlanarState)) -> Vec<Option<Impact>>;
+
+/// The integrator of a kind of segment; `None` if its trajectories are integrated one by one.
+fn batch_integrator(kind: SegmentKind) -> Option<BatchIntegrator> {
+    match kind {
+        SegmentKind::Collision => Some(collision::integrate),
+        _ if kind.is_supported() || kind == SegmentKind::Landing => None,
+        _ => Some(integrator::integrate),
+    }
 }
 
 /// Predicted positions and impacts of several trajectories of one segment.
 pub fn predict_batch(paths: &[InitialCondition]) -> Vec<(Vec<f64>, Option<Impact>)> {
-    let one_by_one = |kind: SegmentKind| kind.is_supported() || kind == SegmentKind::Landing;
-    if paths.first().is_some_and(|(physics, _)| one_by_one(physics.segment.kind)) {
+    let Some((lead, _)) = paths.first() else { return Vec::new() };
+    let Some(integrate) = batch_integrator(lead.segment.kind) else {
         return paths.iter().map(|(physics, nuisances)| physics.simulate(nuisances, |_, _| ())).collect();
-    }
+    };
     let room =
         |(physics, _): &InitialCondition| (Vec::with_capacity(2 * physics.segment.observations.len()), None);
     let mut out: Vec<(Vec<f64>, Option<Impact>)> = paths.iter().map(room).collect();
-    let integrate = match paths.first().map(|(physics, _)| physics.segment.kind) {
-        Some(SegmentKind::Collision) => collision::integrate,
-        _ => integrator::integrate,
-    };
     for smooth in [true, false] {
         let those: Vec<usize> = (0..paths.len()).filter(|i| paths[*i].0.is_smooth() == smooth).collect();
         let together: Vec<InitialCondition> = those.iter().map(|i| paths[*i]).collect();
