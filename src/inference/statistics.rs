@@ -5,6 +5,10 @@
 use crate::distribution::f_survival;
 use nalgebra::{DMatrix, DVector};
 
+/// Decrease of a profile log density that excludes a value, nats: half the 95 % quantile of chi-squared with one degree of
+/// freedom.
+pub const EXCLUSION_NATS: f64 = 1.92;
+
 /// P(T > t), one-sided, Student with `freedom` degrees.
 pub fn t_survival(t: f64, freedom: f64) -> f64 {
     let half = 0.5 * f_survival(t * t, 1.0, freedom);

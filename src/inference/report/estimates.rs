@@ -7,6 +7,7 @@ use crate::inference::model;
 use crate::inference::report::{CalibratedLatent, EffectEstimate, ModelScore, ParameterEstimate};
 use crate::inference::selection::Decision;
 use crate::inference::selection::search::SearchResult;
+use crate::inference::statistics::EXCLUSION_NATS;
 use crate::world::latent::FACTORS;
 
 /// The effects of a fit; `probability`: the posterior probability that an effect acts, by name.
@@ -66,9 +67,9 @@ fn bracket_estimate(term: &model::Term, bracket: &model::Bracket) -> Option<Para
     })
 }
 
-/// Decrease of the profile log density that excludes a value, nats: half the 95 % quantile of chi-squared
-/// with one degree of freedom.
-const EXCLUSION_NATS: f64 = 1.92;
+/// Half the interval of a latent that is not identifiable, as a share of the latent's range, or of the largest range that counts.
+const LONG_INTERVAL: f64 = 0.25;
+const MAX_RANGE: f64 = 4.0;
 /// Distance from a bound, as a share of the range, within which a value is at it.
 const AT_BOUND: f64 = 1e-3;
 /// Bisections of an interval at a bound: to a 250th of the searched range.
@@ -85,50 +86,67 @@ pub fn calibrated_latents(
     let of = |i: usize| {
         let parameter = &f.layout.parameters[i];
         let latent = parameter.latent().expect("latents come first in a layout");
-        let half = f.ci_half_width(i);
-        let information: f64 = f.evaluation.normal_equations.iter().map(|t| t.gram[(i, i)]).sum();
-        let width = parameter.bounds[1] - parameter.bounds[0];
-        let value = f.state.values[i];
-        let excludes = |bound: &f64| -> Result<bool> {
-            let at = if (bound - value).abs() > half { fitter.log_joint_with(f, i, *bound)? } else { None };
-            Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
+        let (value, [low, high]) = (f.state.values[i], parameter.bounds);
+        let at_bound = [low, high].into_iter().find(|bound| (value - bound).abs() < AT_BOUND * (high - low));
+        let interval = match at_bound {
+            Some(bound) => one_sided_interval(fitter, f, i, bound)?,
+            None => two_sided_interval(fitter, f, i)?,
         };
-        let is_short = half.is_finite()
-            && half < 0.25 * width.min(4.0)
-            && information > 10.0 * parameter.min_information();
-        let identifiable = is_short && excludes(&parameter.bounds[0])? && excludes(&parameter.bounds[1])?;
-        let at_bound = parameter.bounds.iter().any(|bound| (value - bound).abs() < AT_BOUND * width);
-        let (identifiable, [low, high]) = match at_bound {
-            true => one_sided_interval(fitter, f, i)?.map_or((false, [value; 2]), |ends| (true, ends)),
-            false => (identifiable, [value - half, value + half]),
-        };
-        let end = |v: f64| identifiable.then(|| v.clamp(parameter.bounds[0], parameter.bounds[1]));
-        let ci95 = [end(low), end(high)];
-        Ok(CalibratedLatent { name: FACTORS[latent].name.into(), value, ci95, identifiable })
+        let ends = interval.map(|ends| ends.map(|v| v.clamp(low, high)));
+        let ci95 = [0, 1].map(|k| ends.map(|ends| ends[k]));
+        let (name, identifiable) = (FACTORS[latent].name.into(), ends.is_some());
+        Ok(CalibratedLatent { name, value, ci95, identifiable })
     };
     (0..count).map(of).collect()
 }
 
-/// Interval of a parameter at one of its bounds, by the profile log density; `None` if a quarter of its range is not excluded.
-fn one_sided_interval(fitter: &ModelFitter, f: &FittedModel, slot: usize) -> Result<Option<[f64; 2]>> {
-    let parameter = &f.layout.parameters[slot];
-    let [low, high] = parameter.bounds;
-    let (value, range) = (f.state.values[slot], (high - low).min(4.0));
-    let inwards = if value == low { 1.0 } else { -1.0 };
-    let excluded = |distance: f64| -> Result<bool> {
-        let at = fitter.log_joint_with(f, slot, value + inwards * distance)?;
-        Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
-    };
-    let (mut inside, mut outside) = (0.0, 0.25 * range);
-    if !excluded(outside)? {
+/// Interval of a parameter between its bounds; `None` if it is long or does not exclude a bound outside of it.
+fn two_sided_interval(fitter: &ModelFitter, f: &FittedModel, slot: usize) -> Result<Option<[f64; 2]>> {
+    let (parameter, value, half) = (&f.layout.parameters[slot], f.state.values[slot], f.ci_half_width(slot));
+    let information: f64 = f.evaluation.normal_equations.iter().map(|t| t.gram[(slot, slot)]).sum();
+    let width = parameter.bounds[1] - parameter.bounds[0];
+    if !half.is_finite()
+        || half >= LONG_INTERVAL * width.min(MAX_RANGE)
+        || information <= 10.0 * parameter.min_information()
+    {
+        return Ok(None);
+    }
+    for bound in parameter.bounds.into_iter().filter(|bound| (bound - value).abs() > half) {
+        if !is_excluded(fitter, f, slot, bound)? {
+            return Ok(None);
+        }
+    }
+    Ok(Some([value - half, value + half]))
+}
+
+/// Interval of a parameter at one of its bounds, by the profile log density; `None` if it is long.
+fn one_sided_interval(
+    fitter: &ModelFitter,
+    f: &FittedModel,
+    slot: usize,
+    bound: f64,
+) -> Result<Option<[f64; 2]>> {
+    let [low, high] = f.layout.parameters[slot].bounds;
+    let inwards = if bound == low { 1.0 } else { -1.0 };
+    let (mut inside, mut outside) = (0.0, LONG_INTERVAL * (high - low).min(MAX_RANGE));
+    if !is_excluded(fitter, f, slot, bound + inwards * outside)? {
         return Ok(None);
     }
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (inside + outside);
-        if excluded(middle)? { outside = middle } else { inside = middle }
+        match is_excluded(fitter, f, slot, bound + inwards * middle)? {
+            true => outside = middle,
+            false => inside = middle,
+        }
     }
-    let end = value + inwards * outside;
-    Ok(Some([value.min(end), value.max(end)]))
+    let end = bound + inwards * outside;
+    Ok(Some([bound.min(end), bound.max(end)]))
+}
+
+/// Whether the data exclude a value of a parameter.
+fn is_excluded(fitter: &ModelFitter, f: &FittedModel, slot: usize, value: f64) -> Result<bool> {
+    let at = fitter.log_joint_with(f, slot, value)?;
+    Ok(at.is_none_or(|at| at < f.log_joint - EXCLUSION_NATS))
 }
 
 /// All fitted models, most probable first; `names`: of the settings.

@@ -17,6 +17,7 @@ use crate::inference::model::{self, Bracket, FitState, Parameter, ParameterLayou
 use crate::inference::segment::Segment;
 use crate::inference::selection::SETTINGS;
 use crate::inference::selection::candidates::Candidate;
+use crate::inference::statistics::EXCLUSION_NATS;
 use crate::world::effect::{Effect, ParameterDeclaration, SearchStrategy};
 
 /// Maximum number of trials used.
@@ -31,8 +32,6 @@ const STEPS: usize = 3;
 const MAX_RISES: usize = 2;
 /// Minimum excess of the base model over the noise, and minimum gain of a strong start, nats.
 const MIN_GAIN: f64 = 3.0;
-/// Difference of the loss that excludes a value of a threshold, nats: half the 95 % quantile of chi-squared.
-const EXCLUSION_NATS: f64 = 1.92;
 
 /// Adds strong starts to candidates for which they are better.
 pub fn add_strong_starts(
