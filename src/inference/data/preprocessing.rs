@@ -10,7 +10,7 @@ use crate::inference::data::smoothing::PolynomialSmooth;
 use crate::inference::data::time_alignment::{self, IntegratorMismatch};
 use crate::inference::report::UnusedContacts;
 use crate::inference::report::expected_rss::{ExpectedRss, expected_rss};
-use crate::inference::segment::{self, MIN_FLIGHT_OBSERVATIONS, Segment, SegmentKind};
+use crate::inference::segment::{self, MIN_FLIGHT_OBSERVATIONS, Segment, SegmentKind, Segmentation};
 use crate::inference::selection::candidates;
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -79,8 +79,10 @@ pub fn preprocess(
     progress: &dyn Progress,
 ) -> Result<std::result::Result<PreprocessedData, InsufficientData>> {
     let (names, settings) = index_settings(trials);
-    let mut segments = segment::segment_trials(scene, trials, &settings, run, progress)?;
-    let unused_contacts = segment::unused_contacts(trials, &segments);
+    let Segmentation { mut segments, unused_contacts } =
+        segment::segment_trials(scene, trials, &settings, run, progress)?;
+    let unused = unused_contacts.iter().filter(|(trial, _)| !left_out.contains(trial));
+    let unused_contacts = segment::counted(unused.map(|(_, reason)| reason.as_str()));
     segments.retain(|w| !left_out.contains(&w.trial));
     progress.report("estimating the noise", 0, 1)?;
     let stepping = time_alignment::align_velocities(&mut segments, trials, engine, progress)?;

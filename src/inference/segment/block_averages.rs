@@ -164,7 +164,7 @@ mod tests {
             (0..1501).map(&mut row).collect::<Vec<_>>()
         };
         let trials = observed_trials(&(0..4).map(&mut throw).collect::<Vec<_>>());
-        segment_trials(&scene.build("ball", 1.0).unwrap(), &trials, &[0; 4], 8, &NoProgress).unwrap()
+        segment_trials(&scene.build("ball", 1.0).unwrap(), &trials, &[0; 4], 8, &NoProgress).unwrap().segments
     }
 
     /// Estimate, error, evidence and residual squares of a drag are those of all observations.

@@ -50,12 +50,13 @@ impl Pair<'_> {
 
     /// The collision during which the first body's rows `near` are near the second; `None` with too few observations
     /// before or after it.
-    fn segment(&self, near: Range<usize>, pair: CollidingPair) -> Option<Segment> {
+    fn segment(&self, near: Range<usize>, mut pair: CollidingPair) -> Option<Segment> {
         let (first, trial) = (self.0[0], self.0[0].trial);
         let begins = first.rows[near.start].0;
         let lasting = |i: &usize| first.rows[*i].0 - begins < MAX_DURATION;
-        let closest =
-            near.clone().take_while(lasting).min_by(|a, b| self.gap(*a).total_cmp(&self.gap(*b)))?;
+        let gap = |i: &usize| self.distance(*i) - pair.radii[0] - pair.radii[1];
+        let closest = near.clone().take_while(lasting).min_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+        let excess = gap(&closest);
         // Bodies that stay near each other move freely after the collision all the same.
         let last = near.end - 1;
         let ends = first.rows[if lasting(&last) { last } else { closest }].0;
@@ -64,7 +65,6 @@ impl Pair<'_> {
             return None;
         }
         let start = sides.iter().map(|[before, _]| before[0].0).fold(f64::INFINITY, f64::min);
-        let mut pair = pair;
         let (mut points, mut nuisances) = (Vec::new(), Vec::new());
         for (k, [before, after]) in sides.iter().enumerate() {
             let (mut state, held) = self.0[k].state_with_spin(before);
@@ -80,7 +80,7 @@ impl Pair<'_> {
             };
             points.extend(before.iter().chain(*after).map(point));
         }
-        nuisances.push(self.gap(closest));
+        nuisances.push(excess);
         let scene = Scene {
             bodies: self.0.map(|o| trial.scene.bodies[o.body].clone()).to_vec(),
             statics: Vec::new(),
@@ -106,12 +106,11 @@ impl Pair<'_> {
         [&own.rows[until - before..until], &own.rows[from..from + after]]
     }
 
-    /// Gap at a row of the first body, m; infinite where the second was not observed.
-    fn gap(&self, i: usize) -> f64 {
+    /// Distance of the centres at a row of the first body, m; infinite where the second was not observed.
+    fn distance(&self, i: usize) -> f64 {
         let [first, second] = self.0;
         let (time, p) = first.rows[i];
-        let radius = |o: &BodyObservations| o.trial.scene.bodies[o.body].shape.disc_radius().unwrap_or(0.0);
         let q = second.rows.iter().find(|r| r.0 == time).map(|r| r.1);
-        q.map_or(f64::INFINITY, |q| (p[0] - q[0]).hypot(p[1] - q[1]) - radius(first) - radius(second))
+        q.map_or(f64::INFINITY, |q| (p[0] - q[0]).hypot(p[1] - q[1]))
     }
 }

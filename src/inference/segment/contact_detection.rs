@@ -38,7 +38,7 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
     let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
     let extent = shape.disc_radius().unwrap_or_else(|| shape.half_size());
     let near = 0.15 * extent;
-    let angles: Vec<f64> = rows.iter().map(|(t, _)| observed_angle(trial, body, *t)).collect();
+    let angles: Vec<f64> = rows.iter().map(|(t, _)| observed_angle(trial, body, *t).unwrap_or(0.0)).collect();
     for (f, fixed) in scene.statics.iter().enumerate() {
         let solid = fixed.placed();
         let gap = |p: [f64; 2], angle: f64| solid.signed_distance_to(&shape.placed(p, angle));
@@ -72,7 +72,7 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
             .iter()
             .map(|(t, p)| match at(*t).and_then(|i| observed_position(other, i)) {
                 Some(q) => {
-                    let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t));
+                    let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t).unwrap_or(0.0));
                     shape.placed(*p, own).signed_distance_to(&theirs.placed(q, other))
                 }
                 None => f64::INFINITY,
@@ -85,11 +85,11 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
     out
 }
 
-/// Observed angle of a body at a time, rad; 0 if it was not observed.
-fn observed_angle(trial: &Trial, body: usize, time: f64) -> f64 {
+/// Angle of a body at the time of an observation, rad; `None` if it was not observed.
+pub fn observed_angle(trial: &Trial, body: usize, time: f64) -> Option<f64> {
     let at = trial.observed.times.partition_point(|s| *s < time);
     let angle = trial.observed.bodies[body].angle.get(at).copied();
-    angle.filter(|a| a.is_finite()).unwrap_or(0.0)
+    angle.filter(|a| a.is_finite())
 }
 
 /// Intervals (first row, end, contact) along one straight static in which the height varies no more than the

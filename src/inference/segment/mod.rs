@@ -26,5 +26,5 @@ pub use definition::{
     any_known_initial_state, any_multi_step, any_one_step,
 };
 pub use full_state::{initial_state_guess, remove_overlaps};
-pub use segmentation::segment_trials;
-pub use unused_contacts::unused_contacts;
+pub use segmentation::{Segmentation, segment_trials};
+pub use unused_contacts::counted;

@@ -4,6 +4,7 @@ use super::collision::collision_segments;
 use super::definition::Segment;
 use super::full_state::{initial_segment, multi_step_segments, one_step_segments};
 use super::single_body::BodyObservations;
+use super::unused_contacts::unused_contacts;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -14,6 +15,13 @@ use crate::task::Scene;
 const ONE_STEP_SEGMENTS: usize = 160;
 const MIN_ONE_STEP_PER_TRIAL: usize = 3;
 
+/// Segments of all trials.
+pub struct Segmentation {
+    pub segments: Vec<Segment>,
+    /// Trial of each contact that no segment uses, and why.
+    pub unused_contacts: Vec<(usize, String)>,
+}
+
 /// All segments of all trials; `settings[i]` is the index of the setting of trial i, `run` the maximum number
 /// of intervals of an initial segment.
 pub fn segment_trials(
@@ -22,34 +30,40 @@ pub fn segment_trials(
     settings: &[usize],
     run: usize,
     progress: &dyn Progress,
-) -> Result<Vec<Segment>> {
+) -> Result<Segmentation> {
     let most = ONE_STEP_SEGMENTS.div_ceil(trials.len().max(1)).max(MIN_ONE_STEP_PER_TRIAL);
     let bare = base.without_settings();
-    let mut out = Vec::new();
+    let mut out = Segmentation { segments: Vec::new(), unused_contacts: Vec::new() };
     for (i, trial) in trials.iter().enumerate() {
         progress.report("segmenting trials", i as u64, trials.len() as u64)?;
         let placed = bare.with_setting(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
-        let own = trial_segments(&placed, trial, most, run);
-        out.extend(own.into_iter().map(|w| Segment { trial: i, setting: settings[i], ..w }));
+        let (own, unused) = trial_segments(&placed, trial, most, run);
+        out.segments.extend(own.into_iter().map(|w| Segment { trial: i, setting: settings[i], ..w }));
+        out.unused_contacts.extend(unused.into_iter().map(|reason| (i, reason)));
     }
     Ok(out)
 }
 
 /// Segments of a trial: one-step or initial segments of all bodies if the initial state is known; single-body
-/// segments if it is not, and for a single body in flight. `placed` is the scene in the trial's setting.
-fn trial_segments(placed: &Scene, trial: &Trial, most: usize, longest: usize) -> Vec<Segment> {
+/// segments if it is not, and for a single body in flight; and the reasons why contacts are in none. `placed` is the scene in the
+/// trial's setting.
+fn trial_segments(placed: &Scene, trial: &Trial, most: usize, longest: usize) -> (Vec<Segment>, Vec<String>) {
     let known = has_known_initial_state(placed, trial);
     let bodies = trial.scene.bodies.len();
     let mut out = if known { one_step_segments(trial, most) } else { Vec::new() };
+    let mut unused = Vec::new();
     if out.is_empty() && (!known || bodies == 1) {
         let observed: Vec<_> = (0..bodies).filter_map(|body| BodyObservations::of(trial, body)).collect();
         out = observed.iter().flat_map(BodyObservations::segments).collect();
         out.extend(collision_segments(&observed));
+        unused = unused_contacts(&observed, &out);
     }
     if out.is_empty() && known {
+        // An engine simulates every contact.
+        unused.clear();
         out = initial_segment(trial, longest).into_iter().chain(multi_step_segments(trial)).collect();
     }
-    out
+    (out, unused)
 }
 
 /// Tolerance of a known initial position, m: rounding to single precision.
@@ -93,7 +107,9 @@ mod tests {
             let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
             let _ = writeln!(csv, "a,{x},ball,{},{}", x + noise(0), height(x) + noise(7));
         }
-        segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8, &NoProgress).unwrap()
+        segment_trials(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8, &NoProgress)
+            .unwrap()
+            .segments
     }
 
     /// A camera turned by a fifth of a degree shows a ball up to a centimetre off the floor that it rolls on.

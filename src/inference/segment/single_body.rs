@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::contact_detection::{ContactEvent, Obstacle, detect_contacts, rolling_intervals};
+use super::contact_detection::{ContactEvent, Obstacle, detect_contacts, observed_angle, rolling_intervals};
 use super::definition::{
     MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, observed_position,
 };
@@ -77,7 +77,8 @@ impl<'a> BodyObservations<'a> {
 
     /// Number of observations on each side of an impact.
     pub fn count_around_impact(&self) -> usize {
-        OBSERVATIONS_AROUND_BOUNCE.max((TIME_AROUND_BOUNCE / self.typical_interval) as usize)
+        let within = (TIME_AROUND_BOUNCE / self.typical_interval) as usize;
+        OBSERVATIONS_AROUND_BOUNCE.max(within.min(self.rows.len()))
     }
 
     /// Intervals of flight (first row, end): rows without contact and without long gaps.
@@ -111,21 +112,10 @@ impl<'a> BodyObservations<'a> {
         let rows = &self.rows;
         let contact = (b..c).find_map(|i| self.contacts[i])?;
         let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < MAX_GAP_AT_BOUNCE * self.typical_interval;
-        if !single || b - a < MIN_OBSERVATIONS_AROUND_BOUNCE || d - c < MIN_OBSERVATIONS_AROUND_BOUNCE {
+        if !single {
             return None;
         }
-        let surface = self.surface(contact)?;
-        if surface.inertia.is_infinite() {
-            return None;
-        }
-        let count = self.count_around_impact();
-        let (before, after) = (&rows[b - count.min(b - a)..b], &rows[c..c + count.min(d - c)]);
-        let mut segment =
-            self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Contact);
-        let (state, held) = self.state_with_spin(before);
-        segment.nuisances = [&state[..], &[0.0]].concat();
-        segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
-        Some(segment)
+        self.impact(SegmentKind::Contact, contact, [&rows[a..b], &rows[c..d]])
     }
 
     /// The impact at the end of a flight interval after which a surface supports a disc.
@@ -135,17 +125,24 @@ impl<'a> BodyObservations<'a> {
                 && (b..roll.0).all(|i| self.contacts[i].is_some_and(|c| c.obstacle == roll.2.obstacle))
         };
         let (_, end, contact) = rolls.iter().find(follows)?;
-        let surface = self.surface(*contact)?;
-        let count = self.count_around_impact();
-        let (before, after) = (&self.rows[b - count.min(b - a)..b], &self.rows[b..*end.min(&(b + count))]);
-        if surface.inertia.is_infinite()
-            || before.len() < MIN_OBSERVATIONS_AROUND_BOUNCE
-            || after.len() < MIN_OBSERVATIONS_AROUND_BOUNCE
-        {
+        self.impact(SegmentKind::Landing, *contact, [&self.rows[a..b], &self.rows[b..*end]])
+    }
+
+    /// The impact of a disc on a static between the last rows before it and the first after it; `None` with too few rows.
+    fn impact(
+        &self,
+        kind: SegmentKind,
+        contact: ContactEvent,
+        [before, after]: [&[TimedPosition]; 2],
+    ) -> Option<Segment> {
+        let surface = self.surface(contact).filter(|surface| surface.inertia.is_finite())?;
+        if before.len().min(after.len()) < MIN_OBSERVATIONS_AROUND_BOUNCE {
             return None;
         }
-        let mut segment =
-            self.segment(&[before, after].concat(), self.single_body_scene(), SegmentKind::Landing);
+        let count = self.count_around_impact();
+        let before = &before[before.len().saturating_sub(count)..];
+        let after = &after[..after.len().min(count)];
+        let mut segment = self.segment(&[before, after].concat(), self.single_body_scene(), kind);
         let (state, held) = self.state_with_spin(before);
         segment.nuisances = [&state[..], &[0.0]].concat();
         segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
@@ -240,12 +237,7 @@ impl<'a> BodyObservations<'a> {
 
     /// Whether the observed angles, if any, vary by no more than their noise.
     fn keeps_angle(&self, rows: &[TimedPosition]) -> bool {
-        let observed = &self.trial.observed;
-        let angle = |t: f64| {
-            let at = observed.times.iter().position(|s| *s == t)?;
-            observed.bodies[self.body].angle.get(at).copied().filter(|a| a.is_finite())
-        };
-        let angles: Vec<f64> = rows.iter().filter_map(|(t, _)| angle(*t)).collect();
+        let angles: Vec<f64> = self.angles(rows).map(|(_, angle)| angle).collect();
         let (usual, count) = (median(&angles), angles.len().max(1) as f64);
         let spread = (angles.iter().map(|a| (a - usual).powi(2)).sum::<f64>() / count).sqrt();
         let noise = third_difference_noise(&[angles]).unwrap_or(0.0);
@@ -254,13 +246,13 @@ impl<'a> BodyObservations<'a> {
 
     /// Spin from observed angles, rad/s; `None` with fewer than four.
     fn observed_spin(&self, rows: &[TimedPosition]) -> Option<f64> {
-        let observed = &self.trial.observed;
-        let angle = |t: f64| {
-            let at = observed.times.iter().position(|s| *s == t)?;
-            observed.bodies[self.body].angle.get(at).copied().filter(|a| a.is_finite())
-        };
-        let seen: Vec<(f64, f64)> = rows.iter().filter_map(|(t, _)| Some((*t, angle(*t)?))).collect();
+        let seen: Vec<(f64, f64)> = self.angles(rows).collect();
         if seen.len() < 4 { None } else { slope(&seen) }
+    }
+
+    /// Observed angles with their times.
+    fn angles(&self, rows: &[TimedPosition]) -> impl Iterator<Item = (f64, f64)> {
+        rows.iter().filter_map(|(t, _)| Some((*t, observed_angle(self.trial, self.body, *t)?)))
     }
 }
 

@@ -8,30 +8,28 @@ use super::single_body::{BodyObservations, MIN_OBSERVATIONS_AROUND_BOUNCE};
 use crate::inference::report::UnusedContacts;
 use crate::reality::Trial;
 
-/// Counts the contacts of trials with unknown initial states that no segment uses; elsewhere an engine simulates every contact.
-pub fn unused_contacts(trials: &[Trial], segments: &[Segment]) -> Vec<UnusedContacts> {
-    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-    for (t, trial) in trials.iter().enumerate() {
-        let own: Vec<&Segment> = segments.iter().filter(|w| w.trial == t).collect();
-        if own.iter().any(|w| w.kind.uses_engine()) {
-            continue;
-        }
-        for observed in (0..trial.scene.bodies.len()).filter_map(|body| BodyObservations::of(trial, body)) {
-            for (obstacle, time) in contacts(&observed) {
-                let name = &trial.scene.bodies[observed.body].name;
-                let uses = |w: &&&Segment| {
-                    let last = w.observations.iter().map(|p| p.time).fold(0.0, f64::max);
-                    (w.kind.is_impact() || w.kind.is_supported())
-                        && w.scene.bodies.iter().any(|b| b.name == *name)
-                        && (w.start..=w.start + last).contains(&time)
-                };
-                if !own.iter().any(|w| uses(&w)) {
-                    *counts.entry(reason(trial, observed.body, obstacle)).or_default() += 1;
-                }
-            }
-        }
-    }
-    counts.into_iter().map(|(reason, count)| UnusedContacts { reason, count }).collect()
+/// The reason of each contact of a trial's bodies that no segment uses.
+pub fn unused_contacts(observed: &[BodyObservations], segments: &[Segment]) -> Vec<String> {
+    let uses = |w: &Segment, name: &str, time: f64| {
+        let last = w.observations.iter().map(|p| p.time).fold(0.0, f64::max);
+        (w.kind.is_impact() || w.kind.is_supported())
+            && w.scene.bodies.iter().any(|b| b.name == name)
+            && (w.start..=w.start + last).contains(&time)
+    };
+    let unused = |own: &BodyObservations| -> Vec<String> {
+        let name = &own.trial.scene.bodies[own.body].name;
+        let rest =
+            contacts(own).into_iter().filter(|(_, time)| !segments.iter().any(|w| uses(w, name, *time)));
+        rest.map(|(obstacle, _)| reason(own.trial, own.body, obstacle)).collect()
+    };
+    observed.iter().flat_map(unused).collect()
+}
+
+/// Numbers of contacts by reason.
+pub fn counted<'a>(reasons: impl Iterator<Item = &'a str>) -> Vec<UnusedContacts> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    reasons.for_each(|reason| *counts.entry(reason).or_default() += 1);
+    counts.into_iter().map(|(reason, count)| UnusedContacts { reason: reason.into(), count }).collect()
 }
 
 /// Obstacles that a body touches one after the other, each with the first time, s. Two bodies touch each other once.
@@ -67,13 +65,12 @@ fn reason(trial: &Trial, body: usize, obstacle: Obstacle) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::inference::segment::segment_trials;
+    use crate::inference::segment::{counted, segment_trials};
     use crate::progress::NoProgress;
     use crate::reality::trials_from_csv;
     use crate::task::Scene;
 
-    fn counted(shape: &str, rows_before: u32) -> Vec<(String, usize)> {
+    fn of_bounce(shape: &str, rows_before: u32) -> Vec<(String, usize)> {
         let scene = Scene::from_json(&format!(
             r#"{{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
                 "bodies": [{{"name": "body", "shape": {shape}}}],
@@ -87,20 +84,21 @@ mod tests {
             csv += &format!("a,{},body,{t},{}\n", 0.01 * f64::from(i), 0.05 + speed * t - 4.905 * t * t);
         }
         let trials = trials_from_csv(&csv, &scene).unwrap();
-        let segments = segment_trials(&scene, &trials, &[0], 8, &NoProgress).unwrap();
-        unused_contacts(&trials, &segments).into_iter().map(|u| (u.reason, u.count)).collect()
+        let found = segment_trials(&scene, &trials, &[0], 8, &NoProgress).unwrap();
+        let reasons = found.unused_contacts.iter().map(|(_, reason)| reason.as_str());
+        counted(reasons).into_iter().map(|u| (u.reason, u.count)).collect()
     }
 
     #[test]
     fn unused_contacts_are_counted_by_reason() {
         let disc = r#"{"type": "disc", "radius": 0.05}"#;
-        assert_eq!(counted(disc, 15), []);
-        let few = counted(disc, 3);
+        assert_eq!(of_bounce(disc, 15), []);
+        let few = of_bounce(disc, 3);
         assert!(
             few.len() == 1 && few[0].0.starts_with("impacts on fixed objects") && few[0].1 == 1,
             "{few:?}"
         );
-        let block = counted(r#"{"type": "box", "half_width": 0.05, "half_height": 0.05}"#, 15);
+        let block = of_bounce(r#"{"type": "box", "half_width": 0.05, "half_height": 0.05}"#, 15);
         assert_eq!(block, [("impacts of bodies that are not round".to_string(), 1)]);
     }
 }

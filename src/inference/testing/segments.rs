@@ -35,7 +35,7 @@ pub fn observed_trials(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
 /// Segments of trials of one setting, and the settings.
 fn segments(base: &Scene, trials: &[Trial]) -> (Vec<Segment>, Vec<usize>) {
     let settings = vec![0; trials.len()];
-    (segment_trials(base, trials, &settings, 8, &NoProgress).unwrap(), settings)
+    (segment_trials(base, trials, &settings, 8, &NoProgress).unwrap().segments, settings)
 }
 
 /// Throws at 3 m/s sideways and 4 m/s or more upwards in a wind, m/s^2, observed 20 times in 0.76 s without

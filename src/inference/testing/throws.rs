@@ -48,6 +48,7 @@ pub fn throws(drags: &[f64], seed: u64) -> Vec<Segment> {
         &NoProgress,
     )
     .unwrap()
+    .segments
 }
 
 /// Fits a set of effects to such trials and passes the fit to `of`.
