@@ -3,7 +3,7 @@
 //! Every set is a mixed-effects model with a shared discrepancy (`discrepancy`). Its evidence is computed by
 //! Laplace's method (`laplace`) with heavy-tailed priors of the parameters (`prior`); variance components are
 //! estimated once, from the richest model (`context`). `candidates`, `start_grid`: candidate effects and
-//! their initial values; `search`: fitted sets. `explained`: share of the predictable misfit that a set
+//! their initial values; `screening`: score tests of candidates; `search`: fitted sets. `explained`: share of the predictable misfit that a set
 //! explains; `decide`: verdict from the posterior over sets; `settings`: thresholds.
 
 pub mod candidates;
@@ -13,6 +13,7 @@ mod discrepancy;
 mod explained;
 mod laplace;
 mod prior;
+mod screening;
 pub mod search;
 mod settings;
 pub mod start_grid;

@@ -3,21 +3,19 @@
 //! Candidates are screened by a score test at the best smaller sets; the most promising are fitted. Larger
 //! sets are tried while the best of a size is more probable than every smaller one.
 
-use std::cmp::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::inference::global_search;
 use crate::inference::mixed_model::fitted_model::FittedModel;
-use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
 use crate::inference::mixed_model::model_fit::{ModelFitter, with_amplitudes};
-use crate::inference::model::{FitState, ParameterLayout, Perturbation, Term};
+use crate::inference::model::{FitState, ParameterLayout, Term};
 use crate::inference::segment;
 use crate::inference::selection::SETTINGS;
 use crate::inference::selection::candidates::Candidate;
+use crate::inference::selection::screening::{ScoreTest, screen};
 use crate::progress::Progress;
 use crate::world::effect::{Effect, EffectTarget, REGISTRY};
 
@@ -33,12 +31,6 @@ const LEAST_SQUARES_STEPS: usize = 12;
 const LEAST_SQUARES_STEPS_CACHED: usize = 5;
 /// Relative difference of parameters up to which two least-squares fits ended at the same optimum.
 const SAME_OPTIMUM: f64 = 0.01;
-/// Minimum squared response to a plausible amplitude, in units of the noise, for an effect to be
-/// identifiable.
-const MIN_SCREENING_INFORMATION: f64 = 1.0;
-/// Upper limit of the components in the score test: without the effect they absorb its misfit.
-const MAX_SCREENING_SD: f64 = 1.0;
-
 /// Result of a search.
 pub struct SearchResult {
     pub base: FittedModel,
@@ -69,9 +61,6 @@ fn log_prior_of(fit: &FittedModel) -> f64 {
     let brackets = fit.layout.terms.iter().filter_map(|t| t.bracket);
     log_prior(fit.effects.len()) - brackets.map(|b| (b.count.max(1) as f64).ln()).sum::<f64>()
 }
-
-/// Score test of a candidate: expected log density, index of the initial values, and amplitudes.
-type ScoreTest = (f64, usize, Vec<f64>);
 
 /// A candidate set with its initial states.
 struct CandidateSet {
@@ -138,7 +127,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
         let Some(mut fit) = self.fitter.run_gls(layout, base.state.clone())? else { return Ok(None) };
         for name in names {
             let Some(c) = self.library.iter().position(|c| c.effect.name == *name) else { return Ok(None) };
-            let Some(tests) = self.screen(&fit)? else { return Ok(None) };
+            let Some(tests) = screen(self.fitter, &self.library, &fit)? else { return Ok(None) };
             let candidate_set = CandidateSet {
                 names: Vec::new(),
                 expected_gain: 0.0,
@@ -311,7 +300,7 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
     ) -> Result<Vec<CandidateSet>> {
         let mut all: Vec<CandidateSet> = Vec::new();
         for fit in parents {
-            let Some(tests) = self.screen(fit)? else { continue };
+            let Some(tests) = screen(self.fitter, &self.library, fit)? else { continue };
             for (c, Candidate { effect, .. }) in self.library.iter().enumerate() {
                 let mut names = fit.effect_names();
                 names.push(effect.name);
@@ -352,94 +341,10 @@ impl<'a, 'b, 'c> ModelSearch<'a, 'b, 'c> {
 
     /// Drops candidates that the data cannot identify: the nuisances absorb the response to a plausible amplitude.
     pub fn drop_unidentifiable(mut self, base: &FittedModel) -> Result<Self> {
-        let Some(tests) = self.screen(base)? else { return Ok(self) };
+        let Some(tests) = screen(self.fitter, &self.library, base)? else { return Ok(self) };
         let mut tests = tests.into_iter();
         self.library.retain(|_| tests.next().is_some_and(|tests| !tests.is_empty()));
         Ok(self)
-    }
-
-    /// Score tests by candidate, best first; empty for effects in the model.
-    fn screen(&self, fit: &FittedModel) -> Result<Option<Vec<Vec<ScoreTest>>>> {
-        let mut perturbations = Vec::new();
-        let mut of = Vec::new();
-        for (c, Candidate { effect, starts: terms, .. }) in self.library.iter().enumerate() {
-            if fit.effects.iter().any(|e| e.name == effect.name) {
-                continue;
-            }
-            for (s, term) in terms.iter().enumerate() {
-                let own = amplitude_perturbations(term);
-                of.push((c, s, perturbations.len(), own.len()));
-                perturbations.extend(own);
-            }
-        }
-        let Some((_, groups)) = self.fitter.groups(&fit.layout, &fit.state, &perturbations)? else {
-            return Ok(None);
-        };
-        let q = fit.layout.parameters.len();
-        let mut components = fit.components.clone();
-        components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
-        components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
-        let Some(tests) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
-        let (own, current) =
-            (self.fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + perturbations.len()));
-        let before: f64 = tests.iter().map(|t| t.log_density_after(&current)).sum();
-        let settings = self.fitter.data.settings;
-        let mut out: Vec<Vec<ScoreTest>> = self.library.iter().map(|_| Vec::new()).collect();
-        for (c, s, from, count) in of {
-            self.fitter.data.progress.check_stop()?;
-            let term = &self.library[c].starts[s];
-            let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
-            let weak = amplitude_precisions(term);
-            let tells = |k: usize| {
-                tests.iter().map(|t| t.gram[(q + from + k, q + from + k)]).sum::<f64>()
-                    > MIN_SCREENING_INFORMATION * weak[k]
-            };
-            if !(0..count).any(tells) {
-                continue;
-            }
-            let gain = |setting: Option<usize>| {
-                let n = chosen.len();
-                let (mut gram, mut score) = (DMatrix::zeros(n, n), DVector::zeros(n));
-                for t in tests.iter().filter(|t| setting.is_none_or(|s| settings[t.trial] == s)) {
-                    // Weight of a trial with its scale integrated out.
-                    let weight = (SCALE_DOF + t.count) / (SCALE_DOF + t.square.max(0.0));
-                    for (i, a) in chosen.iter().enumerate() {
-                        score[i] += weight * t.score[*a];
-                        for (j, b) in chosen.iter().enumerate() {
-                            gram[(i, j)] += weight * t.gram[(*a, *b)];
-                        }
-                    }
-                }
-                (0..q).for_each(|i| (0..q).for_each(|j| gram[(i, j)] += own.precision[(i, j)]));
-                (q..n).for_each(|k| gram[(k, k)] += weak[k - q]);
-                let step = gram.cholesky()?.solve(&score);
-                Some((0.5 * score.dot(&step), step.rows(q, count).iter().copied().collect::<Vec<f64>>()))
-            };
-            let tests: Vec<(f64, Vec<f64>)> = match term.per_setting {
-                true => (0..self.fitter.data.setting_count()).filter_map(|s| gain(Some(s))).collect(),
-                false => gain(None).into_iter().collect(),
-            };
-            if tests.is_empty() {
-                continue;
-            }
-            let sizes = (0..count).map(|k| tests.iter().map(|t| t.1[k]).sum::<f64>() / tests.len() as f64);
-            out[c].push((before + tests.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
-        }
-        self.add_steps(fit, before, &mut out);
-        out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
-        Ok(Some(out))
-    }
-
-    /// Adds the scans of stepwise effects, which a linearization does not show, to score tests by candidate.
-    fn add_steps(&self, fit: &FittedModel, before: f64, tests: &mut [Vec<ScoreTest>]) {
-        for (tests, candidate) in tests.iter_mut().zip(&self.library) {
-            if let Some((term, gain)) = &candidate.strong_start
-                && term.bracket.is_some()
-                && !fit.effects.iter().any(|e| e.name == candidate.effect.name)
-            {
-                *tests = vec![(before + gain, 0, term.start.clone())];
-            }
-        }
     }
 
     /// Special cases of the best sets that were not tried.
@@ -485,31 +390,6 @@ fn are_close(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_OPTIMUM * a.abs().max(b.abs()))
 }
 
-/// Perturbations by the amplitudes of a term at its initial values.
-fn amplitude_perturbations(term: &Term) -> Vec<Perturbation> {
-    let parameters = term.effect.parameters;
-    let shapes = |p: usize| !parameters[p].is_amplitude();
-    let direction = |p: usize| {
-        let own = |k: usize| match k {
-            _ if shapes(k) => term.start[k],
-            _ if k == p => parameters[k].neutral + parameters[k].fd_step,
-            _ => parameters[k].neutral,
-        };
-        Perturbation {
-            effect: term.effect,
-            values: (0..parameters.len()).map(own).collect(),
-            unit: parameters[p].fd_step,
-        }
-    };
-    (0..parameters.len()).filter(|p| !shapes(*p) && term.free[*p]).map(direction).collect()
-}
-
-/// Prior precisions of a term's amplitudes.
-fn amplitude_precisions(term: &Term) -> Vec<f64> {
-    let parameters = term.effect.parameters.iter().zip(&term.free);
-    parameters.filter(|(p, free)| p.is_amplitude() && **free).map(|(p, _)| p.prior_sd.powi(-2)).collect()
-}
-
 impl SearchResult {
     /// Indices of fits, most probable first.
     pub fn ranked(&self, which: impl Fn(&FittedModel) -> bool) -> Vec<usize> {
@@ -521,26 +401,5 @@ impl SearchResult {
     /// Largest log posterior, the base model included.
     pub fn best_log_posterior(&self) -> f64 {
         self.log_posterior.iter().copied().fold(self.base_log_posterior, f64::max)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::inference::testing::segments::term;
-
-    /// A gust is perturbed by its amplitudes along x and y at the initial period and phase.
-    #[test]
-    fn perturbations_change_one_amplitude() {
-        let mut gust = term("gust");
-        gust.start[2] = 1.7;
-        let all = amplitude_perturbations(&gust);
-        assert_eq!(all.len(), 2);
-        for (k, perturbation) in all.iter().enumerate() {
-            assert!(
-                perturbation.values[k] != gust.start[k] && perturbation.values[1 - k] == gust.start[1 - k]
-            );
-            assert_eq!(perturbation.values[2..], gust.start[2..]);
-        }
     }
 }
