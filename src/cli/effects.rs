@@ -1,7 +1,7 @@
 //! `iplw effects`: the library of physical effects beyond gravity and contact.
 
 use iplw::error::Result;
-use iplw::world::effect::{Effect, EffectTarget, ParameterDeclaration, REGISTRY, find};
+use iplw::world::effect::{Effect, EffectTarget, ParameterDeclaration, REGISTRY, find, find_alias};
 use serde_json::{Value, json};
 
 use super::output;
@@ -21,15 +21,20 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let text = match (&args.name, args.json) {
-        (Some(name), true) => format!("{:#}\n", to_json(find(name)?)),
+        (Some(name), true) => format!("{:#}\n", to_json(described(name)?)),
         (None, true) => {
             let all: Vec<Value> = REGISTRY.iter().map(|e| to_json(e)).collect();
             format!("{:#}\n", json!({ "effects": all }))
         }
-        (Some(name), false) => description(find(name)?),
+        (Some(name), false) => description(described(name)?),
         (None, false) => REGISTRY.iter().map(|e| list_entry(e)).collect(),
     };
     output::print(&text)
+}
+
+/// The effect with this name or alias.
+fn described(name: &str) -> Result<&'static Effect> {
+    find_alias(name).map_or_else(|| find(name), Ok)
 }
 
 fn to_json(e: &Effect) -> Value {
@@ -55,11 +60,9 @@ fn list_entry(e: &Effect) -> String {
 
 /// Full description of an effect: words, law, parameters, signature, and relations to other effects.
 fn description(e: &Effect) -> String {
-    let mut text =
-        format!("{}\n\n{}\n\nLaw:\n  {}\n\nParameters:\n", e.name, wrapped(e.summary, ""), e.equation);
-    if !e.aliases.is_empty() {
-        text = text.replacen("\n\n", &format!(" (also {})\n\n", e.aliases.join(", ")), 1);
-    }
+    let also = if e.aliases.is_empty() { String::new() } else { format!(" (also {})", e.aliases.join(", ")) };
+    let summary = wrapped(e.summary, "");
+    let mut text = format!("{}{also}\n\n{summary}\n\nLaw:\n  {}\n\nParameters:\n", e.name, e.equation);
     e.parameters.iter().for_each(|p| text += &parameter_line(p));
     text += &format!("\nActs on:\n  {}\n", target_in_words(e.target()));
     text += &format!("\nHow to recognise it:\n{}\n", wrapped(e.signature, "  "));

@@ -10,7 +10,7 @@ use crate::task::scene::EffectTerm;
 pub struct Effect {
     /// Name in scenes and reports.
     pub name: &'static str,
-    /// Other names by which it is found.
+    /// Other names that people look for; scenes and reports use `name` alone.
     pub aliases: &'static [&'static str],
     /// Description in one sentence.
     pub summary: &'static str,

@@ -37,8 +37,8 @@ impl MotionLaw for GroundFriction {
 
     fn kick(&self, constants: &Constants, body: MotionState, _dt: f64) -> [f64; 3] {
         let speed = (body.vx * body.vx + body.vy * body.vy).sqrt();
-        let kept = if speed > constants[0] { 1.0 - constants[0] / speed } else { 0.0 };
-        let kept = if constants[0] > 0.0 { kept } else { 1.0 };
+        let lost = constants[0];
+        let kept = if lost < speed { 1.0 - lost / speed } else { f64::from(lost == 0.0) };
         [body.vx * kept, body.vy * kept, body.omega]
     }
 }

@@ -107,10 +107,7 @@ impl ActiveEffect {
 
 /// Looks up a term and validates its parameters; `place` prefixes the field of an error.
 pub fn resolve(term: &EffectTerm, place: impl Display) -> Result<ActiveEffect> {
-    let effect = find(&term.name).map_err(|_| {
-        let known = REGISTRY.iter().map(|e| e.name).collect::<Vec<_>>().join(", ");
-        Error::input(format!("{place}.name"), format!("{:?}", term.name), format!("one of {known}"))
-    })?;
+    let effect = find(&term.name).map_err(|e| e.unknown_in(&format!("{place}.name")))?;
     for given in term.parameters.keys() {
         if !effect.parameters.iter().any(|p| p.name == given) {
             let known = effect.parameters.iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
@@ -170,13 +167,18 @@ pub fn validate_set(field: &str, names: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The effect with this name or alias.
+/// The effect named `name`; an alias is an error that says the name.
 pub fn find(name: &str) -> Result<&'static Effect> {
-    REGISTRY
-        .iter()
-        .copied()
-        .find(|e| e.name == name || e.aliases.contains(&name))
-        .ok_or_else(|| Error::not_found("effect", name, REGISTRY.iter().map(|e| e.name)))
+    REGISTRY.iter().copied().find(|e| e.name == name).ok_or_else(|| {
+        let meant: Vec<&str> = find_alias(name).map(|e| e.name).into_iter().collect();
+        let all = || REGISTRY.iter().map(|e| e.name).collect();
+        Error::not_found("effect", name, if meant.is_empty() { all() } else { meant })
+    })
+}
+
+/// The effect that is also called `name`.
+pub fn find_alias(name: &str) -> Option<&'static Effect> {
+    REGISTRY.iter().copied().find(|e| e.aliases.contains(&name))
 }
 
 /// The effect for a fraction of velocity kept per second (Pymunk's damping).
