@@ -13,6 +13,13 @@ fn diagnosed(world: &ContactWorld) -> Diagnosis {
     found.expect("a diagnosis").diagnosis
 }
 
+/// The diagnosis of a wrong scene, with the quantity that is wrong and its value in nature.
+fn diagnosed_wrong(kind: &str, wrong: Wrong) -> (Diagnosis, &'static str, f64) {
+    let world = contact_world(kind, wrong, SEED);
+    let (name, truth) = world.wrong.expect("a wrong quantity");
+    (diagnosed(&world), name, truth)
+}
+
 #[test]
 fn nothing_is_named_where_nothing_is_hidden() {
     for kind in KINDS {
@@ -36,9 +43,7 @@ fn wrong_coefficients_are_estimated() {
         ("block_to_rest", Wrong::Friction),
         ("two_balls", Wrong::Restitution),
     ] {
-        let world = contact_world(kind, wrong, SEED);
-        let (name, truth) = world.wrong.unwrap();
-        let found = diagnosed(&world);
+        let (found, name, truth) = diagnosed_wrong(kind, wrong);
         assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);
         let latent = found.calibrated.iter().find(|c| c.name == name).unwrap();
         let [Some(low), Some(high)] = latent.ci95 else { panic!("{kind}: {latent:?}") };
@@ -55,10 +60,8 @@ fn wrong_masses_inertias_and_thresholds_are_named() {
         ("roll_on_incline", Wrong::Inertia),
         ("bouncing_ball", Wrong::Threshold),
     ] {
-        let world = contact_world(kind, wrong, SEED);
-        let (name, truth) = world.wrong.unwrap();
+        let (found, name, truth) = diagnosed_wrong(kind, wrong);
         let (effect, _) = name.split_once('.').unwrap();
-        let found = diagnosed(&world);
         let sets = &found.rivals;
         assert!(sets.iter().any(|set| set == &[effect]), "{kind}: {sets:?}, {}", found.reason);
         if let Some(own) = found.effects.iter().find(|e| e.name == effect) {

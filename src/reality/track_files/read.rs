@@ -187,7 +187,7 @@ fn drop_repeats(trials: &mut [Vec<SelectedRow>]) -> Option<String> {
         let rate = (rows.len() - 1) as f64 / (rows[rows.len() - 1].row.t - rows[0].row.t);
         remark.get_or_insert_with(|| {
             format!(
-                "every {}th picture repeats the one before; repeats are left out and the others spaced evenly, {rate:.1} a second",
+                "one of {} pictures repeats the one before; repeats are left out and the others spaced evenly, {rate:.1} a second",
                 found.period
             )
         });

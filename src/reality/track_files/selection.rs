@@ -277,7 +277,7 @@ impl TrackSelection {
 
     /// The cell of the height in a row.
     pub fn height<'a>(&self, cells: &'a [String]) -> Option<&'a str> {
-        cells.get(self.axes.all().last()?).map(String::as_str)
+        cells.get(self.axes.y.or(self.axes.x)?).map(String::as_str)
     }
 
     /// The coordinate that was not measured, if any.
