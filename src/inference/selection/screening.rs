@@ -28,18 +28,7 @@ pub fn screen(
     library: &[Candidate],
     fit: &FittedModel,
 ) -> Result<Option<Vec<Vec<ScoreTest>>>> {
-    let mut perturbations = Vec::new();
-    let mut of = Vec::new();
-    for (c, Candidate { effect, starts: terms, .. }) in library.iter().enumerate() {
-        if fit.effects.iter().any(|e| e.name == effect.name) {
-            continue;
-        }
-        for (s, term) in terms.iter().enumerate() {
-            let own = amplitude_perturbations(term);
-            of.push((c, s, perturbations.len(), own.len()));
-            perturbations.extend(own);
-        }
-    }
+    let (columns, perturbations) = candidate_columns(library, fit);
     let Some((_, groups)) = fitter.groups(&fit.layout, &fit.state, &perturbations)? else {
         return Ok(None);
     };
@@ -52,7 +41,7 @@ pub fn screen(
     let before: f64 = tests.iter().map(|t| t.log_density_after(&current)).sum();
     let settings = fitter.data.settings;
     let mut out: Vec<Vec<ScoreTest>> = library.iter().map(|_| Vec::new()).collect();
-    for (c, s, from, count) in of {
+    for CandidateColumns { candidate: c, start: s, first: from, count } in columns {
         fitter.data.progress.check_stop()?;
         let term = &library[c].starts[s];
         let chosen: Vec<usize> = (0..q).chain(q + from..q + from + count).collect();
@@ -95,6 +84,30 @@ pub fn screen(
     add_steps(library, fit, before, &mut out);
     out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
     Ok(Some(out))
+}
+
+/// Columns of the perturbed predictions that belong to one start of a candidate.
+struct CandidateColumns {
+    candidate: usize,
+    start: usize,
+    first: usize,
+    count: usize,
+}
+
+/// Perturbations by every start of the candidates outside the model, and the columns of each.
+fn candidate_columns(library: &[Candidate], fit: &FittedModel) -> (Vec<CandidateColumns>, Vec<Perturbation>) {
+    let (mut columns, mut perturbations) = (Vec::new(), Vec::new());
+    for (candidate, Candidate { effect, starts, .. }) in library.iter().enumerate() {
+        if fit.effects.iter().any(|e| e.name == effect.name) {
+            continue;
+        }
+        for (start, term) in starts.iter().enumerate() {
+            let own = amplitude_perturbations(term);
+            columns.push(CandidateColumns { candidate, start, first: perturbations.len(), count: own.len() });
+            perturbations.extend(own);
+        }
+    }
+    (columns, perturbations)
 }
 
 /// Adds the scans of stepwise effects, which a linearization does not show, to score tests by candidate.
