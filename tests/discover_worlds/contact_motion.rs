@@ -1,5 +1,5 @@
 //! Motions with contacts, simulated by the program's own engine: sliding that turns into rolling, slipping down a slope,
-//! blocks, tossed boxes, colliding discs and balls. The scene may have a wrong friction, mass ratio, restitution, threshold or
+//! blocks, tossed boxes, colliding discs, balls and gliders on a track. The scene may have a wrong friction, mass ratio, restitution, threshold or
 //! moment of inertia.
 
 use std::f64::consts::PI;
@@ -22,7 +22,7 @@ const STEPS_PER_SECOND: f64 = 960.0;
 const TRIALS: usize = 12;
 
 /// Kinds of motion.
-pub const KINDS: [&str; 10] = [
+pub const KINDS: [&str; 11] = [
     "slide_to_roll",
     "slip_on_incline",
     "roll_on_incline",
@@ -33,6 +33,7 @@ pub const KINDS: [&str; 10] = [
     "two_discs",
     "two_balls",
     "three_discs",
+    "two_gliders",
 ];
 
 /// What is wrong in the scene.
@@ -63,8 +64,10 @@ pub fn shows(kind: &str, wrong: Wrong) -> bool {
         Wrong::Friction => {
             matches!(kind, "slide_to_roll" | "slip_on_incline" | "block_to_rest" | "block_on_incline")
         }
-        Wrong::MassRatio => matches!(kind, "two_discs" | "two_balls"),
-        Wrong::Restitution => matches!(kind, "bouncing_ball" | "two_discs" | "two_balls" | "three_discs"),
+        Wrong::MassRatio => matches!(kind, "two_discs" | "two_balls" | "two_gliders"),
+        Wrong::Restitution => {
+            matches!(kind, "bouncing_ball" | "two_discs" | "two_balls" | "three_discs" | "two_gliders")
+        }
         Wrong::Threshold => kind == "bouncing_ball",
         Wrong::Inertia => kind == "roll_on_incline",
     }
@@ -85,7 +88,11 @@ pub fn contact_world(kind: &str, wrong: Wrong, seed: u64) -> ContactWorld {
         let mut draw = || -> f64 { StandardNormal.sample(&mut random) };
         for (i, time) in path.times.iter().enumerate() {
             for (body, track) in launched.bodies.iter().zip(&path.bodies) {
-                let [x, y] = [track.x[i], track.y[i]].map(|v| v + NOISE_M * draw());
+                let [x, mut y] = [track.x[i], track.y[i]].map(|v| v + NOISE_M * draw());
+                if kind == "two_gliders" {
+                    // A track is one coordinate.
+                    y = 0.0;
+                }
                 let turned = track.angle[i] + NOISE_RAD * draw();
                 let angle =
                     if body.shape.disc_radius().is_none() { format!("{turned}") } else { String::new() };
@@ -121,7 +128,7 @@ fn scene(kind: &str) -> Scene {
         "block_on_incline" => (9.81, block(0.3, 0.2), Some(slope(30.0)), 0.7),
         "tossed_box" => (9.81, block(0.4, 0.4), Some(slope(0.0)), 1.0),
         "bouncing_ball" => (9.81, disc("ball", 0.03, 0.3, 0.75), Some(slope(0.0)), 1.6),
-        "two_discs" => {
+        "two_discs" | "two_gliders" => {
             (0.0, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 1.0)
         }
         "two_balls" => {
@@ -230,6 +237,10 @@ fn launch(kind: &str, bodies: &mut [Body], random: &mut impl Rng) {
             let (time, speed, offset) = (draw(0.25, 0.35), draw(0.7, 1.6), draw(-0.03, 0.03));
             (bodies[0].position, bodies[0].velocity) = (Some([-speed * time, 1.0 + offset]), [speed, 2.0]);
             (bodies[1].position, bodies[1].velocity) = (Some([0.06, 1.0]), [draw(-0.5, 0.0), 2.0]);
+        }
+        "two_gliders" => {
+            (bodies[0].position, bodies[0].velocity) = (Some([-0.3, 0.0]), [draw(0.6, 1.5), 0.0]);
+            (bodies[1].position, bodies[1].velocity) = (Some([0.0, 0.0]), [draw(-0.3, 0.1), 0.0]);
         }
         _ => {
             let (speed, offset) = (draw(0.6, 1.5), draw(-0.04, 0.04));

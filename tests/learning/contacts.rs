@@ -42,6 +42,7 @@ fn wrong_coefficients_are_estimated() {
         ("slide_to_roll", Wrong::Friction),
         ("block_to_rest", Wrong::Friction),
         ("two_balls", Wrong::Restitution),
+        ("two_gliders", Wrong::Restitution),
     ] {
         let (found, name, truth) = diagnosed_wrong(kind, wrong);
         assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);

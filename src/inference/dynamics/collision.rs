@@ -8,11 +8,9 @@ use super::integrator::{
 };
 use super::physics::{Impact, MAX_STEPS, SegmentPhysics};
 use super::supported::PlanarState;
-use crate::inference::segment::CollidingPair;
+use crate::inference::segment::{CollidingPair, DISC_NUISANCES};
 use crate::world::effect::LANES;
 
-/// Number of nuisances of a disc; the excess of the distance at contact follows those of both.
-const DISC_NUISANCES: usize = 5;
 /// Largest relative displacement in a step, in units of the smaller radius, so that no glancing collision is stepped over.
 const MAX_DISPLACEMENT: f64 = 0.2;
 const MAX_STEP_COUNT: f64 = 1000.0;

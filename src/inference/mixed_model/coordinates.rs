@@ -33,6 +33,8 @@ pub struct SegmentCoordinates {
     log_det_noise: f64,
     /// Axes along which the position varies; a constant coordinate is not used.
     axes: Vec<usize>,
+    /// Indices of the nuisances along other axes, which nothing observes.
+    unobserved_nuisances: Vec<usize>,
     /// Whether an earlier flight of its trial exists.
     follows_flight: bool,
 }
@@ -63,7 +65,10 @@ impl SegmentCoordinates {
     fn of(segment: &Segment, noise: &Noise, length: f64, follows_flight: bool) -> SegmentCoordinates {
         let points = &segment.observations;
         let varies = |a: &usize| points.iter().any(|p| p.position[*a] != points[0].position[*a]);
-        let axes = (0..2).filter(|a| segment.kind.uses_engine() || varies(a)).collect();
+        let axes: Vec<usize> = (0..2).filter(|a| segment.kind.uses_engine() || varies(a)).collect();
+        let is_unobserved =
+            |k: &usize| segment.kind.axis_of_nuisance(*k).is_some_and(|axis| !axes.contains(&axis));
+        let unobserved_nuisances = (0..segment.nuisances.len()).filter(is_unobserved).collect();
         let times: Vec<f64> = points.iter().map(|p| p.time).collect();
         let sizes: Vec<f64> = points.iter().map(|p| p.weight).collect();
         // Rows are in units of their own noise: a mean of several observations has less.
@@ -96,6 +101,7 @@ impl SegmentCoordinates {
             gp_covariance,
             log_det_noise,
             axes,
+            unobserved_nuisances,
             follows_flight,
         }
     }
@@ -108,7 +114,9 @@ impl SegmentCoordinates {
 
     /// The span of the nuisances' columns, with the same rows; `None` if it holds all coordinates.
     pub fn white_nuisances(&self, columns: &DMatrix<f64>, scales: [f64; 2]) -> Option<WhiteNuisances> {
-        let (projected, _) = orthonormalise(&self.along_axes(&self.basis, columns, scales));
+        // Their responses along the used axes are rounding errors.
+        let observed = columns.clone().remove_columns_at(&self.unobserved_nuisances);
+        let (projected, _) = orthonormalise(&self.along_axes(&self.basis, &observed, scales));
         if projected.ncols() == projected.nrows() {
             return None;
         }

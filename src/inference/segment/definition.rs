@@ -64,6 +64,16 @@ impl SegmentKind {
         matches!(self, SegmentKind::FromInitialState | SegmentKind::OneStep | SegmentKind::MultiStep)
     }
 
+    /// Axis of a position or velocity among the nuisances; `None` for others.
+    pub fn axis_of_nuisance(self, index: usize) -> Option<usize> {
+        let of_body = match self {
+            SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Landing => index,
+            SegmentKind::Collision if index < 2 * DISC_NUISANCES => index % DISC_NUISANCES,
+            _ => return None,
+        };
+        (of_body < 4).then_some(of_body % 2)
+    }
+
     /// Whether its initial state is known, so that it has no nuisance parameters.
     pub fn has_known_initial_state(self) -> bool {
         matches!(self, SegmentKind::FromInitialState | SegmentKind::OneStep)
@@ -74,6 +84,9 @@ impl SegmentKind {
         matches!(self, SegmentKind::OneStep | SegmentKind::MultiStep)
     }
 }
+
+/// Number of nuisances of a disc in a collision; the excess of the distance at contact follows those of both.
+pub const DISC_NUISANCES: usize = 5;
 
 /// Minimum number of observations of a flight: 4 nuisances must leave residual degrees of freedom.
 pub const MIN_FLIGHT_OBSERVATIONS: usize = 7;

@@ -22,7 +22,7 @@ mod unused_contacts;
 
 pub use block_averages::average_blocks;
 pub use definition::{
-    CollidingPair, MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface,
+    CollidingPair, DISC_NUISANCES, MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface,
     any_known_initial_state, any_multi_step, any_one_step,
 };
 pub use full_state::{initial_state_guess, remove_overlaps};
