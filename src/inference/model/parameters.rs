@@ -4,7 +4,7 @@ use crate::inference::dynamics::SegmentPhysics;
 use crate::inference::segment::Segment;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
-use crate::world::effect::{Effect, ParameterDeclaration};
+use crate::world::effect::{Effect, EffectTarget, ParameterDeclaration};
 use crate::world::latent::FACTORS;
 
 /// Finite-difference step of a latent.
@@ -141,8 +141,8 @@ impl ParameterLayout {
             .collect()
     }
 
-    /// For every term with amplitudes, their parameters and the derivative of each by the relative change of
-    /// its deviation in the prior's coordinate. `gravity`: of the scene, m/s^2.
+    /// For every term with amplitudes that may vary between trials, which masses and moments of inertia do not: their parameters and
+    /// the derivative of each by the relative change of its deviation in the prior's coordinate. `gravity`: of the scene, m/s^2.
     pub fn amplitude_directions(&self, values: &[f64], gravity: f64) -> Vec<Vec<(usize, f64)>> {
         let of = |t: usize| {
             let amplitudes = self.parameters_of_term(t).into_iter().filter(|i| !self.is_shape(*i));
@@ -154,7 +154,8 @@ impl ParameterLayout {
                 .filter(|p| self.terms[t].free[*p] && self.terms[t].effect.parameters[*p].is_amplitude());
             free.next().map(|_| amplitudes.map(size).collect())
         };
-        (0..self.terms.len()).filter_map(of).collect()
+        let varies = |t: &usize| self.terms[*t].effect.target() != EffectTarget::Body;
+        (0..self.terms.len()).filter(varies).filter_map(of).collect()
     }
 
     /// Parameter values of every term, and latents, for a setting.
@@ -262,6 +263,8 @@ mod tests {
         );
         let layout = ParameterLayout::new(&[], vec![term("quadratic_drag", false, &[false])], 1);
         assert!(layout.amplitude_directions(&[], 9.81).is_empty());
+        let layout = ParameterLayout::new(&[], vec![term("mass_ratio", false, &[true])], 1);
+        assert!(layout.amplitude_directions(&[1.2], 9.81).is_empty(), "a mass does not vary between trials");
     }
 
     /// A later start shifts a gust's phase.
