@@ -4,7 +4,8 @@
 //! field, nuisances projected out, share = (m0 - m1) / (m0 - m2). The plausible shared discrepancy is the same
 //! in all three, at its mode under the set: it is no law's error. So are the random effects of each trial (accelerations,
 //! errors of impacts), at their conditional modes under the model with the field, so that between-trial variation is
-//! not counted as misfit and does not absorb shared misfit. m2 is bounded below by the expected
+//! not counted as misfit and does not absorb shared misfit; in a trial that they describe worse than none, none are
+//! subtracted, since a field and random effects may cancel. m2 is bounded below by the expected
 //! square of noise and trial discrepancy. Weights of trials are bounded, and the Bayesian bootstrap over
 //! trials gives the uncertainty.
 //!
@@ -263,26 +264,27 @@ fn random_modes(model: &FittedModel, groups: &[Group], step: impl Fn(&Group) -> 
     out
 }
 
-/// Squared residuals by trial after a step of the parameters, random effects subtracted.
+/// Squared residuals by trial after a step of the parameters, random effects subtracted unless the trial has less without.
 fn squares_by_trial(
     model: &FittedModel,
     groups: &[Group],
     modes: &Modes,
     step: impl Fn(&Group) -> DVector<f64>,
 ) -> Vec<f64> {
-    let mut out = vec![0.0; model.held_out_squares.len()];
+    let mut sums = vec![[0.0; 2]; model.held_out_squares.len()];
     for group in groups {
         let step = step(group);
         for block in &group.blocks {
             let mut left = block.residual_at(&step);
+            sums[group.trial][0] += left.norm_squared();
             for (alike, k, column) in random_columns(model, block) {
                 let mode = modes.get(&(block.segment, alike, k)).copied().unwrap_or(0.0);
                 left.axpy(-mode, &column, 1.0);
             }
-            out[group.trial] += left.norm_squared();
+            sums[group.trial][1] += left.norm_squared();
         }
     }
-    out
+    sums.into_iter().map(|[without, with]| without.min(with)).collect()
 }
 
 /// Expected squares of noise and trial discrepancy, by trial.
