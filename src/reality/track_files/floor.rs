@@ -14,6 +14,17 @@ pub struct FloorEstimate {
     pub height: f64,
     /// How it was found.
     pub evidence: String,
+    /// By trial, what brings it to this floor.
+    pub films: Vec<FilmFloor>,
+}
+
+/// How a trial lies to the floor of all.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FilmFloor {
+    /// Its heights, moved up by this much, m: the origin of a film is where its camera stood.
+    Shifted(f64),
+    /// Not used, since no level floor explains it.
+    LeftOut(String),
 }
 
 /// Minimum jump of the vertical velocity in a bounce, m/s, and relative to its standard error.
@@ -25,58 +36,131 @@ const MAX_MISFIT_RATIO: f64 = 0.5;
 const FLOOR_TOLERANCE_M: f64 = 0.02;
 /// Number of points of each parabola beside a bounce, and the least number.
 const FLIGHT_POINTS: [usize; 2] = [8, 3];
+/// Least number of points on each side of a bounce that show the curvature of the flights.
+const MIN_CURVATURE_POINTS: usize = 5;
 /// Share of trials that must bounce off a floor or roll on it; a single bounce may be a tracking error.
 const MIN_SHARE: f64 = 0.1;
 /// Largest median deviation of the heights of bounces off one floor, m.
 const MAX_FLOOR_DEVIATION_M: f64 = 0.01;
+/// Minimum number of bounces of a film that show a floor of its own.
+const MIN_FILM_BOUNCES: usize = 3;
 /// Largest share of points, outliers, whose centre is below a floor that was found.
 const MAX_SHARE_BELOW: f64 = 0.02;
+/// Most points of a trial, outliers, that may be below the floor of the others.
+const MAX_OUTLIERS_BELOW: usize = 2;
 /// Time, s, over which a supported ball keeps its height, and how much it may change, relative to a free fall.
 const SUPPORTED: (f64, f64) = (0.1, 0.05);
 
-/// The floor that a ball of this radius bounces off or rolls on; `None` if it does neither. Bounces at different heights are an
-/// error.
+/// The floor that a ball of this radius bounces off or rolls on; `None` if it does neither. Films of many bounces may have floors
+/// of their own; otherwise bounces at different heights are an error.
 pub fn find_floor(trials: &[TrialPoints], radius: f64, gravity: f64) -> Result<Option<FloorEstimate>> {
     let all: Vec<Vec<BounceEstimate>> = trials.iter().map(|t| bounces(t, gravity)).collect();
     let bouncing = all.iter().filter(|b| !b.is_empty()).count();
-    let bounces: Vec<&BounceEstimate> = all.iter().flatten().collect();
-    if bounces.len() < 2 || bouncing as f64 <= MIN_SHARE * trials.len() as f64 {
+    let count = all.iter().flatten().count();
+    if count < 2 || bouncing as f64 <= MIN_SHARE * trials.len() as f64 {
         return Ok(supported(trials, gravity).map(|centre| FloorEstimate {
             height: centre - radius,
             evidence: "the ball keeps this height although nothing else holds it".into(),
+            films: vec![FilmFloor::Shifted(0.0); trials.len()],
         }));
     }
-    let centre = median(bounces.iter().map(|b| b.centre).collect());
-    let deviation = median(bounces.iter().map(|b| (b.centre - centre).abs()).collect());
-    if deviation > MAX_FLOOR_DEVIATION_M {
-        let first = bounces[0];
-        let value = format!(
-            "missing: {bouncing} of {} trials turn upwards sharply (first {:?} at {:.3} s), at heights that differ by {:.0} mm",
-            trials.len(),
-            first.trial,
-            first.time,
-            1e3 * deviation
-        );
-        let allowed =
-            "the height of what they bounce off; a scene, if it is not level; or tracks that end before";
-        return Err(Error::input("floor", value, allowed));
+    let level = Level::of(&all);
+    if level.deviation > MAX_FLOOR_DEVIATION_M {
+        return film_floors(trials, &all, radius)
+            .map_or_else(|| Err(no_common_floor(&all, &level)), |f| Ok(Some(f)));
     }
-    let points = || trials.iter().flat_map(|t| &t.points);
-    let below = points().filter(|p| p[2] < centre - radius).count();
-    if below as f64 > MAX_SHARE_BELOW * points().count() as f64 {
-        let value = format!(
-            "missing: {bouncing} of {} trials bounce, and fall below what they bounce off",
-            trials.len()
-        );
-        let allowed = "the height of a floor below all points; a scene; or tracks that end before";
-        return Err(Error::input("floor", value, allowed));
+    let floor = level.centre - radius;
+    let below = |t: &TrialPoints| t.points.iter().filter(|p| p[2] < floor).count();
+    let points: usize = trials.iter().map(|t| t.points.len()).sum();
+    let mut films = vec![FilmFloor::Shifted(0.0); trials.len()];
+    if trials.iter().map(below).sum::<usize>() as f64 > MAX_SHARE_BELOW * points as f64 {
+        for (film, trial) in
+            films.iter_mut().zip(trials).filter(|(_, trial)| below(trial) > MAX_OUTLIERS_BELOW)
+        {
+            let lowest = trial.points.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min);
+            *film = FilmFloor::LeftOut(format!(
+                "it falls to {lowest:.3} m, below the floor of the others at {floor:.3} m; does the camera move, or the ball come nearer \
+                 to it?"
+            ));
+        }
+        let kept = films.iter().filter(|film| matches!(film, FilmFloor::Shifted(_))).count();
+        if 2 * kept <= trials.len() {
+            let value = format!(
+                "missing: {bouncing} of {} trials bounce, and fall below what they bounce off",
+                trials.len()
+            );
+            let allowed = "the height of a floor below all points; a scene; or tracks that end before";
+            return Err(Error::input("floor", value, allowed));
+        }
     }
     let evidence = format!(
-        "where {} bounces of {bouncing} trials cross, less the radius; median deviation {:.1} mm",
-        bounces.len(),
-        1e3 * deviation
+        "where {count} bounces of {bouncing} trials cross, less the radius; median deviation {:.1} mm",
+        1e3 * level.deviation
     );
-    Ok(Some(FloorEstimate { height: centre - radius, evidence }))
+    Ok(Some(FloorEstimate { height: floor, evidence, films }))
+}
+
+fn no_common_floor(all: &[Vec<BounceEstimate>], level: &Level) -> Error {
+    let bouncing = all.iter().filter(|b| !b.is_empty()).count();
+    let first = all.iter().flatten().next();
+    let (trial, time) = first.map_or(("", 0.0), |b| (b.trial.as_str(), b.time));
+    let value = format!(
+        "missing: {bouncing} of {} trials turn upwards sharply (first {trial:?} at {time:.3} s), at heights that differ by {:.0} mm",
+        all.len(),
+        1e3 * level.deviation
+    );
+    let allowed =
+        "the height of what they bounce off; a scene, if it is not level; or tracks that end before";
+    Error::input("floor", value, allowed)
+}
+
+/// Median height of the centre at bounces, and the median deviation from it, m.
+struct Level {
+    centre: f64,
+    deviation: f64,
+}
+
+impl Level {
+    fn of(bounces: &[Vec<BounceEstimate>]) -> Level {
+        let heights = || bounces.iter().flatten().map(|b| b.centre);
+        let centre = median(heights().collect());
+        Level { centre, deviation: median(heights().map(|h| (h - centre).abs()).collect()) }
+    }
+}
+
+/// The floor of films with floors of their own: each that bounces at one height is moved to the height of the first. Films of few bounces,
+/// or at several heights, are left out; `None` unless those that are kept are more.
+fn film_floors(trials: &[TrialPoints], all: &[Vec<BounceEstimate>], radius: f64) -> Option<FloorEstimate> {
+    let levels: Vec<Option<Level>> = all
+        .iter()
+        .map(|b| (b.len() >= MIN_FILM_BOUNCES).then(|| Level::of(std::slice::from_ref(b))))
+        .collect();
+    let is_level = |level: &&Level| level.deviation <= MAX_FLOOR_DEVIATION_M;
+    let kept: Vec<&Level> = levels.iter().flatten().filter(is_level).collect();
+    let first = *kept.first()?;
+    if 2 * kept.len() <= trials.len() {
+        return None;
+    }
+    let film = |(bounces, level): (&Vec<BounceEstimate>, &Option<Level>)| match level {
+        Some(level) if is_level(&level) => FilmFloor::Shifted(first.centre - level.centre),
+        Some(_) => {
+            let heights = bounces.iter().map(|b| b.centre - radius);
+            let [low, high] = [f64::min, f64::max].map(|of| heights.clone().reduce(of).unwrap_or(f64::NAN));
+            FilmFloor::LeftOut(format!(
+                "it bounces at heights from {low:.3} to {high:.3} m; does the camera move, or the ball come nearer to it?"
+            ))
+        }
+        None => FilmFloor::LeftOut(format!(
+            "it has {} bounces, and {MIN_FILM_BOUNCES} are needed to find its floor, since the others' floors differ",
+            bounces.len()
+        )),
+    };
+    let films = all.iter().zip(&levels).map(film).collect();
+    let evidence = format!(
+        "where the bounces of {} films cross, less the radius; each film has its own origin",
+        kept.len()
+    );
+    Some(FloorEstimate { height: first.centre - radius, evidence, films })
 }
 
 /// Remark on a bounce, if there are too few for a floor.
@@ -143,50 +227,84 @@ struct BounceEstimate {
     centre: f64,
 }
 
-/// The bounces of a trial: the lowest points between a fall and a rise that two flights fit better than one smooth turn.
+/// The bounces of a trial: the lowest points between a fall and a rise that two flights fit better than one smooth turn. The
+/// flights' curvature is the trial's own, since the scale may be wrong.
 fn bounces(trial: &TrialPoints, gravity: f64) -> Vec<BounceEstimate> {
     let points = &trial.points;
     let noise = noise(points);
     let is_lowest = |i: &usize| points[i - 1][2] > points[*i][2] && points[i + 1][2] >= points[*i][2];
-    let lowest = (1..points.len().saturating_sub(1)).filter(is_lowest);
-    let bounce = |i: usize| {
-        let (time, centre) = crossing(points, i, gravity, noise)?;
+    let turns = (1..points.len().saturating_sub(1)).filter(is_lowest).filter_map(|i| Turn::at(points, i));
+    let turns: Vec<Turn> = turns.filter(|turn| turn.crossing(gravity, noise).is_some()).collect();
+    let curvatures: Vec<f64> = turns.iter().filter_map(Turn::curvature).collect();
+    let curvature = if curvatures.is_empty() { gravity } else { median(curvatures) };
+    let bounce = |turn: &Turn| {
+        let (time, centre) = turn.crossing(curvature, noise)?;
         Some(BounceEstimate { trial: trial.trial.clone(), time, centre })
     };
-    lowest.filter_map(bounce).collect()
+    turns.iter().filter_map(bounce).collect()
 }
 
-/// Time and height where the flights before and after a lowest point cross, if they do as in a bounce.
-fn crossing(points: &[[f64; 3]], lowest: usize, gravity: f64, noise: f64) -> Option<(f64, f64)> {
-    let before = (0..lowest).rev().take_while(|k| points[*k][2] > points[k + 1][2]).take(FLIGHT_POINTS[0]);
-    let after =
-        (lowest + 1..points.len()).take_while(|k| points[*k][2] > points[k - 1][2]).take(FLIGHT_POINTS[0]);
-    // Without gravity's share a flight is a line.
-    let straight = |k: usize| {
-        let t = points[k][0] - points[lowest][0];
-        (t, points[k][2] + 0.5 * gravity * t * t)
-    };
-    let [before, after]: [Vec<(f64, f64)>; 2] =
-        [before.map(straight).collect(), after.map(straight).collect()];
-    if before.len().min(after.len()) < FLIGHT_POINTS[1] {
-        return None;
+/// Points before and after a lowest one: time since it, s, and height, m, each outwards from it.
+struct Turn {
+    time: f64,
+    before: Vec<(f64, f64)>,
+    after: Vec<(f64, f64)>,
+    /// Times of the points next to the lowest one, s.
+    neighbours: [f64; 2],
+}
+
+impl Turn {
+    /// `None` with too few points on either side.
+    fn at(points: &[[f64; 3]], lowest: usize) -> Option<Turn> {
+        let falls = (0..lowest).rev().take_while(|k| points[*k][2] > points[k + 1][2]);
+        let rises = (lowest + 1..points.len()).take_while(|k| points[*k][2] > points[k - 1][2]);
+        let point = |k: usize| (points[k][0] - points[lowest][0], points[k][2]);
+        let before: Vec<(f64, f64)> = falls.take(FLIGHT_POINTS[0]).map(point).collect();
+        let after: Vec<(f64, f64)> = rises.take(FLIGHT_POINTS[0]).map(point).collect();
+        let neighbours = [before.first()?.0, after.first()?.0];
+        let enough = before.len().min(after.len()) >= FLIGHT_POINTS[1];
+        enough.then_some(Turn { time: points[lowest][0], before, after, neighbours })
     }
-    let [first, second] = [&before, &after].map(|flight| LineFit::new(flight));
-    let jump = second.slope - first.slope;
-    let standard_error = noise * (first.slope_variance + second.slope_variance).sqrt();
-    if jump < MIN_JUMP_M_S.max(MIN_JUMP_SIGNIFICANCE * standard_error) {
-        return None;
+
+    /// Lines through the points of both flights without the share of an acceleration downwards.
+    fn lines(&self, gravity: f64) -> [LineFit; 2] {
+        [&self.before, &self.after].map(|flight| {
+            let straight: Vec<(f64, f64)> =
+                flight.iter().map(|(t, height)| (*t, height + 0.5 * gravity * t * t)).collect();
+            LineFit::new(&straight)
+        })
     }
-    let n = (before.len() + after.len()) as f64;
-    let misfit = ((first.square + second.square) / n).sqrt();
-    let turn: Vec<(f64, f64)> = before.into_iter().rev().chain(after).collect();
-    if misfit > MAX_MISFIT_RATIO * parabola(&turn)?.1 {
-        return None;
+
+    /// Acceleration downwards, m/s^2, with which both flights fit best; `None` with few points.
+    fn curvature(&self) -> Option<f64> {
+        if self.before.len().min(self.after.len()) < MIN_CURVATURE_POINTS {
+            return None;
+        }
+        // The sum of squares is a parabola of the acceleration.
+        let square = |g: f64| self.lines(g).iter().map(|line| line.square).sum::<f64>();
+        let [low, middle, high] = [-1.0, 0.0, 1.0].map(square);
+        let curvature = low - 2.0 * middle + high;
+        (curvature > 0.0).then(|| 0.5 * (low - high) / curvature)
     }
-    let t = (first.intercept - second.intercept) / jump;
-    let within = points[lowest - 1][0] - points[lowest][0]..=points[lowest + 1][0] - points[lowest][0];
-    let height = first.intercept + first.slope * t - 0.5 * gravity * t * t;
-    within.contains(&t).then_some((points[lowest][0] + t, height))
+
+    /// Time and height where the flights cross, if they do as in a bounce.
+    fn crossing(&self, gravity: f64, noise: f64) -> Option<(f64, f64)> {
+        let [first, second] = self.lines(gravity);
+        let jump = second.slope - first.slope;
+        let standard_error = noise * (first.slope_variance + second.slope_variance).sqrt();
+        if jump < MIN_JUMP_M_S.max(MIN_JUMP_SIGNIFICANCE * standard_error) {
+            return None;
+        }
+        let straight = |(t, height): &(f64, f64)| (*t, height + 0.5 * gravity * t * t);
+        let turn: Vec<(f64, f64)> = self.before.iter().rev().chain(&self.after).map(straight).collect();
+        let misfit = ((first.square + second.square) / turn.len() as f64).sqrt();
+        if misfit > MAX_MISFIT_RATIO * parabola(&turn)?.1 {
+            return None;
+        }
+        let t = (first.intercept - second.intercept) / jump;
+        let height = first.intercept + first.slope * t - 0.5 * gravity * t * t;
+        (self.neighbours[0]..=self.neighbours[1]).contains(&t).then_some((self.time + t, height))
+    }
 }
 
 /// Height that the ball keeps for most of the time in most trials.
@@ -273,6 +391,51 @@ mod tests {
                 assert!((found.height + 0.3).abs() < 2e-3, "{fps} {restitution}: {}", found.height);
             }
         }
+    }
+
+    fn moved(mut trial: TrialPoints, up: impl Fn(f64) -> f64) -> TrialPoints {
+        trial.points.iter_mut().for_each(|p| p[2] += up(p[0]));
+        trial
+    }
+
+    /// Films whose cameras stood elsewhere have floors of their own; a film of a ball that comes nearer has none.
+    #[test]
+    fn films_have_their_own_origin() {
+        let films: Vec<TrialPoints> = drops(60.0, 0.85)
+            .into_iter()
+            .enumerate()
+            .map(|(k, film)| moved(film, |t| 0.1 * k as f64 + if k == 5 { -0.4 * t } else { 0.0 }))
+            .collect();
+        let found = find_floor(&films, 0.02, 9.81).unwrap().unwrap();
+        assert!((found.height + 0.3).abs() < 3e-3, "{}", found.height);
+        for (k, film) in found.films[..5].iter().enumerate() {
+            let FilmFloor::Shifted(up) = film else { panic!("{k}: {film:?}") };
+            assert!((up + 0.1 * k as f64).abs() < 4e-3, "{k}: {up}");
+        }
+        assert!(
+            matches!(&found.films[5], FilmFloor::LeftOut(reason) if reason.contains("bounces at heights"))
+        );
+    }
+
+    /// A film that falls below the floor of the others is left out.
+    #[test]
+    fn film_with_a_lower_floor_is_left_out() {
+        let mut films = drops(60.0, 0.85);
+        let last = films.pop().map(|film| moved(film, |t| -0.5 * t));
+        films.extend(last);
+        let found = find_floor(&films, 0.02, 9.81).unwrap().unwrap();
+        assert!((found.height + 0.3).abs() < 3e-3, "{}", found.height);
+        assert_eq!(found.films[..5], vec![FilmFloor::Shifted(0.0); 5]);
+        assert!(matches!(&found.films[5], FilmFloor::LeftOut(reason) if reason.contains("below the floor")));
+    }
+
+    /// A wrong scale changes the curvature of flights, not where they cross.
+    #[test]
+    fn bounces_cross_at_one_height_whatever_the_scale() {
+        let mut films = drops(30.0, 0.8);
+        films.iter_mut().flat_map(|film| &mut film.points).for_each(|p| p[2] *= 0.8);
+        let found = find_floor(&films, 0.016, 9.81).unwrap().unwrap();
+        assert!((found.height + 0.24).abs() < 2e-3, "{}", found.height);
     }
 
     /// A racket that hits a ball in the air is no floor, since the ball falls below it later.

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use super::floor::{FloorEstimate, check_floor, cuts_between_bounces, find_floor, remark_on_bounce};
+use super::floor::{
+    FilmFloor, FloorEstimate, check_floor, cuts_between_bounces, find_floor, remark_on_bounce,
+};
 use super::parse_options::TrackParseOptions;
 use super::read::{self, TrackTable};
 use super::track_rows::{TrackRow, TrialPoints, assemble};
@@ -61,7 +63,7 @@ pub fn load_tracks(
     };
     notes.extend(project(&mut tables, reading)?);
     let own = tables.iter().all(|t| t.own_format) && matches!(of, Subject::Scene(_));
-    let points: Vec<TrialPoints> = tables.iter().flat_map(|t| TrialPoints::by_trial(&t.rows)).collect();
+    let points = points_by_trial(&tables);
     let all_declared = DeclaredUnits { length: true, time: true, up: true };
     let declared = if own { all_declared } else { declared };
     let scene = match of {
@@ -75,9 +77,11 @@ pub fn load_tracks(
             let g = ball.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
             // A floor explains why a ball does not fall; wrong units explain why none is found.
             let on_floor = on_floor(ball, &points, g, &mut notes);
-            let has_floor = on_floor.as_ref().is_ok_and(|ball| ball.floor.is_some());
+            let has_floor = on_floor.as_ref().is_ok_and(|(ball, _)| ball.floor.is_some());
             notes.extend(check_units(&points, [0.0, -g], has_floor, declared)?);
-            let ball = on_floor?;
+            let (ball, films) = on_floor?;
+            notes.extend(move_to_floor(&mut tables, &films));
+            let points = points_by_trial(&tables);
             if points.len() < MIN_TRIALS && ball.floor.is_some() {
                 notes.extend(cut_films(&mut tables, &points, g));
             }
@@ -148,28 +152,60 @@ fn remarks_by_file(remarks: Vec<(String, String)>) -> Vec<String> {
     out.into_iter().map(one).collect()
 }
 
-/// The ball with a floor where its tracks show one, if none is given. Without gravity, as seen from above, there is none.
+/// The points of all trials in the order of their rows.
+fn points_by_trial(tables: &[TrackTable]) -> Vec<TrialPoints> {
+    tables.iter().flat_map(|t| TrialPoints::by_trial(&t.rows)).collect()
+}
+
+/// The ball with a floor where its tracks show one, if none is given, and how each trial lies to it. Without gravity, as seen from
+/// above, there is none.
 fn on_floor(
     ball: &BallScene,
     points: &[TrialPoints],
     gravity: f64,
     notes: &mut Vec<String>,
-) -> Result<BallScene> {
+) -> Result<(BallScene, Vec<FilmFloor>)> {
     if let Some(floor) = ball.floor {
         check_floor(points, ball.radius, floor, gravity)?;
-        return Ok(ball.clone());
+        return Ok((ball.clone(), Vec::new()));
     }
     if gravity == 0.0 {
-        return Ok(ball.clone());
+        return Ok((ball.clone(), Vec::new()));
     }
-    let found = find_floor(points, ball.radius, gravity)?;
-    match &found {
-        Some(FloorEstimate { height, evidence }) => {
-            notes.push(format!("floor found at {height:.4} m: {evidence}"))
+    let Some(FloorEstimate { height, evidence, films }) = find_floor(points, ball.radius, gravity)? else {
+        notes.extend(remark_on_bounce(points, gravity));
+        return Ok((ball.clone(), Vec::new()));
+    };
+    notes.push(format!("floor found at {height:.4} m: {evidence}"));
+    Ok((BallScene { floor: Some(height), ..ball.clone() }, films))
+}
+
+/// Moves the trials to the floor of all, in the order of their rows, and removes those that are left out; remarks on both.
+fn move_to_floor(tables: &mut Vec<TrackTable>, films: &[FilmFloor]) -> Vec<String> {
+    let (mut notes, mut next) = (Vec::new(), films.iter());
+    for table in tables.iter_mut() {
+        let mut left_out = Vec::new();
+        for rows in table.rows.chunk_by_mut(|a, b| a.trial == b.trial) {
+            let trial = rows[0].trial.clone();
+            match next.next() {
+                Some(FilmFloor::LeftOut(reason)) => {
+                    notes.push(format!("left out trial {trial:?}: {reason}"));
+                    left_out.push(trial);
+                }
+                Some(FilmFloor::Shifted(up)) if *up != 0.0 => {
+                    notes.push(format!(
+                        "trial {trial:?} is moved by {:.1} mm to the floor of the first",
+                        1e3 * up
+                    ));
+                    rows.iter_mut().for_each(|row| row.values[1] += up);
+                }
+                _ => {}
+            }
         }
-        None => notes.extend(remark_on_bounce(points, gravity)),
+        table.rows.retain(|row| !left_out.contains(&row.trial));
     }
-    Ok(BallScene { floor: found.map(|f| f.height), ..ball.clone() })
+    tables.retain(|table| !table.rows.is_empty());
+    notes
 }
 
 /// Number of trials below which films are cut into parts.

@@ -8,8 +8,10 @@ pub type Picture = (f64, [f64; 2]);
 
 /// Periods of repeats that are looked for, pictures.
 const PERIODS: std::ops::RangeInclusive<usize> = 3..=10;
-/// Movement below which a picture repeats the one before, as a share of the typical movement.
+/// Movement below which a picture repeats the one before, as a share of the typical movement of a moving body: this quantile of
+/// all movements, since the body may rest for half of the film.
 const STILL: f64 = 0.05;
+const MOVING_QUANTILE: f64 = 0.75;
 /// Minimum number of repeats that follow another one after a period, and their minimum share of all repeats of a moving body.
 const MIN_REPEATS: usize = 6;
 const MIN_SHARE: f64 = 0.6;
@@ -42,7 +44,7 @@ pub fn without_repeats(pictures: &[Picture]) -> Option<WithoutRepeats> {
     };
     let mut sizes: Vec<f64> = (1..n).map(moved).filter(|m| *m > 0.0).collect();
     sizes.sort_by(f64::total_cmp);
-    let still = STILL * sizes.get(sizes.len() / 2)?;
+    let still = STILL * sizes.get((MOVING_QUANTILE * sizes.len() as f64) as usize)?;
     let repeats = |i: usize| moved(i) <= still;
     // Of a body that moves before and after.
     let isolated: Vec<usize> =
@@ -93,6 +95,17 @@ mod tests {
         let times: Vec<f64> = found.kept.iter().map(|k| k.1).collect();
         assert!(times.windows(2).all(|w| (w[1] - w[0] - 0.05).abs() < 1e-12), "twenty a second");
         assert_eq!(without_repeats(&film(0)), None);
+    }
+
+    /// A ball that is tracked to a pixel while it rests, before and after it moves.
+    #[test]
+    fn repeats_are_found_in_a_film_of_long_rests() {
+        let mut pictures = film(5);
+        let rest = |k: usize| [pictures[0].1[0] + (k / 2 % 2) as f64, pictures[0].1[1]];
+        let rests: Vec<[f64; 2]> = (0..120).map(rest).collect();
+        let positions: Vec<[f64; 2]> = rests.into_iter().chain(pictures.iter().map(|p| p.1)).collect();
+        pictures = positions.into_iter().enumerate().map(|(i, p)| (i as f64 / 25.0, p)).collect();
+        assert_eq!(without_repeats(&pictures).map(|found| found.period), Some(5));
     }
 
     /// A body that rests now and then does not repeat pictures.
