@@ -89,8 +89,6 @@ pub fn build_report(
     if let (Some(held_out), Some(_)) = (&mut gain.held_out, decision.gain) {
         held_out.excess_removed = decision.gain;
     }
-    let next = input.next_experiment(&found, decision, config)?;
-    let rival_names = |i: &usize| strings(&fits[*i].effect_names());
     let unlike = between_trial_variation::between_trial_variation(model);
     let remainder = residual_summary(base, model, decision, noise, &gain, scale);
     let (launches, predictive) = per_trial(input, model, model_to_check(&found, best, verdict))?;
@@ -101,14 +99,16 @@ pub fn build_report(
     let bands = [predictive_sds(input, base, base.view())?, predictive_sds(input, model, view)?];
     let evidence = evidence::evidence(data, [base.view(), view], bands, names)?;
     let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
-    let described =
-        residual_law.as_ref().map_or(String::new(), text::law_text) + &between_trial_variation::text(&unlike);
+    let effects = effect_estimates(model, names, |name| decision.inclusion_probability(&found, name));
+    let described = residual_law.as_ref().map_or(String::new(), text::law_text)
+        + &between_trial_variation::text(&unlike)
+        + text::weightless_text(&effects, model.gravity);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
         reason: reason(&found, decision, &remainder, used.len()) + &described,
-        effects: effect_estimates(model, names, |name| decision.inclusion_probability(&found, name)),
-        rivals: decision.rivals.iter().map(rival_names).collect(),
+        effects,
+        rivals: decision.rivals.iter().map(|i| strings(&fits[*i].effect_names())).collect(),
         calibrated: calibrated_latents(&fitter, model, base.layout.latent_count())?,
         residual: Some(prediction_gain::base_misfit(base, segments, input.expected, noise, scale)),
         gain,
@@ -117,7 +117,7 @@ pub fn build_report(
             _ => unexplained_share(base, model, input.expected, segments),
         },
         residual_law,
-        next_experiment: next,
+        next_experiment: input.next_experiment(&found, decision, config)?,
         scores: model_scores(&found, decision, names),
         remainder: Some(remainder),
         launches,
