@@ -99,15 +99,13 @@ pub fn build_report(
     let bands = [predictive_sds(input, base, base.view())?, predictive_sds(input, model, view)?];
     let evidence = evidence::evidence(data, [base.view(), view], bands, names)?;
     let residual_law = law.as_ref().map(|l| l.report(base, model, scale));
-    let effects = effect_estimates(model, names, |name| decision.inclusion_probability(&found, name));
-    let described = residual_law.as_ref().map_or(String::new(), text::law_text)
-        + &between_trial_variation::text(&unlike)
-        + text::weightless_text(&effects, model.gravity);
+    let described =
+        residual_law.as_ref().map_or(String::new(), text::law_text) + &between_trial_variation::text(&unlike);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
         reason: reason(&found, decision, &remainder, used.len()) + &described,
-        effects,
+        effects: effect_estimates(model, names, |name| decision.inclusion_probability(&found, name)),
         rivals: decision.rivals.iter().map(|i| strings(&fits[*i].effect_names())).collect(),
         calibrated: calibrated_latents(&fitter, model, base.layout.latent_count())?,
         residual: Some(prediction_gain::base_misfit(base, segments, input.expected, noise, scale)),

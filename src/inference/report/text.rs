@@ -3,9 +3,7 @@
 use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::report::prediction_gain::ErrorScale;
-use crate::inference::report::{
-    EffectEstimate, PredictionGain, ResidualLaw, ResidualSummary, UnusedContacts, Verdict,
-};
+use crate::inference::report::{PredictionGain, ResidualLaw, ResidualSummary, UnusedContacts, Verdict};
 use crate::inference::selection::search::SearchResult;
 use crate::inference::selection::{Decision, SETTINGS};
 
@@ -88,6 +86,12 @@ pub fn reason(
                 percent(c)
             )
         }
+        (Verdict::Unknown, Some(c)) if decision.is_balance => format!(
+            "nothing falls in these tracks, and motion at a constant speed does not tell which forces balance ({} is the most probable): if \
+             the tracks are seen from above, set gravity to 0; if bodies have their terminal speed from the first observation on, record \
+             them from the release on; {left}",
+            names(c)
+        ),
         (Verdict::Unknown, Some(c)) if decision.is_law_open => format!(
             "{} is the nearest in the library, but its law is open: another effect beside it would have the opposite sign; {left}",
             names(c)
@@ -124,21 +128,6 @@ fn possible_effects(found: &SearchResult, decision: &Decision) -> String {
     match all.is_empty() {
         true => String::new(),
         false => format!("; possible are {}", all.iter().map(one).collect::<Vec<_>>().join(", ")),
-    }
-}
-
-/// Remaining share of gravity below which a body moves as if nothing pulled.
-const WEIGHTLESS: f64 = 0.05;
-
-/// Remark on bodies that do not fall; empty if they do. `gravity`: of the scene, m/s^2.
-pub fn weightless_text(effects: &[EffectEstimate], gravity: f64) -> &'static str {
-    let error = effects.iter().find(|e| e.name == "gravity_error").and_then(|e| e.parameters.first());
-    match error {
-        Some(dg) if gravity > 0.0 && (gravity + dg.value).abs() < WEIGHTLESS * gravity => {
-            "; nothing falls in these tracks: if they are seen from above, set gravity to 0; bodies at their terminal speed from the \
-             first observation on look alike, and tracks from the release on would show it"
-        }
-        _ => "",
     }
 }
 

@@ -5,7 +5,7 @@
 //! contain another one as a special case. If the empty set has the remaining 5 % or more the verdict is `none`; with one set
 //! `named`, with several `ambiguous`. The verdict is `unknown` if the sets explain too little of the
 //! predictable misfit, if a further effect of the opposite sign is certain in addition to the set, or an unnamed field that
-//! is larger than a plausible discrepancy, if an unnamed field is more probable than the set, or if an amplitude is at a bound. It is also
+//! is larger than a plausible discrepancy, if an unnamed field is more probable than the set, if an amplitude is at a bound, or if a set cancels gravity. It is also
 //! `unknown`, without a reported set, if the sets do not certainly remove half of the error.
 //!
 //! Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773; Madigan and Raftery, J. Am. Stat. Assoc. 89
@@ -20,7 +20,7 @@ use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::report::Verdict;
 use crate::inference::selection::search::{SearchResult, log_prior};
-use crate::world::effect::Effect;
+use crate::world::effect::{Effect, PriorCoordinate};
 
 /// Maximum number of least-squares steps to a model whose effects may have either sign.
 const MAX_STEPS: usize = 12;
@@ -44,6 +44,8 @@ pub struct Decision {
     pub field_log_bayes_factor: Option<f64>,
     /// Whether a further effect beside the reported set would certainly have the opposite sign.
     pub is_law_open: bool,
+    /// Whether a set cancels gravity: bodies keep their speed, and which forces balance is not identifiable.
+    pub is_balance: bool,
 }
 
 impl Decision {
@@ -97,6 +99,7 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
                 field,
                 field_log_bayes_factor,
                 is_law_open: false,
+                is_balance: false,
             }
         };
     if base_probability >= 1.0 - SETTINGS.credible_mass {
@@ -120,7 +123,9 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
     let alone = field::fit(fitter, &found.base)?;
     let named = found.log_posterior[rivals[0]] + unnamed.map_or(0.0, |nats| (nats + log_prior(1)).max(0.0));
     let is_likelier = alone.as_ref().is_none_or(|alone| alone.log_evidence + log_prior(1) <= named);
-    let explains = explained.is_none_or(|e| e.explains_enough())
+    let is_balance = rivals.iter().any(|rival| cancels_gravity(&found.fits[*rival]));
+    let explains = !is_balance
+        && explained.is_none_or(|e| e.explains_enough())
         && !reversed.is_some_and(is_certain)
         && (!field_log_bayes_factor.is_some_and(is_certain) || is_field_small)
         && earned
@@ -138,7 +143,17 @@ pub fn decide(fitter: &ModelFitter, found: &SearchResult, seed: u64) -> Result<D
         _ => Verdict::Ambiguous,
     };
     let decision = decision(verdict, rivals, (explained, gain), field, field_log_bayes_factor);
-    Ok(Decision { is_law_open: reversed.is_some_and(is_certain), ..decision })
+    Ok(Decision { is_law_open: reversed.is_some_and(is_certain), is_balance, ..decision })
+}
+
+/// Whether an error of gravity leaves nothing that pulls.
+fn cancels_gravity(fit: &FittedModel) -> bool {
+    let cancels = |i: usize| {
+        let is_error =
+            fit.layout.declaration(i).is_some_and(|p| p.prior_coordinate == PriorCoordinate::LogGravity);
+        is_error && (fit.gravity + fit.state.values[i]).abs() < SETTINGS.balance * fit.gravity
+    };
+    (0..fit.layout.parameters.len()).any(cancels)
 }
 
 /// Indices of the fits with one effect of a set removed or replaced by a special case.

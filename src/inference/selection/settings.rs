@@ -18,6 +18,8 @@ pub struct Settings {
     /// a set without one of its effects that the effect explains: a strong effect does not support a weak
     /// one.
     pub least_gain: f64,
+    /// Share of gravity below which what is left of it cannot be told from a balance of forces.
+    pub balance: f64,
     /// Expected number of equally extreme trials by chance below which a trial is left out as odd.
     pub odd_trial: f64,
     /// Shared discrepancy: standard deviation in units of gravity.
@@ -52,6 +54,7 @@ pub const SETTINGS: Settings = Settings {
     explained_share: 0.9,
     confidence: 0.95,
     least_gain: 0.5,
+    balance: 0.05,
     odd_trial: 0.01,
     discrepancy_of_gravity: 0.01,
     discrepancy_of_acceleration: 0.06,

@@ -81,6 +81,7 @@ pub fn decision(verdict: Verdict) -> Decision {
         field: None,
         field_log_bayes_factor: None,
         is_law_open: false,
+        is_balance: false,
     }
 }
 

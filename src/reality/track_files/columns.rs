@@ -17,6 +17,9 @@ pub enum ColumnQuantity {
     /// Height, or distance along a track: a coordinate where there is no other. Beside others it may be the size of a box.
     Height,
     Distance,
+    /// Measured size of the body.
+    Radius,
+    Diameter,
     /// Confidence of a detection, from 0 to 1.
     Likelihood,
     Trial,
@@ -60,6 +63,11 @@ impl TrackColumn {
     }
 }
 
+/// Whether a column is in pixels.
+pub fn column_in_pixels(column: &TrackColumn) -> bool {
+    column.unit.is_some_and(|unit| unit.size.is_none())
+}
+
 /// Units of length with all accepted names.
 pub const LENGTHS: [(ColumnUnit, &[&str]); 8] = [
     (unit("m", 1.0), &["m", "metre", "metres", "meter", "meters"]),
@@ -82,7 +90,7 @@ pub const TIMES: [(ColumnUnit, &[&str]); 5] = [
 ];
 
 /// Accepted column names, in lower case without separators.
-const NAMES: [(ColumnQuantity, &[&str]); 12] = [
+const NAMES: [(ColumnQuantity, &[&str]); 14] = [
     (
         ColumnQuantity::Time,
         &[
@@ -161,6 +169,8 @@ const NAMES: [(ColumnQuantity, &[&str]); 12] = [
     (ColumnQuantity::Z, &["z", "zpos", "posz", "positionz", "zposition", "zcoord", "zcoordinate"]),
     (ColumnQuantity::Height, &["height", "h", "altitude", "elevation", "hoehe", "höhe"]),
     (ColumnQuantity::Distance, &["distance", "position", "displacement", "pos"]),
+    (ColumnQuantity::Radius, &["radius", "ballradius"]),
+    (ColumnQuantity::Diameter, &["diameter", "balldiameter", "estimateddiameter"]),
     (ColumnQuantity::Likelihood, &["likelihood"]),
     (ColumnQuantity::Trial, &["trial", "run", "launch", "throw", "shot", "take"]),
     (
@@ -287,7 +297,9 @@ pub fn fits(quantity: ColumnQuantity, unit: Option<ColumnUnit>) -> bool {
         | ColumnQuantity::Y
         | ColumnQuantity::Z
         | ColumnQuantity::Height
-        | ColumnQuantity::Distance => among(&LENGTHS),
+        | ColumnQuantity::Distance
+        | ColumnQuantity::Radius
+        | ColumnQuantity::Diameter => among(&LENGTHS),
         _ => unit.is_none(),
     }
 }

@@ -1,8 +1,12 @@
 //! Every format of tracking programs is read, in three dialects each, as the same track.
 
+use std::fmt::Write as _;
+
+use super::load::{Subject, TrackFile, load_tracks};
 use super::parse_options::TrackParseOptions;
 use super::read::read;
 use crate::budget::Unlimited;
+use crate::task::ball::BallScene;
 
 /// t, x, y of the first trial.
 fn rows(text: &str, options: &TrackParseOptions) -> Vec<[f64; 3]> {
@@ -229,4 +233,47 @@ fn track_numbers_of_images() {
         ],
         &film(),
     );
+}
+
+/// A throw in pixels of 2.5 mm, rows counted from the top, with the radius of the ball in pixels.
+fn film_of_throw(names: &str) -> TrackFile {
+    let mut text = format!("{names}\n");
+    for i in 0..40 {
+        let t = f64::from(i) / 60.0;
+        let (x, y) = (400.0 * t, 900.0 - 400.0 * (2.5 * t - 4.905 * t * t));
+        let _ = writeln!(text, "{t:.5},{x:.2},{y:.2},8");
+    }
+    TrackFile { name: "throw.csv".into(), text }
+}
+
+fn load_ball(file: TrackFile, reading: &TrackParseOptions) -> crate::error::Result<(Vec<f64>, String)> {
+    let ball = BallScene { radius: 0.02, mass: None, gravity: None, floor: None };
+    let loaded = load_tracks(&[file], Subject::Ball(&ball), reading, &Unlimited)?;
+    Ok((loaded.trials[0].observed.bodies[0].y.clone(), loaded.notes.join("\n")))
+}
+
+/// The size of a pixel follows from the ball's radius, and rows count downwards; both are said.
+#[test]
+fn pixels_by_the_radius_of_the_ball() {
+    for names in ["t,x (px),y (px),radius (px)", "time,x_px,y_px,ball_radius_px"] {
+        let (y, notes) = load_ball(film_of_throw(names), &silent()).unwrap();
+        let highest = y.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        assert!((highest - y[0] - 2.5 * 2.5 / 2.0 / 9.81).abs() < 1e-3, "{names}: {}", highest - y[0]);
+        assert!(notes.contains("a pixel is 2.5000e-3 m") && notes.contains("y counts downwards"), "{notes}");
+    }
+    // Half of a diameter.
+    let (_, notes) = load_ball(film_of_throw("t,x (px),y (px),diameter (px)"), &silent()).unwrap();
+    assert!(notes.contains("a pixel is 5.0000e-3 m"), "{notes}");
+    // A size that is given counts.
+    let given = TrackParseOptions { metres_per_pixel: Some(0.003), ..silent() };
+    assert!(
+        !load_ball(film_of_throw("t,x (px),y (px),radius (px)"), &given).unwrap().1.contains("a pixel is")
+    );
+}
+
+/// Without a radius the error says for which size the tracks fall with gravity.
+#[test]
+fn size_of_a_pixel_is_suggested() {
+    let error = load_ball(film_of_throw("t,x (px),y (px),area"), &silent()).unwrap_err().to_string();
+    assert!(error.contains("in pixels") && error.contains("with 2.500e-3 they fall"), "{error}");
 }

@@ -5,7 +5,8 @@ use std::path::Path;
 use super::floor::{
     FilmFloor, FloorEstimate, check_floor, cuts_between_bounces, find_floor, remark_on_bounce,
 };
-use super::parse_options::TrackParseOptions;
+use super::parse_options::{TrackParseOptions, is_pixel_size_missing};
+use super::pixel_scale::{pixel_size, turn_upwards, with_suggestion};
 use super::read::{self, TrackTable};
 use super::track_rows::{TrackRow, TrialPoints, assemble};
 use super::unit_checks::{DeclaredUnits, check_units};
@@ -55,7 +56,10 @@ pub fn load_tracks(
         Subject::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
         Subject::Ball(_) => Some(BALL),
     };
-    let (mut tables, mut notes) = read_files(files, one, reading, budget)?;
+    let (mut tables, mut notes) = match of {
+        Subject::Scene(_) => read_files(files, one, reading, budget)?,
+        Subject::Ball(ball) => read_ball(files, ball, reading, budget)?,
+    };
     let declared = DeclaredUnits {
         length: tables.iter().all(|t| t.units_declared[0]),
         time: tables.iter().all(|t| t.units_declared[1]),
@@ -94,6 +98,39 @@ pub fn load_tracks(
         trials.extend(assembled.map_err(|e| e.in_file(&table.file))?);
     }
     Ok(LoadedTrials { scene, trials, notes, own_format: own && reading.is_silent() })
+}
+
+/// Reads each file of a ball; where they are in pixels, the size of a pixel and the direction of y may be found.
+fn read_ball(
+    files: &[TrackFile],
+    ball: &BallScene,
+    reading: &TrackParseOptions,
+    budget: &dyn Budget,
+) -> Result<(Vec<TrackTable>, Vec<String>)> {
+    let gravity = ball.gravity.unwrap_or(STANDARD_GRAVITY_M_S2);
+    let with_size = |size| TrackParseOptions { metres_per_pixel: Some(size), ..reading.clone() };
+    let (mut tables, mut notes) = match read_files(files, Some(BALL), reading, budget) {
+        Err(Error::Input(input)) if is_pixel_size_missing(&input) => {
+            match pixel_size(files.iter().map(|f| f.text.as_str()), ball.radius, reading, budget)? {
+                Some((size, remark)) => {
+                    let (tables, mut notes) = read_files(files, Some(BALL), &with_size(size), budget)?;
+                    notes.push(remark);
+                    (tables, notes)
+                }
+                None => {
+                    let in_pixels = read_files(files, Some(BALL), &with_size(1.0), budget).ok();
+                    let points = in_pixels.map(|(tables, _)| points_by_trial(&tables));
+                    return Err(with_suggestion(Error::Input(input), points.as_deref(), gravity));
+                }
+            }
+        }
+        read => read?,
+    };
+    // A given floor is in the coordinates of the user.
+    if tables.iter().all(|t| t.in_pixels) && reading.y_down.is_none() && ball.floor.is_none() {
+        notes.extend(turn_upwards(&mut tables, gravity));
+    }
+    Ok((tables, notes))
 }
 
 /// Reads each file, and remarks on them. `body` is the name of the only body of the scene.

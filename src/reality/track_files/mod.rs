@@ -11,6 +11,7 @@ mod kinovea;
 mod line_fit;
 mod load;
 mod parse_options;
+mod pixel_scale;
 mod qualisys;
 mod read;
 mod repeated_frames;

@@ -5,7 +5,14 @@ use utoipa::ToSchema;
 
 use super::columns::{ColumnUnit, LENGTHS, TIMES, TrackColumn, unit_named};
 use super::track_rows::invalid_value;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, InvalidInput, Result, check_range};
+
+const IN_PIXELS: &str = "in pixels";
+
+/// Whether an error says that the size of a pixel is missing.
+pub fn is_pixel_size_missing(error: &InvalidInput) -> bool {
+    error.value == IN_PIXELS
+}
 
 /// Units, and the track to read, if the files do not state them.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema, clap::Args)]
@@ -94,7 +101,7 @@ impl TrackParseOptions {
             (Some(ColumnUnit { size: None, .. }), None, _) => Err(invalid_value(
                 line,
                 &column.name,
-                "in pixels",
+                IN_PIXELS,
                 "with `metres_per_pixel`, the size of one in m",
             )),
             (Some(unit), Some(_), _) => {

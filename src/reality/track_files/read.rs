@@ -37,6 +37,8 @@ pub struct TrackTable {
     pub notes: Vec<String>,
     /// Whether the units of length and time are declared by the file or the options.
     pub units_declared: [bool; 2],
+    /// Whether the coordinates are in pixels.
+    pub in_pixels: bool,
 }
 
 impl TrackTable {
@@ -50,6 +52,7 @@ impl TrackTable {
             own_format: true,
             notes: Vec::new(),
             units_declared,
+            in_pixels: false,
         }
     }
 }
@@ -150,6 +153,7 @@ fn read_table(
         own_format: false,
         notes,
         units_declared: selection.units_declared,
+        in_pixels: options.metres_per_pixel.is_some(),
     })
 }
 

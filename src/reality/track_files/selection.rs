@@ -1,6 +1,6 @@
 //! Choice of the columns of one body's track, and their conversion to m and s.
 
-use super::columns::{ColumnQuantity, TrackColumn};
+use super::columns::{ColumnQuantity, TrackColumn, column_in_pixels};
 use super::parse_options::{TrackParseOptions, contradiction};
 use super::table::Table;
 use super::times::{TrackClock, last_place};
@@ -173,7 +173,7 @@ fn file_tracks(table: &Table) -> Result<Vec<FileTrack<'_>>> {
     use ColumnQuantity::{X, Y, Z};
     let invalid =
         |value: &str, allowed: &str| Err(invalid_value(table.header_line, "header", value, allowed));
-    let in_pixels = |c: &TrackColumn| c.unit.is_some_and(|u| u.size.is_none());
+    let in_pixels = column_in_pixels;
     let mut tracks: Vec<FileTrack> = Vec::new();
     let mut missing = "x";
     for column in table.columns.iter().filter(|c| matches!(c.quantity, Some(X | Y | Z))) {
@@ -356,7 +356,7 @@ impl TrackSelection {
 }
 
 /// Parses a number; NaN for a missing value. `mark` is the file's decimal mark, once known.
-fn parse(cell: &str, mark: &mut Option<char>) -> std::result::Result<f64, &'static str> {
+pub fn parse(cell: &str, mark: &mut Option<char>) -> std::result::Result<f64, &'static str> {
     let cell = cell.trim().trim_matches('"');
     if ["", "-", "nan", "na", "n/a", "null", "none"].contains(&cell.to_lowercase().as_str()) {
         return Ok(f64::NAN);

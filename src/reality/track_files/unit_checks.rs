@@ -134,7 +134,8 @@ fn is_possible(along: f64) -> bool {
     is_plausible(along) || (PLAUSIBLE_RISE..=-PLAUSIBLE_FALL[0]).contains(&along)
 }
 
-fn is_plausible(along: f64) -> bool {
+/// Whether a body may fall with an acceleration, relative to gravity.
+pub fn is_plausible(along: f64) -> bool {
     (PLAUSIBLE_FALL[0]..=PLAUSIBLE_FALL[1]).contains(&along)
 }
 
