@@ -54,13 +54,14 @@ use crate::world::latent::factor_index;
 pub use config::{DiagnosisConfig, DiagnosisResult};
 use data::discretisation::inflate_for_discretisation;
 use data::noise::Noise;
-use data::preprocessing::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
+use data::preprocessing::{InsufficientData, MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
 use data::surface_offsets;
 use mixed_model::model_fit::{ModelFitter, RecordingContext};
 use model::{FitState, ParameterLayout, SegmentData};
 pub use report::Diagnosis;
 use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
+use report::few_trials;
 use report::prediction_gain::ErrorScale;
 use report::text::unused_contacts_text;
 use segment::Segment;
@@ -108,12 +109,7 @@ fn diagnose_without(
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
     let ready = match preprocess(scene, trials, config.engine, MAX_INITIAL_INTERVALS, left_out, progress)? {
         Ok(ready) => ready,
-        Err(lack) => {
-            let mut finding = insufficient_data_report(scene, trials, &lack.reason, config);
-            let next = finding.diagnosis.next_experiment.iter_mut();
-            next.for_each(|n| n.action = lack.action.into());
-            return Ok(finding);
-        }
+        Err(lack) => return Ok(insufficient_data_report(scene, trials, &lack, config)),
     };
     let expected = &ready.expected_rss;
     let scale = ErrorScale::new(expected, &ready.noise, ready.trial_indices.len());
@@ -126,6 +122,9 @@ fn diagnose_without(
         Some(segments) => fit_base(scene, trials, &ready, segments, &latents, base)?,
         None => opened,
     };
+    if let Some(lack) = &ready.few_trials {
+        return few_trials_result((scene, trials, config), &latents, (&ready, lack), opened, progress);
+    }
     let BaseFit { mut data, layout, state, observed } = opened;
     let PreprocessedData { trial_indices: used, setting_names: names, noise, sd, mismatch: stepping, .. } =
         &ready;
@@ -165,6 +164,34 @@ fn diagnose_without(
         finding.diagnosis.reason += OTHER_STEPS;
     }
     Ok(finding)
+}
+
+/// The result of trials that are too few for a verdict: the size of each effect alone.
+fn few_trials_result(
+    (scene, trials, config): (&Scene, &[Trial], &DiagnosisConfig),
+    latents: &[usize],
+    (ready, lack): (&PreprocessedData, &InsufficientData),
+    BaseFit { data, layout, state, .. }: BaseFit,
+    progress: &dyn Progress,
+) -> Result<DiagnosisResult> {
+    let mut finding = insufficient_data_report(scene, trials, lack, config);
+    let single = DiagnosisConfig { max_effects: 1, ..*config };
+    let selected = select_model(scene, &ready.noise, latents, &single, progress, (&data, &layout, state));
+    if let Some((_, found, decision)) = ok_unless_failed(selected)? {
+        let count = ready.trial_indices.len();
+        let (scores, text) = few_trials::single_effects(&found, &decision, &ready.setting_names, count);
+        finding.diagnosis.scores = scores;
+        finding.diagnosis.reason += &text;
+    }
+    Ok(finding)
+}
+
+/// A result; `None` if the model could not be evaluated.
+fn ok_unless_failed<T>(result: Result<T>) -> Result<Option<T>> {
+    match result {
+        Err(Error::Failed(_)) => Ok(None),
+        result => result.map(Some),
+    }
 }
 
 /// Estimates the recording's context, searches sets of effects, and decides.

@@ -385,13 +385,31 @@ fn reports_insufficient_data() {
     let hidden = worlds::single(2, 4);
     let few = worlds::trials(&hidden, Noise::White, 3, 40, 8.0, 1);
     let short = worlds::trials(&hidden, Noise::White, 10, 5, 8.0, 1);
-    for trials in [few, short] {
+    for (trials, is_fitted) in [(few, true), (short, false)] {
         let d = diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(0), &NoProgress)
             .unwrap()
             .diagnosis;
         assert_eq!(d.verdict, Verdict::InsufficientData);
-        assert!(!d.reason.is_empty());
+        assert!(!d.reason.is_empty() && d.effects.is_empty());
+        // What each effect alone would be, with an interval.
+        assert_eq!(d.scores.iter().any(|s| !s.sizes.is_empty()), is_fitted, "{}", d.reason);
+        assert_eq!(d.reason.contains("alone"), is_fitted, "{}", d.reason);
     }
+}
+
+/// One throw with drag: its size is estimated, but nothing is named.
+#[test]
+fn one_trial_gives_sizes_without_a_name() {
+    let hidden = worlds::single(1, 4);
+    let Some((_, _, truth)) = hidden.parameter else { panic!("a drag") };
+    let trials = worlds::trials(&hidden, Noise::White, 1, 60, 30.0, 7);
+    let d =
+        diagnose(&worlds::scene(), &trials, &DiagnosisConfig::standard(0), &NoProgress).unwrap().diagnosis;
+    assert_eq!(d.verdict, Verdict::InsufficientData);
+    let drag = d.scores.iter().find(|s| s.effects == ["quadratic_drag"]).and_then(|s| s.sizes.first());
+    let Some(drag) = drag else { panic!("{}", d.reason) };
+    let [Some(low), Some(high)] = drag.parameters[0].ci95 else { panic!("{drag:?}") };
+    assert!((low..high).contains(&truth) && high < 2.0 * low, "{drag:?}");
 }
 
 /// A simulation is extended by the selected effects, without duplicating those of its scene.

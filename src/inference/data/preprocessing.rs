@@ -47,11 +47,18 @@ pub struct PreprocessedData {
     pub mismatch: Option<IntegratorMismatch>,
     /// Contacts in no segment.
     pub unused_contacts: Vec<UnusedContacts>,
+    /// Why the trials are too few for a verdict, if they are.
+    pub few_trials: Option<InsufficientData>,
     /// Expected residual sum of squares of the segments, before averaging.
     pub expected_rss: ExpectedRss,
 }
 
 impl PreprocessedData {
+    /// The data, if the trials are enough for a verdict.
+    pub fn with_enough_trials(mut self) -> std::result::Result<PreprocessedData, InsufficientData> {
+        self.few_trials.take().map_or(Ok(self), Err)
+    }
+
     /// Standard deviation of a segment's residuals, m.
     pub fn residual_sd(&self, segment: &Segment) -> f64 {
         if segment.kind.uses_engine() { self.engine_sd } else { self.noise.sd }
@@ -69,7 +76,7 @@ pub struct InsufficientData {
 pub const MAX_INITIAL_INTERVALS: usize = 8;
 
 /// Preprocesses the trials except those at indices `left_out`, with initial segments of at most `run`
-/// intervals; or the reason why they are insufficient.
+/// intervals; or the reason why they are insufficient even for estimates without a verdict.
 pub fn preprocess(
     scene: &Scene,
     trials: &[Trial],
@@ -88,7 +95,8 @@ pub fn preprocess(
     let stepping = time_alignment::align_velocities(&mut segments, trials, engine, progress)?;
     let is_informative = |i: &usize| segments.iter().any(|w| w.trial == *i && !w.kind.is_impact());
     let informative = (0..trials.len()).filter(is_informative).count();
-    if informative < MIN_TRIALS {
+    let few_trials = (informative < MIN_TRIALS).then(|| too_few_trials(informative, trials.len()));
+    if informative == 0 {
         return Ok(Err(too_few_trials(informative, trials.len())));
     }
     // Trials without segments are dropped: they would count as uninformative clusters.
@@ -126,6 +134,7 @@ pub fn preprocess(
         untrimmed: whole,
         mismatch: stepping,
         unused_contacts,
+        few_trials,
         expected_rss,
     }))
 }
@@ -237,7 +246,8 @@ mod tests {
         assert_eq!(ready.trial_indices, [0, 1, 3, 4, 5, 6]);
         assert_eq!(ready.segments.iter().map(|w| w.trial).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
         assert!((0.7e-3..1.4e-3).contains(&ready.noise.sd), "{:?}", ready.noise);
-        let few = made(&trials[..4]).err().expect("three throws are too few");
+        let few = made(&trials[..4]).and_then(PreprocessedData::with_enough_trials);
+        let few = few.err().expect("three throws are too few");
         assert!(few.reason.starts_with("3 of 4 trials"), "{}", few.reason);
     }
 

@@ -47,10 +47,9 @@ pub fn fit_models<T>(
             "latents in the scene's calibrate list, or sets of effects; otherwise there are no parameters";
         return Err(Error::input("calibrate", "none", allowed));
     }
-    let ready = match preprocess(scene, trials, config.engine, MAX_HORIZON, &[], progress)? {
-        Ok(ready) => ready,
-        Err(lack) => return Err(Error::input("trials", lack.reason, lack.action)),
-    };
+    let ready = preprocess(scene, trials, config.engine, MAX_HORIZON, &[], progress)?
+        .and_then(PreprocessedData::with_enough_trials)
+        .map_err(|lack| Error::input("trials", lack.reason, lack.action))?;
     progress.report("fitting the base model", 0, 1)?;
     let begun = match ready.untrimmed.iter().any(|w| w.kind == SegmentKind::FromInitialState) {
         true => Some(truncate_initial_segments(

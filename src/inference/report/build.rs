@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::inference::data::noise::Noise;
+use crate::inference::data::preprocessing::InsufficientData;
 use crate::inference::mixed_model::fitted_model::{FittedModel, ModelView, held_out_square};
 use crate::inference::mixed_model::model_fit::{ModelFitter, RecordingContext};
 use crate::inference::model::{Linearization, SegmentData};
@@ -194,13 +195,13 @@ fn predictive_sds(input: &ReportInput, model: &FittedModel, view: ModelView) -> 
 pub fn insufficient_data_report(
     scene: &Scene,
     trials: &[Trial],
-    reason: &str,
+    lack: &InsufficientData,
     config: &DiagnosisConfig,
 ) -> DiagnosisResult {
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict: Verdict::InsufficientData,
-        reason: reason.to_string(),
+        reason: lack.reason.clone(),
         effects: Vec::new(),
         rivals: Vec::new(),
         calibrated: Vec::new(),
@@ -214,8 +215,8 @@ pub fn insufficient_data_report(
         unused_contacts: Vec::new(),
         failed: Vec::new(),
         next_experiment: Some(RecommendedExperiment {
-            why: reason.to_string(),
-            action: "measure more trials, each with ten or more observations between contacts".into(),
+            why: lack.reason.clone(),
+            action: lack.action.into(),
             separates: Vec::new(),
             scene: None,
         }),
@@ -243,7 +244,8 @@ mod tests {
     #[test]
     fn insufficient_data_give_a_report() {
         let trials = observed_trials(&[vec![[0.0, 1.0, 2.0], [0.1, 1.3, 2.1]]]);
-        let found = insufficient_data_report(&ball(), &trials, "one trial", &DiagnosisConfig::standard(5));
+        let lack = InsufficientData { reason: "one trial".into(), action: "measure more" };
+        let found = insufficient_data_report(&ball(), &trials, &lack, &DiagnosisConfig::standard(5));
         assert_eq!(found.diagnosis.verdict, Verdict::InsufficientData);
         assert_eq!((found.diagnosis.reason.as_str(), found.diagnosis.seed), ("one trial", 5));
         assert!(found.diagnosis.next_experiment.is_some() && found.diagnosis.effects.is_empty());

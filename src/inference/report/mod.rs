@@ -5,6 +5,7 @@ pub(super) mod estimates;
 pub(super) mod evidence;
 pub(super) mod expected_rss;
 pub(super) mod extended_scene;
+pub(super) mod few_trials;
 pub mod plot_tables;
 pub(super) mod prediction_gain;
 pub(super) mod residual_map;
