@@ -116,6 +116,7 @@ fn vernier_and_capstone() {
              0,1.5,2,0,0,0\n0.04,1.75,-1.25,0.1,0,0\n0.08,2,-4,,,\n",
             "Time (s) Run #1,X (m) Run #1,Y (m) Run #1,Time (s) Run #2,X (m) Run #2,Y (m) Run #2\n\
              0,1.5,2,0,0,0\n0.04,1.75,-1.25,0.1,0,0\n0.08,2,-4,,,\n",
+            "Time (s),X (m) Run #1,Y (m) Run #1,X (m) Run #2,Y (m) Run #2\n0,1.5,2,0,0\n0.04,1.75,-1.25,0,0\n0.08,2,-4,,\n",
         ],
         &silent(),
     );
@@ -276,4 +277,22 @@ fn pixels_by_the_radius_of_the_ball() {
 fn size_of_a_pixel_is_suggested() {
     let error = load_ball(film_of_throw("t,x (px),y (px),area"), &silent()).unwrap_err().to_string();
     assert!(error.contains("in pixels") && error.contains("with 2.500e-3 they fall"), "{error}");
+}
+
+/// The error of one bad file among good ones says how to leave it out, and that works.
+#[test]
+fn one_bad_file_can_be_left_out() {
+    let ball = BallScene { radius: 0.02, mass: None, gravity: None, floor: None };
+    let good = film_of_throw("t,x (px),y (px),radius (px)");
+    let bad = TrackFile { name: "notes.csv".into(), text: "nothing,here\n1,2\n".into() };
+    let load = |files: &[TrackFile], reading: &TrackParseOptions| {
+        load_tracks(files, Subject::Ball(&ball), reading, &Unlimited)
+    };
+    let scaled = TrackParseOptions { metres_per_pixel: Some(0.0025), ..silent() };
+    let error = load(&[good.clone(), bad.clone()], &scaled).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("notes.csv") && error.contains("`skip_bad`"), "{error}");
+    let skipping = TrackParseOptions { skip_bad: Some(true), ..scaled.clone() };
+    assert_eq!(load(&[good, bad.clone()], &skipping).unwrap().trials.len(), 1);
+    let alone = load(&[bad], &scaled).map(|_| ()).unwrap_err().to_string();
+    assert!(!alone.contains("skip_bad"), "{alone}");
 }

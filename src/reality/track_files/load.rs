@@ -141,19 +141,24 @@ fn read_files(
     budget: &dyn Budget,
 ) -> Result<(Vec<TrackTable>, Vec<String>)> {
     let (mut tables, mut notes, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
-    for (file, name) in files.iter().zip(names(files)) {
-        let read = || match body {
-            Some(body) => read::read(&file.text, &name, body, reading, budget),
-            None if reading.is_silent() => own_format(&file.text, budget),
-            None => {
-                Err(Error::input("scene", "of several bodies", "one body, if units or a track are given"))
-            }
-        };
-        let mut table = match read().map_err(|e| e.in_file(&file.name)) {
+    let names = names(files);
+    let read = |(file, name): (&TrackFile, &String)| match body {
+        Some(body) => read::read(&file.text, name, body, reading, budget),
+        None if reading.is_silent() => own_format(&file.text, budget),
+        None => Err(Error::input("scene", "of several bodies", "one body, if units or a track are given")),
+    };
+    for (file, name) in files.iter().zip(&names) {
+        let mut table = match read((file, name)).map_err(|e| e.in_file(&file.name)) {
             Ok(table) => table,
             Err(Error::Input(input)) if reading.skip_bad == Some(true) => {
                 notes.push(format!("left out: {input}"));
                 continue;
+            }
+            Err(Error::Input(mut input)) => {
+                if files.iter().zip(&names).any(|other| read(other).is_ok()) {
+                    input.allowed += "; or `skip_bad`, which leaves this file out";
+                }
+                return Err(Error::Input(input));
             }
             Err(e) => return Err(e),
         };

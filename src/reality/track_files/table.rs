@@ -1,6 +1,6 @@
 //! A file as a table of named columns: the common form of all formats of tracking programs.
 
-use super::columns::TrackColumn;
+use super::columns::{ColumnQuantity, TrackColumn};
 
 /// Named columns and their cells.
 #[derive(Debug)]
@@ -21,7 +21,8 @@ impl Table {
         Table { header_line, columns, records, frame_rate: None, notes: Vec::new() }
     }
 
-    /// Tables of the runs, if the columns are of several runs with times of their own; otherwise the table itself.
+    /// Tables of the runs, if the columns are of several runs; otherwise the table itself. Runs without times of their own share those of no
+    /// run.
     pub fn by_run(self) -> Vec<(Option<String>, Table)> {
         let mut runs: Vec<&String> = Vec::new();
         for run in self.columns.iter().filter_map(|c| c.run.as_ref()) {
@@ -33,8 +34,10 @@ impl Table {
             return vec![(None, self)];
         }
         let table = |run: &String| {
-            let own: Vec<usize> =
-                (0..self.columns.len()).filter(|i| self.columns[*i].run.as_ref() == Some(run)).collect();
+            let is_own = |c: &TrackColumn| c.run.as_ref() == Some(run);
+            let has_clock = self.columns.iter().any(|c| is_own(c) && is_clock(c));
+            let is_used = |c: &TrackColumn| is_own(c) || !has_clock && c.run.is_none() && is_clock(c);
+            let own: Vec<usize> = (0..self.columns.len()).filter(|i| is_used(&self.columns[*i])).collect();
             let cells = |row: &Vec<String>| -> Vec<String> {
                 own.iter().map(|i| row.get(*i).cloned().unwrap_or_default()).collect()
             };
@@ -45,4 +48,9 @@ impl Table {
         };
         runs.into_iter().map(table).collect()
     }
+}
+
+fn is_clock(column: &TrackColumn) -> bool {
+    use ColumnQuantity::{Frame, Interval, Time};
+    matches!(column.quantity, Some(Time | Frame | Interval))
 }
