@@ -18,7 +18,7 @@ pub struct Settings {
     /// a set without one of its effects that the effect explains: a strong effect does not support a weak
     /// one.
     pub least_gain: f64,
-    /// Share of gravity below which what is left of it cannot be told from a balance of forces.
+    /// Remaining share of gravity below which bodies are taken to be in a balance of forces.
     pub balance: f64,
     /// Expected number of equally extreme trials by chance below which a trial is left out as odd.
     pub odd_trial: f64,

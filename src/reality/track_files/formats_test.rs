@@ -253,7 +253,7 @@ fn load_ball(file: TrackFile, reading: &TrackParseOptions) -> crate::error::Resu
     Ok((loaded.trials[0].observed.bodies[0].y.clone(), loaded.notes.join("\n")))
 }
 
-/// The size of a pixel follows from the ball's radius, and rows count downwards; both are said.
+/// The size of a pixel follows from the ball's radius, and rows count downwards; notes report both.
 #[test]
 fn pixels_by_the_radius_of_the_ball() {
     for names in ["t,x (px),y (px),radius (px)", "time,x_px,y_px,ball_radius_px"] {
