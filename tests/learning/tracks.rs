@@ -255,7 +255,9 @@ fn trials_and_errors_name_files() {
         &[file("a.csv", "t,x,y\n0,1,1\n"), file("b.csv", "t,x,y\n0,1,1\n1,1,?\n")],
         &TrackParseOptions::default(),
     );
-    assert_eq!(bad.unwrap_err(), "b.csv:3: `y` is \"?\"; allowed: a number, or nothing");
+    let text =
+        "b.csv:3: `y` is \"?\"; allowed: a number, or nothing; or `skip_bad`, which leaves this file out";
+    assert_eq!(bad.unwrap_err(), text);
     let both = "trial,t,body,x,y\na,0,red,0,1\na,0,blue,0,2\n";
     assert!(
         gathered(&[file("a.csv", both)], &TrackParseOptions::default())
