@@ -183,6 +183,8 @@ fn few_trials_result(
         finding.diagnosis.scores = scores;
         finding.diagnosis.reason += &text;
     }
+    finding.diagnosis.unused_contacts.clone_from(&ready.unused_contacts);
+    finding.diagnosis.reason += &unused_contacts_text(&ready.unused_contacts);
     Ok(finding)
 }
 

@@ -114,9 +114,10 @@ impl SegmentCoordinates {
 
     /// The span of the nuisances' columns, with the same rows; `None` if it holds all coordinates.
     pub fn white_nuisances(&self, columns: &DMatrix<f64>, scales: [f64; 2]) -> Option<WhiteNuisances> {
-        // Their responses along the used axes are rounding errors.
-        let observed = columns.clone().remove_columns_at(&self.unobserved_nuisances);
-        let (projected, _) = orthonormalise(&self.along_axes(&self.basis, &observed, scales));
+        // The responses of unobserved ones along the used axes are rounding errors.
+        let observed =
+            self.along_axes(&self.basis, columns, scales).remove_columns_at(&self.unobserved_nuisances);
+        let (projected, _) = orthonormalise(&observed);
         if projected.ncols() == projected.nrows() {
             return None;
         }

@@ -3,11 +3,9 @@
 use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::report::estimates::{effect_estimates, model_scores};
 use crate::inference::report::{EffectEstimate, ModelScore, Verdict};
-use crate::inference::selection::Decision;
 use crate::inference::selection::search::SearchResult;
+use crate::inference::selection::{Decision, SETTINGS};
 
-/// Log posterior below the best one, nats, up to which an effect alone is listed: the ratio of 95 to 5.
-const LISTED_NATS: f64 = 2.944;
 /// Maximum number of listed effects.
 const MAX_LISTED: usize = 5;
 
@@ -21,7 +19,9 @@ pub fn single_effects(
     let mut scores = model_scores(found, decision, names);
     let single: Vec<usize> = found.ranked(|fit: &FittedModel| fit.effects.len() == 1);
     let best = single.first().map_or(f64::NEG_INFINITY, |i| found.log_posterior[*i]);
-    let alike = single.into_iter().filter(|i| found.log_posterior[*i] > best - LISTED_NATS).take(MAX_LISTED);
+    // Those that the best one does not certainly exclude.
+    let least = best - SETTINGS.log_odds_of_certainty();
+    let alike = single.into_iter().filter(|i| found.log_posterior[*i] > least).take(MAX_LISTED);
     let mut listed = Vec::new();
     for i in alike {
         let fit = &found.fits[i];

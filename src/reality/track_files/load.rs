@@ -85,9 +85,8 @@ pub fn load_tracks(
             notes.extend(check_units(&points, [0.0, -g], has_floor, declared)?);
             let (ball, films) = on_floor?;
             notes.extend(move_to_floor(&mut tables, &films));
-            let points = points_by_trial(&tables);
-            if points.len() < MIN_TRIALS && ball.floor.is_some() {
-                notes.extend(cut_films(&mut tables, &points, g));
+            if ball.floor.is_some() {
+                notes.extend(cut_films(&mut tables, g));
             }
             ball.build(body(&tables)?, seconds(&tables))?
         }
@@ -253,8 +252,13 @@ fn move_to_floor(tables: &mut Vec<TrackTable>, films: &[FilmFloor]) -> Vec<Strin
 /// Number of trials below which films are cut into parts.
 const MIN_TRIALS: usize = 4;
 
-/// Cuts films of many bounces into trials with one bounce each; their starts are independent, since each is fitted.
-fn cut_films(tables: &mut [TrackTable], points: &[TrialPoints], gravity: f64) -> Option<String> {
+/// Cuts films of many bounces, if they are few, into trials with one bounce each; their starts are independent, since each is fitted.
+fn cut_films(tables: &mut [TrackTable], gravity: f64) -> Option<String> {
+    let trials = tables.iter().flat_map(|t| t.rows.chunk_by(|a, b| a.trial == b.trial));
+    if trials.count() >= MIN_TRIALS {
+        return None;
+    }
+    let points = points_by_trial(tables);
     let cuts: Vec<Vec<f64>> = points.iter().map(|trial| cuts_between_bounces(trial, gravity)).collect();
     let films = tables.iter_mut().flat_map(|t| t.rows.chunk_by_mut(|a, b| a.trial == b.trial));
     for (rows, cuts) in films.zip(&cuts).filter(|(_, cuts)| !cuts.is_empty()) {

@@ -58,7 +58,7 @@ pub fn with_suggestion(error: Error, in_pixels: Option<&[TrialPoints]>, gravity:
     match (error, fall) {
         (Error::Input(mut input), Some(fall)) if is_pixel_size_missing(&input) => {
             input.allowed += &format!(
-                "; with {:.3e} they fall with the gravity of {gravity} m/s^2, which then cannot be tested; or a column `radius` in pixels",
+                "; with {:.3e} they fall with the gravity of {gravity} m/s^2, which then cannot be tested; or a column named radius, in pixels",
                 gravity / fall.abs()
             );
             Error::Input(input)
