@@ -173,7 +173,7 @@ class _DealerSocket:
             self._socket.connect(self._url)
             if not monitor.poll(round(1000 * max_silence)):
                 return False
-            # AskTellJob whether it is is_broken makes the socket take note of it, which sending alone does only now and then.
+            # Reading the socket's state makes it process its events; sending alone does that only now and then.
             return recv_monitor_message(monitor)["event"] == _CONNECTED_EVENTS and not self.is_broken()
         finally:
             self._socket.disable_monitor()
