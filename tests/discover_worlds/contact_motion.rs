@@ -1,5 +1,5 @@
 //! Motions with contacts, simulated by the program's own engine: sliding that turns into rolling, slipping down a slope,
-//! blocks, tossed boxes, colliding discs, balls and gliders on a track. The scene may have a wrong friction, mass ratio, restitution, threshold or
+//! blocks, tossed boxes, colliding discs, balls, blocks and gliders on a track. The scene may have a wrong friction, mass ratio, restitution, threshold or
 //! moment of inertia.
 
 use std::f64::consts::PI;
@@ -22,7 +22,7 @@ const STEPS_PER_SECOND: f64 = 960.0;
 const TRIALS: usize = 12;
 
 /// Kinds of motion.
-pub const KINDS: [&str; 11] = [
+pub const KINDS: [&str; 12] = [
     "slide_to_roll",
     "slip_on_incline",
     "roll_on_incline",
@@ -34,6 +34,7 @@ pub const KINDS: [&str; 11] = [
     "two_balls",
     "three_discs",
     "two_gliders",
+    "two_blocks",
 ];
 
 /// What is wrong in the scene.
@@ -61,12 +62,22 @@ pub struct ContactWorld {
 pub fn shows(kind: &str, wrong: Wrong) -> bool {
     match wrong {
         Wrong::Nothing => true,
+        // The corners of boxes stick at most impacts.
         Wrong::Friction => {
             matches!(kind, "slide_to_roll" | "slip_on_incline" | "block_to_rest" | "block_on_incline")
         }
-        Wrong::MassRatio => matches!(kind, "two_discs" | "two_balls" | "two_gliders"),
+        Wrong::MassRatio => matches!(kind, "two_discs" | "two_balls" | "two_gliders" | "two_blocks"),
         Wrong::Restitution => {
-            matches!(kind, "bouncing_ball" | "two_discs" | "two_balls" | "three_discs" | "two_gliders")
+            matches!(
+                kind,
+                "bouncing_ball"
+                    | "two_discs"
+                    | "two_balls"
+                    | "three_discs"
+                    | "two_gliders"
+                    | "tossed_box"
+                    | "two_blocks"
+            )
         }
         Wrong::Threshold => kind == "bouncing_ball",
         Wrong::Inertia => kind == "roll_on_incline",
@@ -115,11 +126,12 @@ fn scene(kind: &str) -> Scene {
             r#"{{"name": "{name}", "shape": {{"type": "disc", "radius": {radius}}}, "mass": 0.1, "friction": {friction}, "restitution": {e}}}"#
         )
     };
-    let block = |friction: f64, e: f64| {
+    let block_named = |name: &str, friction: f64, e: f64| {
         format!(
-            r#"{{"name": "block", "shape": {{"type": "box", "half_width": 0.04, "half_height": 0.025}}, "mass": 0.1, "friction": {friction}, "restitution": {e}}}"#
+            r#"{{"name": "{name}", "shape": {{"type": "box", "half_width": 0.04, "half_height": 0.025}}, "mass": 0.1, "friction": {friction}, "restitution": {e}}}"#
         )
     };
+    let block = |friction: f64, e: f64| block_named("block", friction, e);
     let (gravity, bodies, ground, seconds) = match kind {
         "slide_to_roll" => (9.81, disc("ball", 0.03, 0.2, 0.5), Some(slope(0.0)), 1.2),
         "slip_on_incline" => (9.81, disc("ball", 0.03, 0.15, 0.5), Some(slope(40.0)), 0.7),
@@ -130,6 +142,9 @@ fn scene(kind: &str) -> Scene {
         "bouncing_ball" => (9.81, disc("ball", 0.03, 0.3, 0.75), Some(slope(0.0)), 1.6),
         "two_discs" | "two_gliders" => {
             (0.0, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 1.0)
+        }
+        "two_blocks" => {
+            (0.0, [block_named("red", 0.2, 0.8), block_named("blue", 0.2, 0.8)].join(","), None, 1.0)
         }
         "two_balls" => {
             (9.81, [disc("red", 0.03, 0.2, 0.8), disc("blue", 0.03, 0.2, 0.8)].join(","), None, 0.6)
@@ -237,6 +252,14 @@ fn launch(kind: &str, bodies: &mut [Body], random: &mut impl Rng) {
             let (time, speed, offset) = (draw(0.25, 0.35), draw(0.7, 1.6), draw(-0.03, 0.03));
             (bodies[0].position, bodies[0].velocity) = (Some([-speed * time, 1.0 + offset]), [speed, 2.0]);
             (bodies[1].position, bodies[1].velocity) = (Some([0.06, 1.0]), [draw(-0.5, 0.0), 2.0]);
+        }
+        "two_blocks" => {
+            (bodies[0].position, bodies[0].velocity) =
+                (Some([-0.3, draw(-0.03, 0.03)]), [draw(0.6, 1.5), 0.0]);
+            (bodies[1].position, bodies[1].velocity) = (Some([0.0, 0.0]), [draw(-0.3, 0.1), draw(-0.1, 0.1)]);
+            for body in bodies {
+                (body.angle, body.angular_velocity) = (draw(-PI, PI), draw(-6.0, 6.0));
+            }
         }
         "two_gliders" => {
             (bodies[0].position, bodies[0].velocity) = (Some([-0.3, 0.0]), [draw(0.6, 1.5), 0.0]);

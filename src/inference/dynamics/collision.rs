@@ -1,4 +1,4 @@
-//! Two discs that collide: each flies as without the other until they touch, and again from there with the velocities after
+//! Two bodies that collide: each flies as without the other until they touch, and again from there with the velocities after
 //! the impact.
 
 use std::array::from_fn;
@@ -8,10 +8,10 @@ use super::integrator::{
 };
 use super::physics::{Impact, MAX_STEPS, SegmentPhysics};
 use super::supported::PlanarState;
-use crate::inference::segment::{CollidingPair, DISC_NUISANCES};
+use crate::inference::segment::{BODY_NUISANCES, CollidingPair, contact_gap};
 use crate::world::effect::LANES;
 
-/// Largest relative displacement in a step, in units of the smaller radius, so that no glancing collision is stepped over.
+/// Largest relative displacement in a step, in units of the smaller body's size, so that no glancing collision is stepped over.
 const MAX_DISPLACEMENT: f64 = 0.2;
 const MAX_STEP_COUNT: f64 = 1000.0;
 
@@ -26,12 +26,12 @@ pub fn integrate(
     let step = longest_step(lead, start, &pair);
     let mut impacts = Vec::with_capacity(paths.len());
     for (first, group) in paths.chunks(LANES).enumerate().map(|(g, group)| (g * LANES, group)) {
-        let (discs, met) = trajectories(group, &pair, step, &mut counts);
+        let (bodies, met) = trajectories(group, &pair, step, &mut counts);
         for (lane, (physics, _)) in group.iter().enumerate() {
             let mut places = [[0; 2]; 2];
             for (i, point) in physics.segment.observations.iter().enumerate() {
                 let time = physics.true_time(point.time);
-                visit(first + lane, i, discs[point.body].at(lane, time, &mut places[point.body]));
+                visit(first + lane, i, bodies[point.body].at(lane, time, &mut places[point.body]));
             }
         }
         impacts.extend(met.into_iter().take(group.len()));
@@ -39,7 +39,7 @@ pub fn integrate(
     impacts
 }
 
-/// Trajectories of both discs with their impacts by lane. `counts`: numbers of steps before and after the impact, set by the
+/// Trajectories of both bodies with their impacts by lane. `counts`: numbers of steps before and after the impact, set by the
 /// first group.
 fn trajectories(
     group: &[InitialCondition],
@@ -51,7 +51,7 @@ fn trajectories(
     let points = &solver.paths[0].0.segment.observations;
     let [from, until] = [f64::min, f64::max]
         .map(|of| solver.true_times(points.iter().map(|p| p.time).reduce(of).unwrap_or(0.0)));
-    let start: [[PlanarState; LANES]; 2] = from_fn(|k| from_fn(|lane| disc_state(solver.paths[lane].1, k)));
+    let start: [[PlanarState; LANES]; 2] = from_fn(|k| from_fn(|lane| body_state(solver.paths[lane].1, k)));
     let arc = |from: &LaneValues, start: &[PlanarState; LANES], count: usize| {
         solver.integrate_arc(uniform_times(from, &until, count), start, |_| true)
     };
@@ -60,9 +60,9 @@ fn trajectories(
     let before = [0, 1].map(|k| arc(&from, &start[k], before_count));
     let events: [Option<(f64, [PlanarState; 2], Impact)>; LANES] = from_fn(|lane| {
         let (physics, nuisances) = solver.paths[lane];
-        let distance =
-            pair.radii[0] + pair.radii[1] + nuisances.get(2 * DISC_NUISANCES).copied().unwrap_or(0.0);
-        let (time, met) = first_touch(&before, lane, distance)?;
+        let excess = nuisances.get(2 * BODY_NUISANCES).copied().unwrap_or(0.0);
+        let pair = &pair.with_angles(nuisances);
+        let (time, met) = first_touch(&before, lane, physics, pair, excess)?;
         let (after, impact) = physics.resolve_collision(time, met, pair);
         Some((time, after, impact))
     });
@@ -82,21 +82,36 @@ fn trajectories(
     (discs, events.map(|e| e.map(|e| e.2)))
 }
 
-/// Time at which the centres of two discs are first at a distance (m) from each other, with their states; `None` if they never
-/// are, or begin nearer.
-fn first_touch(arcs: &[SmoothArc; 2], lane: usize, distance: f64) -> Option<(f64, [PlanarState; 2])> {
+/// Time at which two bodies first touch, with their states; `None` if they never do, or begin nearer. `excess`: of their
+/// distance at contact over that of their outlines, m.
+fn first_touch(
+    arcs: &[SmoothArc; 2],
+    lane: usize,
+    physics: &SegmentPhysics,
+    pair: &CollidingPair,
+    excess: f64,
+) -> Option<(f64, [PlanarState; 2])> {
     let states = |k: usize, share: f64| [0, 1].map(|body| arcs[body].state(k, lane, share));
-    let gap = |[a, b]: &[PlanarState; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) - distance;
-    let mut apart = gap(&states(0, 0.0)) > 0.0;
+    let met = |time: f64, [a, b]: &[PlanarState; 2]| {
+        contact_gap(&pair.features, physics.observed_time(time), [[a[0], a[1]], [b[0], b[1]]], excess)
+    };
+    let rates = pair.features.map(|f| f.rate());
+    let mut apart = met(arcs[0].times[0][lane], &states(0, 0.0)).gap > 0.0;
     for k in 0..arcs[0].times.len() - 1 {
-        let touching = gap(&states(k, 1.0)) < 0.0;
+        let [now, h] = arcs[0].step(k, lane);
+        let touching = met(now + h, &states(k, 1.0)).gap < 0.0;
         if apart && touching {
-            let [now, h] = arcs[0].step(k, lane);
             let share = find_root(|share| {
-                let [a, b] = states(k, share);
-                let [d, v] = [[a[0] - b[0], a[1] - b[1]], [a[2] - b[2], a[3] - b[3]]];
-                let slope = h * (d[0] * v[0] + d[1] * v[1]) / d[0].hypot(d[1]).max(f64::MIN_POSITIVE);
-                [gap(&[a, b]), slope]
+                let at = states(k, share);
+                let contact = met(now + h * share, &at);
+                let [a, b] = at;
+                // The outlines turn as observed, whatever the spins.
+                let [p, q] = contact.arms;
+                let v = [
+                    a[2] - b[2] - rates[0] * p[1] + rates[1] * q[1],
+                    a[3] - b[3] + rates[0] * p[0] - rates[1] * q[0],
+                ];
+                [contact.gap, h * (contact.normal[0] * v[0] + contact.normal[1] * v[1])]
             });
             return Some((now + h * share, states(k, share)));
         }
@@ -105,18 +120,19 @@ fn first_touch(arcs: &[SmoothArc; 2], lane: usize, distance: f64) -> Option<(f64
     None
 }
 
-/// Longest step, s: by the laws of motion, and short against the passage of the discs.
+/// Longest step, s: by the laws of motion, and short against the passage of the bodies.
 fn longest_step(physics: &SegmentPhysics, nuisances: &[f64], pair: &CollidingPair) -> f64 {
-    let [a, b] = [0, 1].map(|k| disc_state(nuisances, k));
-    let speed = (a[2] - b[2]).hypot(a[3] - b[3]);
-    let passage = MAX_DISPLACEMENT * pair.radii[0].min(pair.radii[1]) / speed;
+    let [a, b] = [0, 1].map(|k| body_state(nuisances, k));
+    let turning = pair.features.map(|f| f.rate().abs() * pair.size);
+    let speed = (a[2] - b[2]).hypot(a[3] - b[3]) + turning[0] + turning[1];
+    let passage = MAX_DISPLACEMENT * pair.size / speed;
     let own = physics.max_step_from(&a).min(physics.max_step_from(&b)).min(MAX_STEPS[1]);
     if passage.is_finite() { own.min(passage) } else { own }
 }
 
-/// Initial state of a disc from the nuisances of a collision.
-fn disc_state(nuisances: &[f64], disc: usize) -> PlanarState {
-    let own = nuisances.get(DISC_NUISANCES * disc..DISC_NUISANCES * (disc + 1));
+/// Initial state of a body from the nuisances of a collision.
+fn body_state(nuisances: &[f64], body: usize) -> PlanarState {
+    let own = nuisances.get(BODY_NUISANCES * body..BODY_NUISANCES * (body + 1));
     own.and_then(|own| own.try_into().ok()).unwrap_or([f64::NAN; 5])
 }
 
@@ -129,7 +145,9 @@ fn uniform_times(from: &LaneValues, until: &LaneValues, count: usize) -> Vec<Lan
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inference::segment::{Observation, Segment, SegmentKind};
+    use crate::inference::segment::{
+        ContactFeature, Corner, Observation, Segment, SegmentKind, TurningVector,
+    };
     use crate::task::Scene;
     use crate::world::Latents;
     use crate::world::effect::find;
@@ -148,9 +166,11 @@ mod tests {
         };
         let pair = CollidingPair {
             bodies: [0, 1],
-            radii: [0.1; 2],
+            features: [ContactFeature::Corner(Corner { radius: 0.1, ..Corner::default() }); 2],
+            size: 0.1,
             carries_latents: [true; 2],
             spin_prior_sd: [1.0; 2],
+            angle_prior_sd: [0.0; 2],
         };
         let own = Segment::new(SegmentKind::Collision, scene.unwrap(), 0.0, [of(0), of(1)].concat());
         Segment { pair: Some(pair), ..own }
@@ -209,5 +229,46 @@ mod tests {
         let physics = SegmentPhysics::new(&segment, &[(effect, &[3.0])], &Latents::default());
         let ([a, b], _) = collided(&physics, &[-0.5, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert!((a[2] - 0.4).abs() < 1e-9 && (b[2] - 2.4).abs() < 1e-9, "{a:?} {b:?}");
+    }
+
+    /// A corner hits a side off the centres of both bodies: momentum, angular momentum, and at the contact point Newton's and
+    /// Coulomb's laws hold; a rough corner sticks.
+    #[test]
+    fn corners_collide_by_the_laws_of_contact() {
+        for friction in [0.1, 3.0] {
+            let mut segment = segment(friction, 0.6);
+            let vector = |at_start| TurningVector { at_start, rate: 0.0 };
+            let pair = segment.pair.as_mut().expect("two bodies");
+            pair.features = [
+                ContactFeature::Corner(Corner { place: vector([0.08, 0.05]), radius: 0.0 }),
+                ContactFeature::Side { normal: vector([-0.8, -0.6]), distance: 0.1 },
+            ];
+            let pair = *pair;
+            let physics = SegmentPhysics::new(&segment, &[], &Latents::default());
+            let start = [-0.4, 0.03, 2.0, 0.4, 3.0, 0.0, 0.0, -0.2, 0.3, -5.0, 0.0];
+            let ([a, b], impact) = collided(&physics, &start);
+            let impact = impact.expect("they collide");
+            assert!((a[2] + 2.0 * b[2] - 1.6).abs() < 1e-9 && (a[3] + 2.0 * b[3] - 1.0).abs() < 1e-9);
+            let spin = |m: f64, s: &[f64]| m * (s[0] * s[3] - s[1] * s[2]) + m * 0.005 * s[4];
+            let whole = [&start[..5], &a].map(|s| spin(1.0, s));
+            let other = [&start[5..10], &b].map(|s| spin(2.0, s));
+            assert!((whole[0] + other[0] - whole[1] - other[1]).abs() < 1e-9, "{whole:?} {other:?}");
+            // Both move freely: from the impact to the last observation.
+            let moved = 0.4 - impact.time;
+            let at = [&a, &b].map(|s| [s[0] - moved * s[2], s[1] - moved * s[3]]);
+            let met = contact_gap(&pair.features, 0.0, at, 0.0);
+            assert!(met.gap.abs() < 1e-9, "{met:?}");
+            let [p, q] = met.arms;
+            let v = [a[2] - b[2] - a[4] * p[1] + b[4] * q[1], a[3] - b[3] + a[4] * p[0] - b[4] * q[0]];
+            let n = impact.direction;
+            let [away, slip] = [v[0] * n[0] + v[1] * n[1], v[1] * n[0] - v[0] * n[1]];
+            assert!((away - 0.6 * impact.approach).abs() < 1e-9, "{away} {impact:?}");
+            if friction < 1.0 {
+                assert!((impact.tangent.abs() - friction * impact.normal).abs() < 1e-9, "{impact:?}");
+                assert!(slip * impact.tangent < 0.0, "friction opposes the slip: {slip} {impact:?}");
+            } else {
+                assert!(slip.abs() < 1e-9, "it sticks: {slip}");
+            }
+        }
     }
 }

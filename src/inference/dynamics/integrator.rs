@@ -232,11 +232,13 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
     fn surface_event(&self, step: &IntegrationStep, lane: usize, surface: &Surface) -> SurfaceEvent {
         let (physics, nuisances) = self.paths[lane];
         let offset = nuisances.get(5).copied().unwrap_or(0.0);
+        let surface = &surface.with_angle(nuisances);
         let next: PlanarState = from_fn(|k| step.next[k][lane]);
-        if !(surface.is_below(&next, offset) && surface.is_approached(&next)) {
+        let h = step.h[lane];
+        let then = physics.observed_time(step.now[lane] + h);
+        if !(surface.is_below(&next, then, offset) && surface.is_approached(&next, then)) {
             return None;
         }
-        let h = step.h[lane];
         let body = |share: f64| match physics.is_smooth() {
             true => step.piece.body(lane, share, h),
             // Interpolation is invalid across a discontinuity: integrate instead.
@@ -246,8 +248,8 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
             }
         };
         let share = find_root(|share| {
-            let at = body(share);
-            [surface.height(&at, offset), h * surface.normal_velocity(&at)]
+            let (at, time) = (body(share), physics.observed_time(step.now[lane] + h * share));
+            [surface.height(&at, time, offset), h * surface.normal_velocity(&at, time)]
         });
         let time = step.now[lane] + h * share;
         let (after, impact) = physics.resolve_impact(time, body(share), surface);

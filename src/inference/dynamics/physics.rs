@@ -1,7 +1,7 @@
 //! Laws of a segment: those of the scene and of a model's terms; impacts on a surface.
 
 use super::supported::PlanarState;
-use crate::inference::segment::{CollidingPair, Segment, Surface};
+use crate::inference::segment::{CollidingPair, Segment, Surface, contact_gap};
 use crate::world::Latents;
 use crate::world::effect::{
     BodyLaw, Constants, ContactLaw, ContactResponse, ContactState, Effect, EffectKind, EffectTarget,
@@ -35,7 +35,7 @@ pub struct SegmentPhysics<'a> {
     pub(super) friction: f64,
     /// Moment of inertia over mass and radius squared of the body of a surface.
     pub(super) inertia: f64,
-    /// Of the discs of a collision.
+    /// Of the bodies of a collision.
     pub(super) masses: [MassProperties; 2],
 }
 
@@ -54,13 +54,13 @@ pub struct Impact {
     pub time: f64,
     /// Speed towards the surface, m/s.
     pub approach: f64,
-    /// Speed of the rim along (-ny, nx), m/s.
+    /// Speed of the contact point along (-ny, nx), m/s.
     pub slip: f64,
     /// Impulse over mass along the normal (nx, ny), m/s.
     pub normal: f64,
     /// The same along (-ny, nx).
     pub tangent: f64,
-    /// (nx, ny): away from the surface, or from the second disc to the first.
+    /// (nx, ny): away from the surface, or from the second body to the first.
     pub direction: [f64; 2],
     /// Velocity change of each body over that of the first off a static: 1 there; in a collision, whose impulses are over the
     /// reduced mass, the reduced mass over the body's own, negative for the second.
@@ -207,63 +207,96 @@ impl<'a> SegmentPhysics<'a> {
         surface: &Surface,
     ) -> (PlanarState, Impact) {
         let n = surface.normal;
-        let speed = at[2] * n[0] + at[3] * n[1];
-        let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
-        let (normal, tangent) = self.impulses([speed, slip], 1.0 + 1.0 / self.inertia);
+        let time = self.observed_time(time);
+        // Contact point relative to the centre along the normal and along (-ny, nx), in radii.
+        let arm = surface.corner.map_or([-1.0, 0.0], |corner| {
+            let [x, y] = corner.place.at(time);
+            let [normal, tangent] = [x * n[0] + y * n[1] - corner.radius, y * n[0] - x * n[1]];
+            [normal / surface.radius, tangent / surface.radius]
+        });
+        let speed = at[2] * n[0] + at[3] * n[1] - surface.radius * arm[1] * at[4];
+        let slip = at[3] * n[0] - at[2] * n[1] + surface.radius * arm[0] * at[4];
+        let mobility = Mobility {
+            normal: 1.0 + arm[1] * arm[1] / self.inertia,
+            tangent: 1.0 + arm[0] * arm[0] / self.inertia,
+            cross: -arm[0] * arm[1] / self.inertia,
+        };
+        let (normal, tangent) = self.impulses([speed, slip], mobility);
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
-        at[4] -= tangent / (self.inertia * surface.radius);
-        let impact = Impact {
-            time: self.observed_time(time),
-            approach: (-speed).max(0.0),
-            slip,
-            normal,
-            tangent,
-            direction: n,
-            shares: [1.0, 0.0],
-        };
-        (at, impact)
+        at[4] += (arm[0] * tangent - arm[1] * normal) / (self.inertia * surface.radius);
+        let approach = (-speed).max(0.0);
+        (at, Impact { time, approach, slip, normal, tangent, direction: n, shares: [1.0, 0.0] })
     }
 
-    /// States of two discs after they collide, and the kinematics; impulses are over the reduced mass.
+    /// States of two bodies after they collide, and the kinematics; impulses are over the reduced mass.
     pub(super) fn resolve_collision(
         &self,
         time: f64,
         [mut a, mut b]: [PlanarState; 2],
         pair: &CollidingPair,
     ) -> ([PlanarState; 2], Impact) {
-        let [dx, dy] = [a[0] - b[0], a[1] - b[1]];
-        let distance = dx.hypot(dy).max(f64::MIN_POSITIVE);
-        let n = [dx / distance, dy / distance];
+        let time = self.observed_time(time);
+        let met = contact_gap(&pair.features, time, [[a[0], a[1]], [b[0], b[1]]], 0.0);
+        let n = met.normal;
+        // Contact point relative to each centre along the normal and along (-ny, nx), m.
+        let arms = met.arms.map(|[x, y]| [x * n[0] + y * n[1], y * n[0] - x * n[1]]);
         let [vx, vy] = [a[2] - b[2], a[3] - b[3]];
-        let speed = vx * n[0] + vy * n[1];
-        let slip = vy * n[0] - vx * n[1] - pair.radii[0] * a[4] - pair.radii[1] * b[4];
+        let speed = vx * n[0] + vy * n[1] - arms[0][1] * a[4] + arms[1][1] * b[4];
+        let slip = vy * n[0] - vx * n[1] + arms[0][0] * a[4] - arms[1][0] * b[4];
         let [m, w] = self.masses;
         let reduced = m.mass * w.mass / (m.mass + w.mass);
-        let turn = [0, 1].map(|k| reduced * pair.radii[k] / self.masses[k].inertia);
-        let (normal, tangent) =
-            self.impulses([speed, slip], 1.0 + pair.radii[0] * turn[0] + pair.radii[1] * turn[1]);
+        let turn = |k: usize, axis: usize| reduced * arms[k][axis] / self.masses[k].inertia;
+        let mobility = Mobility {
+            normal: 1.0 + arms[0][1] * turn(0, 1) + arms[1][1] * turn(1, 1),
+            tangent: 1.0 + arms[0][0] * turn(0, 0) + arms[1][0] * turn(1, 0),
+            cross: -(arms[0][0] * turn(0, 1) + arms[1][0] * turn(1, 1)),
+        };
+        let (normal, tangent) = self.impulses([speed, slip], mobility);
         let shares = [reduced / m.mass, -reduced / w.mass];
         for (k, state) in [&mut a, &mut b].into_iter().enumerate() {
             state[2] += shares[k] * (normal * n[0] - tangent * n[1]);
             state[3] += shares[k] * (normal * n[1] + tangent * n[0]);
-            state[4] -= tangent * turn[k];
+            let sign = [1.0, -1.0][k];
+            state[4] += sign * (tangent * turn(k, 0) - normal * turn(k, 1));
         }
-        let (time, approach) = (self.observed_time(time), (-speed).max(0.0));
+        let approach = (-speed).max(0.0);
         ([a, b], Impact { time, approach, slip, normal, tangent, direction: n, shares })
     }
 
-    /// Impulses over mass along the normal and along (-ny, nx), for the speeds away and along the surface. `mobility`: change of
-    /// the slip by a unit tangential impulse.
-    fn impulses(&self, [speed, slip]: [f64; 2], mobility: f64) -> (f64, f64) {
+    /// Impulses over mass along the normal and along (-ny, nx), for the speeds of the contact point away and along the surface.
+    fn impulses(&self, [speed, slip]: [f64; 2], mobility: Mobility) -> (f64, f64) {
         let contact = ContactState { approach: (-speed).max(0.0), slip, begins: true };
         let own = ContactResponse { restitution: self.restitution, slip: 0.0 };
         let response = self.contact_laws.iter().fold(own, |a, (law, c)| law.respond(c, contact, a));
-        let normal = -(1.0 + response.restitution) * speed;
+        let [up, aside] = [-(1.0 + response.restitution) * speed, response.slip - slip];
+        let Mobility { normal: nn, tangent: tt, cross } = mobility;
+        // The body sticks, unless that takes more friction than there is.
+        let determinant = nn - cross * cross / tt;
+        let normal = (up - cross * aside / tt) / determinant;
+        let tangent = (aside - cross * normal) / tt;
+        if tangent.abs() <= self.friction * normal {
+            return (normal, tangent);
+        }
+        let friction = self.friction.copysign(tangent);
+        let sliding = nn + cross * friction;
+        if !(sliding > 0.0) {
+            // Friction would wedge the body in without bound: it sticks.
+            return (normal, tangent);
+        }
+        let normal = up / sliding;
         // No tangential impulse without normal impulse.
-        let most = (self.friction * normal).max(0.0);
-        (normal, ((response.slip - slip) / mobility).clamp(-most, most))
+        (normal, (friction.abs() * normal).max(0.0).copysign(tangent))
     }
+}
+
+/// Velocity changes of the contact point by unit impulses over mass: along the normal by a normal one, along (-ny, nx) by a
+/// tangential one, and along either by the other.
+#[derive(Clone, Copy)]
+struct Mobility {
+    normal: f64,
+    tangent: f64,
+    cross: f64,
 }
 
 /// Friction and restitution of a segment's contact.
@@ -284,20 +317,23 @@ fn contact_coefficients(segment: &Segment, latents: &Latents) -> [f64; 2] {
 }
 
 impl Surface {
-    pub(super) fn height(&self, s: &PlanarState, offset: f64) -> f64 {
-        s[0] * self.normal[0] + s[1] * self.normal[1] - self.level - offset
+    /// Height over the surface at a time since the segment's start (s), m; `offset`: excess of the surface's level, m.
+    pub(super) fn height(&self, s: &PlanarState, time: f64, offset: f64) -> f64 {
+        let [x, y] = self.corner.map_or([0.0; 2], |corner| corner.place.at(time));
+        (s[0] + x) * self.normal[0] + (s[1] + y) * self.normal[1] - self.level - offset
     }
 
-    pub(super) fn is_below(&self, s: &PlanarState, offset: f64) -> bool {
-        self.height(s, offset) < 0.0
+    pub(super) fn is_below(&self, s: &PlanarState, time: f64, offset: f64) -> bool {
+        self.height(s, time, offset) < 0.0
     }
 
-    /// Speed away from the surface, m/s.
-    pub(super) fn normal_velocity(&self, s: &PlanarState) -> f64 {
-        s[2] * self.normal[0] + s[3] * self.normal[1]
+    /// Speed away from the surface at a time since the segment's start (s), m/s.
+    pub(super) fn normal_velocity(&self, s: &PlanarState, time: f64) -> f64 {
+        let [vx, vy] = self.corner.map_or([0.0; 2], |corner| corner.place.velocity_at(time));
+        (s[2] + vx) * self.normal[0] + (s[3] + vy) * self.normal[1]
     }
 
-    pub(super) fn is_approached(&self, s: &PlanarState) -> bool {
-        self.normal_velocity(s) < 0.0
+    pub(super) fn is_approached(&self, s: &PlanarState, time: f64) -> bool {
+        self.normal_velocity(s, time) < 0.0
     }
 }

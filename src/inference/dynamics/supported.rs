@@ -226,6 +226,8 @@ mod tests {
             carries_latents: [false; 2],
             radius: 0.1,
             inertia: INERTIA,
+            corner: None,
+            angle_prior_sd: 0.0,
             spin_prior_sd: 0.0,
         }
     }

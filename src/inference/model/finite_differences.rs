@@ -8,11 +8,12 @@ use super::parameters::{Parameter, ParameterKind, ParameterLayout};
 use crate::inference::dynamics::{Impact, SegmentPhysics, predict_batch};
 use crate::inference::segment::{Segment, SegmentKind};
 
-/// Finite-difference steps of a supported body's distance, speed, offset, slope and spin; of x, y, vx, vy, omega and the surface's
-/// offset; and of x, y, vx, vy, omega of two discs and their offset.
+/// Finite-difference steps of a supported body's distance, speed, offset, slope and spin; of x, y, vx, vy, omega, the surface's
+/// offset and the error of the angle; and of x, y, vx, vy, omega of two bodies, their offset and the errors of their angles.
 const SUPPORTED_FD_STEPS: [f64; 5] = [1e-4, 1e-3, 1e-4, 1e-4, 1e-1];
-const FLIGHT_FD_STEPS: [f64; 6] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
-const COLLISION_FD_STEPS: [f64; 11] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4];
+const FLIGHT_FD_STEPS: [f64; 7] = [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-3];
+const COLLISION_FD_STEPS: [f64; 13] =
+    [1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4, 1e-3, 1e-3];
 
 /// Predicted positions of a segment's observations, two numbers each, and their derivatives.
 #[derive(Default)]

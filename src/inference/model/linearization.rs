@@ -13,7 +13,7 @@ use super::robust_loss::{irls_scale, robust_square};
 use super::segment_data::SegmentData;
 use crate::error::Result;
 use crate::inference::dynamics::Impact;
-use crate::inference::segment::{Segment, SegmentKind};
+use crate::inference::segment::{COLLISION_NUISANCES, CONTACT_NUISANCES, Segment, SegmentKind};
 use crate::inference::statistics::pseudo_inverse;
 
 /// Limit of Huber's loss for initial segments, in noise standard deviations (Huber 1964).
@@ -233,10 +233,15 @@ fn regularised_nuisances(segment: &Segment) -> Vec<(usize, f64)> {
     let spin = segment.surface.as_ref().map_or(SPIN_SD, |s| s.spin_prior_sd);
     let count = segment.nuisances.len();
     let all: Vec<(usize, f64)> = match segment.kind {
-        SegmentKind::Contact | SegmentKind::Landing => vec![(4, spin), (5, HEIGHT_SD)],
+        SegmentKind::Contact | SegmentKind::Landing => {
+            let angle = segment.surface.map_or(0.0, |s| s.angle_prior_sd);
+            vec![(4, spin), (5, HEIGHT_SD), (CONTACT_NUISANCES, angle)]
+        }
         SegmentKind::Collision => {
             let [first, second] = segment.pair.map_or([SPIN_SD; 2], |pair| pair.spin_prior_sd);
-            vec![(4, first), (9, second), (10, HEIGHT_SD)]
+            let [turned, other] = segment.pair.map_or([0.0; 2], |pair| pair.angle_prior_sd);
+            let angles = [(COLLISION_NUISANCES, turned), (COLLISION_NUISANCES + 1, other)];
+            [&[(4, first), (9, second), (10, HEIGHT_SD)][..], &angles].concat()
         }
         SegmentKind::Rolling | SegmentKind::Sliding => vec![(2, HEIGHT_SD), (3, SLOPE_SD), (4, spin)],
         // The spin of every body.

@@ -1,5 +1,6 @@
 //! Segments: their kinds, observations, nuisances and surfaces.
 
+use super::contact_geometry::{ContactFeature, Corner};
 use crate::inference::data::smoothing::PolynomialSmooth;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -13,14 +14,15 @@ pub enum SegmentKind {
     /// One body between contacts; nuisances x, y, vx, vy. The scene has no other body and no static, so that
     /// no perturbed initial state can collide.
     Flight,
-    /// A few observations before and after one bounce on a static; nuisances x, y, vx, vy, omega, and the
-    /// offset of the surface along its normal.
+    /// A few observations before and after one bounce of a disc or a corner on a static; nuisances x, y, vx, vy, omega, and the
+    /// offset of the surface along its normal; of a corner also the error of the body's angle.
     Contact,
     /// A few observations of a disc before an impact on a static and after it, while the static supports the disc; nuisances as
     /// of a contact.
     Landing,
-    /// A few observations of two discs before and after they collide, all of the first disc, then all of the second;
-    /// nuisances x, y, vx, vy, omega of each, and the excess of the distance at contact over the sum of the radii.
+    /// A few observations of two bodies before and after they collide, all of the first, then all of the second; nuisances x, y,
+    /// vx, vy, omega of each, and the excess of their distance at contact over that of their outlines; unless both are discs also
+    /// the errors of their angles.
     Collision,
     /// A disc rolling on a straight static; nuisances are its distance and speed along it, and the offset and
     /// slope of the surface.
@@ -68,7 +70,7 @@ impl SegmentKind {
     pub fn axis_of_nuisance(self, index: usize) -> Option<usize> {
         let of_body = match self {
             SegmentKind::Flight | SegmentKind::Contact | SegmentKind::Landing => index,
-            SegmentKind::Collision if index < 2 * DISC_NUISANCES => index % DISC_NUISANCES,
+            SegmentKind::Collision if index < 2 * BODY_NUISANCES => index % BODY_NUISANCES,
             _ => return None,
         };
         (of_body < 4).then_some(of_body % 2)
@@ -85,8 +87,11 @@ impl SegmentKind {
     }
 }
 
-/// Number of nuisances of a disc in a collision; the excess of the distance at contact follows those of both.
-pub const DISC_NUISANCES: usize = 5;
+/// Number of nuisances of a body in a collision; the excess of the distance at contact follows those of both.
+pub const BODY_NUISANCES: usize = 5;
+/// Numbers of nuisances of a contact and of a collision without the errors of angles, which follow.
+pub const CONTACT_NUISANCES: usize = BODY_NUISANCES + 1;
+pub const COLLISION_NUISANCES: usize = 2 * BODY_NUISANCES + 1;
 
 /// Minimum number of observations of a flight: 4 nuisances must leave residual degrees of freedom.
 pub const MIN_FLIGHT_OBSERVATIONS: usize = 7;
@@ -149,38 +154,62 @@ pub struct Observation {
     pub weight: f64,
 }
 
-/// The straight piece of a static that a disc bounces off or rolls along.
-#[derive(Clone, Debug)]
+/// The straight piece of a static that a body bounces off, or rolls or slides along.
+#[derive(Clone, Copy, Debug)]
 pub struct Surface {
     /// Index of the static.
     pub static_index: usize,
     /// Away from the static.
     pub normal: [f64; 2],
-    /// The disc's centre is at `normal . p = level` when it touches, m.
+    /// A disc's or block's centre is at `normal . p = level` when it touches, m.
     pub level: f64,
     /// Coefficients of the body and of the static, and whether each carries the latents.
     pub friction: [f64; 2],
     pub restitution: [f64; 2],
     pub carries_latents: [bool; 2],
-    /// m
+    /// Radius of a disc; half the size of another body, m.
     pub radius: f64,
     /// Moment of inertia over mass and radius squared; infinite for a block that lies on the static.
     pub inertia: f64,
+    /// The corner of a body other than a disc that bounces off the static; its place is at `normal . p = level` when it touches.
+    pub corner: Option<Corner>,
+    /// Prior standard deviation of the angle of a body with a corner, rad.
+    pub angle_prior_sd: f64,
     /// Prior standard deviation of the spin, rad/s; small if the spin was observed.
     pub spin_prior_sd: f64,
 }
 
-/// Two discs that collide.
+/// Two bodies that collide.
 #[derive(Clone, Copy, Debug)]
 pub struct CollidingPair {
     /// Their indices in the trial's scene.
     pub bodies: [usize; 2],
-    /// m
-    pub radii: [f64; 2],
+    /// The parts of their outlines that touch.
+    pub features: [ContactFeature; 2],
+    /// Half the size of the smaller one, m.
+    pub size: f64,
     /// Whether each carries the latents.
     pub carries_latents: [bool; 2],
     /// Prior standard deviations of the spins, rad/s; small where the spin was observed.
     pub spin_prior_sd: [f64; 2],
+    /// Prior standard deviations of the angles, rad; 0 for discs.
+    pub angle_prior_sd: [f64; 2],
+}
+
+impl Surface {
+    /// The surface with the corner of a body in the state that some nuisances describe.
+    pub fn with_angle(&self, nuisances: &[f64]) -> Surface {
+        let error = nuisances.get(CONTACT_NUISANCES).copied().unwrap_or(0.0);
+        Surface { corner: self.corner.map(|corner| corner.turned_by(error)), ..*self }
+    }
+}
+
+impl CollidingPair {
+    /// The pair with the angles that some nuisances describe.
+    pub fn with_angles(&self, nuisances: &[f64]) -> CollidingPair {
+        let error = |k: usize| nuisances.get(COLLISION_NUISANCES + k).copied().unwrap_or(0.0);
+        CollidingPair { features: [0, 1].map(|k| self.features[k].turned_by(error(k))), ..*self }
+    }
 }
 
 /// Variation within blocks of averaged observations.
@@ -231,10 +260,12 @@ impl Segment {
         }
     }
 
-    /// Number of used coordinates of an impact segment beyond its nuisances; a surface's offset is held by its prior.
+    /// Number of used coordinates of an impact segment beyond its nuisances; a surface's offset and errors of angles are held by
+    /// their priors.
     pub fn impact_degrees_of_freedom(&self) -> f64 {
         let used = self.observations.iter().filter(|p| p.weight > 0.0).count();
-        2.0 * used as f64 - (self.nuisances.len() as f64 - 1.0)
+        let most = if self.kind == SegmentKind::Collision { COLLISION_NUISANCES } else { CONTACT_NUISANCES };
+        2.0 * used as f64 - (self.nuisances.len().min(most) as f64 - 1.0)
     }
 
     /// Index of the observation at the segment's start time, if there is one.

@@ -1,11 +1,16 @@
 //! Segments of one body: flights, bounces and rolling.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::contact_detection::{ContactEvent, Obstacle, detect_contacts, observed_angle, rolling_intervals};
+use super::contact_geometry::ContactFeature;
+use super::corner_contact::{TouchingParts, touching_parts};
 use super::definition::{
     MIN_FLIGHT_OBSERVATIONS, Observation, Segment, SegmentKind, Surface, observed_position,
 };
+use super::free_motion::AroundImpact;
 use super::holds::without_holds;
 use super::sliding::{Slide, slide};
 use crate::inference::data::noise::third_difference_noise;
@@ -23,6 +28,8 @@ pub const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// interval.
 const MAX_GAP: f64 = 6.0;
 const MAX_GAP_AT_BOUNCE: f64 = 3.0;
+/// Longest time between the observations before and after the bounce of a corner, s.
+const MAX_CORNER_DURATION: f64 = 0.1;
 /// Number of observations from which an initial state is estimated.
 const INITIAL_STATE_OBSERVATIONS: usize = 12;
 /// Largest deviation of a sliding block's observed angles from their median: rad, and more in units of their noise. A block that
@@ -107,11 +114,16 @@ impl<'a> BodyObservations<'a> {
         segment
     }
 
-    /// Contact segment between two flight intervals; `None` unless a disc bounces once on a static.
+    /// Contact segment between two flight intervals; `None` unless a disc or a corner bounces once on a static.
     fn contact(&self, (a, b): (usize, usize), (c, d): (usize, usize)) -> Option<Segment> {
         let rows = &self.rows;
         let contact = (b..c).find_map(|i| self.contacts[i])?;
-        let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < MAX_GAP_AT_BOUNCE * self.typical_interval;
+        let between = rows[c].0 - rows[b - 1].0;
+        // A corner is near the surface for longer than a disc.
+        let single = match self.is_round() {
+            true => c == b + 1 && between < MAX_GAP_AT_BOUNCE * self.typical_interval,
+            false => between < MAX_CORNER_DURATION,
+        };
         if !single {
             return None;
         }
@@ -128,23 +140,29 @@ impl<'a> BodyObservations<'a> {
         self.impact(SegmentKind::Landing, *contact, [&self.rows[a..b], &self.rows[b..*end]])
     }
 
-    /// The impact of a disc on a static between the last rows before it and the first after it; `None` with too few rows.
+    /// The impact of a disc or a corner on a static between the last rows before it and the first after it; `None` with too few
+    /// rows.
     fn impact(
         &self,
         kind: SegmentKind,
         contact: ContactEvent,
         [before, after]: [&[TimedPosition]; 2],
     ) -> Option<Segment> {
-        let surface = self.surface(contact).filter(|surface| surface.inertia.is_finite())?;
         if before.len().min(after.len()) < MIN_OBSERVATIONS_AROUND_BOUNCE {
             return None;
         }
         let count = self.count_around_impact();
         let before = &before[before.len().saturating_sub(count)..];
         let after = &after[..after.len().min(count)];
+        let surface = match (self.is_round(), kind) {
+            (true, _) => self.surface(contact)?,
+            (false, SegmentKind::Contact) => self.corner_surface(contact, [before, after])?,
+            (false, _) => return None,
+        };
         let mut segment = self.segment(&[before, after].concat(), self.single_body_scene(), kind);
         let (state, held) = self.state_with_spin(before);
         segment.nuisances = [&state[..], &[0.0]].concat();
+        segment.nuisances.extend(surface.corner.map(|_| 0.0));
         segment.surface = Some(Surface { spin_prior_sd: held, ..surface });
         Some(segment)
     }
@@ -213,7 +231,7 @@ impl<'a> BodyObservations<'a> {
         let (own, other) = (&scene.bodies[self.body], &scene.statics[fixed]);
         let radius = match own.shape.disc_radius() {
             Some(radius) => radius,
-            None => own.shape.pieces()?.half_size(),
+            None => self.size()?,
         };
         let inertia = match own.shape.disc_radius() {
             Some(_) => {
@@ -231,13 +249,46 @@ impl<'a> BodyObservations<'a> {
             carries_latents: [scene.carries_latents(&own.name), scene.carries_latents(&other.name)],
             radius,
             inertia,
+            corner: None,
+            angle_prior_sd: 0.0,
             spin_prior_sd: UNOBSERVED_SPIN_SD,
         })
     }
 
+    /// The surface that a corner bounces off between some rows; `None` if it is not known which corner.
+    fn corner_surface(&self, contact: ContactEvent, rows: [&[TimedPosition]; 2]) -> Option<Surface> {
+        let own = self.surface(contact)?;
+        let fixed = self.trial.scene.statics[own.static_index].placed();
+        let around = AroundImpact::of(self, rows);
+        let TouchingParts { features, angle_sd } =
+            touching_parts(&[around], Some(&fixed), rows[0].first()?.0)?;
+        let [ContactFeature::Corner(corner), ContactFeature::Side { normal, distance }] = features else {
+            return None;
+        };
+        let (mass, inertia) = self.trial.scene.bodies[self.body].mass_properties(None);
+        Some(Surface {
+            normal: normal.at_start,
+            level: distance + corner.radius,
+            inertia: inertia / (mass * own.radius * own.radius),
+            corner: Some(corner),
+            angle_prior_sd: angle_sd[0],
+            ..own
+        })
+    }
+
+    /// Half the body's size, m.
+    pub fn size(&self) -> Option<f64> {
+        Some(self.trial.scene.bodies[self.body].shape.pieces()?.half_size())
+    }
+
+    /// Whether the body is a disc.
+    pub fn is_round(&self) -> bool {
+        self.trial.scene.bodies[self.body].shape.disc_radius().is_some()
+    }
+
     /// Whether the observed angles, if any, vary by no more than their noise.
     fn keeps_angle(&self, rows: &[TimedPosition]) -> bool {
-        let angles: Vec<f64> = self.angles(rows).map(|(_, angle)| angle).collect();
+        let angles: Vec<f64> = self.angles(rows).into_iter().map(|(_, angle)| angle).collect();
         let (usual, count) = (median(&angles), angles.len().max(1) as f64);
         let spread = (angles.iter().map(|a| (a - usual).powi(2)).sum::<f64>() / count).sqrt();
         let noise = third_difference_noise(&[angles]).unwrap_or(0.0);
@@ -246,13 +297,20 @@ impl<'a> BodyObservations<'a> {
 
     /// Spin from observed angles, rad/s; `None` with fewer than four.
     fn observed_spin(&self, rows: &[TimedPosition]) -> Option<f64> {
-        let seen: Vec<(f64, f64)> = self.angles(rows).collect();
+        let seen = self.angles(rows);
         if seen.len() < 4 { None } else { slope(&seen) }
     }
 
-    /// Observed angles with their times.
-    fn angles(&self, rows: &[TimedPosition]) -> impl Iterator<Item = (f64, f64)> {
-        rows.iter().filter_map(|(t, _)| Some((*t, observed_angle(self.trial, self.body, *t)?)))
+    /// Observed angles with their times, without jumps by whole turns.
+    pub fn angles(&self, rows: &[TimedPosition]) -> Vec<(f64, f64)> {
+        let mut last = None;
+        let unwrapped = |(t, _): &TimedPosition| {
+            let angle = observed_angle(self.trial, self.body, *t)?;
+            let turns = last.map_or(0.0, |last: f64| ((last - angle) / TAU).round());
+            last = Some(angle + turns * TAU);
+            Some((*t, angle + turns * TAU))
+        };
+        rows.iter().filter_map(unwrapped).collect()
     }
 }
 

@@ -89,6 +89,8 @@ mod tests {
             carries_latents: [true, false],
             radius: 0.03,
             inertia,
+            corner: None,
+            angle_prior_sd: 0.0,
             spin_prior_sd: 300.0,
         }
     }

@@ -6,7 +6,6 @@ use super::contact_detection::Obstacle;
 use super::definition::Segment;
 use super::single_body::{BodyObservations, MIN_OBSERVATIONS_AROUND_BOUNCE};
 use crate::inference::report::UnusedContacts;
-use crate::reality::Trial;
 
 /// The reason of each contact of a trial's bodies that no segment uses.
 pub fn unused_contacts(observed: &[BodyObservations], segments: &[Segment]) -> Vec<String> {
@@ -20,7 +19,7 @@ pub fn unused_contacts(observed: &[BodyObservations], segments: &[Segment]) -> V
         let name = &own.trial.scene.bodies[own.body].name;
         let rest =
             contacts(own).into_iter().filter(|(_, time)| !segments.iter().any(|w| uses(w, name, *time)));
-        rest.map(|(obstacle, _)| reason(own.trial, own.body, obstacle)).collect()
+        rest.map(|(obstacle, _)| reason(own, obstacle)).collect()
     };
     observed.iter().flat_map(unused).collect()
 }
@@ -49,15 +48,27 @@ fn contacts(observed: &BodyObservations) -> Vec<(Obstacle, f64)> {
     out
 }
 
-fn reason(trial: &Trial, body: usize, obstacle: Obstacle) -> String {
-    let round = |k: usize| trial.scene.bodies[k].shape.disc_radius().is_some();
-    let all_round = round(body) && !matches!(obstacle, Obstacle::Body(other) if !round(other));
-    match (all_round, obstacle) {
-        (false, _) => "impacts of bodies that are not round".to_string(),
-        (true, Obstacle::Static(_)) => format!(
+fn reason(own: &BodyObservations, obstacle: Obstacle) -> String {
+    let scene = &own.trial.scene;
+    let has_angle = |k: usize| own.trial.observed.bodies[k].angle.iter().any(|a| a.is_finite());
+    let round = |k: usize| scene.bodies[k].shape.disc_radius().is_some();
+    let bodies = match obstacle {
+        Obstacle::Body(other) => vec![own.body, other],
+        Obstacle::Static(_) => vec![own.body],
+    };
+    if bodies.iter().any(|k| !round(*k) && !has_angle(*k)) {
+        return "impacts of bodies that are not round, without observed angles".into();
+    }
+    if !bodies.iter().all(|k| round(*k)) {
+        return format!(
+            "impacts of bodies that are not round: of two corners at once or one soon after another, or with fewer than {MIN_OBSERVATIONS_AROUND_BOUNCE} observations of free motion before or after"
+        );
+    }
+    match obstacle {
+        Obstacle::Static(_) => format!(
             "impacts on fixed objects with fewer than {MIN_OBSERVATIONS_AROUND_BOUNCE} observations of free motion before or after"
         ),
-        (true, Obstacle::Body(_)) => format!(
+        Obstacle::Body(_) => format!(
             "collisions with fewer than {MIN_OBSERVATIONS_AROUND_BOUNCE} observations of free motion before or after"
         ),
     }
@@ -99,6 +110,6 @@ mod tests {
             "{few:?}"
         );
         let block = of_bounce(r#"{"type": "box", "half_width": 0.05, "half_height": 0.05}"#, 15);
-        assert_eq!(block, [("impacts of bodies that are not round".to_string(), 1)]);
+        assert_eq!(block, [("impacts of bodies that are not round, without observed angles".to_string(), 1)]);
     }
 }

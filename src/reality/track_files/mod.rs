@@ -9,6 +9,7 @@ mod formats_test;
 mod header;
 mod kinovea;
 mod line_fit;
+pub use line_fit::LineFit;
 mod load;
 mod parse_options;
 mod pixel_scale;
