@@ -11,11 +11,15 @@ mod kinovea;
 mod line_fit;
 mod load;
 mod parse_options;
+mod path_fit;
 mod pixel_scale;
 mod qualisys;
 mod read;
 mod repeated_frames;
 mod selection;
+mod strokes;
+#[cfg(test)]
+mod strokes_test;
 mod table;
 mod times;
 mod track_rows;
