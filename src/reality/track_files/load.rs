@@ -271,7 +271,8 @@ fn cut_between_bounces(tables: &mut [TrackTable], gravity: f64) -> Result<Option
         Ok(if cuts.is_empty() { Vec::new() } else { parts.collect() })
     };
     let count = cut_films(tables, parts)?;
-    Ok(count.map(|count| format!("{} where the ball is highest between two bounces", count.describe("bounces"))))
+    Ok(count
+        .map(|count| format!("{} where the ball is highest between two bounces", count.describe("bounces"))))
 }
 
 /// Cuts films of strokes seen from above, if they are few, into trials of free motion. What strikes the body must not be in the scene:

@@ -30,7 +30,8 @@ impl<const K: usize> PathFit<K> {
         let mut explained = 0.0;
         for i in 0..K {
             for k in 0..=i {
-                let rest: f64 = self.products[i][k] - (0..k).map(|j| factor[i][j] * factor[k][j]).sum::<f64>();
+                let rest: f64 =
+                    self.products[i][k] - (0..k).map(|j| factor[i][j] * factor[k][j]).sum::<f64>();
                 if k < i {
                     factor[i][k] = rest / factor[k][k];
                 } else if rest > MIN_PIVOT * self.products[i][i] {
@@ -40,7 +41,8 @@ impl<const K: usize> PathFit<K> {
                 }
             }
             for axis in 0..2 {
-                let rest: f64 = self.moments[i][axis] - (0..i).map(|j| factor[i][j] * whitened[j][axis]).sum::<f64>();
+                let rest: f64 =
+                    self.moments[i][axis] - (0..i).map(|j| factor[i][j] * whitened[j][axis]).sum::<f64>();
                 whitened[i][axis] = rest / factor[i][i];
                 explained += whitened[i][axis] * whitened[i][axis];
             }

@@ -31,14 +31,18 @@ const MIN_STRETCH_POINTS: usize = 7;
 /// Largest deviation of a point of a body at rest, standard deviations of the noise, and number of such points that stay in a stretch.
 const MAX_REST_DEVIATION: f64 = 5.0;
 const MAX_REST_POINTS: usize = 3;
+/// Deviation of an outlier from its neighbours, standard deviations of the noise.
+const MAX_DEVIATION: f64 = 8.0;
 /// Precision of positions, relative to their range.
 const MIN_RELATIVE_NOISE: f64 = 1e-5;
 
 /// Times, s, of the stretches of free motion of a film that shows strokes; empty if it shows none. The points within a stroke are in
 /// none of them, nor is a body at rest, but for a few points at the end of a stretch. Ends early with `budget`.
 pub fn free_stretches(trial: &TrialPoints, budget: &dyn Budget) -> Result<Vec<Range<f64>>> {
-    let points: Vec<[f64; 3]> = trial.points.iter().filter(|p| p.iter().all(|v| v.is_finite())).copied().collect();
+    let points: Vec<[f64; 3]> =
+        trial.points.iter().filter(|p| p.iter().all(|v| v.is_finite())).copied().collect();
     let noise = noise(&points);
+    let points = without_outliers(&points, noise);
     let strokes = strokes(&points, noise, budget)?;
     if strokes.is_empty() {
         return Ok(Vec::new());
@@ -125,8 +129,7 @@ fn candidate(points: &[[f64; 3]], window: Range<usize>, side: usize, noise: f64)
     let smooth = quartic_square(outside.clone()).filter(|q| significance(*q, sharp) >= MIN_SIGNIFICANCE)?;
     let smooth = smooth_join_square(outside, [-1.0, 1.0])?.min(smooth);
     let significance = significance(smooth, sharp);
-    // Where the position jumps, the tracking has slipped.
-    if significance < MIN_SIGNIFICANCE || sharp - apart > smooth - sharp {
+    if significance < MIN_SIGNIFICANCE {
         return None;
     }
     let stroke = window.start + stroke.start..window.start + stroke.end;
@@ -151,6 +154,23 @@ fn squares<'a>(path: impl Iterator<Item = &'a PathPoint>) -> Vec<f64> {
         fit.square().unwrap_or(f64::INFINITY)
     };
     path.map(square).collect()
+}
+
+/// The points without single ones far from a cubic through the two on each side, by more than those next to them.
+fn without_outliers(points: &[[f64; 3]], noise: f64) -> Vec<[f64; 3]> {
+    let deviation = |i: usize| {
+        let near = i.checked_sub(2).and_then(|first| points.get(first..i + 3));
+        near.map_or(0.0, |p| {
+            let between = |axis: usize| (4.0 * (p[1][axis] + p[3][axis]) - p[0][axis] - p[4][axis]) / 6.0;
+            (p[2][1] - between(1)).hypot(p[2][2] - between(2))
+        })
+    };
+    let deviations: Vec<f64> = (0..points.len()).map(deviation).collect();
+    let is_outlier = |i: usize| {
+        let neighbours = deviations[i.saturating_sub(1)..(i + 2).min(points.len())].iter();
+        deviations[i] > MAX_DEVIATION * noise && neighbours.fold(0.0, |a: f64, d| a.max(*d)) <= deviations[i]
+    };
+    (0..points.len()).filter(|i| !is_outlier(*i)).map(|i| points[i]).collect()
 }
 
 /// Number of points up to those of a body at rest at their end, of which a few count.
@@ -194,9 +214,11 @@ fn noise(points: &[[f64; 3]]) -> f64 {
 /// Standard deviation of a coordinate's noise, m, from means of `count` neighbouring points. Differences below `least` do not count:
 /// coordinates in whole pixels do not change at rest.
 fn noise_of_means(points: &[[f64; 3]], count: usize, least: f64) -> f64 {
-    let mean = |chunk: &[[f64; 3]]| [1, 2].map(|axis| chunk.iter().map(|p| p[axis]).sum::<f64>() / count as f64);
+    let mean =
+        |chunk: &[[f64; 3]]| [1, 2].map(|axis| chunk.iter().map(|p| p[axis]).sum::<f64>() / count as f64);
     let means: Vec<[f64; 2]> = points.chunks_exact(count).map(mean).collect();
-    let third = |v: &[[f64; 2]], axis: usize| (v[3][axis] - 3.0 * v[2][axis] + 3.0 * v[1][axis] - v[0][axis]).abs();
+    let third =
+        |v: &[[f64; 2]], axis: usize| (v[3][axis] - 3.0 * v[2][axis] + 3.0 * v[1][axis] - v[0][axis]).abs();
     let thirds = means.windows(4).flat_map(|v| [third(v, 0), third(v, 1)]).filter(|d| *d > least);
     quantile(thirds.collect(), FREE_SHARE) / FREE_QUANTILE * (count as f64 / 20.0).sqrt()
 }
