@@ -111,3 +111,25 @@ fn best_knot(square: impl Fn(f64) -> Option<f64>, range: [f64; 2]) -> Option<f64
     }
     Some(best.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A slide that stops joins smoothly, one that is struck sharply; neither is a polynomial.
+    #[test]
+    fn joins_differ_in_velocity() {
+        let path = |position: fn(f64) -> f64| {
+            let times = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0);
+            times.map(move |u| (u, [position(u), -2.0 * position(u)]))
+        };
+        let stop = path(|u| -(0.25 - u).max(0.0).powi(2));
+        assert!(smooth_join_square(stop.clone(), [-1.0, 1.0]).unwrap() < 1e-8);
+        assert!(quartic_square(stop).unwrap() > 1e-3);
+        let stroke = path(|u| if u < 0.03 { 0.1 * u * u } else { 0.1 * u * u + u - 0.03 });
+        assert!(sharp_join_square(stroke.clone(), [0.0, 0.1]).unwrap() < 1e-8);
+        assert!(smooth_join_square(stroke.clone(), [-1.0, 1.0]).unwrap() > 1e-2);
+        assert!(quartic_square(stroke).unwrap() > 1e-2);
+        assert_eq!(PathFit::<3>::empty().square(), None);
+    }
+}

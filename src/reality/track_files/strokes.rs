@@ -2,16 +2,18 @@
 //!
 //! Between two strokes a body slides or rolls freely. Over a short window its path is close to a parabola, or to two that join with one
 //! velocity where its acceleration changes: where friction has stopped it, or sliding has turned into rolling. A stroke changes the
-//! velocity itself. It is where two parabolas without a common velocity fit significantly better than both of these and a polynomial of as many coefficients.
+//! velocity itself: two parabolas that join with velocities of their own fit significantly better than with one velocity, and better than
+//! a polynomial of as many coefficients, which fits a bent path. Any abrupt change of velocity is a stroke, also an impact on a cushion.
 
 use std::ops::Range;
 
 use super::path_fit::{PathFit, PathPoint, quartic_square, sharp_join_square, smooth_join_square};
 use super::track_rows::TrialPoints;
+use super::unit_checks::range;
 use crate::budget::{Budget, checked};
 use crate::error::Result;
 
-/// Numbers of points on each side of a possible stroke: few for strokes in quick succession, many for noisy films of many pictures a second.
+/// Numbers of points on each side of a possible stroke: few for strokes in quick succession, many for noise at many pictures a second.
 const WINDOW_POINTS: [usize; 8] = [5, 8, 12, 17, 24, 34, 48, 68];
 /// Largest duration of the points on one side, s, and a number of points that may last longer.
 const MAX_SIDE_S: f64 = 0.3;
@@ -33,7 +35,7 @@ const MAX_REST_DEVIATION: f64 = 5.0;
 const MAX_REST_POINTS: usize = 3;
 /// Deviation of an outlier from its neighbours, standard deviations of the noise.
 const MAX_DEVIATION: f64 = 8.0;
-/// Precision of positions, relative to their range.
+/// Least noise, relative to the range of positions.
 const MIN_RELATIVE_NOISE: f64 = 1e-5;
 
 /// Times, s, of the stretches of free motion of a film that shows strokes; empty if it shows none. The points within a stroke are in
@@ -102,18 +104,8 @@ fn candidate(points: &[[f64; 3]], window: Range<usize>, side: usize, noise: f64)
     let before = squares(path.iter());
     let mut after = squares(path.iter().rev());
     after.reverse();
-    let max_points = (MAX_STROKE_SHARE * side as f64) as usize;
     let variance = noise * noise;
-    let mut best: Option<(f64, Range<usize>)> = None;
-    for start in MIN_SIDE_POINTS..=path.len() - MIN_SIDE_POINTS {
-        for end in start..=(start + max_points).min(path.len() - MIN_SIDE_POINTS) {
-            let square = before[start - 1] + after[end] + STROKE_DEVIATION * variance * (end - start) as f64;
-            if best.as_ref().is_none_or(|b| square < b.0) {
-                best = Some((square, start..end));
-            }
-        }
-    }
-    let stroke = best.filter(|b| b.0.is_finite())?.1;
+    let stroke = locate(&before, &after, side, STROKE_DEVIATION * variance)?;
     let outside = path[..stroke.start].iter().chain(&path[stroke.end..]).copied();
     let significance = |smooth: f64, sharp: f64| {
         // Eleven coefficients are fitted.
@@ -134,6 +126,23 @@ fn candidate(points: &[[f64; 3]], window: Range<usize>, side: usize, noise: f64)
     }
     let stroke = window.start + stroke.start..window.start + stroke.end;
     Some(StrokeCandidate { stroke, window, significance })
+}
+
+/// The points within the stroke of a window, given the residual sums of squares of parabolas up to each point and from each point on, m^2,
+/// and the share of a point within the stroke.
+fn locate(before: &[f64], after: &[f64], side: usize, share: f64) -> Option<Range<usize>> {
+    let last = before.len() - MIN_SIDE_POINTS;
+    let max_points = (MAX_STROKE_SHARE * side as f64) as usize;
+    let mut best: (f64, Option<Range<usize>>) = (f64::INFINITY, None);
+    for start in MIN_SIDE_POINTS..=last {
+        for end in start..=last.min(start + max_points) {
+            let square = before[start - 1] + after[end] + share * (end - start) as f64;
+            if square < best.0 {
+                best = (square, Some(start..end));
+            }
+        }
+    }
+    best.1
 }
 
 /// The points with times from -1 to 1, and positions about their mean; `None` unless times increase.
@@ -204,8 +213,8 @@ const FREE_QUANTILE: f64 = 0.3186;
 /// zero for smooth motion, of means of neighbouring points. Noise that changes slowly has larger ones.
 fn noise(points: &[[f64; 3]]) -> f64 {
     let step = typical_step(points);
-    let largest = points.iter().flat_map(|p| [p[1].abs(), p[2].abs()]).fold(0.0, f64::max);
-    let least = MIN_RELATIVE_NOISE * largest;
+    let ranges = [1, 2].map(|axis| range(points.iter().map(|p| p[axis])));
+    let least = MIN_RELATIVE_NOISE * ranges[0].max(ranges[1]);
     let counts = std::iter::successors(Some(1), |count| Some(2 * count)).take(10);
     let is_short = |count: &usize| *count == 1 || 4.0 * *count as f64 * step <= MAX_DIFFERENCE_S;
     counts.filter(is_short).map(|count| noise_of_means(points, count, least)).fold(least, f64::max)
