@@ -35,8 +35,10 @@ const MAX_REST_DEVIATION: f64 = 5.0;
 const MAX_REST_POINTS: usize = 3;
 /// Deviation of an outlier from its neighbours, standard deviations of the noise.
 const MAX_DEVIATION: f64 = 8.0;
-/// Least noise, relative to the range of positions.
-const MIN_RELATIVE_NOISE: f64 = 1e-5;
+/// Least noise, relative to the range of positions: a tenth of a pixel in a thousand.
+const MIN_RELATIVE_NOISE: f64 = 1e-4;
+/// Rounding error of a difference of positions, relative to their range.
+const ROUNDING_ERROR: f64 = 1e-9;
 
 /// Times, s, of the stretches of free motion of a film that shows strokes; empty if it shows none. The points within a stroke are in
 /// none of them, nor is a body at rest, but for a few points at the end of a stretch. Ends early with `budget`.
@@ -214,21 +216,22 @@ const FREE_QUANTILE: f64 = 0.3186;
 fn noise(points: &[[f64; 3]]) -> f64 {
     let step = typical_step(points);
     let ranges = [1, 2].map(|axis| range(points.iter().map(|p| p[axis])));
-    let least = MIN_RELATIVE_NOISE * ranges[0].max(ranges[1]);
+    let largest = ranges[0].max(ranges[1]);
+    let (least, rounding) = (MIN_RELATIVE_NOISE * largest, ROUNDING_ERROR * largest);
     let counts = std::iter::successors(Some(1), |count| Some(2 * count)).take(10);
     let is_short = |count: &usize| *count == 1 || 4.0 * *count as f64 * step <= MAX_DIFFERENCE_S;
-    counts.filter(is_short).map(|count| noise_of_means(points, count, least)).fold(least, f64::max)
+    counts.filter(is_short).map(|count| noise_of_means(points, count, rounding)).fold(least, f64::max)
 }
 
-/// Standard deviation of a coordinate's noise, m, from means of `count` neighbouring points. Differences below `least` do not count:
+/// Standard deviation of a coordinate's noise, m, from means of `count` neighbouring points. Differences within `rounding` do not count:
 /// coordinates in whole pixels do not change at rest.
-fn noise_of_means(points: &[[f64; 3]], count: usize, least: f64) -> f64 {
+fn noise_of_means(points: &[[f64; 3]], count: usize, rounding: f64) -> f64 {
     let mean =
         |chunk: &[[f64; 3]]| [1, 2].map(|axis| chunk.iter().map(|p| p[axis]).sum::<f64>() / count as f64);
     let means: Vec<[f64; 2]> = points.chunks_exact(count).map(mean).collect();
     let third =
         |v: &[[f64; 2]], axis: usize| (v[3][axis] - 3.0 * v[2][axis] + 3.0 * v[1][axis] - v[0][axis]).abs();
-    let thirds = means.windows(4).flat_map(|v| [third(v, 0), third(v, 1)]).filter(|d| *d > least);
+    let thirds = means.windows(4).flat_map(|v| [third(v, 0), third(v, 1)]).filter(|d| *d > rounding);
     quantile(thirds.collect(), FREE_SHARE) / FREE_QUANTILE * (count as f64 / 20.0).sqrt()
 }
 
