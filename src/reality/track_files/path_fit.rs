@@ -40,12 +40,11 @@ impl<const K: usize> PathFit<K> {
                     return None;
                 }
             }
-            for axis in 0..2 {
-                let rest: f64 =
-                    self.moments[i][axis] - (0..i).map(|j| factor[i][j] * whitened[j][axis]).sum::<f64>();
-                whitened[i][axis] = rest / factor[i][i];
-                explained += whitened[i][axis] * whitened[i][axis];
-            }
+            whitened[i] = [0, 1].map(|axis| {
+                let known: f64 = (0..i).map(|j| factor[i][j] * whitened[j][axis]).sum();
+                (self.moments[i][axis] - known) / factor[i][i]
+            });
+            explained += whitened[i].iter().map(|w| w * w).sum::<f64>();
         }
         let square = self.squares - explained;
         square.is_finite().then_some(square.max(0.0))
@@ -56,10 +55,10 @@ impl<const K: usize> PathFit<K> {
 const MIN_PIVOT: f64 = 1e-10;
 
 /// A time within a window, from -1 to 1, and a position, m, about the window's centre.
-pub type PathPoint = (f64, [f64; 2]);
+pub type WindowPoint = (f64, [f64; 2]);
 
 /// Residual sum of squares of the best polynomial of degree four, m^2.
-pub fn quartic_square(points: impl Iterator<Item = PathPoint>) -> Option<f64> {
+pub fn quartic_square(points: impl Iterator<Item = WindowPoint>) -> Option<f64> {
     let mut fit = PathFit::<5>::empty();
     points.for_each(|(u, position)| fit.add([1.0, u, u * u, u * u * u, u * u * u * u], position));
     fit.square()
@@ -67,7 +66,7 @@ pub fn quartic_square(points: impl Iterator<Item = PathPoint>) -> Option<f64> {
 
 /// Smallest residual sum of squares, m^2, of two parabolas that join at a time in a range with one position and one velocity: a motion
 /// whose acceleration changes abruptly once, as where friction has stopped a body.
-pub fn smooth_join_square(points: impl Iterator<Item = PathPoint> + Clone, range: [f64; 2]) -> Option<f64> {
+pub fn smooth_join_square(points: impl Iterator<Item = WindowPoint> + Clone, range: [f64; 2]) -> Option<f64> {
     let square = |knot: f64| {
         let mut fit = PathFit::<4>::empty();
         points.clone().for_each(|(u, position)| {
@@ -80,7 +79,7 @@ pub fn smooth_join_square(points: impl Iterator<Item = PathPoint> + Clone, range
 }
 
 /// Smallest residual sum of squares, m^2, of two parabolas that join at a time in a range with one position, but velocities of their own.
-pub fn sharp_join_square(points: impl Iterator<Item = PathPoint> + Clone, range: [f64; 2]) -> Option<f64> {
+pub fn sharp_join_square(points: impl Iterator<Item = WindowPoint> + Clone, range: [f64; 2]) -> Option<f64> {
     let square = |knot: f64| {
         let mut fit = PathFit::<5>::empty();
         points.clone().for_each(|(u, position)| {

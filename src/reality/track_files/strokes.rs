@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::path_fit::{PathFit, PathPoint, quartic_square, sharp_join_square, smooth_join_square};
+use super::path_fit::{PathFit, WindowPoint, quartic_square, sharp_join_square, smooth_join_square};
 use super::track_rows::TrialPoints;
 use super::unit_checks::range;
 use crate::budget::{Budget, checked};
@@ -135,20 +135,15 @@ fn candidate(points: &[[f64; 3]], window: Range<usize>, side: usize, noise: f64)
 fn locate(before: &[f64], after: &[f64], side: usize, share: f64) -> Option<Range<usize>> {
     let last = before.len() - MIN_SIDE_POINTS;
     let max_points = (MAX_STROKE_SHARE * side as f64) as usize;
-    let mut best: (f64, Option<Range<usize>>) = (f64::INFINITY, None);
-    for start in MIN_SIDE_POINTS..=last {
-        for end in start..=last.min(start + max_points) {
-            let square = before[start - 1] + after[end] + share * (end - start) as f64;
-            if square < best.0 {
-                best = (square, Some(start..end));
-            }
-        }
-    }
-    best.1
+    let ends = |start: usize| (start..=last.min(start + max_points)).map(move |end| start..end);
+    let square =
+        |stroke: &Range<usize>| before[stroke.start - 1] + after[stroke.end] + share * stroke.len() as f64;
+    let strokes = (MIN_SIDE_POINTS..=last).flat_map(ends).map(|stroke| (square(&stroke), stroke));
+    strokes.filter(|s| s.0.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0)).map(|s| s.1)
 }
 
 /// The points with times from -1 to 1, and positions about their mean; `None` unless times increase.
-fn centred(points: &[[f64; 3]]) -> Option<Vec<PathPoint>> {
+fn centred(points: &[[f64; 3]]) -> Option<Vec<WindowPoint>> {
     let (first, last) = (points.first()?[0], points.last()?[0]);
     let (middle, half) = (0.5 * (first + last), 0.5 * (last - first));
     let [x, y] = [1, 2].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64);
@@ -158,9 +153,9 @@ fn centred(points: &[[f64; 3]]) -> Option<Vec<PathPoint>> {
 }
 
 /// The residual sum of squares of a parabola through the points up to each one, m^2.
-fn squares<'a>(path: impl Iterator<Item = &'a PathPoint>) -> Vec<f64> {
+fn squares<'a>(path: impl Iterator<Item = &'a WindowPoint>) -> Vec<f64> {
     let mut fit = PathFit::<3>::empty();
-    let square = |(u, position): &PathPoint| {
+    let square = |(u, position): &WindowPoint| {
         fit.add([1.0, *u, u * u], *position);
         fit.square().unwrap_or(f64::INFINITY)
     };

@@ -164,7 +164,7 @@ fn free_motion_stays_whole() {
             let cut = |seed: &u64| {
                 let mut random = rng::stream(*seed, "free motion");
                 let speed = 0.8 + random.random::<f64>();
-                let noise = if *seed % 2 == 0 { 3e-4 } else { 1e-3 };
+                let noise = if seed.is_multiple_of(2) { 3e-4 } else { 1e-3 };
                 let mut point = |i: usize| {
                     let mut error = || noise * Distribution::<f64>::sample(&StandardNormal, &mut random);
                     let (t, [dx, dy]) = (i as f64 / fps, [error(), error()]);
