@@ -1,5 +1,6 @@
 //! Converts track files into trials of a given scene, or of a scene built for a single ball.
 
+use std::ops::Range;
 use std::path::Path;
 
 use super::floor::{
@@ -8,6 +9,7 @@ use super::floor::{
 use super::parse_options::{TrackParseOptions, is_pixel_size_missing};
 use super::pixel_scale::{pixel_size, turn_upwards, with_suggestion};
 use super::read::{self, TrackTable};
+use super::strokes::free_stretches;
 use super::track_rows::{TrackRow, TrialPoints, assemble};
 use super::unit_checks::{DeclaredUnits, check_units};
 use super::vertical_plane::project;
@@ -38,7 +40,7 @@ pub struct LoadedTrials {
     pub trials: Vec<Trial>,
     /// Notes for the user: unused columns, implausible values.
     pub notes: Vec<String>,
-    /// Whether all files are in this project's own format and no option is set.
+    /// Whether all files are in this project's own format, no option is set, and no film is cut.
     pub own_format: bool,
 }
 
@@ -66,7 +68,7 @@ pub fn load_tracks(
         up: reading.y_down.is_some(),
     };
     notes.extend(project(&mut tables, reading)?);
-    let own = tables.iter().all(|t| t.own_format) && matches!(of, Subject::Scene(_));
+    let mut own = tables.iter().all(|t| t.own_format) && matches!(of, Subject::Scene(_));
     let points = points_by_trial(&tables);
     let all_declared = DeclaredUnits { length: true, time: true, up: true };
     let declared = if own { all_declared } else { declared };
@@ -74,6 +76,11 @@ pub fn load_tracks(
         Subject::Scene(scene) => {
             if scene.bodies.len() == 1 {
                 notes.extend(check_units(&points, scene.gravity, !scene.statics.is_empty(), declared)?);
+            }
+            if scene.bodies.len() == 1 && scene.statics.is_empty() && scene.gravity == [0.0; 2] {
+                let cut = cut_between_strokes(&mut tables, budget)?;
+                own &= cut.is_none();
+                notes.extend(cut);
             }
             scene.clone()
         }
@@ -86,7 +93,9 @@ pub fn load_tracks(
             let (ball, films) = on_floor?;
             notes.extend(move_to_floor(&mut tables, &films));
             if ball.floor.is_some() {
-                notes.extend(cut_films(&mut tables, g));
+                notes.extend(cut_between_bounces(&mut tables, g)?);
+            } else if g == 0.0 {
+                notes.extend(cut_between_strokes(&mut tables, budget)?);
             }
             ball.build(body(&tables)?, seconds(&tables))?
         }
@@ -253,24 +262,72 @@ fn move_to_floor(tables: &mut Vec<TrackTable>, films: &[FilmFloor]) -> Vec<Strin
 const MIN_TRIALS: usize = 4;
 
 /// Cuts films of many bounces, if they are few, into trials with one bounce each; their starts are independent, since each is fitted.
-fn cut_films(tables: &mut [TrackTable], gravity: f64) -> Option<String> {
+fn cut_between_bounces(tables: &mut [TrackTable], gravity: f64) -> Result<Option<String>> {
+    let parts = |film: &TrialPoints| {
+        let cuts = cuts_between_bounces(film, gravity);
+        let starts = std::iter::once(f64::NEG_INFINITY).chain(cuts.iter().copied());
+        let ends = cuts.iter().copied().chain([f64::INFINITY]);
+        let parts = starts.zip(ends).map(|(start, end)| start..end);
+        Ok(if cuts.is_empty() { Vec::new() } else { parts.collect() })
+    };
+    let count = cut_films(tables, parts)?;
+    Ok(count
+        .map(|count| format!("{} where the ball is highest between two bounces", count.describe("bounces"))))
+}
+
+/// Cuts films of strokes seen from above, if they are few, into trials of free motion. What strikes the body must not be in the scene:
+/// with surfaces or other bodies, an abrupt change of its velocity may be a contact that the scene explains, and nothing is cut.
+fn cut_between_strokes(tables: &mut [TrackTable], budget: &dyn Budget) -> Result<Option<String>> {
+    let count = cut_films(tables, |film| free_stretches(film, budget))?;
+    Ok(count.map(|count| {
+        format!(
+            "{}, since its velocity changes abruptly; what is recorded during a stroke, or long after the body has stopped, is left out",
+            count.describe("strokes")
+        )
+    }))
+}
+
+/// Numbers of films that were cut, and of their parts.
+struct CutCount {
+    films: usize,
+    parts: usize,
+}
+
+impl CutCount {
+    /// The numbers in words, for films of many `events`.
+    fn describe(&self, events: &str) -> String {
+        let (films, are) = if self.films == 1 { ("film", "is") } else { ("films", "are") };
+        let trials = if self.parts == 1 { "trial" } else { "trials" };
+        format!("{} {films} of many {events} {are} cut into {} {trials}", self.films, self.parts)
+    }
+}
+
+/// Cuts films, if they are few, into trials by the times, s, of their parts, none for a film that stays whole. Rows in no part of a film
+/// that is cut are left out. `None` if nothing is cut.
+fn cut_films(
+    tables: &mut [TrackTable],
+    parts: impl Fn(&TrialPoints) -> Result<Vec<Range<f64>>>,
+) -> Result<Option<CutCount>> {
     let trials = tables.iter().flat_map(|t| t.rows.chunk_by(|a, b| a.trial == b.trial));
     if trials.count() >= MIN_TRIALS {
-        return None;
+        return Ok(None);
     }
-    let points = points_by_trial(tables);
-    let cuts: Vec<Vec<f64>> = points.iter().map(|trial| cuts_between_bounces(trial, gravity)).collect();
-    let films = tables.iter_mut().flat_map(|t| t.rows.chunk_by_mut(|a, b| a.trial == b.trial));
-    for (rows, cuts) in films.zip(&cuts).filter(|(_, cuts)| !cuts.is_empty()) {
-        for row in rows {
-            let part = cuts.iter().filter(|cut| **cut <= row.t).count() + 1;
-            row.trial += &format!(", part {part}");
-        }
+    let films = points_by_trial(tables).iter().map(parts).collect::<Result<Vec<_>>>()?;
+    let mut next = films.iter();
+    for table in tables {
+        let mut film: Option<(String, &Vec<Range<f64>>)> = None;
+        table.rows.retain_mut(|row| {
+            if film.as_ref().is_none_or(|(trial, _)| *trial != row.trial) {
+                film = next.next().map(|parts| (row.trial.clone(), parts));
+            }
+            let Some((_, parts)) = film.as_ref().filter(|(_, parts)| !parts.is_empty()) else { return true };
+            let part = parts.iter().position(|part| part.contains(&row.t));
+            part.inspect(|part| row.trial += &format!(", part {}", part + 1)).is_some()
+        });
     }
-    let parts: usize = cuts.iter().map(|cuts| cuts.len() + 1).sum();
-    (parts > points.len()).then(|| {
-        format!("{} films of many bounces are cut into {parts} trials where the ball is highest between two bounces", points.len())
-    })
+    let cut = films.iter().filter(|parts| !parts.is_empty());
+    let count = CutCount { films: cut.clone().count(), parts: cut.map(Vec::len).sum() };
+    Ok((count.films > 0).then_some(count))
 }
 
 /// Default name of a ball.

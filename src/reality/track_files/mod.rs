@@ -12,11 +12,15 @@ mod line_fit;
 pub use line_fit::LineFit;
 mod load;
 mod parse_options;
+mod path_fit;
 mod pixel_scale;
 mod qualisys;
 mod read;
 mod repeated_frames;
 mod selection;
+mod strokes;
+#[cfg(test)]
+mod strokes_test;
 mod table;
 mod times;
 mod track_rows;
