@@ -25,7 +25,7 @@ fn nothing_is_named_where_nothing_is_hidden() {
     for kind in KINDS {
         let found = diagnosed(&contact_world(kind, Wrong::Nothing, SEED));
         assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);
-        // Boxes that bounce are not used, and bounces too low to be seen neither.
+        // Impacts of two corners at once are not used, and bounces too low to be seen neither.
         let unused = !found.unused_contacts.is_empty();
         match kind {
             "tossed_box" => assert!(unused),
@@ -43,6 +43,8 @@ fn wrong_coefficients_are_estimated() {
         ("block_to_rest", Wrong::Friction),
         ("two_balls", Wrong::Restitution),
         ("two_gliders", Wrong::Restitution),
+        ("tossed_box", Wrong::Restitution),
+        ("two_blocks", Wrong::Restitution),
     ] {
         let (found, name, truth) = diagnosed_wrong(kind, wrong);
         assert_eq!(found.verdict, Verdict::None, "{kind}: {}", found.reason);

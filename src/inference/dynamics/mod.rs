@@ -4,7 +4,7 @@
 //! The acceleration of a law of motion is its velocity change over [`KICK_DURATION`]; laws of contact act at
 //! the bounce; sensors transform states and time. `physics`: laws of a segment; `integrator`: flights with at
 //! most one bounce; `landing`: impacts
-//! after which a surface supports the body; `collision`: collisions of two discs; `supported`: rolling and sliding.
+//! after which a surface supports the body; `collision`: collisions of two bodies; `supported`: rolling and sliding.
 //!
 //! Differences from the engines: continuous equations, to which engines converge as their time step
 //! decreases. An impact is instantaneous, with Newton's restitution and Coulomb friction.

@@ -185,7 +185,7 @@ mod tests {
         let turned = placed(
             &BOX,
             0.0,
-            [1.9, 1.0 + libm::hypot(2.0, 1.0) - 0.01],
+            [1.6, 1.0 + libm::hypot(2.0, 1.0) - 0.01],
             0.5 * std::f64::consts::PI - libm::atan2(1.0, 2.0),
         );
         let Some([ContactFeature::Side { normal, .. }, ContactFeature::Corner(_)]) =

@@ -2,7 +2,7 @@
 //! from the richest model.
 //!
 //! If every set estimated its variance components, a wrong set could attribute its misfit to them. They are
-//! therefore estimated once, for the richest model: lift, quadratic drag, wind, every contact law, and the
+//! therefore estimated once, for the richest model: lift, quadratic drag, wind, ground friction, every contact law, and the
 //! shared discrepancy or the most probable kind of force field (without flights, a discrepancy as large as the
 //! acceleration beyond gravity), whichever is more probable. This is the pure error of the recording.
 //!

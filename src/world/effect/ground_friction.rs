@@ -24,6 +24,7 @@ pub static EFFECT: Effect = Effect {
     parameters: &[parameter("mu", "1", [0.0, 10.0], amplitude(0.1, 0.1, 1e-3))],
     opposes_motion: true,
     is_abrupt: true,
+    in_richest_model: true,
     identified_by: Some(IdentifyingMotion::SeenFromAbove),
     ..effect(EffectKind::Motion(&GroundFriction))
 };
