@@ -170,7 +170,7 @@ mod tests {
         for (friction, used) in [(0.02, 1.0 - 0.02 * 1.8 * 5.0), (9.0, 2.0 / 3.0)] {
             let surface = segment.surface.as_mut().unwrap();
             (surface.friction, surface.restitution) = ([friction, 1.0], [0.8, 1.0]);
-            let surface = surface.clone();
+            let surface = *surface;
             let physics = SegmentPhysics::new(segment, &[], &Latents::default());
             // Impact at 5 m/s down and 1 m/s along the surface.
             let (after, met) = physics.resolve_impact(0.0, [0.0, 0.05, 1.0, -5.0, 0.0], &surface);

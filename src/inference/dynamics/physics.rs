@@ -280,7 +280,7 @@ impl<'a> SegmentPhysics<'a> {
         }
         let friction = self.friction.copysign(tangent);
         let sliding = nn + cross * friction;
-        if !(sliding > 0.0) {
+        if sliding <= 0.0 {
             // Friction would wedge the body in without bound: it sticks.
             return (normal, tangent);
         }
