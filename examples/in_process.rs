@@ -9,8 +9,10 @@
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::session::{Action, Catalogue, observation};
+use iplw::session::observation::{ObservationLayout, object_names};
+use iplw::session::{Action, Catalogue};
 use iplw::task::{Placement, Task};
+use iplw::trajectory::Trajectory;
 use iplw::world::{Engine, Latents, Rollout, Simulator};
 use serde::Deserialize;
 
@@ -64,7 +66,10 @@ fn step(catalogue: &Catalogue, batch: &[(Task, Action)]) -> Result<(usize, usize
             Placement::Invalid(_) => None,
         })
         .unzip();
-    let observed = Simulator::new(Engine::Auto)
-        .map(&rollouts, |i, t| (t.solved(), observation::observe(&tasks[i].scene, Some(&t))))?;
+    let observe = |task: &Task, t: &Trajectory| {
+        let objects = object_names([&task.scene].into_iter());
+        ObservationLayout::of(&task.scene, &objects).observe(Some(t))
+    };
+    let observed = Simulator::new(Engine::Auto).map(&rollouts, |i, t| (t.solved(), observe(tasks[i], &t)))?;
     Ok((rollouts.len(), observed.iter().filter(|(solved, _)| *solved).count()))
 }

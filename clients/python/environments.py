@@ -16,8 +16,16 @@ _FEATURES = {
     "y": "centre, from the floor (0) to the ceiling (1): share of {height} m",
     "radius": "radius (half the longer side, if it is no disc): share of {larger} m",
 }
-#: Quantity of a component -> the quantity that it sets.
-_SETS = {"x": "centre, from the left", "y": "centre, from the floor", "radius": "radius", "angle": "angle"}
+#: Quantity of a component -> the quantity that it sets, and its unit.
+_SETS = {
+    "x": ("centre, from the left", "m"),
+    "y": ("centre, from the floor", "m"),
+    "radius": ("radius", "m"),
+    "angle": ("angle", "rad"),
+    "vx": ("velocity to the right", "m/s"),
+    "vy": ("velocity upwards", "m/s"),
+    "omega": ("spin, counter-clockwise", "rad/s"),
+}
 
 
 def document(text: str, families: Sequence[Mapping[str, Any]], tasks: Mapping[str, Mapping[str, Any]]) -> str:
@@ -76,9 +84,9 @@ def _feature(index: int, name: str, sizes: Mapping[str, float]) -> str:
 
 
 def _component(index: int, component: Mapping[str, Any]) -> str:
-    unit = "rad" if component["set"] == "angle" else "m"
+    quantity, unit = _SETS[component["set"]]
     low, high = _number(component["low"]), _number(component["high"])
-    return f"| {index} | {_spaced(component['target'])}'s {_SETS[component['set']]} | {low} {unit} | {high} {unit} |\n"
+    return f"| {index} | {_spaced(component['target'])}'s {quantity} | {low} {unit} | {high} {unit} |\n"
 
 
 def _discrete(discrete: Mapping[str, Any]) -> str:

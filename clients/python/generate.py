@@ -120,12 +120,30 @@ def _subschemas(document: Mapping[str, Any], schema: Mapping[str, Any]) -> Itera
             yield from _subschemas(document, subschema)
 
 
-def families(listed: Sequence[Mapping[str, Any]]) -> str:
-    """Source of the table of environment ids, in the order of the server's families."""
-    ids = {family["gymnasium"]: family["name"] for family in listed}
-    rows = "".join(f'    "{id}": "{name}",\n' for id, name in ids.items())
-    head = f'"""Gymnasium environment id -> family. {GENERATED} the families of the server."""\n\n'
-    return f"{head}from __future__ import annotations\n\nFAMILIES: dict[str, str] = {{\n{rows}}}\n"
+#: Collections of families that a server loads on request.
+COLLECTIONS = ("levels", "phyre")
+
+
+def families(listed: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Source of the tables of environments, in the order of the server's families. `listed`: families by collection; "" is none."""
+    ids = "".join(f'    "{f["gymnasium"]}": "{f["name"]}",\n' for own in listed.values() for f in own)
+    rows = "".join(f'    "{f["name"]}": "{name}",\n' for name, own in listed.items() if name for f in own)
+    return (
+        f'"""Families of tasks. {GENERATED} the families of the server."""\n\n'
+        f"from __future__ import annotations\n\n#: Gymnasium environment id -> family.\nFAMILIES: dict[str, str] = {{\n{ids}}}\n"
+        f"#: Family -> its collection, which a server loads on request.\nCOLLECTIONS: dict[str, str] = {{\n{rows}}}\n"
+    )
+
+
+def families_by_collection(client: Any) -> dict[str, list[dict[str, Any]]]:
+    """The families of a server that has every collection."""
+    listed = {family["name"]: family for family in client.tasks()}
+    folder = HERE.parents[1] / "src" / "task" / "families"
+    of = {name: [file.stem for file in sorted((folder / name).glob("*.toml"))] for name in COLLECTIONS}
+    special = {name for own in of.values() for name in own}
+    return {"": [f for f in listed.values() if f["name"] not in special]} | {
+        collection: [listed[name] for name in own] for collection, own in of.items()
+    }
 
 
 def write(file: Path, text: str) -> None:
@@ -141,7 +159,7 @@ if __name__ == "__main__":
         sys.path.insert(0, str(PACKAGE.parent))
         import iplw
 
-        with iplw.Client() as client:
+        with iplw.Client("private", collections=COLLECTIONS) as client:
             families_on_server, details = environments.query(client)
-            write(PACKAGE / "families.py", families(families_on_server))
+            write(PACKAGE / "families.py", families(families_by_collection(client)))
             write(environments.DOCUMENT, environments.document(environments.DOCUMENT.read_text(), families_on_server, details))

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::observation::ObservationLayout;
+use super::observation::{ObservationLayout, feature_names, object_names};
 use crate::error::{Error, Result};
 use crate::task::action::{ActionComponent, ActionQuantity};
 use crate::task::{Family, Learning, Scene, Split, Task, custom, families};
@@ -31,6 +31,8 @@ struct TaskSetIndex {
     pools: [Arc<[usize]>; 3],
     /// Indices of all tasks.
     all: Arc<[usize]>,
+    /// Names of the objects that observations contain: of all tasks of the family.
+    objects: OnceLock<Vec<String>>,
     /// Observation layout of each task.
     layouts: Vec<OnceLock<ObservationLayout>>,
 }
@@ -77,8 +79,11 @@ impl Catalogue {
             return self.family(task);
         }
         let one = self.task(task)?;
-        let family = self.family(&one.family)?.family;
-        Ok(TaskSet::new(one.id.clone(), family, [one].into()))
+        let whole = self.family(&one.family)?;
+        let own = TaskSet::new(one.id.clone(), whole.family, [one].into());
+        // One task has the features of its family, so that a policy fits both.
+        own.index.objects.get_or_init(|| whole.objects().to_vec());
+        Ok(own)
     }
 }
 
@@ -94,6 +99,7 @@ impl TaskSet {
         let index = TaskSetIndex {
             pools: Split::ALL.map(of),
             all: (0..tasks.len()).collect(),
+            objects: OnceLock::new(),
             layouts: tasks.iter().map(|_| OnceLock::new()).collect(),
         };
         TaskSet { name, family, tasks, index: Arc::new(index) }
@@ -117,8 +123,19 @@ impl TaskSet {
         let task = &self.tasks[index];
         TaskContext {
             task,
-            layout: self.index.layouts[index].get_or_init(|| ObservationLayout::of(&task.scene)),
+            layout: self.index.layouts[index]
+                .get_or_init(|| ObservationLayout::of(&task.scene, self.objects())),
         }
+    }
+
+    /// Names of an observation's features, three per object.
+    pub fn feature_names(&self) -> Vec<String> {
+        feature_names(self.objects())
+    }
+
+    /// Names of the objects that observations contain.
+    fn objects(&self) -> &[String] {
+        self.index.objects.get_or_init(|| object_names(self.tasks.iter().map(|t| &t.scene)))
     }
 
     /// A set with the single task of a user's scene.

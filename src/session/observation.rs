@@ -2,39 +2,47 @@
 //!
 //! Each movable body positioned by the scene (not by the action) contributes x and y as fractions of the scene's bounds and
 //! its radius as a fraction of the larger side. So does each static within the bounds that the action does not place
-//! (basketball's basket, but not a wall). All tasks of a family share the features; after a step they describe the final
-//! state.
+//! (basketball's basket, but not a wall). All tasks of a family share the features: those of an object that a task lacks are
+//! zero. After a step they describe the final state.
 
 use crate::task::action::ActionQuantity;
 use crate::task::geometry::Aabb;
 use crate::task::{ActionSpace, Scene};
 use crate::trajectory::Trajectory;
 
-/// Names of an observation's features, three per object.
-pub fn names(scene: &Scene) -> Vec<String> {
-    let objects = observed_objects(scene);
-    objects.iter().flat_map(|t| ["x", "y", "radius"].map(|q| format!("{}.{q}", t.name))).collect()
+/// Names of the objects that the observations of some scenes contain, in the order of their first appearance.
+pub fn object_names<'a>(scenes: impl Iterator<Item = &'a Scene>) -> Vec<String> {
+    let mut names = Vec::new();
+    for object in scenes.flat_map(observed_objects) {
+        if !names.contains(&object.name) {
+            names.push(object.name);
+        }
+    }
+    names
 }
 
-/// The observation of a scene, or of the final state of a rollout. (n_features,) in [0, 1].
-pub fn observe(scene: &Scene, after: Option<&Trajectory>) -> Vec<f64> {
-    ObservationLayout::of(scene).observe(after)
+/// Names of an observation's features, three per object.
+pub fn feature_names(objects: &[String]) -> Vec<String> {
+    objects.iter().flat_map(|name| ["x", "y", "radius"].map(|q| format!("{name}.{q}"))).collect()
 }
 
 /// The static part of a scene's observation: which objects it contains and how they are scaled.
 pub struct ObservationLayout {
     /// Positions are fractions of this box, m.
     bounds: Aabb,
-    objects: Vec<ObservedObject>,
+    /// `None` for an object that the scene lacks.
+    objects: Vec<Option<ObservedObject>>,
 }
 
 impl ObservationLayout {
-    /// The layout of a scene.
-    pub fn of(scene: &Scene) -> ObservationLayout {
-        ObservationLayout { bounds: scene_bounds(scene), objects: observed_objects(scene) }
+    /// The layout of a scene with the features of `objects`.
+    pub fn of(scene: &Scene, objects: &[String]) -> ObservationLayout {
+        let mut own = observed_objects(scene);
+        let mut take = |name: &String| own.iter().position(|o| o.name == *name).map(|i| own.swap_remove(i));
+        ObservationLayout { bounds: scene_bounds(scene), objects: objects.iter().map(&mut take).collect() }
     }
 
-    /// [`observe`] for the layout's scene.
+    /// The observation of the layout's scene, or of the final state of a rollout. (n_features,) in [0, 1].
     pub fn observe(&self, after: Option<&Trajectory>) -> Vec<f64> {
         let bounds = self.bounds;
         let (width, height) = (bounds[2] - bounds[0], bounds[3] - bounds[1]);
@@ -44,6 +52,10 @@ impl ObservationLayout {
         };
         let mut features = Vec::with_capacity(3 * self.objects.len());
         for object in &self.objects {
+            let Some(object) = object else {
+                features.extend([0.0; 3]);
+                continue;
+            };
             let track = after.and_then(|t| t.track(&object.name));
             let [x, y] = track.and_then(|t| Some([*t.x.last()?, *t.y.last()?])).unwrap_or(object.position);
             features.extend([
@@ -114,23 +126,39 @@ mod tests {
     use super::*;
     use crate::session::Catalogue;
 
+    fn observe(scene: &Scene) -> Vec<f64> {
+        ObservationLayout::of(scene, &object_names([scene].into_iter())).observe(None)
+    }
+
     #[test]
-    fn families_share_one_layout_within_the_unit_box() {
+    fn observations_are_within_the_unit_box() {
         for (family, tasks) in Catalogue::new().families() {
-            let layout = names(&tasks[0].scene);
             for task in tasks {
-                assert_eq!(names(&task.scene), layout, "{}", family.name);
-                let seen = observe(&task.scene, None);
-                assert_eq!(seen.len(), layout.len());
-                assert!(seen.iter().all(|v| (0.0..=1.0).contains(v)), "{} {seen:?}", task.id);
+                let seen = observe(&task.scene);
+                assert!(seen.iter().all(|v| (0.0..=1.0).contains(v)), "{} {seen:?}", family.name);
             }
         }
+    }
+
+    /// Scenes with other objects share their features; those of missing objects are zero.
+    #[test]
+    fn missing_objects_are_zero() {
+        let catalogue = Catalogue::new();
+        let tasks = catalogue.family("bowling").unwrap();
+        let whole = tasks.tasks[0].scene.clone();
+        let mut part = whole.clone();
+        part.bodies.retain(|b| b.name != "green");
+        let objects = object_names([&part, &whole].into_iter());
+        assert_eq!(objects, ["blue", "green"]);
+        let [all, some] = [&whole, &part].map(|s| ObservationLayout::of(s, &objects).observe(None));
+        assert_eq!((all.len(), &all[..3]), (6, &some[..3]));
+        assert!(some[3..] == [0.0; 3] && all[3..].iter().all(|v| *v > 0.0), "{some:?} {all:?}");
     }
 
     #[test]
     fn observes_balls_in_bowling_and_the_basket_in_basketball() {
         let catalogue = Catalogue::new();
-        let names = |family: &str| names(&catalogue.family(family).unwrap().tasks[0].scene);
+        let names = |family: &str| catalogue.family(family).unwrap().feature_names();
         let balls = ["green.x", "green.y", "green.radius", "blue.x", "blue.y", "blue.radius"];
         assert_eq!(names("bowling"), balls);
         assert!(names("basketball").iter().all(|n| n.starts_with("basket_")), "{:?}", names("basketball"));
@@ -143,7 +171,7 @@ mod tests {
         let bounds = scene.action.as_ref().unwrap().bounds.unwrap();
         scene.bodies[0].position = Some([bounds[2] / 2.0, bounds[3] / 4.0]);
         scene.bodies[0].shape = crate::task::shape::Disc { radius: bounds[2] / 10.0 }.into();
-        let seen = observe(&scene, None);
+        let seen = observe(&scene);
         for (value, expected) in seen.iter().zip([0.5, 0.25, 0.1]) {
             assert!((value - expected).abs() < 1e-12, "{seen:?}");
         }

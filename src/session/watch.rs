@@ -310,7 +310,7 @@ mod tests {
             let mut watcher = world.watch(0);
             world.reset(&Reset::default()).unwrap();
             let index = |i| Action::Index(i);
-            let tried: Vec<_> = (0..40).map(|i| world.step(&index(i), &Unlimited)).collect();
+            let tried: Vec<_> = (0..40).map(|i| world.step(&index(i), None, &Unlimited)).collect();
             let valid = tried.iter().flatten().filter(|s| s.invalid.is_none()).count();
             assert_eq!(valid, 1);
             let events = available_events(&mut watcher);

@@ -19,7 +19,6 @@ use std::sync::{Arc, Mutex, TryLockError};
 use super::catalogue::TaskSet;
 use super::config::{WorldConfig, WorldKind};
 use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits};
-use super::observation;
 use super::state::{Phase, WorldState, conflict};
 use super::watch::{EventBus, WorldEventKind, WorldWatcher};
 use crate::error::{Error, Result, check_range};
@@ -136,7 +135,7 @@ impl World {
         };
         let scenes = config.tasks.tasks.iter().map(|t| &t.scene);
         Ok(World {
-            features: observation::names(&config.tasks.tasks[0].scene).len(),
+            features: config.tasks.feature_names().len(),
             max_body_steps: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
             tasks: config.tasks,
             kind: config.kind,
@@ -200,7 +199,7 @@ impl World {
             budget: self.budget,
             seed: self.seed,
             actions: first.actions().clone(),
-            features: observation::names(&first.scene),
+            features: self.tasks.feature_names(),
             current: state.task.map(|t| self.tasks.tasks[t].id.clone()),
             phase: state.phase,
             episodes: state.episodes,

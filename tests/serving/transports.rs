@@ -47,7 +47,11 @@ mod batches {
                 let valid = turned.iter().filter(|t| t.step.as_ref().unwrap().invalid.is_none()).count();
                 assert!(valid > n as usize / 3, "{valid} of {n} show too little");
                 for ((world, action), one) in single.iter().zip(&actions).zip(turned) {
-                    assert_eq!(world.step(action, &Unlimited).unwrap(), one.step.unwrap(), "round {round}");
+                    assert_eq!(
+                        world.step(action, None, &Unlimited).unwrap(),
+                        one.step.unwrap(),
+                        "round {round}"
+                    );
                     assert_eq!(one.start, None);
                 }
             }
@@ -64,7 +68,7 @@ mod batches {
         }
         let actions: Vec<Action> = (0..8).map(|i| Action::Index(100 + i)).collect();
         let steps: Vec<_> =
-            single.iter().zip(&actions).map(|(w, a)| w.step(a, &Unlimited).unwrap()).collect();
+            single.iter().zip(&actions).map(|(w, a)| w.step(a, None, &Unlimited).unwrap()).collect();
         let again: Vec<_> = single
             .iter()
             .zip(&steps)
@@ -107,7 +111,7 @@ mod batches {
         all.push(Arc::new(World::new(poor).unwrap()));
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let good = placeable(&all[3]);
-        all[3].step(&good, &Unlimited).unwrap();
+        all[3].step(&good, None, &Unlimited).unwrap();
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let actions: Vec<Action> = all.iter().map(placeable).collect();
         let before: Vec<u64> = all.iter().map(|w| w.interactions()).collect();
@@ -382,10 +386,14 @@ impl Ask for Rust {
             "reset_world" => {
                 let reset = Reset { seed: args["seed"].as_u64(), ..Reset::default() };
                 let start = self.world.as_ref().unwrap().reset(&reset).unwrap();
-                json!({"observation": start.observation, "info": {"task": start.task, "split": start.split.name()}})
+                json!({
+                    "observation": start.observation,
+                    "info": {"task": start.task, "split": start.split.name(), "episode": start.episode},
+                })
             }
             "step_world" => {
-                let step = self.world.as_ref().unwrap().step(&action(&args["action"]), &Unlimited).unwrap();
+                let step =
+                    self.world.as_ref().unwrap().step(&action(&args["action"]), None, &Unlimited).unwrap();
                 let mut info = json!({
                     "valid": step.invalid.is_none(), "solved": step.solved, "steps": step.steps, "task": step.task,
                     "interactions": step.interactions, "collisions": step.collisions,

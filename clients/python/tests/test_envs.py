@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import multiprocessing
+import pickle
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import gymnasium
@@ -160,3 +164,50 @@ def test_environments_have_separate_worlds(client: iplw.Client) -> None:
     a.close()
     b.close()
     assert {world.id for world in client.worlds()} == before
+
+
+def outcome(env: gymnasium.Env[Any, Any]) -> tuple[list[float], float]:
+    """Observation and reward of the first action of an episode."""
+    env.reset(seed=5)
+    observation, reward, *_ = env.step(np.full(env.action_space.shape or (), 0.4, np.float32))
+    return observation.tolist(), float(reward)
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_connect_anew(duplicate: Any) -> None:
+    world = {"kind": "sim", "damping": 0.7}
+    with gymnasium.make("iplw/Carom-v0", world=world, disable_env_checker=True) as env:
+        expected = outcome(env)
+        with duplicate(env) as other:
+            assert other.spec == env.spec and other.unwrapped.world.id != env.unwrapped.world.id
+            assert outcome(other) == expected
+        assert outcome(env) == expected, "the copy's end is not its own"
+    with closing(iplw.make_vec("bowling", 2, world=world)) as vector, closing(duplicate(vector)) as other:
+        for envs in (vector, other):
+            envs.reset(seed=3)
+        actions = np.full(vector.action_space.shape or (), 0.4, np.float32)
+        (first, *_), (second, *_) = vector.step(actions), other.step(actions)
+        assert (first == second).all()
+
+
+def _spawned(pickled: bytes) -> tuple[list[float], float]:
+    with pickle.loads(pickled) as env:
+        return outcome(env)
+
+
+def test_copies_in_spawned_processes() -> None:
+    with gymnasium.make("iplw/Bowling-v0", disable_env_checker=True) as env:
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            assert pool.apply(_spawned, (pickle.dumps(env),)) == outcome(env)
+
+
+def test_another_reset_ends_the_episode(client: iplw.Client) -> None:
+    world = client.create_world("bowling")
+    other = client.world(world.id)
+    first = world.reset(seed=1)[1]
+    second = other.reset(task="bowling:017")[1]
+    assert (first["episode"], second["episode"]) == (1, 2)
+    with pytest.raises(iplw.Problem, match="409 .*episode 1 has ended: another reset of this world began episode 2"):
+        world.step(3)
+    assert other.step(20_000)[4]["task"] == "bowling:017"
+    world.close()

@@ -62,13 +62,12 @@ fn family(
     app: &RequestContext,
     (FamilyParam(name), page): (FamilyParam, Pagination),
 ) -> Result<FamilyTasksPage> {
-    app.catalogue.family(&name)?;
-    let found = app.catalogue.families().find(|(f, _)| f.name == name);
-    let (family, tasks) = found.ok_or_else(|| Error::Failed("a family disappeared".into()))?;
+    let set = app.catalogue.family(&name)?;
     let seen = page.after(&name)?.unwrap_or(0);
-    let mut rows: Vec<(usize, &Task)> = (1..).zip(tasks).skip(seen).take(page.fetch_limit()).collect();
+    let mut rows: Vec<(usize, &Task)> =
+        (1..).zip(set.tasks.iter()).skip(seen).take(page.fetch_limit()).collect();
     let next = page.truncate(&name, &mut rows, |r| r.0);
-    Ok(FamilyTasksPage::new(family, &tasks[0], rows.into_iter().map(|r| r.1), next))
+    FamilyTasksPage::new(&set, rows.into_iter().map(|r| r.1), next)
 }
 
 fn task(

@@ -203,7 +203,7 @@ fn reset(app: &RequestContext, (PathId(id), JsonBody(body)): (PathId, JsonBody<R
 
 fn step(app: &RequestContext, (PathId(id), JsonBody(body)): (PathId, JsonBody<StepIn>)) -> Result<StepOut> {
     let world = app.worlds().get(&id)?.world;
-    let step = world.step(&body.action, app.budget()).map_err(suggest_job)?;
+    let step = world.step(&body.action, body.episode, app.budget()).map_err(suggest_job)?;
     app.metrics.count_attempts(world.kind(), u64::from(step.invalid.is_none()), u64::from(step.steps));
     Ok(step.into())
 }

@@ -24,6 +24,8 @@ pub struct ResetOut {
 pub struct ResetInfo {
     pub task: String,
     pub split: Split,
+    /// Number of the episode in this world, from 1; a step that names it is rejected after another reset.
+    pub episode: u64,
 }
 
 /// One action.
@@ -31,6 +33,8 @@ pub struct ResetInfo {
 #[serde(deny_unknown_fields)]
 pub struct StepIn {
     pub action: Action,
+    /// Number of the episode, from the info of its reset; 409 if another reset has ended it. Default: the current episode.
+    pub episode: Option<u64>,
 }
 
 /// Gymnasium's result of a step.
@@ -74,7 +78,7 @@ impl From<EpisodeStart> for ResetOut {
     fn from(start: EpisodeStart) -> ResetOut {
         ResetOut {
             observation: Some(Array::line(ArrayData::F8(start.observation))),
-            info: ResetInfo { task: start.task, split: start.split },
+            info: ResetInfo { task: start.task, split: start.split, episode: start.episode },
         }
     }
 }

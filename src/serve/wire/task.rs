@@ -5,7 +5,8 @@ use utoipa::ToSchema;
 
 use super::binary_arrays::BinaryArrays;
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
-use crate::session::observation;
+use crate::error::{Error, Result};
+use crate::session::TaskSet;
 use crate::task::{self, Family, Scene, Split, Task};
 
 /// All families.
@@ -102,30 +103,30 @@ fn split_counts(tasks: &[Task]) -> SplitCounts {
 }
 
 impl FamilyTasksPage {
-    /// A page of a family's tasks; `first` is the family's first task and `next` the cursor of the next page.
+    /// A page of a family's tasks; `next`: cursor of the next page.
     pub fn new<'a>(
-        family: &'static Family,
-        first: &Task,
+        set: &TaskSet,
         tasks: impl Iterator<Item = &'a Task>,
         next: Option<String>,
-    ) -> FamilyTasksPage {
-        let names = observation::names(&first.scene);
+    ) -> Result<FamilyTasksPage> {
+        let family = set.family.ok_or_else(|| Error::Failed("a family disappeared".into()))?;
+        let names = set.feature_names();
         let row = |t: &Task| TaskSummary {
             id: t.id.clone(),
             split: t.split,
             certificate: t.certificate.as_ref().map(CertificateOut::from),
         };
-        FamilyTasksPage {
+        Ok(FamilyTasksPage {
             name: family.name,
             tasks: tasks.map(row).collect(),
             next,
-            action_space: ActionSpaceOut::from(first.actions()),
+            action_space: ActionSpaceOut::from(set.tasks[0].actions()),
             observation_space: ObservationSpaceOut {
                 low: vec![0.0; names.len()],
                 high: vec![1.0; names.len()],
                 names,
             },
-        }
+        })
     }
 }
 

@@ -41,6 +41,8 @@ pub struct EpisodeStart {
     pub observation: Vec<f64>,
     pub task: String,
     pub split: Split,
+    /// Its number in the world, from 1.
+    pub episode: u64,
 }
 
 /// The result of a step: Gymnasium's tuple (never truncated) with its info.
@@ -135,17 +137,24 @@ impl World {
         state.split = reset.split;
         state.phase = Phase::Ready;
         state.episodes += 1;
-        let interactions = state.interactions;
+        let (interactions, episode) = (state.interactions, state.episodes);
         drop(state);
         let TaskContext { task, layout } = self.tasks.context(index);
         let reset = || WorldEventKind::Reset { task: task.id.clone(), split: task.split };
         self.events.publish(interactions, reset);
-        EpisodeStart { observation: layout.observe(None), task: task.id.clone(), split: task.split }
+        EpisodeStart { observation: layout.observe(None), task: task.id.clone(), split: task.split, episode }
     }
 
-    /// Attempts one action; see the table of phases in the module documentation.
-    pub fn step(&self, action: &Action, budget: &dyn Budget) -> Result<StepResult> {
+    /// Attempts one action; see the table of phases in the module documentation. `episode`: number of the episode that the action is
+    /// meant for, if it is known: a conflict if another reset has ended it.
+    pub fn step(&self, action: &Action, episode: Option<u64>, budget: &dyn Budget) -> Result<StepResult> {
         let _turn = lock(&self.turn);
+        let current = lock(&self.state).episodes;
+        if let Some(episode) = episode.filter(|e| *e != current) {
+            return Err(conflict(&format!(
+                "episode {episode} has ended: another reset of this world began episode {current}; reset it, or create a world of your own"
+            )));
+        }
         let (context, latents) = self.ready_task()?;
         let task = context.task;
         let action = action.resolve(task.actions(), "action")?;

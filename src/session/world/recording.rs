@@ -105,7 +105,7 @@ mod tests {
             let before = batch(&actions[0]);
             let told = world.watch(0);
             world.reset(&Reset::default()).unwrap();
-            let step = world.step(&actions[0], &Unlimited).unwrap();
+            let step = world.step(&actions[0], None, &Unlimited).unwrap();
             let again = || world.last_step(&Unlimited).unwrap().1;
             let seen = again();
             assert_eq!(seen.outcome.steps, step.steps);
@@ -119,7 +119,7 @@ mod tests {
             }
             world.reset(&Reset::default()).unwrap();
             let unplaceable = (0..1000).map(Action::Index).find(|a| world.scene(None, Some(a)).is_err());
-            assert!(world.step(&unplaceable.unwrap(), &Unlimited).unwrap().invalid.is_some());
+            assert!(world.step(&unplaceable.unwrap(), None, &Unlimited).unwrap().invalid.is_some());
             let spent = world.interactions();
             assert_eq!(format!("{:?}", again()), format!("{seen:?}"));
             assert_eq!(world.interactions(), spent, "not counted as an attempt");

@@ -17,7 +17,7 @@ use crate::reality::{HiddenWorld, measure_each};
 use crate::session::action::Action;
 use crate::session::catalogue::TaskContext;
 use crate::session::limits::RequestLimits;
-use crate::session::observation::{self, ObservationLayout};
+use crate::session::observation::ObservationLayout;
 use crate::session::state::Phase;
 use crate::sync::lock;
 use crate::task::{Placement, Scene, Split, ValidAction};
@@ -304,8 +304,7 @@ fn check_observation_lengths(worlds: &[Arc<World>]) -> Result<()> {
     let Some(first) = worlds.first() else { return Ok(()) };
     match worlds.iter().position(|w| w.features != first.features) {
         Some(i) => {
-            let names = |w: &World| observation::names(&w.tasks.tasks[0].scene).len();
-            let value = format!("a world with {} numbers in an observation", names(&worlds[i]));
+            let value = format!("a world with {} numbers in an observation", worlds[i].features);
             let allowed = format!("worlds with {}, as `worlds[0]` has", first.features);
             Err(Error::input(format!("worlds[{i}]"), value, allowed))
         }

@@ -2107,6 +2107,8 @@ export interface components {
         };
         /** @description Gymnasium's info of a reset. */
         ResetInfo: {
+            /** @description Number of the episode in this world, from 1; a step that names it is rejected after another reset. */
+            episode: number;
             split: components["schemas"]["SplitIn"];
             task: string;
         };
@@ -2326,6 +2328,8 @@ export interface components {
         /** @description One action. */
         StepIn: {
             action: components["schemas"]["ActionIn"];
+            /** @description Number of the episode, from the info of its reset; 409 if another reset has ended it. Default: the current episode. */
+            episode?: number | null;
         };
         /** @description Gymnasium's info of a step. */
         StepInfo: {

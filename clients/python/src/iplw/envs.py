@@ -5,7 +5,8 @@
 An episode ends (`terminated`) with its first valid action. An invalid action does not end it; `info["valid"]` is False and
 `info["reason"]` gives the reason. Episodes are never truncated.
 
-Each environment has its own world on the server and deletes it on `close()`.
+Each environment has its own world on the server and deletes it on `close()`. A copy, by `pickle` or `copy.deepcopy`, connects anew
+and has a world of its own with the same settings; it starts with `reset`, as Gymnasium's `EzPickle` has it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.core import RenderFrame
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from . import browser, png
+from .families import COLLECTIONS
 from .film import Film
 from .sync import Client, World
 from .rollout import Action, Rollouts
@@ -37,7 +40,7 @@ FPS = 30
 IMAGE_SIZES = (64, 256)
 
 
-class PlacementEnv(gymnasium.Env[Observation, Any]):
+class PlacementEnv(gymnasium.Env[Observation, Any], EzPickle):
     """A Gymnasium environment with one world.
 
     - `task`: a family (`bowling`), one task of it (`bowling:017`), or None with a `scene` in `world`.
@@ -73,6 +76,18 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         image_size: int = 64,
         timeout: float = 30.0,
     ) -> None:
+        EzPickle.__init__(
+            self,
+            task,
+            world,
+            url=url,
+            observation=observation,
+            action=action,
+            render_mode=render_mode,
+            split=split,
+            image_size=image_size,
+            timeout=timeout,
+        )
         check_settings(observation, action, split, render_mode, image_size)
         settings = world_settings(task, world)
         self.render_mode = render_mode
@@ -81,7 +96,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         self._closed = False
         self._never_reset = True
         #: The connection, used by this environment only.
-        self.client = Client(url, timeout=timeout)
+        self.client = Client(url, timeout=timeout, collections=collections(task, world))
         try:
             #: Address of the page to open at the first reset; None afterwards.
             self._page_url = browser.page_url(self.client) if render_mode == "human" else None
@@ -161,6 +176,13 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec and replace(spec, nondeterministic=spec.nondeterministic or self._noisy)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**EzPickle.__getstate__(self), "spec": self._spec}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        EzPickle.__setstate__(self, state)
+        self._spec = state["spec"]
+
     def set_latents(self, **latents: float) -> dict[str, float] | None:
         """Sets density, friction or restitution; returns all latents. `Problem` in a sealed world."""
         return self.world.set_latents(**latents).latents
@@ -189,6 +211,13 @@ def check_settings(observation: str, action: str, split: str, render_mode: str |
     _one_of("render_mode", render_mode, (None, *PlacementEnv.metadata["render_modes"]))
     if not IMAGE_SIZES[0] <= image_size <= IMAGE_SIZES[1]:
         raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
+
+
+def collections(task: str | None, world: str | Mapping[str, Any]) -> tuple[str, ...]:
+    """The collections that a private server must load for a task."""
+    named = (task if isinstance(world, str) else world.get("task", task)) or ""
+    own = COLLECTIONS.get(named.partition(":")[0])
+    return () if own is None else (own,)
 
 
 def draws_tasks(settings: Mapping[str, Any]) -> bool:
@@ -234,7 +263,7 @@ def world_settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str
 
 def _episode_info(info: Mapping[str, Any]) -> dict[str, Any]:
     """The info without counters that outlast the episode, so that equal episodes have equal infos."""
-    return {key: value for key, value in info.items() if key != "interactions"}
+    return {key: value for key, value in info.items() if key not in ("interactions", "episode")}
 
 
 def _square(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:

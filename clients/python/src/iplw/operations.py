@@ -465,7 +465,7 @@ OPERATIONS: dict[str, Operation] = {
         method="POST",
         path="/v1/worlds/{id}/step",
         status=200,
-        arguments=("id", "action"),
+        arguments=("id", "action", "episode"),
         request_types=("application/json",),
         response_types=("application/json",),
     ),

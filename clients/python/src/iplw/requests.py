@@ -39,9 +39,10 @@ def reset(id: str, seed: int | None, task: str | None, split: str | None) -> Req
     return Request("reset_world", drop_none(id=id, seed=seed, task=task, split=split), _start)
 
 
-def step(id: str, action: Action) -> Request[Step]:
-    """Executes one action."""
-    return Request("step_world", {"id": id, "action": encode(action)}, _step, extra_timeout_s=1.0)
+def step(id: str, action: Action, episode: int | None) -> Request[Step]:
+    """Executes one action of an episode, by its number; None: the current one."""
+    args = {"id": id, "action": encode(action), **drop_none(episode=episode)}
+    return Request("step_world", args, _step, extra_timeout_s=1.0)
 
 
 def rollouts(

@@ -28,8 +28,9 @@ _ARGUMENTS = ("serve", "--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:0", "-
 class PrivateServer:
     """One running `iplw serve`, obtained by `acquire` and returned by `release`."""
 
-    def __init__(self, binary: Path) -> None:
+    def __init__(self, binary: Path, collections: tuple[str, ...] = ()) -> None:
         self.binary = binary
+        self.collections = collections
         self.users = 0
         self._lines: deque[str] = deque(maxlen=40)
         self._output_changed = threading.Condition()
@@ -39,7 +40,7 @@ class PrivateServer:
         try:
             # A new session: Ctrl-C in the terminal must not reach the server.
             self._process = subprocess.Popen(
-                [str(binary), *_ARGUMENTS],
+                [str(binary), *_ARGUMENTS, *(word for name in collections for word in ("--tasks", name))],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -134,13 +135,15 @@ class PrivateServer:
         return "; its last output:\n  " + "\n  ".join(lines) if lines else ""
 
 
-def acquire(binary: str | os.PathLike[str] | None = None) -> PrivateServer:
-    """The private server of this process for this binary; starts it if necessary."""
+def acquire(
+    binary: str | os.PathLike[str] | None = None, collections: tuple[str, ...] = ()
+) -> PrivateServer:
+    """The private server of this process for this binary with these collections of families; starts it if necessary."""
     path = find_binary(binary)
     with _lock:
-        server = _servers.get(path)
+        server = _servers.get((path, collections))
         if server is None or not server.running:
-            server = _servers[path] = PrivateServer(path)
+            server = _servers[path, collections] = PrivateServer(path, collections)
         server.users += 1
         return server
 
@@ -151,14 +154,16 @@ def release(server: PrivateServer) -> None:
         server.users -= 1
         if server.users > 0:
             return
-        if _servers.get(server.binary) is server:
-            del _servers[server.binary]
+        key = (server.binary, server.collections)
+        if _servers.get(key) is server:
+            del _servers[key]
     if server.pid not in _inherited_pids:
         server.stop()
 
 
 _lock = threading.Lock()
-_servers: dict[Path, PrivateServer] = {}
+#: Binary and collections -> server.
+_servers: dict[tuple[Path, tuple[str, ...]], PrivateServer] = {}
 #: Process ids of servers that belong to the parent of a fork.
 _inherited_pids: set[int] = set()
 

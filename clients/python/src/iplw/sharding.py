@@ -50,7 +50,12 @@ class ShardedWorlds:
     """`count` worlds with the same settings, assigned to the servers in contiguous blocks."""
 
     def __init__(
-        self, urls: Sequence[str | None], settings: Mapping[str, Any], count: int, timeout: float
+        self,
+        urls: Sequence[str | None],
+        settings: Mapping[str, Any],
+        count: int,
+        timeout: float,
+        collections: Sequence[str] = (),
     ) -> None:
         if not 1 <= len(urls) <= count:
             raise ValueError(f"url names {len(urls)} servers for {count} environments; allowed: 1 to {count}")
@@ -62,7 +67,8 @@ class ShardedWorlds:
         try:
             for url, size in zip(urls, sizes):
                 first = sum(len(shard.worlds) for shard in self.shards)
-                shard = Shard(Client(url, timeout=timeout), first, size, is_only_shard=len(urls) == 1)
+                client = Client(url, timeout=timeout, collections=collections)
+                shard = Shard(client, first, size, is_only_shard=len(urls) == 1)
                 self.shards.append(shard)
                 seed = (settings.get("seed") or 0) + first
                 created = shard.send(requests.create_worlds({**settings, "seed": seed}, size))

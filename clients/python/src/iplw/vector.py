@@ -15,7 +15,7 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import seeding
+from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ _STEP_KEYS: dict[str, type] = {
 _OPTIONAL_STEP_KEYS = ("reason", "end")
 
 
-class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]], EzPickle):
     """`num_envs` worlds on the server, stepped together; settings as for `PlacementEnv`.
 
     `url` may name several servers; each gets a contiguous block of environments. A `seed` in `world` (of the noise) is
@@ -72,6 +72,20 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         timeout: float = 30.0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
+        EzPickle.__init__(
+            self,
+            num_envs,
+            task,
+            world,
+            url=url,
+            observation=observation,
+            action=action,
+            render_mode=render_mode,
+            split=split,
+            image_size=image_size,
+            timeout=timeout,
+            autoreset_mode=autoreset_mode,
+        )
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}; allowed: 1 or more")
         envs.check_settings(observation, action, split, render_mode, image_size)
@@ -84,7 +98,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._image_size = image_size if observation == "image" else None
         self._split = split if envs.draws_tasks(settings) else None
         urls = [url] if url is None or isinstance(url, str) else list(url)
-        self._shards = ShardedWorlds(urls, settings, num_envs, timeout)
+        self._shards = ShardedWorlds(urls, settings, num_envs, timeout, envs.collections(task, world))
         try:
             self._first = self._shards.world(0)
             #: Address of the page to open at the first reset; None afterwards.

@@ -37,6 +37,7 @@ class AsyncClient:
     - `token`: for a server with authentication; default: IPLW_TOKEN.
     - `verify`: False, or the file of trusted certificates, for `https://`.
     - `timeout`: for each request, s; batches get more by their size.
+    - `collections`: of task families that a private server loads, `levels` or `phyre`; other servers have their own.
 
     Requests that only read or delete, or that carry a `key`, are retried after a lost connection, others never.
     """
@@ -49,6 +50,7 @@ class AsyncClient:
         verify: bool | str = True,
         timeout: float = 30.0,
         binary: str | os.PathLike[str] | None = None,
+        collections: Sequence[str] = (),
         concurrency: int = 32,  # async
     ) -> None:
         """`concurrency`: maximum number of concurrent requests; further requests wait."""  # async
@@ -59,7 +61,7 @@ class AsyncClient:
         url = url if url is not None else os.environ.get("IPLW_URL") or None
         private = PRIVATE.get(url)
         if private is not None:
-            self.server = server.acquire(binary)
+            self.server = server.acquire(binary, tuple(sorted(collections)))
         try:
             address = self.server.address(private) if self.server and private else str(url)
             advice = self.server.advice if self.server else None

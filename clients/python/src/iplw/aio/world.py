@@ -30,6 +30,8 @@ class AsyncWorld(AsyncResource):
         # Scenes by task id: the custom scene, if any, and scenes already requested.
         self._scenes = {str(data["task"]): Scene(scene)} if scene is not None else {}
         self._task: str | None = (data.get("state") or {}).get("task")
+        #: Number of the episode that the last reset began; None before one.
+        self._episode: int | None = None
 
     @property
     def kind(self) -> str:
@@ -63,20 +65,21 @@ class AsyncWorld(AsyncResource):
     ) -> requests.Start:
         """Starts an episode on `task`, or on a task sampled from `split` by `seed`: (observation, info).
 
-        observation: (F,) features of the state, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
+        observation: (F,) features of the state, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`, and
+        `episode`, its number in the world.
         """
         observation, info = await self._connection.do(requests.reset(self.id, seed, task, split))
-        self._task = info["task"]
+        self._task, self._episode = info["task"], info["episode"]
         return observation, info
 
     async def step(self, action: Action) -> requests.Step:
         """Executes one action: (observation, reward, terminated, truncated, info).
 
         An invalid action does not end the episode: `info["valid"]` is False and `info["reason"]` gives the reason. The
-        observation is (F,), at the end; the reward is 1.0 if the goal was reached, else 0.0. `Problem` before `reset` and
-        after the end of an episode (409), and if the budget is spent (429).
+        observation is (F,), at the end; the reward is 1.0 if the goal was reached, else 0.0. `Problem` before `reset`, after the
+        end of an episode and after a reset by another client (409), and if the budget is spent (429).
         """
-        return await self._connection.do(requests.step(self.id, action))
+        return await self._connection.do(requests.step(self.id, action, self._episode))
 
     async def rollout(
         self,

@@ -38,6 +38,7 @@ class Client:
     - `token`: for a server with authentication; default: IPLW_TOKEN.
     - `verify`: False, or the file of trusted certificates, for `https://`.
     - `timeout`: for each request, s; batches get more by their size.
+    - `collections`: of task families that a private server loads, `levels` or `phyre`; other servers have their own.
 
     Requests that only read or delete, or that carry a `key`, are retried after a lost connection, others never.
     """
@@ -50,6 +51,7 @@ class Client:
         verify: bool | str = True,
         timeout: float = 30.0,
         binary: str | os.PathLike[str] | None = None,
+        collections: Sequence[str] = (),
     ) -> None:
         #: The private server, if used.
         self.server: server.PrivateServer | None = None
@@ -57,7 +59,7 @@ class Client:
         url = url if url is not None else os.environ.get("IPLW_URL") or None
         private = PRIVATE.get(url)
         if private is not None:
-            self.server = server.acquire(binary)
+            self.server = server.acquire(binary, tuple(sorted(collections)))
         try:
             address = self.server.address(private) if self.server and private else str(url)
             advice = self.server.advice if self.server else None
