@@ -154,7 +154,7 @@ fn free_motion_stays_whole() {
         }),
         ("drag", &|speed, t| along(speed / 2.0 * (1.0 - libm::exp(-2.0 * t)))),
         ("spin", &|speed, t| [speed / 1.5 * libm::sin(1.5 * t), speed / 1.5 * libm::cos(1.5 * t)]),
-        ("lens", &|speed, t| {
+        ("bent view", &|speed, t| {
             let (x, y) = (speed * t - 1.2, 0.3);
             [x, y].map(|v| v * (1.0 - 0.1 * (x * x + y * y)))
         }),
