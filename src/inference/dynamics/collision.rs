@@ -146,7 +146,7 @@ fn uniform_times(from: &LaneValues, until: &LaneValues, count: usize) -> Vec<Lan
 mod tests {
     use super::*;
     use crate::inference::segment::{
-        ContactFeature, Corner, Observation, Segment, SegmentKind, TurningVector,
+        ContactFeature, Observation, RoundedCorner, Segment, SegmentKind, TurningVector,
     };
     use crate::task::Scene;
     use crate::world::Latents;
@@ -166,7 +166,7 @@ mod tests {
         };
         let pair = CollidingPair {
             bodies: [0, 1],
-            features: [ContactFeature::Corner(Corner { radius: 0.1, ..Corner::default() }); 2],
+            features: [ContactFeature::Corner(RoundedCorner { radius: 0.1, ..RoundedCorner::default() }); 2],
             size: 0.1,
             carries_latents: [true; 2],
             spin_prior_sd: [1.0; 2],
@@ -240,7 +240,7 @@ mod tests {
             let vector = |at_start| TurningVector { at_start, rate: 0.0 };
             let pair = segment.pair.as_mut().expect("two bodies");
             pair.features = [
-                ContactFeature::Corner(Corner { place: vector([0.08, 0.05]), radius: 0.0 }),
+                ContactFeature::Corner(RoundedCorner { place: vector([0.08, 0.05]), radius: 0.0 }),
                 ContactFeature::Side { normal: vector([-0.8, -0.6]), distance: 0.1 },
             ];
             let pair = *pair;

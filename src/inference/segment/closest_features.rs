@@ -1,6 +1,6 @@
 //! The corner and the side, or the two rounded corners, that are nearest to each other of two outlines.
 
-use super::contact_geometry::{ContactFeature, Corner, TurningVector};
+use super::contact_geometry::{ContactFeature, RoundedCorner, TurningVector};
 use crate::task::solid::Solid;
 
 /// Largest gap between the nearest parts, in sizes of the smaller body, and the least by which any other corner is farther away:
@@ -14,15 +14,16 @@ pub fn closest_features([a, b]: [(&Solid, [f64; 2]); 2], size: f64) -> Option<[C
     let [a, b] = [a, b].map(|(solid, centre)| Outline::of(solid, centre));
     let swapped = b.beside(&a).into_iter().map(|c| {
         let [own, corner] = c.features;
-        Candidate { features: [corner, own], ..c }
+        FeaturePair { features: [corner, own], ..c }
     });
-    let mut all: Vec<Candidate> = a.beside(&b).into_iter().chain(swapped).chain(a.corner_pairs(&b)).collect();
+    let mut all: Vec<FeaturePair> =
+        a.beside(&b).into_iter().chain(swapped).chain(a.corner_pairs(&b)).collect();
     // Corners behind an outline are far inside it.
     all.retain(|c| c.gap > -MAX_GAP * size);
     all.sort_by(|a, b| a.gap.total_cmp(&b.gap));
     let least = all.first().filter(|c| c.gap < MAX_GAP * size)?;
     // Pieces of a compound share corners.
-    let is_other = |c: &&Candidate| {
+    let is_other = |c: &&FeaturePair| {
         (c.corner[0] - least.corner[0]).hypot(c.corner[1] - least.corner[1]) > MIN_LEAD * size
     };
     let lead = all.iter().find(is_other).map_or(f64::INFINITY, |c| c.gap - least.gap);
@@ -32,12 +33,12 @@ pub fn closest_features([a, b]: [(&Solid, [f64; 2]); 2], size: f64) -> Option<[C
 /// Corners of a placed solid and the sides of each convex piece, relative to its centre.
 struct Outline {
     centre: [f64; 2],
-    corners: Vec<Corner>,
+    corners: Vec<RoundedCorner>,
     pieces: Vec<Vec<Side>>,
 }
 
 /// Two parts of outlines, own first, and the gap between them, m. `corner`: place of the corner that is near, m.
-struct Candidate {
+struct FeaturePair {
     gap: f64,
     features: [ContactFeature; 2],
     corner: [f64; 2],
@@ -64,7 +65,7 @@ impl Outline {
             Solid::Bounded(pieces) => {
                 for piece in &pieces.0 {
                     let points: Vec<[f64; 2]> = piece.points.iter().map(relative).collect();
-                    let corner = |p: &[f64; 2]| Corner {
+                    let corner = |p: &[f64; 2]| RoundedCorner {
                         place: TurningVector { at_start: *p, rate: 0.0 },
                         radius: piece.radius,
                     };
@@ -86,7 +87,7 @@ impl Outline {
     }
 
     /// The corners of another outline beside the side of each own piece that they are farthest out of.
-    fn beside(&self, other: &Outline) -> Vec<Candidate> {
+    fn beside(&self, other: &Outline) -> Vec<FeaturePair> {
         let mut out = Vec::new();
         for (corner, piece) in other.corners.iter().flat_map(|c| self.pieces.iter().map(move |p| (c, p))) {
             let corner_place = place(other, corner);
@@ -98,27 +99,27 @@ impl Outline {
                 let normal = TurningVector { at_start: side.normal, rate: 0.0 };
                 let own = ContactFeature::Side { normal, distance: side.distance };
                 let features = [own, ContactFeature::Corner(*corner)];
-                out.push(Candidate { gap: gap(side), features, corner: corner_place });
+                out.push(FeaturePair { gap: gap(side), features, corner: corner_place });
             }
         }
         out
     }
 
     /// Pairs of corners of which one at least is rounded.
-    fn corner_pairs(&self, other: &Outline) -> Vec<Candidate> {
+    fn corner_pairs(&self, other: &Outline) -> Vec<FeaturePair> {
         let pairs = self.corners.iter().flat_map(|a| other.corners.iter().map(move |b| (a, b)));
         let rounded = pairs.filter(|(a, b)| a.radius + b.radius > 0.0);
-        let candidate = |(a, b): (&Corner, &Corner)| {
+        let candidate = |(a, b): (&RoundedCorner, &RoundedCorner)| {
             let (p, q) = (place(self, a), place(other, b));
             let gap = (p[0] - q[0]).hypot(p[1] - q[1]) - a.radius - b.radius;
-            Candidate { gap, features: [ContactFeature::Corner(*a), ContactFeature::Corner(*b)], corner: p }
+            FeaturePair { gap, features: [ContactFeature::Corner(*a), ContactFeature::Corner(*b)], corner: p }
         };
         rounded.map(candidate).collect()
     }
 }
 
 /// Place of a corner of an outline, m.
-fn place(outline: &Outline, corner: &Corner) -> [f64; 2] {
+fn place(outline: &Outline, corner: &RoundedCorner) -> [f64; 2] {
     [0, 1].map(|k| outline.centre[k] + corner.place.at_start[k])
 }
 

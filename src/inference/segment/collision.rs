@@ -3,10 +3,9 @@
 use std::ops::Range;
 
 use super::contact_detection::Obstacle;
-use super::contact_geometry::{ContactFeature, Corner};
+use super::contact_geometry::{ContactFeature, RoundedCorner};
 use super::corner_contact::{TouchingParts, touching_parts};
 use super::definition::{CollidingPair, Observation, Segment, SegmentKind};
-use super::free_motion::AroundImpact;
 use super::single_body::{BodyObservations, MIN_OBSERVATIONS_AROUND_BOUNCE};
 use crate::inference::data::smoothing::TimedPosition;
 use crate::task::Scene;
@@ -59,7 +58,7 @@ impl Pair<'_> {
                 (TouchingParts { features, angle_sd: [0.0; 2] }, self.distance(closest) - radii)
             }
             None => {
-                let around = [0, 1].map(|k| AroundImpact::of(self.0[k], sides[k]));
+                let around = [0, 1].map(|k| self.0[k].around_impact(sides[k]));
                 (touching_parts(&around, None, start)?, 0.0)
             }
         };
@@ -109,7 +108,7 @@ impl Pair<'_> {
     fn discs(&self) -> Option<([ContactFeature; 2], f64)> {
         let scene = &self.0[0].trial.scene;
         let [a, b] = [0, 1].map(|k| scene.bodies[self.0[k].body].shape.disc_radius());
-        let disc = |radius| ContactFeature::Corner(Corner { radius, ..Corner::default() });
+        let disc = |radius| ContactFeature::Corner(RoundedCorner { radius, ..RoundedCorner::default() });
         Some(([disc(a?), disc(b?)], a? + b?))
     }
 

@@ -36,7 +36,7 @@ impl TurningVector {
 
 /// A corner, rounded with a radius (m), at a place relative to the body's centre. A disc is one corner at its centre.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Corner {
+pub struct RoundedCorner {
     pub place: TurningVector,
     pub radius: f64,
 }
@@ -44,7 +44,7 @@ pub struct Corner {
 /// The part of an outline that touches another one.
 #[derive(Clone, Copy, Debug)]
 pub enum ContactFeature {
-    Corner(Corner),
+    Corner(RoundedCorner),
     /// A side with a unit normal outwards at a distance (m) from the body's centre.
     Side {
         normal: TurningVector,
@@ -99,10 +99,10 @@ pub fn contact_gap(
     }
 }
 
-impl Corner {
+impl RoundedCorner {
     /// The corner of a body turned by an angle, rad.
-    pub fn turned_by(&self, angle: f64) -> Corner {
-        Corner { place: self.place.turned_by(angle), ..*self }
+    pub fn turned_by(&self, angle: f64) -> RoundedCorner {
+        RoundedCorner { place: self.place.turned_by(angle), ..*self }
     }
 }
 
@@ -145,7 +145,7 @@ mod tests {
     /// A corner at (1, 0) that turns a quarter in 1 s meets a side that faces down at a height of 3 m.
     #[test]
     fn corners_turn_towards_sides() {
-        let corner = ContactFeature::Corner(Corner {
+        let corner = ContactFeature::Corner(RoundedCorner {
             place: vector([1.0, 0.0], std::f64::consts::FRAC_PI_2),
             radius: 0.25,
         });
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn discs_touch_on_the_line_of_their_centres() {
-        let disc = |radius| ContactFeature::Corner(Corner { place: TurningVector::default(), radius });
+        let disc = |radius| ContactFeature::Corner(RoundedCorner { place: TurningVector::default(), radius });
         let met = contact_gap(&[disc(1.0), disc(2.0)], 7.0, [[0.0, 0.0], [3.0, 4.0]], 0.0);
         assert!((met.gap - 2.0).abs() < 1e-12, "{met:?}");
         assert!((met.arms[0][0] - 0.6).abs() < 1e-12 && (met.arms[1][1] + 1.6).abs() < 1e-12, "{met:?}");

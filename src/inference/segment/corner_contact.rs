@@ -1,7 +1,7 @@
 //! Which corner or side of a body touches in an impact.
 
 use super::closest_features::closest_features;
-use super::contact_geometry::{ContactFeature, Corner, TurningVector, contact_gap};
+use super::contact_geometry::{ContactFeature, RoundedCorner, TurningVector, contact_gap};
 use super::free_motion::{AroundImpact, ImpactMotion, crossing};
 use crate::task::solid::Solid;
 
@@ -20,14 +20,14 @@ pub struct TouchingParts {
 /// touch at once, or the impulse acts elsewhere.
 pub fn touching_parts(around: &[AroundImpact], fixed: Option<&Solid>, start: f64) -> Option<TouchingParts> {
     let motions: Vec<ImpactMotion> = around.iter().map(ImpactMotion::of).collect::<Option<_>>()?;
-    let size = around.iter().filter_map(|a| a.body.size()).fold(f64::INFINITY, f64::min);
+    let size = around.iter().filter_map(AroundImpact::size).fold(f64::INFINITY, f64::min);
     let time = crossing(&motions, around, size)?;
     let placed = |k: usize| -> Option<(Solid, [f64; 2])> {
         let Some((motion, around)) = motions.get(k).zip(around.get(k)) else {
             return Some((fixed?.clone(), [0.0; 2]));
         };
         let (position, angle, _) = motion.pose(time);
-        let solid = around.body.trial.scene.bodies[around.body.body].shape.solid();
+        let solid = around.body.shape.solid();
         Some((solid.placed(position, angle), position))
     };
     let [a, b] = [placed(0)?, placed(1)?];
@@ -43,8 +43,8 @@ pub fn touching_parts(around: &[AroundImpact], fixed: Option<&Solid>, start: f64
         TurningVector { at_start: turning.at(start - time), ..turning }
     };
     let features = [0, 1].map(|k| match features[k] {
-        ContactFeature::Corner(Corner { place, radius }) => {
-            ContactFeature::Corner(Corner { place: from_start(place, k), radius })
+        ContactFeature::Corner(RoundedCorner { place, radius }) => {
+            ContactFeature::Corner(RoundedCorner { place: from_start(place, k), radius })
         }
         ContactFeature::Side { normal, distance } => {
             ContactFeature::Side { normal: from_start(normal, k), distance }
@@ -56,10 +56,10 @@ pub fn touching_parts(around: &[AroundImpact], fixed: Option<&Solid>, start: f64
 
 /// Whether the changes of velocity (m/s) and spin (rad/s) are those of an impulse at a place relative to the centre (m).
 fn acts_at(arm: [f64; 2], [vx, vy, spin]: [f64; 3], around: &AroundImpact) -> bool {
-    if around.body.is_round() {
+    if around.is_round() {
         return true;
     }
-    let (mass, inertia) = around.body.trial.scene.bodies[around.body.body].mass_properties(None);
+    let (mass, inertia) = around.body.mass_properties(None);
     let missing = arm[0] * vy - arm[1] * vx - inertia / mass * spin;
     missing.abs() <= MAX_MISSING_TORQUE * arm[0].hypot(arm[1]) * vx.hypot(vy)
 }

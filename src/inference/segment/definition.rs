@@ -1,6 +1,6 @@
 //! Segments: their kinds, observations, nuisances and surfaces.
 
-use super::contact_geometry::{ContactFeature, Corner};
+use super::contact_geometry::{ContactFeature, RoundedCorner};
 use crate::inference::data::smoothing::PolynomialSmooth;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
@@ -172,7 +172,7 @@ pub struct Surface {
     /// Moment of inertia over mass and radius squared; infinite for a block that lies on the static.
     pub inertia: f64,
     /// The corner of a body other than a disc that bounces off the static; its place is at `normal . p = level` when it touches.
-    pub corner: Option<Corner>,
+    pub corner: Option<RoundedCorner>,
     /// Prior standard deviation of the angle of a body with a corner, rad.
     pub angle_prior_sd: f64,
     /// Prior standard deviation of the spin, rad/s; small if the spin was observed.

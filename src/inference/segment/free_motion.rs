@@ -2,9 +2,9 @@
 
 use std::array::from_fn;
 
-use super::single_body::BodyObservations;
 use crate::inference::data::smoothing::TimedPosition;
 use crate::reality::LineFit;
+use crate::task::scene::Body;
 
 /// Number of observations next to the impact from which each motion is extrapolated to it, and the minimum number of angles.
 const EXTRAPOLATED: usize = 6;
@@ -17,21 +17,30 @@ const MAX_MISMATCH_SD: f64 = 3.5;
 const MAX_MISMATCH: f64 = 0.01;
 const CROSSING_ITERATIONS: usize = 4;
 
-/// Rows of a body before and after an impact, and those between, during which it was near what it hits.
+/// Observations of a body around an impact.
 pub struct AroundImpact<'a> {
-    pub body: &'a BodyObservations<'a>,
+    pub body: &'a Body,
+    /// m/s^2
+    pub gravity: [f64; 2],
+    /// Typical interval between rows, s.
+    pub typical_interval: f64,
+    /// Before and after it.
     pub rows: [&'a [TimedPosition]; 2],
+    /// Those between, during which the body was near what it hits.
     pub between: &'a [TimedPosition],
+    /// Observed angles of `rows`, without jumps by whole turns: s, rad.
+    pub angles: Vec<(f64, f64)>,
 }
 
-impl<'a> AroundImpact<'a> {
-    /// Rows before and after an impact, with the body's rows between them.
-    pub fn of(body: &'a BodyObservations<'a>, rows: [&'a [TimedPosition]; 2]) -> AroundImpact<'a> {
-        let last = rows[0].last().map_or(f64::NEG_INFINITY, |r| r.0);
-        let first = rows[1].first().map_or(f64::INFINITY, |r| r.0);
-        let from = body.rows.partition_point(|r| r.0 <= last);
-        let to = body.rows.partition_point(|r| r.0 < first).max(from);
-        AroundImpact { body, rows, between: &body.rows[from..to] }
+impl AroundImpact<'_> {
+    /// Whether the body is a disc, whose angle does not matter.
+    pub fn is_round(&self) -> bool {
+        self.body.shape.disc_radius().is_some()
+    }
+
+    /// Half the body's size, m.
+    pub fn size(&self) -> Option<f64> {
+        Some(self.body.shape.pieces()?.half_size())
     }
 }
 
@@ -58,22 +67,23 @@ impl ImpactMotion {
         let before = &before[before.len().saturating_sub(EXTRAPOLATED)..];
         let after = &after[..after.len().min(EXTRAPOLATED)];
         let rows = [before, after];
-        let gravity = around.body.trial.scene.gravity;
-        let angles = around.body.angles(&rows.concat());
-        let split = angles.partition_point(|(t, _)| before.last().is_some_and(|last| *t <= last.0));
-        let turns = match around.body.is_round() {
-            true => [&[(-1.0, 0.0), (1.0, 0.0)][..]; 2],
-            false => [&angles[..split], &angles[split..]],
+        let within = |side: usize| -> Vec<(f64, f64)> {
+            let [first, last] = [rows[side].first(), rows[side].last()].map(|r| r.map_or(f64::NAN, |r| r.0));
+            around.angles.iter().filter(|(t, _)| (first..=last).contains(t)).copied().collect()
         };
-        if !around.body.is_round() && turns.iter().any(|t| t.len() < MIN_ANGLES) {
+        let turns = match around.is_round() {
+            true => [0, 1].map(|_| vec![(-1.0, 0.0), (1.0, 0.0)]),
+            false => [0, 1].map(within),
+        };
+        if !around.is_round() && turns.iter().any(|t| t.len() < MIN_ANGLES) {
             return None;
         }
         let axis = |side: usize, axis: usize| {
             let points: Vec<(f64, f64)> = rows[side].iter().map(|(t, p)| (*t, p[axis])).collect();
-            PolynomialSide::through(&points, gravity[axis])
+            PolynomialSide::through(&points, around.gravity[axis])
         };
         let sides =
-            [0, 1].map(|side| [axis(side, 0), axis(side, 1), PolynomialSide::through(turns[side], 0.0)]);
+            [0, 1].map(|side| [axis(side, 0), axis(side, 1), PolynomialSide::through(&turns[side], 0.0)]);
         let variance = |k: usize| {
             let freedom = sides[0][k].count + sides[1][k].count - 4.0;
             (sides[0][k].line.square + sides[1][k].line.square) / freedom.max(1.0)
@@ -134,7 +144,7 @@ impl ImpactMotion {
 pub fn crossing(motions: &[ImpactMotion], around: &[AroundImpact], size: f64) -> Option<f64> {
     let last = around.iter().filter_map(|a| a.rows[0].last().map(|r| r.0)).reduce(f64::min)?;
     let first = around.iter().filter_map(|a| a.rows[1].first().map(|r| r.0)).reduce(f64::max)?;
-    let interval = around.iter().map(|a| a.body.typical_interval).fold(0.0, f64::max);
+    let interval = around.iter().map(|a| a.typical_interval).fold(0.0, f64::max);
     let mut time = 0.5 * (last + first);
     for _ in 0..CROSSING_ITERATIONS {
         let (mut along, mut square) = (0.0, 0.0);
@@ -181,41 +191,39 @@ impl PolynomialSide {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reality::trials_from_csv;
     use crate::task::Scene;
 
-    /// Observations of a box every 10 ms that flies, is hit at some times (s), and spins: rows 0.15 s before and after the first
-    /// impact, but for those within 25 ms of it. The time of the crossing.
+    /// Observations of a box every 10 ms that flies, is hit at some times (s), and spins; those within 25 ms of the first impact
+    /// are between. The time of the crossing.
     fn crossed(impacts: &[f64]) -> Option<f64> {
         let scene = Scene::from_json(
             r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
                 "bodies": [{"name": "box", "shape": {"type": "box", "half_width": 0.04, "half_height": 0.025}}]}"#,
         )
         .unwrap();
-        let mut csv = String::from("trial,t,body,x,y,angle\n");
+        let (mut rows, mut angles): (Vec<TimedPosition>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
         for i in 0..40 {
             let t = 0.01 * f64::from(i);
             let hits = impacts.iter().map(|hit| (t - hit).max(0.0)).sum::<f64>();
             let noise = |k: i32, size: f64| size * libm::sin(f64::from(k + 3 * i * i));
             let (x, y) = (t + 0.4 * hits + noise(1, 3e-4), 2.0 * hits - t - 4.905 * t * t + noise(2, 3e-4));
-            // Trackers report angles up to half a turn.
-            let angle = 6.0 * t - 9.0 * hits + 2.5 + noise(5, 5e-3);
-            let wrapped = angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
-            csv += &format!("a,{t},box,{x},{y},{wrapped}\n");
+            rows.push((t, [x, y]));
+            angles.push((t, 6.0 * t - 9.0 * hits + noise(5, 5e-3)));
         }
-        let trials = trials_from_csv(&csv, &scene).unwrap();
-        let body = BodyObservations::of(&trials[0], 0).unwrap();
-        let first = impacts[0];
-        let before = body.rows.partition_point(|r| r.0 < first - 0.025);
-        let after = body.rows.partition_point(|r| r.0 < first + 0.025);
-        let around =
-            AroundImpact::of(&body, [&body.rows[before - 12..before], &body.rows[after..after + 12]]);
-        assert_eq!(around.between.len(), after - before);
+        let [before, after] = [-0.025, 0.025].map(|d| rows.partition_point(|r| r.0 < impacts[0] + d));
+        let around = AroundImpact {
+            body: &scene.bodies[0],
+            gravity: scene.gravity,
+            typical_interval: 0.01,
+            rows: [&rows[before - 12..before], &rows[after..after + 12]],
+            between: &rows[before..after],
+            angles,
+        };
         let motion = ImpactMotion::of(&around).unwrap();
         crossing(&[motion], &[around], 0.04)
     }
 
-    /// The motions cross at one impact, between pictures; after two within 20 ms they do not.
+    /// The motions cross at one impact, between pictures; after two within 22 ms they do not.
     #[test]
     fn motions_cross_at_one_impact() {
         let time = crossed(&[0.2037]).expect("one impact");

@@ -29,7 +29,7 @@ mod unused_contacts;
 pub use block_averages::average_blocks;
 pub use contact_geometry::contact_gap;
 #[cfg(test)]
-pub use contact_geometry::{ContactFeature, Corner, TurningVector};
+pub use contact_geometry::{ContactFeature, RoundedCorner, TurningVector};
 pub use definition::{
     BODY_NUISANCES, COLLISION_NUISANCES, CONTACT_NUISANCES, CollidingPair, MIN_FLIGHT_OBSERVATIONS,
     Observation, Segment, SegmentKind, Surface, any_known_initial_state, any_multi_step, any_one_step,

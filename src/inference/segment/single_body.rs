@@ -259,7 +259,7 @@ impl<'a> BodyObservations<'a> {
     fn corner_surface(&self, contact: ContactEvent, rows: [&[TimedPosition]; 2]) -> Option<Surface> {
         let own = self.surface(contact)?;
         let fixed = self.trial.scene.statics[own.static_index].placed();
-        let around = AroundImpact::of(self, rows);
+        let around = self.around_impact(rows);
         let TouchingParts { features, angle_sd } =
             touching_parts(&[around], Some(&fixed), rows[0].first()?.0)?;
         let [ContactFeature::Corner(corner), ContactFeature::Side { normal, distance }] = features else {
@@ -274,6 +274,22 @@ impl<'a> BodyObservations<'a> {
             angle_prior_sd: angle_sd[0],
             ..own
         })
+    }
+
+    /// Observations around an impact: rows before and after it.
+    pub fn around_impact<'b>(&'b self, rows: [&'b [TimedPosition]; 2]) -> AroundImpact<'b> {
+        let last = rows[0].last().map_or(f64::NEG_INFINITY, |r| r.0);
+        let first = rows[1].first().map_or(f64::INFINITY, |r| r.0);
+        let from = self.rows.partition_point(|r| r.0 <= last);
+        let to = self.rows.partition_point(|r| r.0 < first).max(from);
+        AroundImpact {
+            body: &self.trial.scene.bodies[self.body],
+            gravity: self.trial.scene.gravity,
+            typical_interval: self.typical_interval,
+            rows,
+            between: &self.rows[from..to],
+            angles: self.angles(&rows.concat()),
+        }
     }
 
     /// Half the body's size, m.
@@ -302,7 +318,7 @@ impl<'a> BodyObservations<'a> {
     }
 
     /// Observed angles with their times, without jumps by whole turns.
-    pub fn angles(&self, rows: &[TimedPosition]) -> Vec<(f64, f64)> {
+    fn angles(&self, rows: &[TimedPosition]) -> Vec<(f64, f64)> {
         let mut last = None;
         let unwrapped = |(t, _): &TimedPosition| {
             let angle = observed_angle(self.trial, self.body, *t)?;
