@@ -156,7 +156,11 @@ fn default_worlds_play_whole_episodes() {
         assert_eq!(start["info"]["split"], "train");
         let task = &start["info"]["task"];
         let again = server.post(&format!("/v1/worlds/{id}/reset"), &json!({"seed": 5}), 200);
-        assert_eq!(start, again, "a seed decides the task");
+        let drawn = |v: &Value| (v["observation"].clone(), v["info"]["task"].clone());
+        assert_eq!(drawn(&start), drawn(&again), "a seed decides the task");
+        let ended = json!({"action": 0, "episode": start["info"]["episode"]});
+        let conflict = server.post(&format!("/v1/worlds/{id}/step"), &ended, 409);
+        assert!(conflict["detail"].as_str().unwrap().contains("began episode 2"), "{conflict}");
         let before = server.get(&format!("/v1/worlds/{id}"))["interactions"].as_u64().unwrap();
         let mut steps = 0;
         let last = loop {
