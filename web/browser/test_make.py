@@ -145,7 +145,7 @@ def test_a_scene_is_drawn_simulated_saved_and_created_as_a_world(serve: Callable
     if importlib.util.find_spec("iplw"):
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
         assert "'valid': True" in done.stdout
-    page.get_by_role("button", name="Play").click()
+    page.get_by_role("group", name="File").get_by_role("button", name="Play").click()
     expect(page.locator("h1")).to_have_text("Play")
     expect(page.locator(".badge.sim")).to_have_text("Simulation: solved")
     page.get_by_role("link", name="Make").click()

@@ -179,7 +179,9 @@ def test_copies_connect_anew(duplicate: Any) -> None:
     with gymnasium.make("iplw/Carom-v0", world=world, disable_env_checker=True) as env:
         expected = outcome(env)
         with duplicate(env) as other:
-            assert other.spec == env.spec and other.unwrapped.world.id != env.unwrapped.world.id
+            own, copied = env.unwrapped, other.unwrapped
+            assert isinstance(own, PlacementEnv) and isinstance(copied, PlacementEnv)
+            assert copied.spec == own.spec and copied.world.id != own.world.id
             assert outcome(other) == expected
         assert outcome(env) == expected, "the copy's end is not its own"
     with closing(iplw.make_vec("bowling", 2, world=world)) as vector, closing(duplicate(vector)) as other:
