@@ -49,6 +49,7 @@ pub mod explore;
 pub mod inference;
 pub mod job;
 pub mod json;
+mod line_fit;
 mod names;
 pub mod neural;
 pub mod picture;

@@ -11,7 +11,7 @@ mod trials_csv;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
 pub use text_encoding::decode;
-pub use track_files::{LineFit, LoadedTrials, Subject, TrackFile, TrackParseOptions, load_tracks};
+pub use track_files::{LoadedTrials, Subject, TrackFile, TrackParseOptions, load_tracks};
 pub use trials_csv::{read_trials_csv, trials_from_csv, trials_to_csv, write_trials_csv};
 
 use crate::error::{Error, Result};

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::observation::{ObservationLayout, feature_names, object_names};
 use crate::error::{Error, Result};
 use crate::task::action::{ActionComponent, ActionQuantity};
-use crate::task::{Family, Learning, Scene, Split, Task, custom, families};
+use crate::task::{Family, Learning, Scene, Split, Task, custom, families, unknown_family};
 use crate::world::effect;
 
 /// Every built-in family with its tasks.
@@ -58,9 +58,11 @@ impl Catalogue {
 
     /// A family's tasks.
     pub fn family(&self, name: &str) -> Result<TaskSet> {
-        let (_, set) = self.families.iter().find(|(f, _)| f.name == name).ok_or_else(|| {
-            Error::not_found("task family", name, self.families.iter().map(|(f, _)| f.name))
-        })?;
+        let (_, set) = self
+            .families
+            .iter()
+            .find(|(f, _)| f.name == name)
+            .ok_or_else(|| unknown_family(name, self.families.iter().map(|(f, _)| f.name)))?;
         if set.tasks.is_empty() {
             return Err(Error::Failed(format!("the family {name} has no certified tasks")));
         }

@@ -152,7 +152,8 @@ fn segments_cross(p: [f64; 2], q: [f64; 2], r: [f64; 2], s: [f64; 2]) -> bool {
 pub fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] - b[0], a[1] - b[1]]
 }
-fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+/// Scalar product.
+pub fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {

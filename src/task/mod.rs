@@ -32,7 +32,7 @@ pub use families::{
     CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, CandidateDraws, Certificate, CertifiedRow, CertifiedTasks,
     Claims, Collection, DEFAULT_FAMILY, EstimateClaim, FAMILY_FORMAT, Family, JumpStartClaim, LabelCounts,
     Learning, RealPhysics, Selection, SolvingShareBin, certified_beside, collection, families, family,
-    parse_family, parse_family_beside, read_families, read_family, register_families,
+    parse_family, parse_family_beside, read_families, read_family, register_families, unknown_family,
 };
 pub use intervention::Intervention;
 pub use placement::Placement;

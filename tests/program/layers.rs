@@ -10,7 +10,7 @@ const MAX_FUNCTION_LINES: usize = 70;
 const EXEMPT: [&str; 1] = ["src/inference/mixed_model/groups.rs"];
 
 /// Layers, lowest first: each may use itself and those before it.
-const LAYERS: [&str; 27] = [
+const LAYERS: [&str; 28] = [
     "error",
     "names",
     "sync",
@@ -20,6 +20,7 @@ const LAYERS: [&str; 27] = [
     "progress",
     "trajectory",
     "distribution",
+    "line_fit",
     "neural",
     "task",
     "world",

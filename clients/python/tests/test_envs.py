@@ -184,7 +184,8 @@ def test_copies_connect_anew(duplicate: Any) -> None:
             assert copied.spec == own.spec and copied.world.id != own.world.id
             assert outcome(other) == expected
         assert outcome(env) == expected, "the copy's end is not its own"
-    with closing(iplw.make_vec("bowling", 2, world=world)) as vector, closing(duplicate(vector)) as other:
+    with closing(iplw.make_vec("iplw/Bowling-v0", 2, world=world)) as vector, closing(duplicate(vector)) as other:
+        assert isinstance(other, iplw.PlacementVectorEnv) and other.worlds != vector.worlds and other.spec == vector.spec
         for envs in (vector, other):
             envs.reset(seed=3)
         actions = np.full(vector.action_space.shape or (), 0.4, np.float32)
@@ -201,6 +202,16 @@ def test_copies_in_spawned_processes() -> None:
     with gymnasium.make("iplw/Bowling-v0", disable_env_checker=True) as env:
         with multiprocessing.get_context("spawn").Pool(1) as pool:
             assert pool.apply(_spawned, (pickle.dumps(env),)) == outcome(env)
+
+
+def test_collections_of_families() -> None:
+    with pytest.raises(ValueError, match="allowed: a list of names, such as .'levels'."):
+        iplw.Client("private", collections="levels")
+    with pytest.raises(iplw.ServerUnavailable, match="--tasks nowhere` ended with code 2"):
+        iplw.Client("private", collections=["nowhere"])
+    with iplw.Client("private") as client:
+        with pytest.raises(iplw.Problem, match="carom with `--tasks levels`"):
+            gymnasium.make("iplw/Carom-v0", url=client.url)
 
 
 def test_another_reset_ends_the_episode(client: iplw.Client) -> None:

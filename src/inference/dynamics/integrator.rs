@@ -138,11 +138,12 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
         let start: [PlanarState; LANES] = from_fn(|lane| state_from_nuisances(self.paths[lane].1));
         let mut events: [SurfaceEvent; LANES] = [None; LANES];
         let surface = segment.surface.as_ref().filter(|_| segment.kind == SegmentKind::Contact);
+        let surfaces = surface.map(|s| self.paths.map(|(_, nuisances)| s.with_angle(nuisances)));
         let from = self.true_times(segment.observations.first().map_or(0.0, |p| p.time));
         let first = self.integrate_arc(self.step_times(&from, &mut steps[0]), &start, |step| {
-            let Some(surface) = surface else { return true };
+            let Some(surfaces) = &surfaces else { return true };
             for (lane, events) in events.iter_mut().enumerate().filter(|(_, events)| events.is_none()) {
-                *events = self.surface_event(step, lane, surface);
+                *events = self.surface_event(step, lane, &surfaces[lane]);
             }
             events.iter().any(Option::is_none)
         });
@@ -232,11 +233,12 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
     fn surface_event(&self, step: &IntegrationStep, lane: usize, surface: &Surface) -> SurfaceEvent {
         let (physics, nuisances) = self.paths[lane];
         let offset = nuisances.get(5).copied().unwrap_or(0.0);
-        let surface = &surface.with_angle(nuisances);
-        let next: PlanarState = from_fn(|k| step.next[k][lane]);
         let h = step.h[lane];
-        let then = physics.observed_time(step.now[lane] + h);
-        if !(surface.is_below(&next, then, offset) && surface.is_approached(&next, then)) {
+        let touching = |s: &PlanarState, share: f64| {
+            surface.touching_state(s, physics.observed_time(step.now[lane] + h * share))
+        };
+        let next = touching(&from_fn(|k| step.next[k][lane]), 1.0);
+        if !(surface.is_below(&next, offset) && surface.is_approached(&next)) {
             return None;
         }
         let body = |share: f64| match physics.is_smooth() {
@@ -248,8 +250,8 @@ impl<'a, 'b> BatchedIntegrator<'a, 'b> {
             }
         };
         let share = find_root(|share| {
-            let (at, time) = (body(share), physics.observed_time(step.now[lane] + h * share));
-            [surface.height(&at, time, offset), h * surface.normal_velocity(&at, time)]
+            let at = touching(&body(share), share);
+            [surface.height(&at, offset), h * surface.normal_velocity(&at)]
         });
         let time = step.now[lane] + h * share;
         let (after, impact) = physics.resolve_impact(time, body(share), surface);

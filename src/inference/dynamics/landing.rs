@@ -37,23 +37,21 @@ impl SegmentPhysics<'_> {
                     continue;
                 }
                 let next = self.runge_kutta(time, &at, h);
-                let then = self.observed_time(time + h);
-                if !(surface.is_below(&next, then, offset) && surface.is_approached(&next, then))
-                    || impacts > MAX_IMPACTS
+                if !(surface.is_below(&next, offset) && surface.is_approached(&next)) || impacts > MAX_IMPACTS
                 {
                     (at, time) = (next, time + h);
                     continue;
                 }
                 let step = h * find_root(|share| {
                     let s = self.runge_kutta(time, &at, share * h);
-                    [surface.height(&s, then, offset), h * surface.normal_velocity(&s, then)]
+                    [surface.height(&s, offset), h * surface.normal_velocity(&s)]
                 });
                 let (after, impact) =
                     self.resolve_impact(time + step, self.runge_kutta(time, &at, step), surface);
                 (at, time) = (after, time + step);
                 first = first.or(Some(impact));
                 impacts += 1;
-                if surface.normal_velocity(&at, then) < SETTLING_SPEED {
+                if surface.normal_velocity(&at) < SETTLING_SPEED {
                     supported = Some(SupportedBody::touching(surface, [self.friction, self.inertia], &at));
                 }
             }
@@ -94,9 +92,7 @@ mod tests {
         let effect = find("restitution_threshold").unwrap();
         let physics = SegmentPhysics::new(segment, &[(effect, &[threshold])], &Latents::default());
         let mut out = Vec::new();
-        physics.land(&segment.nuisances, |_, s| {
-            out.push(segment.surface.as_ref().unwrap().height(&s, 0.0, 0.0))
-        });
+        physics.land(&segment.nuisances, |_, s| out.push(segment.surface.as_ref().unwrap().height(&s, 0.0)));
         out
     }
 

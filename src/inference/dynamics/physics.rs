@@ -317,23 +317,29 @@ fn contact_coefficients(segment: &Segment, latents: &Latents) -> [f64; 2] {
 }
 
 impl Surface {
-    /// Height over the surface at a time since the segment's start (s), m; `offset`: excess of the surface's level, m.
-    pub(super) fn height(&self, s: &PlanarState, time: f64, offset: f64) -> f64 {
-        let [x, y] = self.corner.map_or([0.0; 2], |corner| corner.place.at(time));
-        (s[0] + x) * self.normal[0] + (s[1] + y) * self.normal[1] - self.level - offset
+    /// Position and velocity of the part of the body that bounces off it: its corner, or its centre for a disc. `time`: since the
+    /// segment's start, s.
+    pub(super) fn touching_state(&self, s: &PlanarState, time: f64) -> PlanarState {
+        self.corner.map_or(*s, |corner| {
+            let ([x, y], [vx, vy]) = (corner.place.at(time), corner.place.velocity_at(time));
+            [s[0] + x, s[1] + y, s[2] + vx, s[3] + vy, s[4]]
+        })
     }
 
-    pub(super) fn is_below(&self, s: &PlanarState, time: f64, offset: f64) -> bool {
-        self.height(s, time, offset) < 0.0
+    pub(super) fn height(&self, s: &PlanarState, offset: f64) -> f64 {
+        s[0] * self.normal[0] + s[1] * self.normal[1] - self.level - offset
     }
 
-    /// Speed away from the surface at a time since the segment's start (s), m/s.
-    pub(super) fn normal_velocity(&self, s: &PlanarState, time: f64) -> f64 {
-        let [vx, vy] = self.corner.map_or([0.0; 2], |corner| corner.place.velocity_at(time));
-        (s[2] + vx) * self.normal[0] + (s[3] + vy) * self.normal[1]
+    pub(super) fn is_below(&self, s: &PlanarState, offset: f64) -> bool {
+        self.height(s, offset) < 0.0
     }
 
-    pub(super) fn is_approached(&self, s: &PlanarState, time: f64) -> bool {
-        self.normal_velocity(s, time) < 0.0
+    /// Speed away from the surface, m/s.
+    pub(super) fn normal_velocity(&self, s: &PlanarState) -> f64 {
+        s[2] * self.normal[0] + s[3] * self.normal[1]
+    }
+
+    pub(super) fn is_approached(&self, s: &PlanarState) -> bool {
+        self.normal_velocity(s) < 0.0
     }
 }

@@ -1,6 +1,7 @@
 //! The corner and the side, or the two rounded corners, that are nearest to each other of two outlines.
 
 use super::contact_geometry::{ContactFeature, RoundedCorner, TurningVector};
+use crate::task::geometry::dot;
 use crate::task::solid::Solid;
 
 /// Largest gap between the nearest parts, in sizes of the smaller body, and the least by which any other corner is farther away:
@@ -12,12 +13,12 @@ const MIN_LEAD: f64 = 0.1;
 /// each other, or two pairs. `size`: of the smaller body, m.
 pub fn closest_features([a, b]: [(&Solid, [f64; 2]); 2], size: f64) -> Option<[ContactFeature; 2]> {
     let [a, b] = [a, b].map(|(solid, centre)| Outline::of(solid, centre));
-    let swapped = b.beside(&a).into_iter().map(|c| {
+    let swapped = b.corner_side_pairs(&a).into_iter().map(|c| {
         let [own, corner] = c.features;
         FeaturePair { features: [corner, own], ..c }
     });
     let mut all: Vec<FeaturePair> =
-        a.beside(&b).into_iter().chain(swapped).chain(a.corner_pairs(&b)).collect();
+        a.corner_side_pairs(&b).into_iter().chain(swapped).chain(a.corner_pairs(&b)).collect();
     // Corners behind an outline are far inside it.
     all.retain(|c| c.gap > -MAX_GAP * size);
     all.sort_by(|a, b| a.gap.total_cmp(&b.gap));
@@ -87,7 +88,7 @@ impl Outline {
     }
 
     /// The corners of another outline beside the side of each own piece that they are farthest out of.
-    fn beside(&self, other: &Outline) -> Vec<FeaturePair> {
+    fn corner_side_pairs(&self, other: &Outline) -> Vec<FeaturePair> {
         let mut out = Vec::new();
         for (corner, piece) in other.corners.iter().flat_map(|c| self.pieces.iter().map(move |p| (c, p))) {
             let corner_place = place(other, corner);
@@ -121,10 +122,6 @@ impl Outline {
 /// Place of a corner of an outline, m.
 fn place(outline: &Outline, corner: &RoundedCorner) -> [f64; 2] {
     [0, 1].map(|k| outline.centre[k] + corner.place.at_start[k])
-}
-
-fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
-    a[0] * b[0] + a[1] * b[1]
 }
 
 #[cfg(test)]

@@ -6,12 +6,9 @@ use super::contact_detection::Obstacle;
 use super::contact_geometry::{ContactFeature, RoundedCorner};
 use super::corner_contact::{TouchingParts, touching_parts};
 use super::definition::{CollidingPair, Observation, Segment, SegmentKind};
-use super::single_body::{BodyObservations, MIN_OBSERVATIONS_AROUND_BOUNCE};
+use super::single_body::{BodyObservations, MAX_IMPACT_DURATION, MIN_OBSERVATIONS_AROUND_BOUNCE};
 use crate::inference::data::smoothing::TimedPosition;
 use crate::task::Scene;
-
-/// Longest time between the observations before and after a collision, s: slow bodies are near each other for that long.
-const MAX_DURATION: f64 = 0.1;
 
 /// Collisions of the bodies of a trial.
 pub fn collision_segments(observed: &[BodyObservations]) -> Vec<Segment> {
@@ -42,7 +39,7 @@ impl Pair<'_> {
     fn segment(&self, near: Range<usize>) -> Option<Segment> {
         let (first, trial) = (self.0[0], self.0[0].trial);
         let begins = first.rows[near.start].0;
-        let lasting = |i: &usize| first.rows[*i].0 - begins < MAX_DURATION;
+        let lasting = |i: &usize| first.rows[*i].0 - begins < MAX_IMPACT_DURATION;
         let distance = |i: &usize| self.distance(*i);
         let closest = near.clone().take_while(lasting).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         // Bodies that stay near each other move freely after the collision all the same.

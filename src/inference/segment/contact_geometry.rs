@@ -1,5 +1,7 @@
 //! Where two outlines touch: rounded corners and straight sides that turn with their bodies.
 
+use crate::task::geometry::dot;
+
 /// A vector fixed to a body that turns steadily.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TurningVector {
@@ -124,10 +126,6 @@ impl ContactFeature {
             ContactFeature::Side { normal, .. } => normal.rate,
         }
     }
-}
-
-fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
-    a[0] * b[0] + a[1] * b[1]
 }
 
 fn shifted(place: [f64; 2], by: [f64; 2], size: f64) -> [f64; 2] {

@@ -3,7 +3,7 @@
 use std::array::from_fn;
 
 use crate::inference::data::smoothing::TimedPosition;
-use crate::reality::LineFit;
+use crate::line_fit::LineFit;
 use crate::task::scene::Body;
 
 /// Number of observations next to the impact from which each motion is extrapolated to it, and the minimum number of angles.
@@ -46,13 +46,13 @@ impl AroundImpact<'_> {
 
 /// Free motions before and after an impact: lines through the positions less the fall (m) and through the angles (rad).
 pub struct ImpactMotion {
-    sides: [[PolynomialSide; 3]; 2],
+    sides: [[FreeCoordinate; 3]; 2],
     /// Variances of the observations, m^2 and rad^2.
     noise: [f64; 3],
 }
 
 /// A line through points by least squares, and an acceleration.
-struct PolynomialSide {
+struct FreeCoordinate {
     line: LineFit,
     acceleration: f64,
     /// Mean time of the points, s, from which the line and the acceleration count.
@@ -80,10 +80,10 @@ impl ImpactMotion {
         }
         let axis = |side: usize, axis: usize| {
             let points: Vec<(f64, f64)> = rows[side].iter().map(|(t, p)| (*t, p[axis])).collect();
-            PolynomialSide::through(&points, around.gravity[axis])
+            FreeCoordinate::through(&points, around.gravity[axis])
         };
         let sides =
-            [0, 1].map(|side| [axis(side, 0), axis(side, 1), PolynomialSide::through(&turns[side], 0.0)]);
+            [0, 1].map(|side| [axis(side, 0), axis(side, 1), FreeCoordinate::through(&turns[side], 0.0)]);
         let variance = |k: usize| {
             let freedom = sides[0][k].count + sides[1][k].count - 4.0;
             (sides[0][k].line.square + sides[1][k].line.square) / freedom.max(1.0)
@@ -163,14 +163,14 @@ pub fn crossing(motions: &[ImpactMotion], around: &[AroundImpact], size: f64) ->
     crosses.then_some(time)
 }
 
-impl PolynomialSide {
-    fn through(points: &[(f64, f64)], acceleration: f64) -> PolynomialSide {
+impl FreeCoordinate {
+    fn through(points: &[(f64, f64)], acceleration: f64) -> FreeCoordinate {
         let count = points.len() as f64;
         let reference = points.iter().map(|p| p.0).sum::<f64>() / count;
         let straight =
             |(t, y): &(f64, f64)| (t - reference, y - 0.5 * acceleration * (t - reference).powi(2));
         let line = LineFit::new(&points.iter().map(straight).collect::<Vec<_>>());
-        PolynomialSide { line, acceleration, reference, count }
+        FreeCoordinate { line, acceleration, reference, count }
     }
 
     fn at(&self, time: f64) -> f64 {

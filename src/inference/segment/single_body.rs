@@ -28,8 +28,9 @@ pub const MIN_OBSERVATIONS_AROUND_BOUNCE: usize = 5;
 /// interval.
 const MAX_GAP: f64 = 6.0;
 const MAX_GAP_AT_BOUNCE: f64 = 3.0;
-/// Longest time between the observations before and after the bounce of a corner, s.
-const MAX_CORNER_DURATION: f64 = 0.1;
+/// Longest time between the observations before and after an impact of a corner or a collision, s: slow bodies are near each other for
+/// that long.
+pub const MAX_IMPACT_DURATION: f64 = 0.1;
 /// Number of observations from which an initial state is estimated.
 const INITIAL_STATE_OBSERVATIONS: usize = 12;
 /// Largest deviation of a sliding block's observed angles from their median: rad, and more in units of their noise. A block that
@@ -122,7 +123,7 @@ impl<'a> BodyObservations<'a> {
         // A corner is near the surface for longer than a disc.
         let single = match self.is_round() {
             true => c == b + 1 && between < MAX_GAP_AT_BOUNCE * self.typical_interval,
-            false => between < MAX_CORNER_DURATION,
+            false => between < MAX_IMPACT_DURATION,
         };
         if !single {
             return None;

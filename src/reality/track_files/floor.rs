@@ -3,10 +3,10 @@
 //! Without a floor, bounces would be explained by spurious forces. The centre's height at a bounce is where the parabolas
 //! before and after it cross, which is closer than the samples are.
 
-use super::line_fit::LineFit;
 use super::track_rows::TrialPoints;
 use super::unit_checks::{parabola, range};
 use crate::error::{Error, Result};
+use crate::line_fit::LineFit;
 
 /// The height of a floor.
 pub struct FloorEstimate {

@@ -8,8 +8,6 @@ mod formats;
 mod formats_test;
 mod header;
 mod kinovea;
-mod line_fit;
-pub use line_fit::LineFit;
 mod load;
 mod parse_options;
 mod path_fit;

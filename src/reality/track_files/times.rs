@@ -1,8 +1,8 @@
 //! Times of a trial's rows.
 
-use super::line_fit::LineFit;
 use super::track_rows::{TrackRow, invalid_value};
 use crate::error::Result;
+use crate::line_fit::LineFit;
 
 /// How the times of rows are given.
 #[derive(Clone, Copy, Debug)]

@@ -5,21 +5,22 @@
 use super::certificate::CertifiedTasks;
 use super::family::Family;
 use super::family_file::parse;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// A collection: a folder next to this file, of `NAME.toml` and `NAME.certified.json` each.
 pub struct Collection {
     pub name: &'static str,
     /// One-sentence description.
     pub about: &'static str,
-    /// Each family's file and its certified tasks.
-    files: &'static [(&'static str, &'static str)],
+    /// Each family's name, its file and its certified tasks.
+    files: &'static [(&'static str, &'static str, &'static str)],
 }
 
 /// The embedded files of a folder, by family name.
 macro_rules! files {
     ($folder:literal: $($name:literal),+ $(,)?) => {
         &[$((
+            $name,
             include_str!(concat!($folder, "/", $name, ".toml")),
             include_str!(concat!($folder, "/", $name, ".certified.json")),
         )),+]
@@ -53,9 +54,16 @@ impl Collection {
     pub fn families(&self) -> Result<Vec<Family>> {
         self.files
             .iter()
-            .map(|(text, certified)| parse(text)?.with_tasks(CertifiedTasks::from_json(certified)?))
+            .map(|(_, text, certified)| parse(text)?.with_tasks(CertifiedTasks::from_json(certified)?))
             .collect()
     }
+}
+
+/// The error of a family that is not among those loaded; a family of a collection names the option that loads it.
+pub fn unknown_family<'a>(name: &str, loaded: impl Iterator<Item = &'a str>) -> Error {
+    let own = COLLECTIONS.iter().find(|c| c.files.iter().any(|file| file.0 == name));
+    let hint = own.map(|c| format!("{name} with `--tasks {}`", c.name));
+    Error::not_found("task family", name, loaded.map(String::from).chain(hint))
 }
 
 /// The collection named `name`, if any.
@@ -72,6 +80,7 @@ mod tests {
         let mut names = Vec::new();
         for collection in &COLLECTIONS {
             let families = collection.families().unwrap_or_else(|e| panic!("{}: {e}", collection.name));
+            assert!(families.iter().map(|f| f.name).eq(collection.files.iter().map(|file| file.0)));
             names.extend(families.iter().map(|f| f.name));
         }
         names.extend(["bowling", "basketball"]);
@@ -80,5 +89,12 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), all);
         assert!(collection("levels").is_some() && collection("none").is_none());
+    }
+
+    #[test]
+    fn families_of_collections_name_the_option_that_loads_them() {
+        let text = |name| unknown_family(name, ["bowling"].into_iter()).to_string();
+        assert!(text("carom").ends_with("known: bowling, carom with `--tasks levels`"), "{}", text("carom"));
+        assert!(text("crom").ends_with("known: bowling"), "{}", text("crom"));
     }
 }

@@ -31,7 +31,7 @@ pub use certificate::{
     CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, CertifiedRow, CertifiedTasks, Selection, SolvingShareBin,
 };
 pub use claims::{Claims, EstimateClaim, JumpStartClaim};
-pub use collections::{COLLECTIONS, Collection, collection};
+pub use collections::{COLLECTIONS, Collection, collection, unknown_family};
 pub use family::Family;
 pub use family_file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
 pub use folder::{certified_beside, read_families, read_family};
@@ -81,7 +81,7 @@ pub fn family(name: &str) -> Result<&'static Family> {
         .iter()
         .copied()
         .find(|f| f.name == name)
-        .ok_or_else(|| Error::not_found("task family", name, families().iter().map(|f| f.name)))
+        .ok_or_else(|| unknown_family(name, families().iter().map(|f| f.name)))
 }
 
 fn built_in() -> Vec<&'static Family> {

@@ -40,7 +40,23 @@ FPS = 30
 IMAGE_SIZES = (64, 256)
 
 
-class PlacementEnv(gymnasium.Env[Observation, Any], EzPickle):
+class Reconnecting(EzPickle):
+    """An environment that is pickled and copied by its settings and spec; a copy connects anew.
+
+    The subclass calls `EzPickle.__init__` with all settings.
+    """
+
+    spec: EnvSpec | None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "spec": self.spec}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self.spec = state["spec"]
+
+
+class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
     """A Gymnasium environment with one world.
 
     - `task`: a family (`bowling`), one task of it (`bowling:017`), or None with a `scene` in `world`.
@@ -76,18 +92,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any], EzPickle):
         image_size: int = 64,
         timeout: float = 30.0,
     ) -> None:
-        EzPickle.__init__(
-            self,
-            task,
-            world,
-            url=url,
-            observation=observation,
-            action=action,
-            render_mode=render_mode,
-            split=split,
-            image_size=image_size,
-            timeout=timeout,
-        )
+        EzPickle.__init__(self, **{name: value for name, value in locals().items() if name not in ("self", "__class__")})
         check_settings(observation, action, split, render_mode, image_size)
         settings = world_settings(task, world)
         self.render_mode = render_mode
@@ -175,13 +180,6 @@ class PlacementEnv(gymnasium.Env[Observation, Any], EzPickle):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec and replace(spec, nondeterministic=spec.nondeterministic or self._noisy)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**EzPickle.__getstate__(self), "spec": self._spec}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        EzPickle.__setstate__(self, state)
-        self._spec = state["spec"]
 
     def set_latents(self, **latents: float) -> dict[str, float] | None:
         """Sets density, friction or restitution; returns all latents. `Problem` in a sealed world."""

@@ -31,6 +31,7 @@ class PrivateServer:
     def __init__(self, binary: Path, collections: tuple[str, ...] = ()) -> None:
         self.binary = binary
         self.collections = collections
+        self._command = [str(binary), *_ARGUMENTS, *(word for name in collections for word in ("--tasks", name))]
         self.users = 0
         self._lines: deque[str] = deque(maxlen=40)
         self._output_changed = threading.Condition()
@@ -40,7 +41,7 @@ class PrivateServer:
         try:
             # A new session: Ctrl-C in the terminal must not reach the server.
             self._process = subprocess.Popen(
-                [str(binary), *_ARGUMENTS, *(word for name in collections for word in ("--tasks", name))],
+                self._command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -126,7 +127,7 @@ class PrivateServer:
             f"ended with code {self._process.returncode}" if ended else f"printed no address for {START_TIMEOUT:g} s"
         )
         raise ServerUnavailable(
-            f"`{self.binary} {' '.join(_ARGUMENTS)}` {reason} instead of printing "
+            f"`{' '.join(self._command)}` {reason} instead of printing "
             f"`listening on {scheme}://...`; {INSTALL_HINT}{self._last_lines()}"
         )
 

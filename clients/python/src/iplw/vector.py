@@ -45,7 +45,7 @@ _STEP_KEYS: dict[str, type] = {
 _OPTIONAL_STEP_KEYS = ("reason", "end")
 
 
-class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]], EzPickle):
+class PlacementVectorEnv(envs.Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """`num_envs` worlds on the server, stepped together; settings as for `PlacementEnv`.
 
     `url` may name several servers; each gets a contiguous block of environments. A `seed` in `world` (of the noise) is
@@ -72,20 +72,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]], Ez
         timeout: float = 30.0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
-        EzPickle.__init__(
-            self,
-            num_envs,
-            task,
-            world,
-            url=url,
-            observation=observation,
-            action=action,
-            render_mode=render_mode,
-            split=split,
-            image_size=image_size,
-            timeout=timeout,
-            autoreset_mode=autoreset_mode,
-        )
+        EzPickle.__init__(self, **{name: value for name, value in locals().items() if name not in ("self", "__class__")})
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}; allowed: 1 or more")
         envs.check_settings(observation, action, split, render_mode, image_size)

@@ -58,6 +58,8 @@ class Client:
         runner = Runner()
         url = url if url is not None else os.environ.get("IPLW_URL") or None
         private = PRIVATE.get(url)
+        if isinstance(collections, str):
+            raise ValueError(f"collections is {collections!r}; allowed: a list of names, such as [{collections!r}]")
         if private is not None:
             self.server = server.acquire(binary, tuple(sorted(collections)))
         try:
