@@ -7,11 +7,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
 import iplw
 from iplw.envs import PlacementEnv
+from iplw.families import FAMILIES
+from iplw.vector import PlacementVectorEnv
 
 CLIENT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CLIENT))
@@ -50,6 +53,19 @@ def test_infos_have_documented_keys(family: str) -> None:
     # Almost all actions of basketball are valid.
     assert observed == (expected if family == "bowling" else {valid: expected[valid] for valid in observed})
     env.close()
+
+
+def test_gymnasium_lists_the_environments() -> None:
+    """`pprint_registry` prints all ids below one heading; each entry point exists."""
+    printed = gymnasium.pprint_registry(disable_print=True)
+    assert printed is not None
+    section = printed.partition("===== iplw =====\n")[2].partition("=====")[0]
+    assert section.split() == sorted(FAMILIES) and len(FAMILIES) == 37
+    assert max(map(len, section.splitlines())) <= 79, "fits in a terminal"
+    for name in FAMILIES:
+        spec = gymnasium.spec(name)
+        assert gymnasium.envs.registration.load_env_creator(str(spec.entry_point)) is PlacementEnv
+        assert gymnasium.envs.registration.load_env_creator(str(spec.vector_entry_point)) is PlacementVectorEnv
 
 
 def named(scene: Any, name: str) -> Any:
