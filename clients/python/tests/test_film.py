@@ -7,11 +7,12 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.save_video import save_video
 from gymnasium.wrappers import Autoreset, TimeLimit
 from numpy.typing import NDArray
 from PIL import Image
@@ -45,7 +46,7 @@ def test_film_costs_no_interaction(played: PlacementEnv, solution: Action) -> No
     film = played.film()
     assert film.frames.dtype == np.uint8 and film.frames.shape[1:] == (256, 256, 3)
     assert len({frame.tobytes() for frame in film}) >= 50
-    assert film.fps == played.metadata["render_fps"] and len(film) == len(film.frames)
+    assert film.fps == iplw.envs.FPS and len(film) == len(film.frames)
     assert np.array_equal(film[-1], png.decode(played.world.render(view="end", width=256)))
     assert f"{len(film)} frames" in repr(film) and "data:image/apng;base64," in film._repr_html_()
     # The film is reproducible, including noise; twice the frame rate keeps the duration.
@@ -83,6 +84,43 @@ def test_render_shows_start_then_end(played: PlacementEnv) -> None:
     assert isinstance(start, np.ndarray)
     assert not np.array_equal(start, end)
     assert np.array_equal(start, png.decode(played.world.render(width=256)))
+
+
+def test_render_mode_list_has_the_motion(solution: Action, tmp_path: Path) -> None:
+    env = gymnasium.make("iplw/Bowling-v0", render_mode="rgb_array_list")
+    assert isinstance(env.unwrapped, PlacementEnv) and env.metadata["render_fps"] == iplw.envs.FPS
+    env.reset(options={"task": TASK})
+    assert len(new_frames(env)) == 1 and new_frames(env) == []
+    for _ in range(2):
+        env.reset(options={"task": TASK})
+        env.step(solution)
+    frames = new_frames(env)
+    assert np.array_equal(frames, env.unwrapped.film().frames) and new_frames(env) == []
+    if _has("imageio_ffmpeg"):
+        save_video(frames, str(tmp_path), fps=env.metadata["render_fps"], episode_trigger=lambda _: True)
+        # (moviepy may lose the last frame to rounding.)
+        assert 0 <= len(frames) - frames_of(tmp_path / "rl-video-episode-0.mp4") <= 1
+    # As Gymnasium's RecordVideo calls it, which keeps one frame of each call.
+    env.reset(options={"task": TASK})
+    new_frames(env)
+    env.step(solution)
+    with pytest.warns(UserWarning, match="iplw.RecordVideo records all frames"):
+        assert len(new_frames(env)) == len(frames)
+    env.close()
+
+
+def new_frames(env: gymnasium.Env[Any, Any]) -> list[Any]:
+    """What `render` returns, which must be a list."""
+    frames = env.render()
+    assert isinstance(frames, list)
+    return frames
+
+
+def frames_of(path: Path) -> int:
+    """Number of frames of an mp4 file."""
+    from imageio_ffmpeg import count_frames_and_secs
+
+    return int(count_frames_and_secs(str(path))[0])
 
 
 def test_rejects_incompatible_render_options(played: PlacementEnv) -> None:
@@ -153,7 +191,8 @@ def test_async_film_of_an_action(solution: Action) -> None:
 def test_records_selected_episodes(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0", world="real")
     assert isinstance(env.unwrapped, PlacementEnv)
-    recorded = iplw.RecordVideo(TimeLimit(env, 4), tmp_path / "a" / "films", lambda k: k != 1, width=64, fps=10)
+    folder = tmp_path / "a" / "films"
+    recorded = iplw.RecordVideo(TimeLimit(env, 4), folder, lambda k: k != 1, format="png", width=64, fps=10)
     recorded.action_space.seed(0)
     valid = []
     for episode in range(4):
@@ -165,7 +204,7 @@ def test_records_selected_episodes(tmp_path: Path) -> None:
                 break
     expected = [k for k in (0, 2, 3) if valid[k]]
     assert [path.name for path in recorded.films] == [f"rl-video-episode-{k}.png" for k in expected] and expected
-    assert {path.name for path in (tmp_path / "a" / "films").iterdir()} == {path.name for path in recorded.films}
+    assert {path.name for path in folder.iterdir()} == {path.name for path in recorded.films}
     assert env.unwrapped.world.interactions == sum(valid), "films are no interactions"
     recorded.close()
 
@@ -183,6 +222,40 @@ def test_records_gifs_of_wrapped_environment(tmp_path: Path) -> None:
     recorded.close()
 
 
+def test_recorder_chooses_a_format(
+    solution: Action, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def record() -> list[Path]:
+        recorded = iplw.RecordVideo(gymnasium.make("iplw/Bowling-v0"), tmp_path, lambda _: True, width=64)
+        recorded.reset(options={"task": TASK})
+        recorded.step(solution)
+        recorded.close()
+        return recorded.films
+
+    if shutil.which("ffmpeg") or _has("imageio_ffmpeg"):
+        assert [path.name for path in record()] == ["rl-video-episode-0.mp4"]
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.warns(UserWarning, match="films are written as gif: writing .mp4 requires.*pip install imageio-ffmpeg"):
+        assert [path.name for path in record()] == ["rl-video-episode-0.gif"]
+    env = gymnasium.make("iplw/Bowling-v0")
+    with pytest.raises(ValueError, match="pip install imageio-ffmpeg"):
+        iplw.RecordVideo(env, tmp_path, format="mp4")
+    env.close()
+
+
+def test_recorder_says_why_an_episode_has_no_film(tmp_path: Path) -> None:
+    recorded = iplw.RecordVideo(gymnasium.make("iplw/Bowling-v0"), tmp_path, lambda k: k == 0, format="gif")
+    recorded.reset(options={"task": TASK})
+    outside = np.array([0.0, 0.0, 1.0], np.float32)
+    assert recorded.step(outside)[-1]["valid"] is False
+    with pytest.warns(UserWarning, match="episode 0 has no film, because none of its actions was valid"):
+        recorded.reset()
+    recorded.step(outside)
+    recorded.close()
+    assert recorded.films == []
+
+
 def test_recorder_rejects_invalid_settings(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0")
     with pytest.raises(ValueError, match="format is 'avi'; allowed: png, gif, webp, mp4"):
@@ -190,5 +263,9 @@ def test_recorder_rejects_invalid_settings(tmp_path: Path) -> None:
     env.close()
     with pytest.raises(TypeError, match="allowed: an iplw environment"):
         iplw.RecordVideo(gymnasium.make("CartPole-v1"), tmp_path)
+    envs = iplw.make_vec("bowling", 2)
+    with pytest.raises(TypeError, match=r"env is a vector environment; .*`envs.film\(0\).save\(path\)`"):
+        iplw.RecordVideo(envs, tmp_path)  # type: ignore[arg-type]
+    envs.close()
     episodes = [k for k in range(4001) if iplw.video.capped_cubic_schedule(k)]
     assert episodes == [k**3 for k in range(11)] + [2000, 3000, 4000]

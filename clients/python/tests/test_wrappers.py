@@ -108,7 +108,7 @@ def test_gymnasium_video_has_start_and_end(tmp_path: Path) -> None:
     observed: list[Any] = []
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        recorded = wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda _: True, fps=1)
+        recorded = wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda _: True)
         recorded.reset(seed=1, options={"task": "bowling:000"})
         recorded.action_space.seed(1)
         while not recorded.step(recorded.action_space.sample())[2]:
@@ -116,7 +116,30 @@ def test_gymnasium_video_has_start_and_end(tmp_path: Path) -> None:
         observed = list(recorded.recorded_frames)
         recorded.close()  # type: ignore[no-untyped-call]
     assert not np.array_equal(observed[0], observed[-1]), "render shows the final state after the step"
-    assert (tmp_path / "videos" / "rl-video-episode-0.mp4").stat().st_size > 1000
+    assert seconds_of(tmp_path / "videos" / "rl-video-episode-0.mp4") == len(observed), "one second a picture"
+
+
+def seconds_of(path: Path) -> float:
+    from imageio_ffmpeg import count_frames_and_secs
+
+    return float(count_frames_and_secs(str(path))[1])
+
+
+def test_gymnasium_video_of_vector_environment(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envs = wrappers.vector.RecordVideo(
+            iplw.make_vec("bowling", 4, render_mode="rgb_array"), str(tmp_path / "videos"), episode_trigger=lambda _: True
+        )
+        envs.reset(seed=1)
+        envs.action_space.seed(1)
+        for _ in range(8):
+            envs.step(envs.action_space.sample())
+        assert envs.recorded_frames[-1].shape == (512, 512, 3), "a grid of two by two"
+        envs.close()
+    videos = list((tmp_path / "videos").iterdir())
+    assert len(videos) >= 2 and all(seconds_of(path) >= 1 for path in videos)
 
 
 VECTORS: dict[str, Callable[[PlacementVectorEnv], Any]] = {

@@ -36,6 +36,8 @@ Observation: TypeAlias = NDArray[Any]
 RENDER_SIZE = 256
 #: Frame rate of films, 1/s.
 FPS = 30
+#: Frame rate of pictures that `render()` returns one by one, 1/s: an episode has two.
+STILLS_FPS = 1
 #: Minimum and maximum size of an image observation, px.
 IMAGE_SIZES = (64, 256)
 
@@ -65,16 +67,16 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
     - `observation`: `features`, float32 in [0, 1]; or `image`, uint8 (image_size, image_size, 3) of the scene
       before the action.
     - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
-    - `render_mode`: `rgb_array`: the scene before the action, and its final state after it (`film()` has the frames between);
-      `human`: opens the web page at this world when the first episode starts.
+    - `render_mode`: `rgb_array`: the scene before the action, and its final state after it; `rgb_array_list`: all frames since
+      the last call, with the motion between; `human`: opens the web page at this world when the first episode starts.
     - `split`: `reset` samples a task from it; `reset(options={"split": ..., "task": ...})` overrides it.
     """
 
     # No automatic reset: the value that vector environments expect.
     metadata: dict[str, Any] = {
-        "render_modes": ["rgb_array", "human"],
-        # Frame rate of films; `render()` shows two states of an episode.
-        "render_fps": FPS,
+        "render_modes": ["rgb_array", "rgb_array_list", "human"],
+        # `FPS` for `rgb_array_list`.
+        "render_fps": STILLS_FPS,
         "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
     }
     _spec: EnvSpec | None = None
@@ -93,9 +95,11 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         timeout: float = 30.0,
     ) -> None:
         EzPickle.__init__(self, **{name: value for name, value in locals().items() if name not in ("self", "__class__")})
-        check_settings(observation, action, split, render_mode, image_size)
+        check_settings(observation, action, split, render_mode, image_size, self.metadata["render_modes"])
         settings = world_settings(task, world)
         self.render_mode = render_mode
+        if render_mode == "rgb_array_list":
+            self.metadata = {**self.metadata, "render_fps": FPS}
         self._split = split
         self._image_size = image_size if observation == "image" else None
         self._closed = False
@@ -116,6 +120,9 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         self._noisy = bool(settings.get("noise"))
         self._picture_cache: tuple[str, NDArray[np.uint8]] | None = None
         self._ended = False
+        #: Films of the steps since the last `render()`, and whether the episode has been rendered, for `rgb_array_list`.
+        self._films: list[Film] = []
+        self._rendered = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -136,16 +143,22 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
             self._page_url = None
         features, info = self.world.reset(seed=draw, task=task, split=split)
         self._ended = False
+        self._films, self._rendered = [], False
         return self._observe(features, info), _episode_info(info)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes the action and simulates to the end."""
         features, reward, terminated, truncated, info = self.world.step(action)
         self._ended = self._ended or bool(info["valid"])
+        if info["valid"] and self.render_mode == "rgb_array_list":
+            self._films.append(self.film())
         return self._observe(features, info), reward, terminated, truncated, _episode_info(info)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
-        """(256, 256, 3) the scene before the action, or its final state after it; None for `human`."""
+        """(256, 256, 3) the scene before the action, or its final state after it; None for `human`.
+
+        For `rgb_array_list` the frames since the last call: the scene, or the film of the step. Gymnasium's `save_video` writes them.
+        """
         if self.render_mode == "human":
             return None
         if self.render_mode is None:
@@ -153,6 +166,8 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
                 'render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")'
             )
             return None
+        if self.render_mode == "rgb_array_list":
+            return self._new_frames()
         return picture(self.world, RENDER_SIZE, end=self._ended)
 
     def film(self, *, width: int = RENDER_SIZE, fps: int = FPS) -> Film:
@@ -191,6 +206,19 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         """Simulates many actions on the current task (or `task`); the episode is unchanged."""
         return self.world.rollout(actions, task=task, trajectories=trajectories)
 
+    def _new_frames(self) -> list[RenderFrame]:
+        """The frames since the last call."""
+        films, self._films = self._films, []
+        first, self._rendered = not self._rendered, True
+        if films and not first:
+            gymnasium.logger.warn(
+                "render() at every step returns the motion in parts, and gymnasium.wrappers.RecordVideo keeps only the last frame of "
+                "each; iplw.RecordVideo records all frames"
+            )
+        if first and not films:
+            return [picture(self.world, RENDER_SIZE)]
+        return [_square(frame, RENDER_SIZE) for film in films for frame in film]
+
     def _observe(self, features: NDArray[np.float64], info: Mapping[str, Any]) -> Observation:
         if self._image_size is None:
             return features.astype(np.float32)
@@ -201,12 +229,19 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         return np.array(self._picture_cache[1])
 
 
-def check_settings(observation: str, action: str, split: str, render_mode: str | None, image_size: int) -> None:
+def check_settings(
+    observation: str,
+    action: str,
+    split: str,
+    render_mode: str | None,
+    image_size: int,
+    render_modes: Sequence[str] = ("rgb_array", "human"),
+) -> None:
     """Rejects invalid settings."""
     _one_of("observation", observation, ("features", "image"))
     _one_of("action", action, ("box", "discrete"))
     _one_of("split", split, ("train", "validation", "test"))
-    _one_of("render_mode", render_mode, (None, *PlacementEnv.metadata["render_modes"]))
+    _one_of("render_mode", render_mode, (None, *render_modes))
     if not IMAGE_SIZES[0] <= image_size <= IMAGE_SIZES[1]:
         raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
 

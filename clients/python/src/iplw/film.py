@@ -127,7 +127,7 @@ def _distinct(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _write_mp4(film: Film, path: Path) -> None:
-    encoder = _ffmpeg()
+    encoder = ffmpeg()
     _, height, width, _ = film.frames.shape
     input_arguments = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(film.fps), "-i", "-"]
     # yuv420p requires even width and height.
@@ -143,8 +143,8 @@ def _write_mp4(film: Film, path: Path) -> None:
         raise OSError(f"{encoder} cannot write {path}: {run.stderr.decode(errors='replace').strip()}")
 
 
-def _ffmpeg() -> str:
-    """The ffmpeg executable: on PATH, or from imageio-ffmpeg (installed by moviepy)."""
+def ffmpeg() -> str:
+    """The ffmpeg executable: on PATH, or from imageio-ffmpeg (installed by moviepy); `ValueError` if there is none."""
     if found := shutil.which("ffmpeg"):
         return found
     try:
