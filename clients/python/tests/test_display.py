@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as xml
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -178,6 +179,22 @@ def test_results_are_dicts_with_html(kind: str) -> None:
     assert result._repr_html_() in complete(job_card(job))
 
 
+@pytest.mark.parametrize("kind", RESULTS)
+def test_saves_results_as_pages(kind: str, tmp_path: Path) -> None:
+    result = result_of(kind, RESULTS[kind])
+    path = result.save_html(tmp_path / "page.html")
+    page = complete(path.read_text(encoding="utf-8"))
+    assert path == tmp_path / "page.html" and result.save_html(str(tmp_path / "page.HTM")).read_text("utf-8") == page
+    head, _, body = page.partition("<body>")
+    assert head.startswith("<!DOCTYPE html>") and '<meta charset="utf-8">' in head
+    assert f"<title>iplw: {type(result).__name__.lower()}</title>" in head
+    assert body == f"\n{result._repr_html_()}\n</body>\n</html>\n"
+    for name in ("page", "page.csv", "page.html.gz", "html"):
+        with pytest.raises(ValueError, match=rf"path is '.*{name}'; allowed: a suffix of .html, .htm"):
+            result.save_html(tmp_path / name)
+    assert {file.name for file in tmp_path.iterdir()} == {"page.html", "page.HTM"}
+
+
 def test_result_frames_have_nan_for_unknown() -> None:
     pytest.importorskip("pandas")
     estimate = iplw.Estimate(RESULTS["iplw"])
@@ -216,9 +233,11 @@ def test_displays_running_job() -> None:
     assert "out of luck" in complete(job_card(failed))
 
 
-def test_displays_job_of_server(client: iplw.Client) -> None:
+def test_displays_job_of_server(client: iplw.Client, tmp_path: Path) -> None:
     job = client.iplw("bowling", real={"damping": 1.0}, rounds=2, actions=3, samples=20, seed=1)
-    assert isinstance(job.wait(), iplw.Estimate)
+    estimate = job.wait()
+    assert isinstance(estimate, iplw.Estimate)
+    complete(estimate.save_html(tmp_path / "estimate.html").read_text(encoding="utf-8"))
     html = complete(job._repr_html_())
     assert "<b>estimate</b>" in html and "<summary>log</summary>" in html and job.log()[-1]["text"] in html
     for visible in (job.trials(), job.rounds(), job.log(), job.scene(), client.tasks(), client.world("bowling-sim")):

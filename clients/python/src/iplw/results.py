@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,13 +13,15 @@ from numpy.typing import NDArray
 
 from .scene import Scene
 from .display import chart
-from .display.page import card, details, interval, paragraph, side_by_side, table
+from .display.page import card, details, document, interval, paragraph, side_by_side, table
 
 if TYPE_CHECKING:
     import pandas
 
 #: Displayed sets of effects, best first.
 MAX_SETS = 8
+#: Suffixes of pages that `save_html` writes.
+HTML_SUFFIXES = (".html", ".htm")
 
 
 def result_of(kind: str, data: Mapping[str, Any]) -> Result:
@@ -33,6 +37,14 @@ class Result(dict[str, Any]):
         import pandas as pd
 
         return pd.DataFrame(self._scalars(), columns=["name", "value"])
+
+    def save_html(self, path: str | PathLike[str]) -> Path:
+        """Writes what a notebook shows as a page of its own, without scripts or links; returns the path."""
+        path = Path(path)
+        if path.suffix.lower() not in HTML_SUFFIXES:
+            raise ValueError(f"path is {str(path)!r}; allowed: a suffix of {', '.join(HTML_SUFFIXES)}")
+        path.write_text(document(f"iplw: {type(self).__name__.lower()}", self._repr_html_()), encoding="utf-8")
+        return path
 
     def _scalars(self) -> list[tuple[str, Any]]:
         return [(key, value) for key, value in self.items() if isinstance(value, (str, int, float, type(None)))]

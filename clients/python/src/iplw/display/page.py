@@ -31,6 +31,15 @@ def card(title: str, *parts: str, note: str = "") -> str:
     return f'<div class="iplw">{STYLE}<div class="h"><b>{escape(title)}</b>{subtitle}</div>{"".join(parts)}</div>'
 
 
+def document(title: str, *parts: str) -> str:
+    """A page of its own with these parts in HTML."""
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
+        '<meta name="viewport" content="width=device-width">\n<meta name="color-scheme" content="light dark">\n'
+        f"</head>\n<body>\n{''.join(parts)}\n</body>\n</html>\n"
+    )
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], max_rows: int = MAX_ROWS) -> str:
     """A table of values; rows beyond `max_rows` are counted, not displayed."""
     rows = list(rows)
