@@ -1,6 +1,7 @@
 # make run   builds the program and runs the whole workflow: hidden world, estimate, policy, transfer, report
 # make test  installs what is missing, then runs all checks and tests
-# make verify runs the statistical tests with all their cases, and 400 hidden worlds of each matrix, hours; `make test` runs a few of each
+# make verify runs the statistical tests with all their cases, 400 hidden worlds of each matrix, and all examples, hours; `make test` runs a few of each
+# make examples-extra runs the examples for Optuna, sbi, ArviZ, TensorBoard and stable-baselines3, and the Colab notebook; prints their results and times
 # make docs  the documentation site, out/site
 # make figures renders docs/benchmarks from its stored results; RERUN=NAME measures one anew
 # make bench-wire measures steps per second over HTTP and ZeroMQ against bare requests, other servers and the library in process
@@ -22,7 +23,7 @@ endif
 LEVELS := --features levels
 
 .PHONY: run test environments test-beside verify matrices test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
-	test-openenv test-docs docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
+	test-openenv test-docs examples-extra docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -61,7 +62,7 @@ test-rust:
 	$(CARGO) test --locked $(LEVELS) --doc
 
 # The statistical tests (coverage of intervals, matrices of hidden worlds) with all their cases.
-verify: matrices
+verify: matrices examples-extra
 	ALL_CASES=1 $(CARGO) test --locked $(LEVELS) --test learning
 
 # 400 worlds of each matrix: clean, with dirt by trial, with dirt that trials share. An interrupted run resumes.
@@ -77,6 +78,18 @@ test-examples:
 	$(CARGO) run --locked $(LEVELS) --example ground_and_roll
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
 	IPLW_BIN=target/debug/iplw bash examples/node/smoke.sh
+
+# Examples whose packages are too large for every test run (2 GB of PyTorch), in an environment of their own.
+examples-extra: $(VENV)-examples/.installed
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw WANDB_MODE=offline ../../$(VENV)-examples/bin/python -m pytest -q -s -rs \
+		--durations=0 --durations-min=1 tests/test_examples.py tests/test_notebooks.py -k "short or optuna or sbi or arviz or log or attempts or colab"
+
+$(VENV)-examples/.installed: examples/python/requirements.txt pyproject.toml clients/python/develop.py
+	python3 -m venv $(VENV)-examples
+	$(VENV)-examples/bin/python -m pip install --quiet --disable-pip-version-check -r examples/python/requirements.txt
+	$(VENV)-examples/bin/python clients/python/develop.py notebook
+	touch $@
 
 # A file's tests stay in one process; each process has its own server.
 test-python: $(VENV)/.installed
@@ -255,5 +268,5 @@ tasks:
 	for f in src/task/families/*.toml src/task/families/*/*.toml examples/families/*.toml; do ./target/release/iplw tasks check $$f || exit 1; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-release dist clients/generated/node_modules \
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-examples $(VENV)-release dist clients/generated/node_modules \
 		clients/generated/out web/node_modules web/out

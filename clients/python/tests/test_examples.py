@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,69 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "python"
+#: Short examples for other packages, and the packages of each; `make examples-extra` installs them.
+SHORT = {
+    "tune_optuna": ["optuna"],
+    "infer_sbi": ["sbi", "torch"],
+    "plot_arviz": ["arviz"],
+    "log_training": ["tensorboard", "torch"],
+}
+
+
+def run_short(name: str, folder: Path) -> str:
+    """What the example prints in this working directory; skips if a package is missing."""
+    if missing := [package for package in SHORT[name] if importlib.util.find_spec(package) is None]:
+        pytest.skip(f"not installed: {', '.join(missing)}; `make examples-extra` runs {name}.py")
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "WANDB_MODE": "offline", "MPLBACKEND": "agg"},
+    )
+    assert run.returncode == 0, run.stderr
+    print(f"\n{name}.py\n{run.stdout.strip()}")
+    return run.stdout
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_short_examples_are_short(name: str) -> None:
+    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    head = text.split('"""')[1]
+    assert f"pip install iplw {SHORT[name][0]}" in head.replace("'", "") and f"python examples/python/{name}.py" in head
+
+
+def test_tune_optuna(tmp_path: Path) -> None:
+    rows = {line[:12].strip(): line[12:].split() for line in run_short("tune_optuna", tmp_path).splitlines()}
+    for latent in ("friction", "restitution"):
+        truth, optuna, iplw = map(float, rows[latent])
+        assert abs(iplw - truth) < 0.005 and abs(optuna - truth) < 0.1
+
+
+def test_infer_sbi(tmp_path: Path) -> None:
+    for line in run_short("infer_sbi", tmp_path).splitlines()[-2:]:
+        truth, mean, sd, p = map(float, re.findall(r"\d\.\d+", line))
+        assert abs(mean - truth) < 4 * sd < 0.2 and p > 0.001
+    assert (tmp_path / "sbc.png").stat().st_size > 5000
+
+
+def test_plot_arviz(tmp_path: Path) -> None:
+    rows = [line.split() for line in run_short("plot_arviz", tmp_path).splitlines()]
+    for row in rows[-3:]:
+        truth, mean, sd = map(float, row[1:4])
+        assert abs(mean - truth) < 4 * sd and float(row[-1]) < 1.05
+    assert {path.name for path in tmp_path.glob("*.png")} == {"trace.png", "pair.png", "posterior.png"}
+
+
+def test_log_training(tmp_path: Path) -> None:
+    rows = dict(line.split(maxsplit=1) for line in run_short("log_training", tmp_path).splitlines())
+    first, last = map(float, re.findall(r"\d\.\d+", rows["loss"]))
+    assert last < first / 2 and rows["loss"].startswith("200 values")
+    assert list((tmp_path / "runs").glob("events.out.tfevents.*"))
+    if importlib.util.find_spec("wandb") is not None:
+        assert list((tmp_path / "runs" / "wandb").glob("offline-run-*/*.wandb"))
 
 
 def test_train_outside() -> None:

@@ -31,7 +31,7 @@ def displayed(notebook: Any, kind: str = "text/html") -> list[str]:
 
 
 def test_tutorials_exist() -> None:
-    assert {file.name[:2] for file in NOTEBOOKS} == {"01", "02", "03", "04", "05"}
+    assert {file.name[:2] for file in NOTEBOOKS} == {"01", "02", "03", "04", "05", "06"}
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
