@@ -72,7 +72,9 @@ pub fn estimate_with(
 ) -> Result<(EstimateReport, Vec<Trial>)> {
     let mut workflow = Workflow::new(tasks, config, importance)?;
     run(&mut workflow, reality, progress, &mut |_| Ok(()))?;
-    Ok((workflow.report(progress)?, workflow.trials().to_vec()))
+    let mut report = workflow.report(progress)?;
+    report.check_fit(workflow.trials(), progress)?;
+    Ok((report, workflow.trials().to_vec()))
 }
 
 /// Runs a workflow to its end against `reality`. `keep` is called with every finished round, so that the workflow can be

@@ -1,6 +1,6 @@
 //! `iplw estimate`: estimation of the latent factors of a hidden world.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -11,10 +11,11 @@ use iplw::experiment::{EstimateConfig, EstimateReport, Memory, OrderConstraint, 
 use iplw::explore::Importance;
 use iplw::inference;
 use iplw::inference::posterior::{PosteriorConfig, PosteriorDocument};
-use iplw::reality::{HiddenWorld, Trial, standard, with_trial_settings};
+use iplw::reality::{HiddenWorld, Trial, with_trial_settings};
 use iplw::task::{Family, Scene, Split, split};
 use iplw::world::{Engine, LINEAR_DRAG};
 
+use super::measure::write_trials;
 use super::{output, parse, posterior};
 
 /// Estimate the latent factors of a hidden world.
@@ -52,6 +53,9 @@ pub struct Args {
     /// Also sample the posterior given the trials, and save it as `iplw posterior` does [default: no]
     #[arg(long, value_name = "DIR")]
     save_posterior: Option<PathBuf>,
+    /// Also write the measured trials and their scene, as `iplw measure` does, for example for `iplw diagnose` [default: no]
+    #[arg(long, value_name = "DIR")]
+    save_trials: Option<PathBuf>,
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
@@ -76,8 +80,10 @@ pub fn run(args: &Args) -> Result<()> {
     config.racing = !args.no_racing;
     config.engine = Engine::from_name(&args.engine)?;
     let config = args.request.config(config)?;
-    args.save_posterior.as_ref().map_or(Ok(()), |out| output::prepare_directory("--save-posterior", out))?;
-    let mut hidden = parse::real(&args.real, standard(family))?;
+    for (option, out) in [("--save-posterior", &args.save_posterior), ("--save-trials", &args.save_trials)] {
+        out.as_ref().map_or(Ok(()), |out| output::prepare_directory(option, out))?;
+    }
+    let mut hidden = parse::real(&args.real, family)?;
     (hidden.budget, hidden.seed) = (args.request.budget, config.seed);
     let mut world = HiddenWorld::new(hidden)?;
     let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
@@ -86,6 +92,9 @@ pub fn run(args: &Args) -> Result<()> {
     let importance = importance(args, &config, family, &bar)?;
     let (mut report, trials) = estimate_with(&training, &mut world, &config, importance, &bar)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
+    if let Some(out) = &args.save_trials {
+        write_trials(out, &training[0].scene, trials.clone())?;
+    }
     let known = args
         .save_posterior
         .as_ref()
@@ -99,7 +108,7 @@ pub fn run(args: &Args) -> Result<()> {
         return output::print(&output::pretty_json(&report)?);
     }
     let known = known.map_or(String::new(), |(out, d)| posterior::summary_with_path(out, &d));
-    output::print(&(table(&report) + &known))
+    output::print(&(table(&report) + &fit_text(&report, args.save_trials.as_deref()) + &known))
 }
 
 /// Posterior samples of the estimated parameters, given the trials of the estimation.
@@ -138,9 +147,26 @@ fn importance(
     Ok(Some(Arc::new(surface::quick(family, bar)?)))
 }
 
+/// The quality of the fit, and the next command after a bad one.
+fn fit_text(report: &EstimateReport, trials: Option<&Path>) -> String {
+    let Some(fit) = &report.fit else { return String::new() };
+    let bad = fit.adequate == Some(false);
+    let next = match trials.map(Path::display) {
+        _ if !bad => String::new(),
+        Some(dir) => format!(
+            "next: iplw diagnose --scene {dir}/scene.json --trials {dir}/trials.csv --out {dir}/diagnosis\n"
+        ),
+        None => "next: repeat with --save-trials DIR, then \
+                 iplw diagnose --scene DIR/scene.json --trials DIR/trials.csv --out DIR/diagnosis\n"
+            .into(),
+    };
+    format!("fit: {}\n{next}", fit.text)
+}
+
 /// The report as text.
 fn table(report: &EstimateReport) -> String {
-    let mut text = String::from("latent         estimate   95 % interval\n");
+    let flag = if report.has_bad_fit() { " (ignores the misfit)" } else { "" };
+    let mut text = format!("latent         estimate   95 % interval{flag}\n");
     for l in report.latents.iter().chain(&report.effects) {
         let interval = match l.ci95 {
             [Some(low), Some(high)] if l.identifiable => format!("{low:.3} to {high:.3}"),

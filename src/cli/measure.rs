@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, training_and_test_tasks};
 use iplw::error::{Error, Result, check_format};
-use iplw::reality::{HiddenWorld, Reality, Trial, standard, trials_to_csv, with_trial_settings};
-use iplw::task::{Placement, Task, ValidAction};
+use iplw::reality::{HiddenWorld, Reality, Trial, trials_to_csv, with_trial_settings};
+use iplw::task::{Placement, Scene, Task, ValidAction};
 
 use super::{output, parse};
 
@@ -19,10 +19,10 @@ pub struct Args {
     /// Family, or a task such as bowling:017.
     #[arg(long)]
     task: String,
-    /// Effect of the hidden world, name:parameter=value,..; may be repeated [default: the family's]
+    /// Effect added to those of the hidden world, name:parameter=value,..; may be repeated; replaces one of the same name
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Hidden world: damping=0.8,density=..,friction=..,restitution=..,engine=.. [default: the family's]
+    /// Hidden world: damping=0.8,density=..,friction=..,restitution=..,engine=..,seed=.. [default: the family's]
     #[arg(long, default_value = "")]
     real: String,
     /// Number of random trials.
@@ -45,7 +45,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     iplw::error::check_range("--trials", args.trials as f64, 1.0, 100_000.0)?;
     let (tasks, family) = parse::tasks(&args.task)?;
-    let mut config = parse::hidden(&args.effects, &args.real, standard(family))?;
+    let mut config = parse::hidden(&args.effects, &args.real, family)?;
     (config.noise, config.seed) = (args.noise, args.seed);
     let mut world = HiddenWorld::new(config)?;
     let (training, _) = training_and_test_tasks(&tasks);
@@ -59,16 +59,21 @@ pub fn run(args: &Args) -> Result<()> {
         None => iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?,
     };
     bar.clear();
-    let (scene, named) = with_trial_settings(&training[0].scene, trials)?;
-    output::write_whole(&args.out.join("trials.csv"), trials_to_csv(&named).as_bytes())?;
-    output::write_whole(&args.out.join("scene.json"), (scene.to_json() + "\n").as_bytes())?;
+    let count = trials.len();
+    write_trials(&args.out, &training[0].scene, trials)?;
     eprintln!(
-        "{} trials ({} real interactions) in {}",
-        named.len(),
+        "{count} trials ({} real interactions) in {}",
         world.interactions(),
         args.out.join("trials.csv").display()
     );
     Ok(())
+}
+
+/// Writes scene.json, the common `scene` with one setting per trial, and trials.csv.
+pub fn write_trials(out: &Path, scene: &Scene, trials: Vec<Trial>) -> Result<()> {
+    let (scene, named) = with_trial_settings(scene, trials)?;
+    output::write_whole(&out.join("trials.csv"), trials_to_csv(&named).as_bytes())?;
+    output::write_whole(&out.join("scene.json"), (scene.to_json() + "\n").as_bytes())
 }
 
 /// Executes the experiments of a design.

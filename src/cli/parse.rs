@@ -6,7 +6,7 @@ use iplw::commands::{parse_effect, parse_latents, parse_number, parse_pairs};
 use iplw::error::{Error, Result};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::surface::RelatedEnvironment;
-use iplw::reality::HiddenConfig;
+use iplw::reality::{HiddenConfig, drawn};
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, Task, family};
 use iplw::world::{Engine, Latents};
@@ -61,16 +61,25 @@ pub fn part(name: &str) -> Result<Split> {
     Split::named(name).ok_or_else(|| Error::input("--split", format!("{name:?}"), allowed))
 }
 
-/// Applies `--real` to a hidden world.
-pub fn real(text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
-    world("--real", text, base)
+/// The family's hidden world with `--real` applied; its `seed` selects among the worlds of a family that draws hidden numbers.
+pub fn real(text: &str, family: &Family) -> Result<HiddenConfig> {
+    let mut seed = 0;
+    for (key, value) in parse_pairs("--real", text)? {
+        if key == "seed" {
+            let invalid = |_| Error::input("--real seed", format!("{value:?}"), "a whole number from 0");
+            seed = value.parse().map_err(invalid)?;
+        }
+    }
+    world("--real", text, drawn(family, seed))
 }
 
-/// A hidden world with the given effects (if any) instead of `base`'s, and with `--real` applied.
-pub fn hidden(effects: &[String], real_world: &str, base: HiddenConfig) -> Result<HiddenConfig> {
-    let own = self::effects(effects)?;
-    let effects = if own.is_empty() { base.effects.clone() } else { own };
-    real(real_world, HiddenConfig { effects, ..base })
+/// The family's hidden world with `--real` applied and with further effects; one that the world already has is replaced.
+pub fn hidden(effects: &[String], real_world: &str, family: &Family) -> Result<HiddenConfig> {
+    let added = self::effects(effects)?;
+    let mut config = real(real_world, family)?;
+    config.effects.retain(|own| added.iter().all(|new| new.name != own.name));
+    config.effects.extend(added);
+    Ok(config)
 }
 
 /// A known environment given by `--related`, with `base` latents and no effects by default.
@@ -108,8 +117,9 @@ fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
             "restitution" => config.latents.restitution = Some(parse_number(&field, &value)?),
             "noise" => config.noise = parse_number(&field, &value)?,
             "engine" => config.engine = Engine::from_name(&value)?,
+            "seed" if option == "--real" => {}
             _ => {
-                let allowed = "damping, density, friction, restitution, noise, engine";
+                let allowed = "damping, density, friction, restitution, noise, engine, seed";
                 return Err(Error::input(option, format!("{key:?}"), allowed));
             }
         }
@@ -134,18 +144,25 @@ mod tests {
         }
     }
 
-    /// Given effects replace the family's, and `--real` overrides both.
+    /// Given effects are added to the family's, or replace one of the same name; `--real` changes the family's.
     #[test]
-    fn options_override_the_hidden_world() {
-        let base = iplw::reality::standard(iplw::task::family("bowling").unwrap());
-        let names = |effects: &[&str], real: &str| {
+    fn options_extend_the_hidden_world() {
+        let bowling = family("bowling").unwrap();
+        let of = |effects: &[&str], real: &str| {
             let effects: Vec<String> = effects.iter().map(|e| e.to_string()).collect();
-            let found = hidden(&effects, real, base.clone()).unwrap();
-            found.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>()
+            hidden(&effects, real, bowling).unwrap()
+        };
+        let names = |effects: &[&str], real: &str| {
+            of(effects, real).effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>()
         };
         assert_eq!(names(&[], ""), ["linear_drag"]);
-        assert_eq!(names(&["wind:ax=1", "lift:s=1"], "friction=0.3"), ["wind", "lift"]);
-        assert_eq!(names(&["wind:ax=1"], "damping=1"), Vec::<String>::new());
-        assert!(hidden(&["wind:ax=x".into()], "", base).is_err());
+        assert_eq!(names(&["wind:ax=1", "lift:s=1"], "friction=0.3"), ["linear_drag", "wind", "lift"]);
+        assert_eq!(names(&["wind:ax=1"], "damping=1"), ["wind"]);
+        let replaced = of(&["linear_drag:c=0.1"], "").effects;
+        assert_eq!((replaced.len(), replaced[0].parameters["c"]), (1, 0.1));
+        assert_eq!(of(&[], "seed=4").seed, 4);
+        for (effect, real) in [("wind:ax=x", ""), ("wind", ""), ("wind:ax=1", "seed=-1")] {
+            assert!(hidden(&[effect.into()], real, bowling).is_err(), "{effect} {real}");
+        }
     }
 }

@@ -10,7 +10,7 @@ use iplw::estimate::ParameterSamples;
 use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, PlanningScore, evaluate_plan, score};
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
-use iplw::reality::{HiddenWorld, standard};
+use iplw::reality::HiddenWorld;
 use iplw::task::{Family, Split, Task, split};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -101,7 +101,7 @@ fn samples(args: &Args, request: &PlanRequest, config: &PlanConfig) -> Result<Pa
 
 /// Plans every test task and evaluates the plans in the hidden world.
 fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
-    let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
+    let hidden = parse::real(args.real.as_deref().unwrap_or(""), family)?;
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
     let prior = PlanRequest { latents: None, ..args.request.clone() };
     let mut samples_by_row =

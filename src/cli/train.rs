@@ -12,7 +12,6 @@ use iplw::policy::{
     train_with_early_stopping,
 };
 use iplw::progress::Progress;
-use iplw::reality::standard;
 use iplw::task::{DEFAULT_FAMILY, LabelCounts, Learning, Split, Task, split};
 use iplw::world::Latents;
 use serde_json::json;
@@ -205,7 +204,7 @@ pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     let tasks = parse::fold(tasks, family, args.fold)?;
     let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };
     policy.check_compatible(&chosen[0]).map_err(|e| e.in_file(args.policy.display()))?;
-    let hidden = parse::real(&args.real, standard(family))?;
+    let hidden = parse::real(&args.real, family)?;
     let config = EvaluateConfig { candidates: args.candidates, ..EvaluateConfig::phyre(args.seed) };
     let bar = output::TerminalProgress::new();
     let found = evaluate_in_hidden_world(&policy, &chosen, &hidden, &config, &bar)?;

@@ -2,6 +2,7 @@
 //! `linear_drag:c=0.223`.
 
 use std::collections::BTreeMap;
+use std::fmt::Arguments;
 
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -69,7 +70,7 @@ pub fn effects(
         }
     }
     for (i, JsonObject(term)) in given.into_iter().flatten().enumerate() {
-        effect::resolve(&term, format_args!("{prefix}effects[{i}]"))?;
+        check_term(&term, format_args!("{prefix}effects[{i}]"))?;
         terms.push(term);
     }
     if terms.len() > MAX_EFFECTS {
@@ -99,8 +100,19 @@ pub fn parse_effect(text: &str) -> Result<JsonObject<EffectTerm>> {
         .map(|(k, v)| Ok((k.clone(), parse_number(&format!("--effect {name}:{k}"), &v)?)))
         .collect::<Result<BTreeMap<_, _>>>()?;
     let term = EffectTerm { name: name.to_string(), parameters };
-    effect::resolve(&term, "--effect")?;
+    check_term(&term, format_args!("--effect"))?;
     Ok(JsonObject(term))
+}
+
+/// Errors unless an effect exists, its parameters are within bounds, and at least one has a value.
+fn check_term(term: &EffectTerm, place: Arguments) -> Result<()> {
+    let effect = effect::resolve(term, place)?.effect;
+    if !term.parameters.is_empty() {
+        return Ok(());
+    }
+    let names: Vec<String> = effect.parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect();
+    let allowed = format!("a value for at least one of its parameters: {}", names.join(", "));
+    Err(Error::input(format!("{place}.parameters"), format!("none for {}", effect.name), allowed))
 }
 
 /// `density=..,friction=..,restitution=..`, validated; missing latents are left to the scene.

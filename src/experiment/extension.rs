@@ -18,7 +18,7 @@ use crate::world::Latents;
 /// A simulation extended by a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extension {
-    /// Verdict of the diagnosis, as in `iplw.diagnosis/2`.
+    /// Verdict of the diagnosis, as in `iplw.diagnosis/2`; `not_needed` without one.
     pub verdict: String,
     /// Reason for the verdict.
     pub reason: String,
@@ -96,6 +96,18 @@ pub fn extend_simulation(
 }
 
 impl Extension {
+    /// No extension, of a simulation that reproduces the trials with the latents `found`.
+    pub fn unnecessary(found: Latents) -> Extension {
+        Extension {
+            verdict: "not_needed".into(),
+            reason: "the simulation reproduces the trials within the noise".into(),
+            rivals: Vec::new(),
+            effects: Vec::new(),
+            latents: found,
+            excess_removed: None,
+        }
+    }
+
     /// Training physics of the extended simulation.
     pub fn training(&self) -> TrainingPhysics {
         TrainingPhysics::Fixed { latents: self.latents, effects: self.effects.clone() }

@@ -134,6 +134,7 @@ pub(super) fn report_on(
         choices: found.choices,
         real_interactions: found.real_interactions,
         rollouts: found.rollouts + cut_cost + cost + refined.rollouts,
+        fit: None,
         stopped: found.stopped,
         seconds: None,
         strategy: config.strategy.clone(),

@@ -1,31 +1,48 @@
-//! End-to-end experiment: a hidden world, exploration, estimation, training of policies, transfer, and a table of results.
+//! End-to-end experiment: a hidden world, exploration, estimation, diagnosis, training of policies, plans, transfer, and a table of
+//! results.
 //!
-//! Source: Semage et al., the jump-start comparison of their bowling experiment, with the baselines domain
-//! randomisation and true latents.
+//! Source: Semage et al., the jump-start comparison of their bowling experiment, with the baseline domain randomisation.
 //!
 //! Differences from the source: policies are evaluated on the test tasks right after transfer (the jump start) and not trained further.
-//! Additional rows are a random baseline and a perfect simulation (the true latents *and* the true unmodelled effect). Beyond the paper,
-//! the trials are diagnosed: the missing effect is named and added to the simulation, and its benefit in transfer is measured.
+//! Additional baselines are random actions, an uncalibrated simulation (latents at the prior's means) and a perfect one (the true
+//! latents *and* the true unmodelled effect). Beyond the paper, informative actions are measured and fitted by multiple shooting; their
+//! trials are diagnosed, the missing effect is added to the simulation, and test tasks are planned under the posterior in it.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::estimators::{Estimator, EstimatorInput};
 use super::extension::{self, Extension, diagnose_trials};
 use super::hidden_evaluation::evaluate_in_hidden_world;
-use super::progress_prefix::PrefixedProgress;
 use super::statistics::Summary;
-use super::study::with_drag;
-use super::{EstimateConfig, EstimateReport, Round, Workflow, refit, run};
-use crate::error::{Result, check_range};
+use super::{EstimateConfig, EstimateReport, ResidualKind, Round, Workflow, run};
+use crate::budget::Unlimited;
+use crate::error::{Error, Result, check_range};
+use crate::estimate::ParameterSamples;
 use crate::inference::DiagnosisResult;
+use crate::plan::{Plan, PlanConfig, PlanPolicy, plan};
 use crate::policy::{
     EvaluateConfig, Evaluation, LabelConfig, Policy, RandomPolicy, TrainConfig, TrainingPhysics, label, train,
 };
-use crate::progress::Progress;
+use crate::progress::{NoProgress, Progress};
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Scene, Split, Task, split};
+use crate::task::{Family, LabelCounts, Learning, Scene, Split, Task, split};
 use crate::world::Latents;
+
+/// Labelled actions of a training task, updates and units per layer of a policy, and candidate actions of an evaluation. Fewer updates
+/// leave the levels' policies untrained; units per layer are fewer than usual, so that all rows of three seeds take minutes.
+const LABELS_PER_TASK: usize = 600;
+const BATCHES: usize = 3000;
+const UNITS: usize = 96;
+const CANDIDATES: usize = 2000;
+/// Posterior draws on which an action of a plan is evaluated, and draws of the posterior.
+const PLAN_DRAWS: usize = 16;
+const POSTERIOR_DRAWS: usize = 256;
 
 /// Configuration of the experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,26 +50,59 @@ use crate::world::Latents;
 pub struct QuickstartConfig {
     /// Name of the task family.
     pub family: String,
+    /// Prior mean and standard deviation of density, friction and restitution.
+    pub prior: [(f64, f64); 3],
     /// Seeds, one repetition of the experiment each.
     pub seeds: Vec<u64>,
-    /// The estimation; its seed is replaced by each of `seeds`.
-    pub estimate: EstimateConfig,
+    /// The estimation as in the paper; its seed is replaced by each of `seeds`.
+    pub paper: EstimateConfig,
+    /// The estimation with informative actions, whose trials are diagnosed.
+    pub informative: EstimateConfig,
     /// Labelling of training actions.
     pub label: LabelConfig,
     /// Training of policies.
     pub train: TrainConfig,
     /// Evaluation of policies.
     pub evaluate: EvaluateConfig,
+    /// Plans under the posterior.
+    pub plan: PlanConfig,
+}
+
+impl QuickstartConfig {
+    /// The usual configuration; `quick` for a smoke test with few labels and candidates.
+    pub fn standard(family: &Family, seeds: Vec<u64>, quick: bool) -> QuickstartConfig {
+        let usual = EstimateConfig::fast(family.prior);
+        let labels =
+            LabelCounts { per_task: if quick { 40 } else { LABELS_PER_TASK }, ..family.learning.labels };
+        let learning = Learning { batches: if quick { BATCHES / 5 } else { BATCHES }, ..family.learning };
+        let candidates = if quick { 500 } else { CANDIDATES };
+        QuickstartConfig {
+            family: family.name.into(),
+            prior: family.prior,
+            seeds,
+            informative: EstimateConfig {
+                strategy: "informative".into(),
+                residual: ResidualKind::Shooting,
+                actions: 5,
+                ..usual.clone()
+            },
+            paper: usual,
+            label: LabelConfig::preset(&labels, 0),
+            train: TrainConfig { hidden: UNITS, ..TrainConfig::preset(&learning) },
+            evaluate: EvaluateConfig { candidates, ..EvaluateConfig::phyre(0) },
+            plan: PlanConfig { actions: candidates, draws: PLAN_DRAWS, ..PlanConfig::standard(0) },
+        }
+    }
 }
 
 /// Results: one row per method.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct QuickstartReport {
     pub rows: Vec<QuickstartRow>,
-    /// One estimation per seed.
+    /// One estimation as in the paper per seed.
+    pub paper_estimates: Vec<EstimateReport>,
+    /// One estimation with informative actions per seed.
     pub estimates: Vec<EstimateReport>,
-    /// The same trials fitted again with linear drag in the simulation, per seed.
-    pub extensions: Vec<EstimateReport>,
     /// Extension by a diagnosis of the same trials, per seed.
     pub diagnoses: Vec<Extension>,
     /// True parameters, revealed at the end.
@@ -82,17 +132,18 @@ pub struct QuickstartRow {
 pub enum Method {
     /// Actions in random order.
     Random,
+    /// Trained in the simulation with latents at the prior's means.
+    Uncalibrated,
     /// Trained in simulations with random latents.
     DomainRandomisation,
-    /// Trained in the simulation grounded by the workflow.
+    /// Trained in the simulation grounded by the paper's workflow.
     Iplw,
-    /// Beyond the paper: trained in a simulation grounded by the workflow with linear drag fitted.
-    IplwWithDrag,
-    /// Beyond the paper: trained in a simulation grounded by the workflow and extended by a diagnosis of its trials. Without a
-    /// diagnosed effect it is the workflow's simulation.
-    IplwDiagnosed,
-    /// Trained in a simulation with the true latents.
-    TrueLatents,
+    /// Trained in the simulation grounded by informative actions and multiple shooting.
+    Informative,
+    /// The same, extended by a diagnosis of its trials. It is the same simulation if that reproduces the trials.
+    Extended,
+    /// Test tasks planned by rollouts in the extended simulation, under the posterior of its parameters.
+    Planned,
     /// Trained in a simulation with the true latents and the true unmodelled effects.
     TruePhysics,
 }
@@ -101,8 +152,8 @@ pub enum Method {
 pub struct QuickstartArtifacts {
     /// Trials of the exploration.
     pub trials: Vec<Trial>,
-    /// Scene common to all trials, and their diagnosis.
-    pub diagnosed: (Scene, DiagnosisResult),
+    /// Scene common to all trials, and their diagnosis; `None` if the simulation reproduces the trials.
+    pub diagnosed: Option<(Scene, DiagnosisResult)>,
     /// The rounds of the estimation.
     pub rounds: Vec<Round>,
     /// Policies of all methods, in the order of [`QuickstartReport::rows`].
@@ -110,15 +161,17 @@ pub struct QuickstartArtifacts {
 }
 
 /// A policy with its training and evaluation.
+#[derive(Clone)]
 pub struct TrainedPolicy {
     pub method: Method,
-    pub policy: Box<dyn Policy>,
-    /// Training record; `None` for the random baseline.
+    pub policy: Arc<dyn Policy>,
+    /// Training record; `None` for random actions and plans.
     pub training: Option<TrainingRecord>,
     pub evaluation: Evaluation,
 }
 
 /// Training data and loss of a policy.
+#[derive(Clone)]
 pub struct TrainingRecord {
     pub training: TrainingPhysics,
     pub labels: LabelConfig,
@@ -131,81 +184,131 @@ pub struct TrainingRecord {
 }
 
 impl QuickstartArtifacts {
-    /// The policy trained in the grounded simulation.
+    /// The policy trained in the extended simulation.
     pub fn policy(&self) -> &dyn Policy {
-        let ours = self.policies.iter().find(|s| s.method == Method::Iplw);
+        let ours = self.policies.iter().find(|s| s.method == Method::Extended);
         ours.expect("one of the methods is ours").policy.as_ref()
     }
 }
 
 impl Method {
+    /// All methods in the order of the table.
+    pub const ALL: [Method; 8] = [
+        Method::Random,
+        Method::Uncalibrated,
+        Method::DomainRandomisation,
+        Method::Iplw,
+        Method::Informative,
+        Method::Extended,
+        Method::Planned,
+        Method::TruePhysics,
+    ];
+
     /// Title in tables.
     pub fn title(self) -> &'static str {
         match self {
-            Method::Random => "random ranking",
+            Method::Random => "random actions",
+            Method::Uncalibrated => "uncalibrated simulation",
             Method::DomainRandomisation => "domain randomisation",
-            Method::Iplw => "IPLW",
-            Method::IplwWithDrag => "IPLW, drag fitted along",
-            Method::IplwDiagnosed => "IPLW, extended by diagnosis",
-            Method::TrueLatents => "true latents",
-            Method::TruePhysics => "true latents and effects",
+            Method::Iplw => "IPLW as in the paper",
+            Method::Informative => "IPLW, informative actions",
+            Method::Extended => "  ... extended by diagnosis",
+            Method::Planned => "  ... planned under the posterior",
+            Method::TruePhysics => "true physics",
         }
     }
 }
 
 impl QuickstartRow {
-    /// Mean AUCCESS over seeds and its standard error (`None` for a single seed).
-    pub fn mean(&self) -> (f64, Option<f64>) {
-        let summary = Summary::of(&self.auccess);
-        (summary.mean, summary.standard_error)
+    /// Summary of AUCCESS over seeds.
+    pub fn summary(&self) -> Summary {
+        Summary::of(&self.auccess)
     }
 }
 
-/// Runs the experiment in hidden worlds with configuration `hidden`. `clock` returns seconds from an arbitrary origin.
+/// Runs the experiment in hidden worlds with configuration `hidden`, seeds side by side. `clock` returns seconds from an arbitrary
+/// origin. The artifacts are those of the first seed.
 pub fn quickstart(
     tasks: &[Task],
     hidden: &HiddenConfig,
     config: &QuickstartConfig,
-    clock: &dyn Fn() -> f64,
+    clock: &(dyn Fn() -> f64 + Sync),
     progress: &dyn Progress,
 ) -> Result<(QuickstartReport, QuickstartArtifacts)> {
     check_range("seeds", config.seeds.len() as f64, 1.0, 1000.0)?;
-    config.estimate.validate()?;
-    let mut experiment = QuickstartRun {
+    config.paper.validate()?;
+    config.informative.validate()?;
+    let total = (config.seeds.len() * STEPS_PER_SEED) as u64;
+    let experiment = QuickstartRun {
         training: split(tasks, Split::Train),
         test: split(tasks, Split::Test),
         hidden,
         truth: HiddenWorld::new(hidden.clone())?.reveal(),
         config,
-        stopwatch: Stopwatch { clock, laps: Vec::new() },
+        clock,
+        steps: StepCounter { inner: progress, name: &config.family, done: AtomicU64::new(0), total },
     };
-    let mut rows: Vec<(QuickstartRow, Vec<Evaluation>)> = Vec::new();
-    let (mut estimates, mut extensions, mut diagnoses, mut artifacts) =
-        (Vec::new(), Vec::new(), Vec::new(), None);
-    for (n, seed) in config.seeds.iter().enumerate() {
-        let seed_progress =
-            PrefixedProgress { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
-        let result = experiment.run_seed(*seed, &seed_progress)?;
-        for (method, evaluation, interactions) in result.policies {
-            record_evaluation(&mut rows, method, evaluation, interactions);
+    let results: Vec<SeedResult> =
+        config.seeds.par_iter().map(|seed| experiment.run_seed(*seed)).collect::<Result<_>>()?;
+    let rows = (0..Method::ALL.len()).map(|k| row(&results, k)).collect();
+    let mut seconds: Vec<(String, f64)> = Vec::new();
+    let (mut paper_estimates, mut estimates, mut diagnoses, mut artifacts) = (vec![], vec![], vec![], None);
+    for result in results {
+        for (stage, took) in result.seconds {
+            match seconds.iter_mut().find(|(name, _)| *name == stage) {
+                Some((_, sum)) => *sum += took,
+                None => seconds.push((stage, took)),
+            }
         }
-        estimates.push(result.estimate);
-        extensions.push(result.with_drag);
+        paper_estimates.push(result.paper);
+        estimates.push(result.informative);
         diagnoses.push(result.extension);
         artifacts = artifacts.or(Some(result.artifacts));
     }
-    let rows = rows.into_iter().map(|(row, evaluations)| average_row(row, &evaluations)).collect();
     let report = QuickstartReport {
         rows,
+        paper_estimates,
         estimates,
-        extensions,
         diagnoses,
         truth: experiment.truth,
-        seconds: experiment.stopwatch.laps,
+        seconds,
         config: config.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
     };
     Ok((report, artifacts.expect("at least one seed was run")))
+}
+
+/// One method over all seeds; `k` is its place in [`Method::ALL`].
+fn row(results: &[SeedResult], k: usize) -> QuickstartRow {
+    let of: Vec<&Evaluation> = results.iter().map(|r| &r.artifacts.policies[k].evaluation).collect();
+    let n = of.len() as f64;
+    QuickstartRow {
+        method: Method::ALL[k],
+        auccess: of.iter().map(|e| e.auccess).collect(),
+        curve: (0..of[0].curve.len()).map(|a| of.iter().map(|e| e.curve[a]).sum::<f64>() / n).collect(),
+        real_interactions: results.iter().map(|r| r.interactions_of(Method::ALL[k])).collect(),
+    }
+}
+
+/// Reported steps of a seed: two estimations, diagnosis, posterior, and one for each method.
+const STEPS_PER_SEED: usize = 4 + Method::ALL.len();
+
+/// Reports the finished steps of all seeds.
+struct StepCounter<'a> {
+    inner: &'a dyn Progress,
+    name: &'a str,
+    done: AtomicU64,
+    total: u64,
+}
+
+impl Progress for StepCounter<'_> {
+    fn report(&self, _: &str, _: u64, _: u64) -> Result<()> {
+        self.inner.report(self.name, self.done.load(Ordering::Relaxed), self.total)
+    }
+
+    fn check_stop(&self) -> Result<()> {
+        self.inner.check_stop()
+    }
 }
 
 /// Data shared by all seeds.
@@ -215,148 +318,193 @@ struct QuickstartRun<'a> {
     hidden: &'a HiddenConfig,
     truth: Truth,
     config: &'a QuickstartConfig,
-    stopwatch: Stopwatch<'a>,
+    clock: &'a (dyn Fn() -> f64 + Sync),
+    steps: StepCounter<'a>,
 }
 
 /// Result of one seed.
 struct SeedResult {
-    estimate: EstimateReport,
-    /// The same trials fitted again with linear drag in the simulation.
-    with_drag: EstimateReport,
+    paper: EstimateReport,
+    informative: EstimateReport,
     extension: Extension,
-    /// Method, evaluation and real interactions of each policy.
-    policies: Vec<(Method, Evaluation, u64)>,
     artifacts: QuickstartArtifacts,
+    seconds: Vec<(String, f64)>,
+}
+
+impl SeedResult {
+    /// Real interactions that a method has used.
+    fn interactions_of(&self, method: Method) -> u64 {
+        match method {
+            Method::Random | Method::Uncalibrated | Method::DomainRandomisation | Method::TruePhysics => 0,
+            Method::Iplw => self.paper.real_interactions,
+            Method::Informative | Method::Extended | Method::Planned => self.informative.real_interactions,
+        }
+    }
+}
+
+/// One seed in progress.
+struct SeedRun<'a> {
+    run: &'a QuickstartRun<'a>,
+    seed: u64,
+    seconds: Vec<(String, f64)>,
 }
 
 impl QuickstartRun<'_> {
-    fn run_seed(&mut self, seed: u64, progress: &dyn Progress) -> Result<SeedResult> {
-        let mut world = HiddenWorld::new(HiddenConfig { seed, ..self.hidden.clone() })?;
-        let setup = EstimateConfig { seed, ..self.config.estimate.clone() };
-        let mut rounds = Vec::new();
-        let (report, trials) = self.stopwatch.time("explore, measure, estimate", || {
-            let mut workflow = Workflow::new(&self.training, &setup, None)?;
-            run(&mut workflow, &mut world, progress, &mut |round| {
-                rounds.push(round.clone());
-                Ok(())
-            })?;
-            Ok((workflow.report(progress)?, workflow.trials().to_vec()))
+    fn run_seed(&self, seed: u64) -> Result<SeedResult> {
+        let mut own = SeedRun { run: self, seed, seconds: Vec::new() };
+        let (paper, _, _) = own.estimate(&self.config.paper)?;
+        let (informative, trials, rounds) = own.estimate(&self.config.informative)?;
+        let setup = EstimateConfig { seed, ..self.config.informative.clone() };
+        let found = Latents::of(informative.values());
+        let steps = &self.steps;
+        let (diagnosed, extension) = own.step("diagnose and extend", |_| {
+            if !informative.has_bad_fit() {
+                return Ok((None, Extension::unnecessary(found)));
+            }
+            let diagnosed = diagnose_trials(&trials, &setup, steps)?;
+            let extension = extension::extend_simulation(&diagnosed.1, &trials, &setup, found, steps)?;
+            Ok((Some(diagnosed), extension))
         })?;
-        let interactions_used = world.interactions();
-        let with_drag = refit_with_drag(&trials, &setup, &mut self.stopwatch, progress)?;
-        let found = Latents::of(report.values());
-        let stage_progress = PrefixedProgress { inner: progress, name: "diagnosis".into() };
-        let (scene, finding) =
-            self.stopwatch.time("diagnose", || diagnose_trials(&trials, &setup, &stage_progress))?;
-        let extension = self.stopwatch.time("fit in the extended simulation", || {
-            extension::extend_simulation(&finding, &trials, &setup, found, &stage_progress)
-        })?;
-        let (mut tried, mut all) = (Vec::new(), Vec::new());
-        for (method, physics) in [
-            (Method::Random, None),
-            (Method::DomainRandomisation, Some(TrainingPhysics::paper_randomised(Vec::new()))),
-            (Method::Iplw, Some(fixed_physics(found, &[]))),
-            (
-                Method::IplwWithDrag,
-                Some(fixed_physics(Latents::of(with_drag.values()), &with_drag.extension())),
-            ),
-            (Method::IplwDiagnosed, Some(fixed_physics(extension.latents, &extension.effects))),
-            (Method::TrueLatents, Some(fixed_physics(self.truth.latents, &[]))),
-            (Method::TruePhysics, Some(fixed_physics(self.truth.latents, &self.truth.effects))),
-        ] {
-            let stage_progress = PrefixedProgress { inner: progress, name: method.title().into() };
-            let (policy, lesson) = self.train_policy(physics, seed, &stage_progress)?;
-            let evaluation = self.stopwatch.time("transfer and evaluate", || {
-                evaluate_in_hidden_world(
-                    policy.as_ref(),
-                    &self.test,
-                    self.hidden,
-                    &self.config.evaluate,
-                    &stage_progress,
-                )
-            })?;
-            let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
-            tried.push((method, evaluation.clone(), if from_trials { interactions_used } else { 0 }));
-            all.push(TrainedPolicy { method, policy, training: lesson, evaluation });
-        }
-        let artifacts = QuickstartArtifacts { trials, diagnosed: (scene, finding), rounds, policies: all };
-        Ok(SeedResult { estimate: report, with_drag, extension, policies: tried, artifacts })
-    }
-
-    /// A policy trained in simulation, or the random baseline.
-    fn train_policy(
-        &mut self,
-        physics: Option<TrainingPhysics>,
-        seed: u64,
-        progress: &dyn Progress,
-    ) -> Result<(Box<dyn Policy>, Option<TrainingRecord>)> {
-        let Some(training) = physics else { return Ok((Box::new(RandomPolicy { seed }), None)) };
-        let labels = LabelConfig { seed: rng::derive_seed(seed, "label", 0), ..self.config.label.clone() };
-        let data =
-            self.stopwatch.time("label actions", || label(&self.training, &training, &labels, progress))?;
-        let setup = TrainConfig { seed, ..self.config.train.clone() };
-        let (dqn, log) = self.stopwatch.time("train policies", || train(&data, &setup, progress))?;
-        let (examples, solving) = (data.rows.len(), data.solving());
-        let lesson = TrainingRecord { training, labels, setup, examples, solving, loss: log.loss };
-        Ok((Box::new(dqn), Some(lesson)))
+        let posterior = own.step("sample the posterior", |own| own.posterior(&trials, &extension))?;
+        let policies = own.policies((&paper, found), &extension, &posterior)?;
+        let artifacts = QuickstartArtifacts { trials, diagnosed, rounds, policies };
+        Ok(SeedResult { paper, informative, extension, artifacts, seconds: own.seconds })
     }
 }
 
-/// Refits the workflow's trials with linear drag in the simulation, without further real interactions.
-fn refit_with_drag(
-    trials: &[Trial],
-    config: &EstimateConfig,
-    stopwatch: &mut Stopwatch,
-    progress: &dyn Progress,
-) -> Result<EstimateReport> {
-    let config = with_drag(config.clone());
-    let stage_progress = PrefixedProgress { inner: progress, name: "with drag".into() };
-    stopwatch.time("fit again with drag", || refit(trials, &config, &stage_progress))
+impl SeedRun<'_> {
+    /// Does one step, timed and counted.
+    fn step<T>(&mut self, stage: &str, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        self.run.steps.report(stage, 0, 0)?;
+        let start = (self.run.clock)();
+        let result = work(self)?;
+        self.seconds.push((stage.into(), (self.run.clock)() - start));
+        self.run.steps.done.fetch_add(1, Ordering::Relaxed);
+        Ok(result)
+    }
+
+    /// An estimation in a fresh hidden world.
+    fn estimate(&mut self, config: &EstimateConfig) -> Result<(EstimateReport, Vec<Trial>, Vec<Round>)> {
+        let setup = EstimateConfig { seed: self.seed, ..config.clone() };
+        let stage = format!("explore and estimate, {}", setup.strategy);
+        self.step(&stage, |own| {
+            let (steps, mut rounds) = (&own.run.steps, Vec::new());
+            let mut world = HiddenWorld::new(HiddenConfig { seed: own.seed, ..own.run.hidden.clone() })?;
+            let mut workflow = Workflow::new(&own.run.training, &setup, None)?;
+            run(&mut workflow, &mut world, steps, &mut |round| {
+                rounds.push(round.clone());
+                Ok(())
+            })?;
+            let mut report = workflow.report(steps)?;
+            report.real_interactions = world.interactions();
+            report.check_fit(workflow.trials(), steps)?;
+            Ok((report, workflow.trials().to_vec(), rounds))
+        })
+    }
+
+    /// Posterior samples in the extended simulation.
+    fn posterior(&self, trials: &[Trial], extension: &Extension) -> Result<ParameterSamples> {
+        let config = self.run.config;
+        let set: Vec<String> = extension.effects.iter().map(|e| e.name.clone()).collect();
+        let asked = EstimatorInput {
+            prior: config.prior,
+            base: &self.run.training[0].scene,
+            set: &set,
+            engine: config.informative.engine,
+            draws: POSTERIOR_DRAWS,
+            noise: self.run.hidden.noise,
+            seed: self.seed,
+        };
+        match asked.estimate(Estimator::Posterior, trials, &self.run.steps) {
+            Ok(found) => ParameterSamples::from_draws(found.draws),
+            // An empirical law is no set of the library: the plans use the point estimate.
+            Err(Error::Input(_)) => ParameterSamples::point(extension.latents, extension.effects.clone()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Policies of all methods, and their evaluations. Methods with the same physics share a policy.
+    fn policies(
+        &mut self,
+        (paper, found): (&EstimateReport, Latents),
+        extension: &Extension,
+        posterior: &ParameterSamples,
+    ) -> Result<Vec<TrainedPolicy>> {
+        let truth = &self.run.truth;
+        let physics = |method| match method {
+            Method::Random | Method::Planned => None,
+            Method::Uncalibrated => {
+                Some(fixed_physics(Latents::of(self.run.config.prior.map(|(mean, _)| mean)), &[]))
+            }
+            Method::DomainRandomisation => Some(TrainingPhysics::paper_randomised(Vec::new())),
+            Method::Iplw => Some(fixed_physics(Latents::of(paper.values()), &[])),
+            Method::Informative => Some(fixed_physics(found, &[])),
+            Method::Extended => Some(fixed_physics(extension.latents, &extension.effects)),
+            Method::TruePhysics => Some(fixed_physics(truth.latents, &truth.effects)),
+        };
+        let all = Method::ALL.map(|method| (method, physics(method)));
+        let first = |k: usize| all[..k].iter().position(|(_, other)| other.is_some() && *other == all[k].1);
+        let start = (self.run.clock)();
+        let own: Vec<Option<TrainedPolicy>> = (0..all.len())
+            .into_par_iter()
+            .map(|k| {
+                let trained = match first(k) {
+                    Some(_) => None,
+                    None => Some(self.policy(all[k].0, all[k].1.clone(), posterior)?),
+                };
+                self.run.steps.done.fetch_add(1, Ordering::Relaxed);
+                Ok(trained)
+            })
+            .collect::<Result<_>>()?;
+        self.seconds.push(("train, plan and evaluate".into(), (self.run.clock)() - start));
+        let of = |k: usize| TrainedPolicy {
+            method: all[k].0,
+            ..own[first(k).unwrap_or(k)].clone().expect("the first with its physics")
+        };
+        Ok((0..all.len()).map(of).collect())
+    }
+
+    /// A method's policy, trained in its physics if it has one, and its evaluation.
+    fn policy(
+        &self,
+        method: Method,
+        physics: Option<TrainingPhysics>,
+        posterior: &ParameterSamples,
+    ) -> Result<TrainedPolicy> {
+        let (policy, training): (Arc<dyn Policy>, _) = match (method, physics) {
+            (_, Some(physics)) => self.train(physics).map(|(policy, record)| (policy, Some(record)))?,
+            (Method::Planned, None) => (Arc::new(self.plan(posterior)?), None),
+            (_, None) => (Arc::new(RandomPolicy { seed: self.seed }), None),
+        };
+        let QuickstartRun { test, hidden, config, steps, .. } = self.run;
+        let evaluation = evaluate_in_hidden_world(policy.as_ref(), test, hidden, &config.evaluate, steps)?;
+        Ok(TrainedPolicy { method, policy, training, evaluation })
+    }
+
+    /// A policy trained in simulation.
+    fn train(&self, training: TrainingPhysics) -> Result<(Arc<dyn Policy>, TrainingRecord)> {
+        let config = self.run.config;
+        let labels = LabelConfig { seed: rng::derive_seed(self.seed, "label", 0), ..config.label.clone() };
+        let data = label(&self.run.training, &training, &labels, &self.run.steps)?;
+        let setup = TrainConfig { seed: self.seed, ..config.train.clone() };
+        let (dqn, log) = train(&data, &setup, &self.run.steps)?;
+        let (examples, solving) = (data.rows.len(), data.solving());
+        Ok((Arc::new(dqn), TrainingRecord { training, labels, setup, examples, solving, loss: log.loss }))
+    }
+
+    /// Plans of all test tasks under the posterior.
+    fn plan(&self, posterior: &ParameterSamples) -> Result<PlanPolicy> {
+        let config = &self.run.config.plan;
+        let plans: Vec<Plan> = self
+            .run
+            .test
+            .par_iter()
+            .map(|task| plan(task, posterior, config, &Unlimited, &NoProgress))
+            .collect::<Result<_>>()?;
+        Ok(PlanPolicy::new("the posterior", &plans))
+    }
 }
 
 fn fixed_physics(latents: Latents, effects: &[EffectTerm]) -> TrainingPhysics {
     TrainingPhysics::Fixed { latents, effects: effects.to_vec() }
-}
-
-fn record_evaluation(
-    rows: &mut Vec<(QuickstartRow, Vec<Evaluation>)>,
-    method: Method,
-    evaluation: Evaluation,
-    interactions: u64,
-) {
-    let at = rows.iter().position(|(r, _)| r.method == method).unwrap_or_else(|| {
-        let row =
-            QuickstartRow { method, auccess: Vec::new(), curve: Vec::new(), real_interactions: Vec::new() };
-        rows.push((row, Vec::new()));
-        rows.len() - 1
-    });
-    rows[at].0.auccess.push(evaluation.auccess);
-    rows[at].0.real_interactions.push(interactions);
-    rows[at].1.push(evaluation);
-}
-
-fn average_row(mut row: QuickstartRow, evaluations: &[Evaluation]) -> QuickstartRow {
-    let n = evaluations.len() as f64;
-    let attempts = evaluations[0].curve.len();
-    row.curve = (0..attempts).map(|k| evaluations.iter().map(|e| e.curve[k]).sum::<f64>() / n).collect();
-    row
-}
-
-/// Accumulates seconds per stage.
-struct Stopwatch<'a> {
-    clock: &'a dyn Fn() -> f64,
-    laps: Vec<(String, f64)>,
-}
-
-impl Stopwatch<'_> {
-    fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
-        let start = (self.clock)();
-        let result = work();
-        let took = (self.clock)() - start;
-        match self.laps.iter_mut().find(|(name, _)| name == stage) {
-            Some((_, sum)) => *sum += took,
-            None => self.laps.push((stage.to_string(), took)),
-        }
-        result
-    }
 }

@@ -4,7 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use super::config::EstimateConfig;
 use super::selection_summary::SelectionSummary;
+use crate::error::Result;
 use crate::estimate::LatentEstimate;
+use crate::inference::{DiagnosisConfig, FitQuality, check_fit};
+use crate::progress::Progress;
+use crate::reality::Trial;
 use crate::task::scene::EffectTerm;
 use crate::world::ParameterVector;
 
@@ -26,6 +30,9 @@ pub struct EstimateReport {
     pub real_interactions: u64,
     /// Rollouts simulated.
     pub rollouts: u64,
+    /// Whether the simulation, with the fitted effects, can reproduce the trials; absent if it was not checked.
+    #[serde(default)]
+    pub fit: Option<FitQuality>,
     /// Reason for stopping.
     pub stopped: StopReason,
     /// Wall-clock time, s; set by the caller.
@@ -52,6 +59,23 @@ pub enum StopReason {
 }
 
 impl EstimateReport {
+    /// Checks whether the simulation, with the fitted effects, can reproduce the trials of the estimation.
+    pub fn check_fit(&mut self, trials: &[Trial], progress: &dyn Progress) -> Result<()> {
+        let config = DiagnosisConfig { engine: self.config.engine, ..DiagnosisConfig::standard(self.seed) };
+        let mut effects = self.config.effects.clone();
+        for fitted in self.extension() {
+            effects.retain(|own| own.name != fitted.name);
+            effects.push(fitted);
+        }
+        self.fit = Some(check_fit(trials, &effects, &config, progress)?);
+        Ok(())
+    }
+
+    /// Whether the simulation cannot reproduce the trials, so that the intervals are too narrow.
+    pub fn has_bad_fit(&self) -> bool {
+        self.fit.as_ref().is_some_and(|fit| fit.adequate == Some(false))
+    }
+
     /// The point estimate of the latents.
     pub fn values(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.latents[i].value)

@@ -29,6 +29,7 @@ mod config;
 mod data;
 mod dynamics;
 mod field;
+mod fit_quality;
 mod global_search;
 mod kernels;
 mod mixed_model;
@@ -56,8 +57,9 @@ use data::discretisation::inflate_for_discretisation;
 use data::noise::Noise;
 use data::preprocessing::{InsufficientData, MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
 use data::surface_offsets;
+pub use fit_quality::{FitQuality, check_fit};
 use mixed_model::model_fit::{ModelFitter, RecordingContext};
-use model::{FitState, ParameterLayout, SegmentData};
+use model::{FitEvaluation, FitState, ParameterLayout, SegmentData};
 pub use report::Diagnosis;
 use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
@@ -125,7 +127,7 @@ fn diagnose_without(
     if let Some(lack) = &ready.few_trials {
         return few_trials_result((scene, trials, config), &latents, (&ready, lack), opened, progress);
     }
-    let BaseFit { mut data, layout, state, observed } = opened;
+    let BaseFit { mut data, layout, state, observed, .. } = opened;
     let PreprocessedData { trial_indices: used, setting_names: names, noise, sd, mismatch: stepping, .. } =
         &ready;
     let select = |data: &SegmentData, layout: &ParameterLayout, state: FitState| {
@@ -232,6 +234,7 @@ struct BaseFit<'a> {
     data: SegmentData<'a>,
     layout: ParameterLayout,
     state: FitState,
+    evaluation: FitEvaluation,
     /// Observations by used trial.
     observed: Vec<&'a Trajectory>,
 }
@@ -253,8 +256,8 @@ fn fit_base<'a>(
     if let Some(stepping) = ready.mismatch {
         inflate_for_discretisation(&mut data, &observed, &layout, &start, stepping)?;
     }
-    let (state, _) = base_model::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
-    Ok(BaseFit { data, layout, state, observed })
+    let (state, evaluation) = base_model::fit_base_model(scene, &mut data, &observed, &layout, start, seed)?;
+    Ok(BaseFit { data, layout, state, evaluation, observed })
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result, check_range};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Family, Placement, Scene, Task, ValidAction};
+use crate::task::{Family, HiddenPhysics, Placement, Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
@@ -80,16 +80,29 @@ fn is_stop(error: &Error) -> bool {
     matches!(error, Error::Cancelled | Error::Deadline { .. })
 }
 
-/// Standard real world of a family: the paper's latents, with damping 0.8 per second.
+/// Standard real world of a family, the one with seed 0; for the paper's families its latents, with damping 0.8 per second.
 pub fn standard(family: &Family) -> HiddenConfig {
-    let physics = family.real_physics.open();
+    drawn(family, 0)
+}
+
+/// The real world of a family with this seed. Worlds differ if the family's file has ranges in place of hidden numbers.
+pub fn drawn(family: &Family, seed: u64) -> HiddenConfig {
+    world_of(family.real_physics.draw(seed), seed)
+}
+
+/// The real world in which a family's tasks are certified: the centre of its ranges.
+pub(super) fn certifying(family: &Family) -> HiddenConfig {
+    world_of(family.real_physics.centre(), 0)
+}
+
+fn world_of(physics: HiddenPhysics, seed: u64) -> HiddenConfig {
     HiddenConfig {
         latents: Latents::of([physics.density, physics.friction, physics.restitution]),
         effects: vec![effect::damping(physics.damping)],
         engine: Engine::Auto,
         noise: 0.0,
         budget: None,
-        seed: 0,
+        seed,
     }
 }
 

@@ -26,9 +26,13 @@ pub struct WorldConfig {
     pub noise: f64,
     /// Maximum number of valid attempts; real worlds only.
     pub budget: Option<u64>,
-    /// Whether latents and effects are hidden and cannot be set. Default: true for a real world.
+    /// Maximum number of valid attempts in an episode, from 1.
+    pub max_attempts: u32,
+    /// Whether latents and effects are hidden and cannot be set. Default: true for a real world; false there only with all
+    /// latents and effects of one's own.
     pub sealed: Option<bool>,
-    /// Seed of the task sequence for unseeded resets, and of observation noise.
+    /// Seed of the task sequence for unseeded resets, of observation noise, and of hidden numbers that a family draws from
+    /// ranges.
     pub seed: u64,
 }
 
@@ -43,6 +47,7 @@ impl WorldConfig {
             effects: None,
             noise: 0.0,
             budget: None,
+            max_attempts: 1,
             sealed: None,
             seed: 0,
         }

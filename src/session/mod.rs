@@ -6,7 +6,7 @@
 //! | phase | `step` | after |
 //! |---|---|---|
 //! | `New` | error | `reset` makes it `Ready` |
-//! | `Ready` | a valid action is an attempt and ends the episode; an invalid one changes nothing | `Done` or `Ready` |
+//! | `Ready` | a valid action is an attempt, which ends the episode if it solves the task or is the last one; an invalid one changes nothing | `Done` or `Ready` |
 //! | `Done` | error | `reset` makes it `Ready` |
 //!
 //! Worlds of a [`Registry`] survive a restart. Their configuration is stored on creation. A real world's counter is stored

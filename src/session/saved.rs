@@ -23,6 +23,8 @@ pub struct SavedWorld {
     pub effects: Option<Vec<EffectTerm>>,
     pub noise: f64,
     pub budget: Option<u64>,
+    #[serde(default = "one_attempt")]
+    pub max_attempts: u32,
     pub sealed: Option<bool>,
     pub seed: u64,
 }
@@ -40,6 +42,7 @@ impl SavedWorld {
             effects: config.effects.clone(),
             noise: config.noise,
             budget: config.budget,
+            max_attempts: config.max_attempts,
             sealed: config.sealed,
             seed: config.seed,
         }
@@ -59,8 +62,14 @@ impl SavedWorld {
             effects: self.effects,
             noise: self.noise,
             budget: self.budget,
+            max_attempts: self.max_attempts,
             sealed: self.sealed,
             seed: self.seed,
         })
     }
+}
+
+/// Of worlds that were stored without a number.
+fn one_attempt() -> u32 {
+    1
 }

@@ -26,6 +26,8 @@ pub(super) struct WorldState {
     /// Split of the last reset; automatic resets draw from it, too.
     pub(super) split: Option<Split>,
     pub(super) episodes: u64,
+    /// Valid attempts in the current episode.
+    pub(super) attempts: u32,
     pub(super) interactions: u64,
     pub(super) resets: Stream,
     /// The last step whose action could be placed.

@@ -21,14 +21,17 @@ use super::config::{WorldConfig, WorldKind};
 use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits};
 use super::state::{Phase, WorldState, conflict};
 use super::watch::{EventBus, WorldEventKind, WorldWatcher};
-use crate::error::{Error, Result, check_range};
-use crate::reality::{HiddenConfig, HiddenWorld, standard};
+use crate::error::{Error, Result, check_count, check_range};
+use crate::reality::{HiddenConfig, HiddenWorld, drawn};
 use crate::rng;
 use crate::store::Store;
 use crate::sync::lock;
 use crate::task::scene::EffectTerm;
 use crate::task::{ActionSpace, Task};
 use crate::world::{Engine, Latents, Rollout, effect, select_engine};
+
+/// Largest maximum number of attempts in an episode.
+const MAX_ATTEMPTS: u64 = 10_000;
 
 /// A world in which tasks can be attempted.
 pub struct World {
@@ -38,6 +41,8 @@ pub struct World {
     sealed: bool,
     seed: u64,
     budget: Option<u64>,
+    /// Maximum number of valid attempts in an episode.
+    max_attempts: u32,
     /// Of a simulation or an unsealed real world; empty if sealed.
     effects: Vec<EffectTerm>,
     /// Length of an observation.
@@ -51,7 +56,7 @@ pub struct World {
     account: Option<PersistedCounter>,
     /// Publishes events to watchers.
     events: EventBus,
-    /// Held during a whole reset or step, so that each action ends exactly one episode.
+    /// Held during a whole reset or step, so that each action belongs to exactly one episode.
     turn: Mutex<()>,
     /// Held only briefly; always the last lock acquired.
     state: Mutex<WorldState>,
@@ -76,6 +81,8 @@ pub struct WorldDescription {
     /// Valid attempts so far, by steps, rollouts, renders and jobs.
     pub interactions: u64,
     pub budget: Option<u64>,
+    /// Maximum number of valid attempts in an episode.
+    pub max_attempts: u32,
     pub seed: u64,
     /// Common to all tasks of the world.
     pub actions: ActionSpace,
@@ -101,6 +108,7 @@ impl World {
             limits.check_cost(&task.scene, 1, true)?;
         }
         config.latents.validate()?;
+        check_count("max_attempts", Some(u64::from(config.max_attempts)), 1, MAX_ATTEMPTS)?;
         check_engine(&config)?;
         let (latents, effects, hidden) = match config.kind {
             WorldKind::Sim => {
@@ -119,7 +127,8 @@ impl World {
                 (config.latents.or(prior.unwrap_or_default()), effects, None)
             }
             WorldKind::Real => {
-                let base = config.tasks.family.map_or_else(custom_scene_config, standard);
+                check_sealing(&config)?;
+                let base = config.tasks.family.map_or_else(custom_scene_config, |f| drawn(f, config.seed));
                 let hidden = HiddenConfig {
                     latents: config.latents.or(base.latents),
                     effects: config.effects.unwrap_or(base.effects),
@@ -143,6 +152,7 @@ impl World {
             sealed,
             seed: config.seed,
             budget: config.budget,
+            max_attempts: config.max_attempts,
             effects,
             hidden,
             limits,
@@ -155,6 +165,7 @@ impl World {
                 task: None,
                 split: None,
                 episodes: 0,
+                attempts: 0,
                 interactions: 0,
                 resets: rng::stream(config.seed, "reset"),
                 last: None,
@@ -197,6 +208,7 @@ impl World {
             effects: (!self.sealed).then(|| self.effects.clone()),
             interactions: state.interactions,
             budget: self.budget,
+            max_attempts: self.max_attempts,
             seed: self.seed,
             actions: first.actions().clone(),
             features: self.tasks.feature_names(),
@@ -303,6 +315,17 @@ fn custom_scene_config() -> HiddenConfig {
         budget: None,
         seed: 0,
     }
+}
+
+/// Errors if the world would show hidden physics of its family.
+fn check_sealing(config: &WorldConfig) -> Result<()> {
+    let all_given = config.latents.values().iter().all(Option::is_some) && config.effects.is_some();
+    if config.sealed != Some(false) || config.tasks.family.is_none() || all_given {
+        return Ok(());
+    }
+    let allowed = "true for a real world of a family, whose physics is hidden, \
+                   or all three latents and the effects of your own";
+    Err(Error::input("sealed", false, allowed))
 }
 
 /// Fails now rather than at the first step if the engine does not support the world's scenes.

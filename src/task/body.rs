@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::limits::{
-    DENSITY_RANGE_KG_M2, INERTIA_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S,
-    check_vector,
+    DENSITY_RANGE_KG_M2, FRICTION_RANGE, INERTIA_RANGE_KG_M2, MASS_RANGE_KG, MAX_LENGTH_M, MAX_SPEED_M_S,
+    MAX_SPIN_RAD_S, RESTITUTION_RANGE, check_vector,
 };
 use super::shape::Shape;
 use super::solid::{ConvexPieces, Solid};
@@ -151,8 +151,8 @@ impl Body {
             }
             _ => {}
         }
-        check_range("friction", self.friction, 0.0, 100.0)?;
-        check_range("restitution", self.restitution, 0.0, 1.0)?;
+        check_range("friction", self.friction, FRICTION_RANGE[0], FRICTION_RANGE[1])?;
+        check_range("restitution", self.restitution, RESTITUTION_RANGE[0], RESTITUTION_RANGE[1])?;
         if let Some(p) = self.position {
             check_vector("position", p, MAX_LENGTH_M)?;
         }
@@ -172,8 +172,8 @@ impl Static {
     /// Checks every value; errors name the field.
     pub(super) fn validate(&self) -> Result<()> {
         self.shape.validate(false)?;
-        check_range("friction", self.friction, 0.0, 100.0)?;
-        check_range("restitution", self.restitution, 0.0, 1.0)?;
+        check_range("friction", self.friction, FRICTION_RANGE[0], FRICTION_RANGE[1])?;
+        check_range("restitution", self.restitution, RESTITUTION_RANGE[0], RESTITUTION_RANGE[1])?;
         check_vector("position", self.position, MAX_LENGTH_M)?;
         check_range("angle", self.angle, -1e6, 1e6)?;
         if self.angle != 0.0 && self.shape.pieces().is_none() {

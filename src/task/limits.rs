@@ -16,6 +16,10 @@ pub const MASS_RANGE_KG: [f64; 2] = [1e-12, 1e9];
 pub const INERTIA_RANGE_KG_M2: [f64; 2] = [1e-20, 1e18];
 /// Range of densities, kg/m^2, for the same reason.
 pub const DENSITY_RANGE_KG_M2: [f64; 2] = [1e-6, 1e9];
+/// Range of friction coefficients.
+pub const FRICTION_RANGE: [f64; 2] = [0.0, 100.0];
+/// Range of restitution coefficients.
+pub const RESTITUTION_RANGE: [f64; 2] = [0.0, 1.0];
 /// Range of time steps, s.
 pub const TIME_STEP_RANGE_S: [f64; 2] = [1e-6, 0.1];
 

@@ -28,6 +28,7 @@ use utoipa::ToSchema;
 use crate::names::names;
 pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
+pub(crate) use families::HiddenPhysics;
 pub use families::{
     CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, CandidateDraws, Certificate, CertifiedRow, CertifiedTasks,
     Claims, Collection, DEFAULT_FAMILY, EstimateClaim, FAMILY_FORMAT, Family, JumpStartClaim, LabelCounts,

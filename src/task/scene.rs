@@ -162,6 +162,20 @@ impl Scene {
         }
     }
 
+    /// The scene with these latents, density (kg/m^2), friction and restitution, in all that carries them.
+    pub fn with_carriers(mut self, [density, friction, restitution]: [f64; 3]) -> Scene {
+        let carries: Vec<bool> = self.bodies.iter().map(|b| self.carries_latents(&b.name)).collect();
+        for (body, _) in self.bodies.iter_mut().zip(carries).filter(|(_, carries)| *carries) {
+            (body.mass, body.density) = (None, Some(density));
+            (body.friction, body.restitution) = (friction, restitution);
+        }
+        let carries: Vec<bool> = self.statics.iter().map(|s| self.carries_latents(&s.name)).collect();
+        for (fixed, _) in self.statics.iter_mut().zip(carries).filter(|(_, carries)| *carries) {
+            (fixed.friction, fixed.restitution) = (friction, restitution);
+        }
+        self
+    }
+
     /// Whether a rollout ends when the goal is reached.
     pub fn stops_at_goal(&self) -> bool {
         self.goal.as_ref().is_some_and(Goal::stops) && self.stop != Some(false)

@@ -10,7 +10,7 @@ use iplw::experiment::information_gain::information_gain;
 use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, evaluate_plan};
 use iplw::plan::PlanConfig;
 use iplw::policy::Evaluation;
-use iplw::reality::{HiddenConfig, HiddenWorld, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld};
 use iplw::task::{Family, Split, Task, family, split};
 use iplw::world::{EffectParameter, LINEAR_DRAG};
 use serde_json::json;
@@ -27,7 +27,7 @@ const MAX_ROLLOUTS_PER_PLAN: usize = 40_000;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
-    let hidden = parse::hidden(&args.effects, args.real.as_deref().unwrap_or(""), standard(family))?;
+    let hidden = parse::hidden(&args.effects, args.real.as_deref().unwrap_or(""), family)?;
     let set = effect_set(args.set.as_deref().unwrap_or(LINEAR_DRAG.effect.name));
     let named: Vec<&str> = args.acquisition.iter().flatten().map(String::as_str).collect();
     let ways = if named.is_empty() { ACQUISITION_METHODS.to_vec() } else { named };

@@ -6,6 +6,7 @@ mod grounding;
 mod grounding_report;
 mod quickstart;
 mod run_archive;
+mod story_table;
 mod strategies;
 mod study;
 
@@ -75,7 +76,7 @@ fn select(args: &ExperimentArgs) -> Result<ExperimentEntry> {
 }
 
 pub fn run(args: &RunArgs) -> Result<()> {
-    quickstart::run_story(&args.task, vec![args.seed], args.quick, &args.out)
+    quickstart::run(args)
 }
 
 pub fn experiment(args: &ExperimentArgs) -> Result<()> {

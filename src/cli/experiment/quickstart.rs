@@ -1,122 +1,104 @@
-//! `iplw run` and `iplw experiment quickstart`: the whole workflow, with CSV files, plots, tables and a report.
+//! `iplw run` and `iplw experiment quickstart`: the whole workflow on several families, with CSV files, plots, tables and reports.
 
 use std::path::Path;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
 use iplw::estimate::LatentEstimate;
-use iplw::experiment::EstimateConfig;
 use iplw::experiment::extension::Extension;
-use iplw::experiment::quickstart::{
-    Method, QuickstartArtifacts, QuickstartConfig, QuickstartReport, quickstart,
-};
+use iplw::experiment::quickstart::{QuickstartArtifacts, QuickstartConfig, QuickstartReport, quickstart};
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, HtmlReport, Section, Style, filmstrip_svg, trails_svg};
-use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, trials_to_csv};
 use iplw::store::Store;
-use iplw::task::{LabelCounts, Split, Task, family, split};
+use iplw::task::{Family, Split, Task, collection, family, split};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
-use super::args::ExperimentArgs;
+use super::args::{ExperimentArgs, RunArgs};
 use super::run_archive;
+use super::story_table::{conclusions, method_table, table_rows};
 use crate::cli::diagnose::write_report;
 use crate::cli::output;
 
-/// The workflow over several seeds.
-pub fn multi_seed(args: &ExperimentArgs) -> Result<()> {
-    run_story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
+/// Collection of families in which knowledge of the latents pays.
+const LEVELS: &str = "levels";
+
+/// `iplw run`.
+pub fn run(args: &RunArgs) -> Result<()> {
+    let count = args.seeds.unwrap_or(if args.quick { 1 } else { 3 });
+    iplw::error::check_range("--seeds", count as f64, 1.0, 1000.0)?;
+    let seeds = (args.seed..).take(count).collect();
+    run_story(&args.task, seeds, args.quick, &args.out)
 }
 
-/// Runs the workflow and writes its results.
-pub fn run_story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
-    let family = family(name)?;
-    let tasks = family.tasks();
-    let hidden = standard(family);
-    let full = family.learning.study_labels;
-    let labels = if quick { LabelCounts { per_task: 60, ..full } } else { full };
-    let config = QuickstartConfig {
-        family: name.to_string(),
-        seeds,
-        estimate: EstimateConfig::fast(family.prior),
-        label: LabelConfig::preset(&labels, 0),
-        train: TrainConfig::preset(&family.learning),
-        evaluate: EvaluateConfig {
-            candidates: if quick { 2000 } else { 10_000 },
-            ..EvaluateConfig::phyre(0)
-        },
-    };
+/// `iplw experiment quickstart`: the workflow on one family.
+pub fn multi_seed(args: &ExperimentArgs) -> Result<()> {
+    run_story(&[args.task.clone()], (0..args.seeds.unwrap_or(3) as u64).collect(), args.quick, &args.out)
+}
+
+/// Runs the workflow on each family and writes the results.
+fn run_story(names: &[String], seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
+    let families = names.iter().map(|name| story_family(name)).collect::<Result<Vec<_>>>()?;
     output::prepare_directory("--out", out)?;
     // Opened before the computation, so that a store in use is reported early.
-    let shelf = (config.seeds.len() == 1).then(|| Store::open(out)).transpose()?;
+    let shelf = Store::open(out)?;
     let bar = output::TerminalProgress::new();
     let started = Instant::now();
     let clock = || started.elapsed().as_secs_f64();
-    let (report, keepsakes) = quickstart(&tasks, &hidden, &config, &clock, &bar)?;
+    let mut reports = Vec::new();
+    for family in families {
+        let (tasks, hidden) = (family.tasks(), standard(family));
+        let config = QuickstartConfig::standard(family, seeds.clone(), quick);
+        let (report, artifacts) = quickstart(&tasks, &hidden, &config, &clock, &bar)?;
+        write_family(&out.join(family.name), &report, &artifacts, &tasks, &hidden)?;
+        run_archive::save(&shelf, &report, &artifacts)?;
+        reports.push(report);
+    }
     bar.clear();
-    let table = text_table(&report, split(&tasks, Split::Test).len());
-    write_all(out, &report, &keepsakes, &tasks, &hidden, &table)?;
-    output::print(&table)?;
-    output::print(&format!("\nreport: {}\n", out.join("report.html").display()))?;
-    let Some(shelf) = shelf else { return Ok(()) };
-    run_archive::save(&shelf, &report, &keepsakes)?;
+    let text = method_table(&reports) + &conclusions(&reports).join("\n") + "\n";
+    output::write_whole(&out.join("table.txt"), text.as_bytes())?;
+    output::write_whole(&out.join("report.html"), story_page(&reports).as_bytes())?;
+    output::print(&text)?;
     let program = std::env::args().next().unwrap_or_else(|| "iplw".into());
     output::print(&format!(
-        "to view it: run {program} serve --data-dir {}, then open http://127.0.0.1:8080/#/jobs in a browser\n",
+        "\n{:.0} s; report: {}\nto view the jobs: run {program} serve --tasks {LEVELS} --data-dir {}, then open \
+         http://127.0.0.1:8080/#/jobs in a browser\n",
+        clock(),
+        out.join("report.html").display(),
         out.display()
     ))
 }
 
-/// AUCCESS by method, latents with their true values, seconds by stage.
-fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
-    let mut text = format!(
-        "\n{test_tasks} test tasks of {} in the hidden world ({} seed{}):\n\n",
-        report.config.family,
-        report.config.seeds.len(),
-        if report.config.seeds.len() == 1 { "" } else { "s" },
-    );
-    text += "policy                      AUCCESS           solved at 1   within 10   real interactions\n";
-    for row in &report.rows {
-        let (mean, error) = row.mean();
-        let auccess = match error {
-            Some(e) => format!("{mean:.3} +- {e:.3}"),
-            None => format!("{mean:.3}"),
-        };
-        let spent: u64 =
-            row.real_interactions.iter().sum::<u64>() / row.real_interactions.len().max(1) as u64;
-        text += &format!(
-            "{:<27} {:<16} {:>9.0} %  {:>9.0} %   {spent:>12}\n",
-            row.method.title(),
-            auccess,
-            100.0 * row.curve[0],
-            100.0 * row.curve[9],
-        );
+/// A family by name; those of the levels need not be registered.
+fn story_family(name: &str) -> Result<&'static Family> {
+    family(name).or_else(|unknown| {
+        let levels = collection(LEVELS).map(|c| c.families()).transpose()?.unwrap_or_default();
+        let level = levels.into_iter().find(|f| f.name == name).ok_or(unknown)?;
+        Ok(&*Box::leak(Box::new(level)))
+    })
+}
+
+/// The page with the common table.
+fn story_page(reports: &[QuickstartReport]) -> String {
+    let (columns, rows) = table_rows(reports);
+    let lines = conclusions(reports).into_iter().map(Block::Text).collect();
+    let links =
+        reports.iter().map(|r| Block::Text(format!("{0}: {0}/report.html", r.config.family))).collect();
+    let note = "Mean AUCCESS on test tasks +- standard error over seeds; PHYRE's score, in which early successes have more weight.";
+    let table = Block::Table { columns, rows, note: note.into() };
+    let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
+    HtmlReport {
+        title: "From hidden worlds to policies".into(),
+        lead: "How well policies and plans do in worlds whose physics is hidden, by what is known of it."
+            .into(),
+        sections: vec![
+            section("Transfer to the hidden worlds", vec![table]),
+            section("Learned, and not learned", lines),
+            section("Each family in detail", links),
+        ],
     }
-    text += "\nlatent         estimate        95 % interval       true\n";
-    for (i, factor) in FACTORS.iter().enumerate() {
-        let truth = report.truth.latents.values()[i].map_or("-".into(), |v| format!("{v:.3}"));
-        for estimate in &report.estimates {
-            let l = &estimate.latents[i];
-            text += &format!("{:<14} {:<15.3} {:<19} {truth}\n", factor.name, l.value, interval(l));
-        }
-    }
-    let effects: Vec<String> =
-        report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
-    text += &format!("hidden effects, not in the simulation: {}\n", effects.join(", "));
-    text += "\nfitted again with drag   estimate        95 % interval\n";
-    for l in report.extensions.iter().flat_map(|e| e.latents[1..].iter().chain(&e.effects)) {
-        text += &format!("{:<24} {:<15.3} {}\n", l.name, l.value, interval(l));
-    }
-    text += "\ndiagnosis: missing effects\n";
-    for d in &report.diagnoses {
-        text += &format!("  {}\n", diagnosis_line(d));
-    }
-    text += "\nstage                          seconds\n";
-    for (stage, seconds) in &report.seconds {
-        text += &format!("{stage:<30} {seconds:>7.1}\n");
-    }
-    text
+    .to_html()
 }
 
 /// Maximal number of effects in a line: an empirical law may consist of many.
@@ -157,40 +139,41 @@ fn interval(l: &LatentEstimate) -> String {
     }
 }
 
-fn write_all(
+fn write_family(
     out: &Path,
     report: &QuickstartReport,
-    keepsakes: &QuickstartArtifacts,
+    artifacts: &QuickstartArtifacts,
     tasks: &[Task],
     hidden: &HiddenConfig,
-    table: &str,
 ) -> Result<()> {
+    output::prepare_directory("--out", out)?;
     let curves = report.rows.iter().flat_map(|row| {
-        let share =
-            |(k, s): (usize, &f64)| vec![row.method.title().into(), (k + 1).to_string(), s.to_string()];
+        let share = |(k, s): (usize, &f64)| {
+            vec![row.method.title().trim().into(), (k + 1).to_string(), s.to_string()]
+        };
         row.curve.iter().enumerate().map(share)
     });
     let auccess = report.rows.iter().flat_map(|row| {
         report.config.seeds.iter().enumerate().map(|(i, seed)| {
             let numbers =
                 [seed.to_string(), row.auccess[i].to_string(), row.real_interactions[i].to_string()];
-            [vec![row.method.title().to_string()], numbers.to_vec()].concat()
+            [vec![row.method.title().trim().to_string()], numbers.to_vec()].concat()
         })
     });
     let curves = output::csv(&["method", "attempts", "share_solved"], curves)?;
     let auccess = output::csv(&["method", "seed", "auccess", "real_interactions"], auccess)?;
     let solved_plot = solved_plot(report);
     let json = serde_json::to_string_pretty(report).map_err(|e| Error::Failed(e.to_string()))?;
-    let html = html(report, keepsakes, tasks, hidden, &solved_plot)?;
+    let html = html(report, artifacts, tasks, hidden, &solved_plot)?;
     output::write_whole(&out.join("curves.csv"), &curves)?;
     output::write_whole(&out.join("auccess.csv"), &auccess)?;
-    output::write_whole(&out.join("trials.csv"), trials_to_csv(&keepsakes.trials).as_bytes())?;
+    output::write_whole(&out.join("trials.csv"), trials_to_csv(&artifacts.trials).as_bytes())?;
     output::write_whole(&out.join("result.json"), json.as_bytes())?;
     output::write_whole(&out.join("solved.svg"), solved_plot.as_bytes())?;
-    output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
-    let (scene, finding) = &keepsakes.diagnosed;
-    write_report(&out.join("diagnosis"), scene, finding)?;
-    if let Some(weights) = keepsakes.policy().to_safetensors() {
+    if let Some((scene, finding)) = &artifacts.diagnosed {
+        write_report(&out.join("diagnosis"), scene, finding)?;
+    }
+    if let Some(weights) = artifacts.policy().to_safetensors() {
         output::write_whole(&out.join("policy.safetensors"), &weights)?;
     }
     output::write_whole(&out.join("report.html"), html.as_bytes())
@@ -201,7 +184,7 @@ fn solved_plot(report: &QuickstartReport) -> String {
         .rows
         .iter()
         .map(|row| Series {
-            name: row.method.title().into(),
+            name: row.method.title().trim().into(),
             points: row.curve.iter().enumerate().map(|(k, s)| ((k + 1) as f64, 100.0 * s)).collect(),
             band: None,
         })
@@ -211,7 +194,7 @@ fn solved_plot(report: &QuickstartReport) -> String {
 
 fn html(
     report: &QuickstartReport,
-    keepsakes: &QuickstartArtifacts,
+    artifacts: &QuickstartArtifacts,
     tasks: &[Task],
     hidden: &HiddenConfig,
     solved_plot: &str,
@@ -219,13 +202,13 @@ fn html(
     let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
     let page = HtmlReport {
         title: format!("From a hidden world to a policy: {}", report.config.family),
-        lead: lead(report),
+        lead: conclusions(std::slice::from_ref(report)).join(" "),
         sections: vec![
             section("Transfer to the hidden world", transfer_blocks(report, solved_plot)),
             section("Missing effects", lacking_blocks(report)),
             section("Latent factors", latent_blocks(report)),
-            section("Actions of the policy", policy_animations(keepsakes, tasks, hidden)?),
-            section("Exploration trials", explored_blocks(keepsakes)),
+            section("Actions of the policy", policy_animations(artifacts, tasks, hidden)?),
+            section("Exploration trials", explored_blocks(artifacts)),
             section("Configuration", setup_blocks(report)?),
         ],
     };
@@ -236,39 +219,18 @@ fn columns(names: &[&str]) -> Vec<String> {
     names.iter().map(|n| n.to_string()).collect()
 }
 
-/// Summary in a sentence.
-fn lead(report: &QuickstartReport) -> String {
-    let of = |m: Method| report.rows.iter().find(|r| r.method == m).map_or(f64::NAN, |r| r.mean().0);
-    let spent =
-        report.estimates.iter().map(|e| e.real_interactions).sum::<u64>() / report.estimates.len() as u64;
-    format!(
-        "A policy trained in a simulation grounded by {spent} measurements of a hidden world reaches AUCCESS {:.3} \
-         on tasks it has never seen, and {:.3} where the simulation is extended by what a diagnosis of the same \
-         measurements found; {:.3} with \
-         domain randomisation, {:.3} with the true latents, {:.3} by chance.",
-        of(Method::Iplw),
-        of(Method::IplwDiagnosed),
-        of(Method::DomainRandomisation),
-        of(Method::TrueLatents),
-        of(Method::Random),
-    )
-}
-
 fn transfer_blocks(report: &QuickstartReport, solved_plot: &str) -> Vec<Block> {
     let rows = report.rows.iter().map(|row| {
-        let (mean, error) = row.mean();
         vec![
-            row.method.title().to_string(),
-            format!("{mean:.3}"),
-            error.map_or("-".into(), |e| format!("{e:.3}")),
+            row.method.title().trim().to_string(),
+            row.summary().show(3),
             format!("{:.0} %", 100.0 * row.curve[0]),
             format!("{:.0} %", 100.0 * row.curve[9]),
             row.real_interactions.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
         ]
     });
-    let names = ["policy", "AUCCESS", "standard error", "solved at 1", "within 10", "real interactions"];
-    let note = "AUCCESS as defined by PHYRE: early successes have more weight. \"True latents\" excludes the hidden effect, like \
-                the paper's oracle; the last row includes it.";
+    let names = ["policy", "AUCCESS", "solved at 1", "within 10", "real interactions"];
+    let note = "AUCCESS as defined by PHYRE: early successes have more weight. The last row has the true latents and effects.";
     vec![
         Block::Table { columns: columns(&names), rows: rows.collect(), note: note.into() },
         Block::Svg {
@@ -280,16 +242,19 @@ fn transfer_blocks(report: &QuickstartReport, solved_plot: &str) -> Vec<Block> {
 
 fn lacking_blocks(report: &QuickstartReport) -> Vec<Block> {
     let found = report.diagnoses.iter().map(|d| Block::Text(diagnosis_line(d)));
-    let pointer = "Full diagnosis of the first seed: diagnosis/report.html next to this page.";
-    found.chain([Block::Text(pointer.into())]).collect()
+    let fits =
+        report.estimates.iter().filter_map(|e| e.fit.as_ref()).map(|fit| Block::Text(fit.text.clone()));
+    let pointer =
+        "Full diagnosis of the first seed, if one was needed: diagnosis/report.html next to this page.";
+    fits.chain(found).chain([Block::Text(pointer.into())]).collect()
 }
 
-fn explored_blocks(keepsakes: &QuickstartArtifacts) -> Vec<Block> {
+fn explored_blocks(artifacts: &QuickstartArtifacts) -> Vec<Block> {
     let picture = |trial: &Trial| Block::Svg {
         svg: trails_svg(&trial.scene, &trial.observed, &Style { width: 360, ..Style::default() }),
         caption: format!("Measured: {}", trial.name),
     };
-    keepsakes.trials.iter().take(3).map(picture).collect()
+    artifacts.trials.iter().take(3).map(picture).collect()
 }
 
 fn setup_blocks(report: &QuickstartReport) -> Result<Vec<Block>> {
@@ -349,7 +314,7 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
 
 /// The policy's first valid action on a few test tasks, in the hidden world.
 fn policy_animations(
-    keepsakes: &QuickstartArtifacts,
+    artifacts: &QuickstartArtifacts,
     tasks: &[Task],
     hidden: &HiddenConfig,
 ) -> Result<Vec<Block>> {
@@ -360,7 +325,7 @@ fn policy_animations(
         let candidates = (0..task.actions().count().min(50_000))
             .map(|i| task.actions().at(i))
             .collect::<Result<Vec<_>>>()?;
-        let order = iplw::policy::rank(keepsakes.policy(), task, &candidates, iplw::policy::CHUNK)?;
+        let order = iplw::policy::rank(artifacts.policy(), task, &candidates, iplw::policy::CHUNK)?;
         for index in order {
             let attempt = world.measure(task, &[candidates[index].clone()])?.pop();
             let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else {

@@ -10,15 +10,15 @@ use iplw::store::{JobState, LogLevel, MeasuredOutcomes, PolicyRow, Store};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Adds a run of one seed to a data directory.
-pub fn save(store: &Store, report: &QuickstartReport, keepsakes: &QuickstartArtifacts) -> Result<()> {
+/// Adds the first seed of a run to a data directory.
+pub fn save(store: &Store, report: &QuickstartReport, artifacts: &QuickstartArtifacts) -> Result<()> {
     let shelf = RunArchive { store, family: &report.config.family, seed: report.config.seeds[0] };
-    let estimation = shelf.estimation(report, keepsakes)?;
-    shelf.diagnosis(&estimation, keepsakes)?;
-    for schooled in &keepsakes.policies {
+    let estimation = shelf.estimation(report, artifacts)?;
+    shelf.diagnosis(&estimation, artifacts)?;
+    for schooled in &artifacts.policies {
         let policy = match &schooled.training {
             Some(lesson) => shelf.training(schooled, lesson)?,
-            None => "random".into(),
+            None => schooled.method.title().trim().into(),
         };
         shelf.evaluation(&policy, schooled, report)?;
     }
@@ -32,15 +32,15 @@ struct RunArchive<'a> {
 }
 
 impl RunArchive<'_> {
-    fn estimation(&self, report: &QuickstartReport, keepsakes: &QuickstartArtifacts) -> Result<String> {
-        let setup = EstimateConfig { seed: self.seed, ..report.config.estimate.clone() };
+    fn estimation(&self, report: &QuickstartReport, artifacts: &QuickstartArtifacts) -> Result<String> {
+        let setup = EstimateConfig { seed: self.seed, ..report.config.informative.clone() };
         let config = json!({
             "task": self.family, "strategy": setup.strategy, "rounds": setup.rounds, "actions": setup.actions,
             "samples": setup.cem.samples, "seed": self.seed,
         });
         let plan = json!({"task": self.family, "setup": value(&setup)?, "real": "asked", "budget": null});
         let rounds = |job: i64| -> Result<()> {
-            keepsakes.rounds.iter().enumerate().try_for_each(|(n, round)| self.round(job, n as u64, round))
+            artifacts.rounds.iter().enumerate().try_for_each(|(n, round)| self.round(job, n as u64, round))
         };
         self.job("iplw", config, plan, value(&report.estimates[0])?, &rounds)
     }
@@ -56,15 +56,15 @@ impl RunArchive<'_> {
         self.store.close_round(job, number, &text(&Round { answers: Vec::new(), ..round.clone() })?)
     }
 
-    fn diagnosis(&self, estimation: &str, keepsakes: &QuickstartArtifacts) -> Result<String> {
-        let (scene, finding) = &keepsakes.diagnosed;
-        let trials = keepsakes.trials.len();
+    fn diagnosis(&self, estimation: &str, artifacts: &QuickstartArtifacts) -> Result<()> {
+        let Some((scene, finding)) = &artifacts.diagnosed else { return Ok(()) };
+        let trials = artifacts.trials.len();
         let config = json!({"job": estimation, "scene": scene.name, "trials": trials, "seed": self.seed});
-        let csv = trials_to_csv(&keepsakes.trials);
+        let csv = trials_to_csv(&artifacts.trials);
         let plan = json!({"scene": scene.to_json(), "trials": csv, "seed": self.seed});
         let mut result = value(&finding.diagnosis)?;
         result["extended_scene"] = value(&finding.extended)?;
-        self.job("diagnose", config, plan, result, &|_| Ok(()))
+        self.job("diagnose", config, plan, result, &|_| Ok(())).map(drop)
     }
 
     /// Saves a training; returns the id of the policy.
@@ -72,10 +72,10 @@ impl RunArchive<'_> {
         let Some(weights) = schooled.policy.to_safetensors() else {
             return Err(Error::Failed("the policy has no weights".into()));
         };
-        let policy = value(&schooled.method)?.as_str().unwrap_or_default().to_string();
+        let policy = format!("{}-{}", self.family, value(&schooled.method)?.as_str().unwrap_or_default());
         let name = lesson.training.name();
         let config = json!({
-            "task": self.family, "training": name, "about": schooled.method.title(), "seed": self.seed,
+            "task": self.family, "training": name, "about": schooled.method.title().trim(), "seed": self.seed,
         });
         let result = json!({
             "policy": policy,
@@ -150,29 +150,26 @@ fn text(of: &impl Serialize) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use iplw::experiment::quickstart::{QuickstartConfig, quickstart};
-    use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
+    use iplw::policy::TrainConfig;
     use iplw::progress::NoProgress;
     use iplw::reality::standard;
     use iplw::serve::{ServeConfig, Server};
-    use iplw::task::{LabelCounts, family};
+    use iplw::task::family;
 
     use super::*;
 
     /// A minimal run.
     fn story() -> (QuickstartReport, QuickstartArtifacts) {
         let family = family("basketball").unwrap();
-        let mut estimate = EstimateConfig::fast(family.prior);
-        (estimate.rounds, estimate.actions, estimate.candidates) = (1, 2, 20);
-        (estimate.cem.samples, estimate.cem.elites) = (8, 2);
-        let labels = LabelCounts { per_task: 4, ..family.learning.study_labels };
-        let config = QuickstartConfig {
-            family: "basketball".into(),
-            seeds: vec![3],
-            estimate,
-            label: LabelConfig::preset(&labels, 0),
-            train: TrainConfig { batches: 1, batch_size: 4, ..TrainConfig::preset(&family.learning) },
-            evaluate: EvaluateConfig { candidates: 4, ..EvaluateConfig::phyre(0) },
-        };
+        let mut config = QuickstartConfig::standard(family, vec![3], true);
+        for estimate in [&mut config.paper, &mut config.informative] {
+            (estimate.rounds, estimate.actions, estimate.candidates) = (1, 2, 20);
+            (estimate.cem.samples, estimate.cem.elites) = (8, 2);
+        }
+        config.label.per_task = 4;
+        config.train = TrainConfig { batches: 1, batch_size: 4, ..config.train };
+        config.evaluate.candidates = 4;
+        config.plan.actions = 4;
         let tasks: Vec<_> = family.tasks();
         quickstart(&tasks, &standard(family), &config, &|| 0.0, &NoProgress).unwrap()
     }
@@ -180,8 +177,8 @@ mod tests {
     #[test]
     fn a_server_lists_the_jobs_of_a_run() {
         let place = tempfile::tempdir().unwrap();
-        let (report, keepsakes) = story();
-        save(&Store::open(place.path()).unwrap(), &report, &keepsakes).unwrap();
+        let (report, artifacts) = story();
+        save(&Store::open(place.path()).unwrap(), &report, &artifacts).unwrap();
         let http = "127.0.0.1:0".parse().unwrap();
         let config = ServeConfig { http, data_dir: Some(place.path().into()), ..ServeConfig::default() };
         let (told, address) = std::sync::mpsc::channel();
@@ -202,16 +199,23 @@ mod tests {
         let jobs = get("/jobs?state=succeeded");
         let kinds: Vec<&str> =
             jobs["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
+        // Methods with the same physics share a policy, and both are listed.
+        let trained = artifacts.policies.iter().filter(|p| p.training.is_some()).count();
         let of = |kind: &str| kinds.iter().filter(|k| **k == kind).count();
-        assert_eq!((of("iplw"), of("diagnose"), of("train"), of("evaluate")), (1, 1, 6, 7), "{kinds:?}");
+        assert_eq!(
+            (of("iplw"), of("diagnose"), of("train"), of("evaluate")),
+            (1, 1, trained, 8),
+            "{kinds:?}"
+        );
         assert_eq!(get("/jobs")["jobs"].as_array().unwrap().len(), kinds.len(), "nothing is left to do");
         let trials = get("/jobs/job-1/trials");
-        assert_eq!(trials["trials"].as_array().unwrap().len(), keepsakes.trials.len());
+        assert_eq!(trials["trials"].as_array().unwrap().len(), artifacts.trials.len());
         assert_eq!(get("/jobs/job-1")["result"]["seed"], 3);
         assert!(get("/jobs/job-2")["result"]["extended_scene"]["bodies"].is_array());
         assert!(get("/jobs/job-1/log")["lines"][0]["text"].as_str().unwrap().contains("iplw run"));
         let policies = get("/policies");
-        let ours = policies["policies"].as_array().unwrap().iter().find(|p| p["id"] == "iplw").unwrap();
+        let ours =
+            policies["policies"].as_array().unwrap().iter().find(|p| p["id"] == "basketball-iplw").unwrap();
         assert_eq!(ours["task"], "basketball");
         drop(stop);
         serving.join().unwrap();

@@ -23,13 +23,31 @@ impl ExpectedRss {
         self.mean.iter().sum::<f64>() + self.contacts
     }
 
+    /// Number of coordinates of all trials.
+    pub fn coordinate_count(&self) -> f64 {
+        self.coordinates.iter().sum::<f64>().max(1.0)
+    }
+
     /// Misfit of a fit without contact segments.
     pub fn misfit_of(&self, fit: &FittedModel, segments: &[Segment]) -> (f64, f64) {
-        let mut squares = vec![0.0; self.mean.len()];
+        self.misfit(&self.by_trial(&fit.evaluation.squares, segments))
+    }
+
+    /// Excess of the squares of all segments but contacts over the expected sum, as a share of it, and its standard error under noise
+    /// alone; `None` if nothing is expected.
+    pub fn relative_excess(&self, squares: &[f64], segments: &[Segment]) -> Option<(f64, f64)> {
+        let expected = self.mean.iter().sum::<f64>();
+        let excess = self.by_trial(squares, segments).iter().sum::<f64>() / expected - 1.0;
+        let own = self.variance.iter().sum::<f64>() / (expected * expected);
+        (expected > 0.0).then(|| (excess, (own + self.noise_variance_error.powi(2)).sqrt()))
+    }
+
+    fn by_trial(&self, squares: &[f64], segments: &[Segment]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.mean.len()];
         for (w, segment) in segments.iter().enumerate().filter(|(_, w)| !w.kind.is_impact()) {
-            squares[segment.trial] += fit.evaluation.squares[w];
+            sums[segment.trial] += squares[w];
         }
-        self.misfit(&squares)
+        sums
     }
 
     /// Excess over the expected sum as a share of it, and the one-sided p-value of no excess, with trials as

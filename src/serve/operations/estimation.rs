@@ -211,6 +211,7 @@ fn run(
     }
     context.round(plan.setup.rounds as u64, plan.setup.rounds as u64);
     let mut report = workflow.report(context)?;
+    report.check_fit(workflow.trials(), context)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
     base.metrics.count_rollouts(report.rollouts);
     Ok(WorkOutcome::Done(to_value(&report)?))
@@ -361,6 +362,7 @@ fn dedicated_world(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld
         effects: effects(real.damping, real.effects, "real.")?,
         noise: crate::error::check_range("real.noise", real.noise.unwrap_or(0.0), 0.0, 1e3)?,
         budget: None,
+        max_attempts: 1,
         sealed: None,
         seed,
     };

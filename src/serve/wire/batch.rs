@@ -43,6 +43,9 @@ pub struct CreateWorlds {
     pub noise: Option<f64>,
     /// Maximum number of valid attempts per world; real worlds only.
     pub budget: Option<u64>,
+    /// Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
+    /// (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+    pub max_attempts: Option<u32>,
     /// Whether latents and effects are hidden. Default: true for real, false for sim.
     pub sealed: Option<bool>,
     /// Seed of the first world.
@@ -113,17 +116,21 @@ pub struct StepWorldsOut {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<Vec<f64>>, required = true)]
     pub observation: Option<Array>,
-    /// 1 where the task was solved, else 0.
+    /// 0 where the task was not solved; else the episode's AUCCESS, 1 at the first attempt.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<f64>, required = true)]
     pub reward: Option<Array>,
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
     pub terminated: Option<Array>,
-    /// Always false: a task takes one action.
+    /// Whether the last of several attempts has failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
     pub truncated: Option<Array>,
+    /// Valid attempts in the episode so far.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Vec<u32>, required = true)]
+    pub attempt: Option<Array>,
     /// Whether the action could be placed.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
@@ -196,6 +203,7 @@ impl CreateWorlds {
             damping: self.damping,
             noise: self.noise,
             budget: self.budget,
+            max_attempts: self.max_attempts,
             sealed: self.sealed,
             seed: None,
         };
@@ -299,7 +307,8 @@ impl StepWorldsOut {
             observation: None,
             reward: Some(Array::line(ArrayData::F8(reward))),
             terminated: flags(|s| s.terminated, false),
-            truncated: Some(Array::line(ArrayData::Bool(vec![false; n]))),
+            truncated: flags(|s| s.truncated, false),
+            attempt: counts(|s| s.attempt),
             valid: flags(|s| s.invalid.is_none(), true),
             solved: flags(|s| s.solved, false),
             steps: counts(|s| s.steps),
@@ -354,6 +363,7 @@ impl BinaryArrays for StepWorldsOut {
             ("reward", &mut self.reward),
             ("terminated", &mut self.terminated),
             ("truncated", &mut self.truncated),
+            ("attempt", &mut self.attempt),
             ("valid", &mut self.valid),
             ("solved", &mut self.solved),
             ("steps", &mut self.steps),

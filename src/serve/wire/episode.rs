@@ -43,10 +43,11 @@ pub struct StepOut {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<f64>, required = true)]
     pub observation: Option<Array>,
-    /// 1 if the task was solved, else 0.
+    /// 0 if the task was not solved; else the episode's AUCCESS, 1 at the first attempt.
     pub reward: f64,
+    /// Whether the task is solved, or the only attempt was used.
     pub terminated: bool,
-    /// Always false: a task takes one action.
+    /// Whether the last of several attempts has failed.
     pub truncated: bool,
     pub info: StepInfo,
 }
@@ -60,6 +61,8 @@ pub struct StepInfo {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     pub solved: bool,
+    /// Valid attempts in the episode so far.
+    pub attempt: u32,
     /// Simulated time steps.
     pub steps: u32,
     pub task: String,
@@ -89,11 +92,12 @@ impl From<StepResult> for StepOut {
             observation: Some(Array::line(ArrayData::F8(step.observation))),
             reward: step.reward,
             terminated: step.terminated,
-            truncated: false,
+            truncated: step.truncated,
             info: StepInfo {
                 valid: step.invalid.is_none(),
                 reason: step.invalid,
                 solved: step.solved,
+                attempt: step.attempt,
                 steps: step.steps,
                 task: step.task,
                 interactions: step.interactions,

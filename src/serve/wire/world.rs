@@ -40,9 +40,13 @@ pub struct CreateWorld {
     pub noise: Option<f64>,
     /// Maximum number of valid attempts; real worlds only.
     pub budget: Option<u64>,
-    /// Whether latents and effects are hidden. Default: true for real, false for sim.
+    /// Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
+    /// (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+    pub max_attempts: Option<u32>,
+    /// Whether latents and effects are hidden. Default: true for real, false for sim. False for a real world of a family only
+    /// together with all `latents` and `effects`, since the family's own are hidden.
     pub sealed: Option<bool>,
-    /// Seed of the task sequence and of noise.
+    /// Seed of the task sequence, of noise, and of hidden numbers that a family draws from ranges.
     pub seed: Option<u64>,
 }
 
@@ -66,6 +70,8 @@ pub struct WorldOut {
     /// Valid attempts so far: steps, rollouts, renders and jobs.
     pub interactions: u64,
     pub budget: Option<u64>,
+    /// Maximum number of valid attempts in an episode.
+    pub max_attempts: u32,
     /// Remaining budget.
     pub remaining: Option<u64>,
     pub seed: u64,
@@ -112,6 +118,7 @@ impl CreateWorld {
             effects: effects(self.damping, self.effects, "")?,
             noise: self.noise.unwrap_or(0.0),
             budget: self.budget,
+            max_attempts: self.max_attempts.unwrap_or(1),
             sealed: self.sealed,
             seed: self.seed.unwrap_or(0),
         })
@@ -140,6 +147,7 @@ impl WorldOut {
             effects: d.effects,
             interactions: d.interactions,
             budget: d.budget,
+            max_attempts: d.max_attempts,
             remaining: d.budget.map(|b| b.saturating_sub(d.interactions)),
             seed: d.seed,
             action_space: ActionSpaceOut::from(&d.actions),

@@ -45,14 +45,19 @@ pub struct EpisodeStart {
     pub episode: u64,
 }
 
-/// The result of a step: Gymnasium's tuple (never truncated) with its info.
+/// The result of a step: Gymnasium's tuple with its info.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepResult {
-    /// (n_features,) in [0, 1], of the final state.
+    /// (n_features,) in [0, 1]: of the final state if the episode has ended, otherwise of the state in which the next action starts.
     pub observation: Vec<f64>,
-    /// 1 if solved, else 0.
+    /// 0 if not solved; if solved, the AUCCESS of the episode: 1 at the first attempt.
     pub reward: f64,
+    /// Whether the task is solved, or the only attempt was used.
     pub terminated: bool,
+    /// Whether the last of several attempts has failed.
+    pub truncated: bool,
+    /// Valid attempts in this episode so far.
+    pub attempt: u32,
     /// Why the action could not be placed; `None` if it was.
     pub invalid: Option<String>,
     pub solved: bool,
@@ -136,6 +141,7 @@ impl World {
         state.task = Some(index);
         state.split = reset.split;
         state.phase = Phase::Ready;
+        state.attempts = 0;
         state.episodes += 1;
         let (interactions, episode) = (state.interactions, state.episodes);
         drop(state);
@@ -182,7 +188,7 @@ impl World {
         }
     }
 
-    /// Records the outcome of an action; a valid one ends the episode.
+    /// Records the outcome of an action. A valid one ends the episode if it solves the task or is the last attempt.
     pub(super) fn finish_step(
         &self,
         context: TaskContext,
@@ -201,6 +207,8 @@ impl World {
                 observation: context.layout.observe(None),
                 reward: 0.0,
                 terminated: false,
+                truncated: false,
+                attempt: lock(&self.state).attempts,
                 invalid: Some(reason),
                 solved: false,
                 steps: 0,
@@ -212,13 +220,19 @@ impl World {
             },
             Ok(seen) => {
                 let mut state = lock(&self.state);
-                state.phase = Phase::Done;
+                state.attempts += 1;
+                let attempt = state.attempts;
+                let is_last = attempt >= self.max_attempts;
+                let ended = seen.solved || is_last;
+                state.phase = if ended { Phase::Done } else { Phase::Ready };
                 state.last = state.task.map(|task| LastStep { task, action, latents, interactions });
                 drop(state);
                 StepResult {
-                    observation: seen.observation,
-                    reward: f64::from(u8::from(seen.solved)),
-                    terminated: true,
+                    observation: if ended { seen.observation } else { context.layout.observe(None) },
+                    reward: if seen.solved { episode_auccess(attempt, self.max_attempts) } else { 0.0 },
+                    terminated: seen.solved || self.max_attempts == 1,
+                    truncated: !seen.solved && is_last && self.max_attempts > 1,
+                    attempt,
                     invalid: None,
                     solved: seen.solved,
                     steps: seen.steps,
@@ -245,6 +259,14 @@ impl World {
             None => Ok(of(Split::Train).unwrap_or_else(|| self.tasks.pool(None)).clone()),
         }
     }
+}
+
+/// AUCCESS of an episode of at most `n` attempts that was solved at attempt `k`, both from 1: `1 - ln k / ln(n + 1)`.
+///
+/// Source: Bakhtin et al. 2019, section 4.1: the sum of the weights `ln(j + 1) - ln j` over the attempts `j` from `k` to `n`, over the sum
+/// of all `n` weights, with `n` = 100. The mean over tasks is AUCCESS.
+fn episode_auccess(k: u32, n: u32) -> f64 {
+    1.0 - libm::log(f64::from(k)) / libm::log(f64::from(n) + 1.0)
 }
 
 /// The outcome as published to watchers; takes the recording out of the summary.

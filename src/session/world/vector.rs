@@ -91,11 +91,10 @@ pub fn step_many(
                 let (seen, interactions) =
                     outcomes.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
                 let step = world.finish_step(context, action, latents, Ok(seen), interactions);
-                BatchStepResult {
-                    step: Some(step),
-                    start: then
-                        .map(|task_source| world.begin_episode(task_source, &next_reset(world, split))),
-                }
+                let start = then
+                    .filter(|_| step.terminated || step.truncated)
+                    .map(|task_source| world.begin_episode(task_source, &next_reset(world, split)));
+                BatchStepResult { step: Some(step), start }
             }
         });
     }

@@ -121,9 +121,10 @@ impl Family {
     }
 
     /// The scene of a candidate, with goal and action space; an error if it is invalid, for example
-    /// because objects overlap.
+    /// because objects overlap. What carries latents has the prior's means, whatever the file says: a scene
+    /// is the uncalibrated simulation and contains nothing of the real world.
     pub fn scene(&self, draw: &[f64]) -> Result<Scene> {
-        self.source.scene(self.name, draw)
+        Ok(self.source.scene(self.name, draw)?.with_carriers(self.prior.map(|(mean, _)| mean)))
     }
 
     /// Solutions that the author of the scene provided.

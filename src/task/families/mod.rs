@@ -36,6 +36,7 @@ pub use family::Family;
 pub use family_file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
 pub use folder::{certified_beside, read_families, read_family};
 pub use presets::{LabelCounts, Learning};
+pub(crate) use real::HiddenPhysics;
 pub use real::RealPhysics;
 
 use crate::error::{Error, Result};

@@ -1231,15 +1231,24 @@ export interface components {
             kind?: components["schemas"]["WorldKindIn"] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
             /**
+             * Format: int32
+             * @description Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
+             *     (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+             */
+            max_attempts?: number | null;
+            /**
              * Format: double
              * @description Standard deviation of observation noise, m; real worlds only.
              */
             noise?: number | null;
             /** @description An `iplw.scene/1` document with `action` and `goal`. */
             scene?: Record<string, never> | null;
-            /** @description Whether latents and effects are hidden. Default: true for real, false for sim. */
+            /**
+             * @description Whether latents and effects are hidden. Default: true for real, false for sim. False for a real world of a family only
+             *     together with all `latents` and `effects`, since the family's own are hidden.
+             */
             sealed?: boolean | null;
-            /** @description Seed of the task sequence and of noise. */
+            /** @description Seed of the task sequence, of noise, and of hidden numbers that a family draws from ranges. */
             seed?: number | null;
             /** @description A family (`bowling`) or one task (`bowling:017`). */
             task?: string | null;
@@ -1261,6 +1270,12 @@ export interface components {
             engine?: string | null;
             kind?: components["schemas"]["WorldKindIn"] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
+            /**
+             * Format: int32
+             * @description Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
+             *     (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+             */
+            max_attempts?: number | null;
             /**
              * Format: double
              * @description Standard deviation of observation noise, m; real worlds only.
@@ -2335,6 +2350,11 @@ export interface components {
         StepInfo: {
             /**
              * Format: int32
+             * @description Valid attempts in the episode so far.
+             */
+            attempt: number;
+            /**
+             * Format: int32
              * @description Number of contacts between movable bodies.
              */
             collisions: number;
@@ -2365,11 +2385,12 @@ export interface components {
             observation: number[];
             /**
              * Format: double
-             * @description 1 if the task was solved, else 0.
+             * @description 0 if the task was not solved; else the episode's AUCCESS, 1 at the first attempt.
              */
             reward: number;
+            /** @description Whether the task is solved, or the only attempt was used. */
             terminated: boolean;
-            /** @description Always false: a task takes one action. */
+            /** @description Whether the last of several attempts has failed. */
             truncated: boolean;
         };
         /** @description One action per world. If any is rejected, nothing is done. */
@@ -2383,6 +2404,8 @@ export interface components {
         };
         /** @description Results of the steps, in the order of the worlds. */
         StepWorldsOut: {
+            /** @description Valid attempts in the episode so far. */
+            attempt: number[];
             /** @description Number of contacts between movable bodies. */
             collisions: number[];
             /** @description `horizon`, `goal` or `diverged`; `null` where nothing was simulated. */
@@ -2399,7 +2422,7 @@ export interface components {
             reason: (string | null)[];
             /** @description Whether the world was reset and its action ignored (`next_step`). */
             reset: boolean[];
-            /** @description 1 where the task was solved, else 0. */
+            /** @description 0 where the task was not solved; else the episode's AUCCESS, 1 at the first attempt. */
             reward: number[];
             /** @description Time steps that bodies spent on a surface, summed over bodies. */
             rolling_steps: number[];
@@ -2411,7 +2434,7 @@ export interface components {
             /** @description Id of the task of `observation`. */
             task: string[];
             terminated: boolean[];
-            /** @description Always false: a task takes one action. */
+            /** @description Whether the last of several attempts has failed. */
             truncated: boolean[];
             /** @description Whether the action could be placed. */
             valid: boolean[];
@@ -2697,6 +2720,11 @@ export interface components {
             interactions: number;
             kind: components["schemas"]["WorldKindIn"];
             latents?: components["schemas"]["LatentsOut"] | null;
+            /**
+             * Format: int32
+             * @description Maximum number of valid attempts in an episode.
+             */
+            max_attempts: number;
             observation_space: components["schemas"]["ObservationSpaceOut"];
             /** @description Name of the token that created it; `null` for default worlds and without authentication. */
             owner?: string | null;

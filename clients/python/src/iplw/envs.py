@@ -1,9 +1,13 @@
-"""Gymnasium environments with one action in each episode: place a body, simulate, reward 1 if the goal is reached.
+"""Gymnasium environments in which an action places a body and a simulation follows: reward 1 if the goal is reached.
 
     gymnasium.make("iplw/Bowling-v0", world="real", observation="image", action="discrete")
 
 An episode ends (`terminated`) with its first valid action. An invalid action does not end it; `info["valid"]` is False and
-`info["reason"]` gives the reason. Episodes are never truncated.
+`info["reason"]` gives the reason.
+
+With `max_attempts` above 1, PHYRE's setting, an episode continues with the same task until an action reaches the goal (`terminated`)
+or all attempts have failed (`truncated`). The reward of solving at attempt k of at most n is the AUCCESS of the episode,
+1 - ln k / ln(n + 1), so that the mean return over tasks is PHYRE's AUCCESS for n = 100.
 
 Each environment has its own world on the server and deletes it on `close()`. A copy, by `pickle` or `copy.deepcopy`, connects anew
 and has a world of its own with the same settings; it starts with `reset`, as Gymnasium's `EzPickle` has it.
@@ -69,6 +73,7 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
     - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
     - `render_mode`: `rgb_array`: the scene before the action, and its final state after it; `rgb_array_list`: all frames since
       the last call, with the motion between; `human`: opens the web page at this world when the first episode starts.
+    - `max_attempts`: valid attempts in an episode; see the head of this module.
     - `split`: `reset` samples a task from it; `reset(options={"split": ..., "task": ...})` overrides it.
     """
 
@@ -91,12 +96,13 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         action: Literal["box", "discrete"] = "box",
         render_mode: str | None = None,
         split: str = "train",
+        max_attempts: int | None = None,
         image_size: int = 64,
         timeout: float = 30.0,
     ) -> None:
         EzPickle.__init__(self, **{name: value for name, value in locals().items() if name not in ("self", "__class__")})
         check_settings(observation, action, split, render_mode, image_size, self.metadata["render_modes"])
-        settings = world_settings(task, world)
+        settings = world_settings(task, world, max_attempts)
         self.render_mode = render_mode
         if render_mode == "rgb_array_list":
             self.metadata = {**self.metadata, "render_fps": FPS}
@@ -280,18 +286,19 @@ def picture(world: World, size: int, *, end: bool = False, task: str | None = No
     return _square(png.decode(world.render(view=view, width=size, task=task)), size)
 
 
-def world_settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of `Client.create_world` from the `task` and `world` of an environment."""
+def world_settings(task: str | None, world: str | Mapping[str, Any], max_attempts: int | None = None) -> dict[str, Any]:
+    """Arguments of `Client.create_world` from the arguments of an environment."""
+    more = {} if max_attempts is None else {"max_attempts": max_attempts}
     if isinstance(world, Mapping):
         known = [name for name in signature(Client.create_world).parameters if name != "self"]
         if unknown := sorted(set(world) - set(known)):
             raise ValueError(f"world has {unknown}; allowed: {', '.join(known)}")
-        settings = dict(world)
+        settings = {**world, **more}
         if "scene" not in settings and task is not None:
             settings.setdefault("task", task)
         return settings
     _one_of("world", world, ("sim", "real"))
-    return {"task": task, "kind": world}
+    return {"task": task, "kind": world, **more}
 
 
 def _episode_info(info: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from .vector import PlacementVectorEnv
 class PlacementVecEnv(VecEnv):  # type: ignore[misc]
     """A `PlacementVectorEnv` as a `VecEnv`, with automatic reset in the same step.
 
-    The last observation of an episode is `terminal_observation` in its info; episodes are never truncated. If `symmetric`,
+    The last observation of an episode is `terminal_observation` in its info. If `symmetric`,
     action components range from -1 to 1, the range that a Gaussian policy centred at 0 covers.
     """
 
@@ -64,7 +64,8 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, dones and infos."""
         assert self._actions is not None, "call step_async first"
-        observations, rewards, ended, _, infos = self.envs.step(self._actions)
+        observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
+        ended = terminated | truncated
         final_infos, final_obs = infos.pop("final_info", {}), infos.pop("final_obs", None)
         for key in ("_final_info", "_final_obs"):
             infos.pop(key, None)
@@ -72,7 +73,7 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
         for i in np.flatnonzero(ended).tolist():
             self.reset_infos[i] = per_env[i]
             assert final_obs is not None
-            per_env[i] = {**ends[i], "terminal_observation": final_obs[i], "TimeLimit.truncated": False}
+            per_env[i] = {**ends[i], "terminal_observation": final_obs[i], "TimeLimit.truncated": bool(truncated[i])}
         return observations, rewards.astype(np.float32), ended, per_env
 
     def close(self) -> None:

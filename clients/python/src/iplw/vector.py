@@ -36,6 +36,7 @@ _MODES = {
 _STEP_KEYS: dict[str, type] = {
     "valid": bool,
     "solved": bool,
+    "attempt": int,
     "steps": int,
     "task": object,
     "collisions": int,
@@ -68,6 +69,7 @@ class PlacementVectorEnv(envs.Reconnecting, VectorEnv[NDArray[Any], NDArray[Any]
         action: Literal["box", "discrete"] = "box",
         render_mode: str | None = None,
         split: str = "train",
+        max_attempts: int | None = None,
         image_size: int = 64,
         timeout: float = 30.0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -77,7 +79,7 @@ class PlacementVectorEnv(envs.Reconnecting, VectorEnv[NDArray[Any], NDArray[Any]
             raise ValueError(f"num_envs is {num_envs}; allowed: 1 or more")
         envs.check_settings(observation, action, split, render_mode, image_size)
         mode = AutoresetMode(autoreset_mode)
-        settings = envs.world_settings(task, world)
+        settings = envs.world_settings(task, world, max_attempts)
         self.num_envs = num_envs
         self.metadata = {**envs.PlacementEnv.metadata, "autoreset_mode": mode}
         self.render_mode = render_mode

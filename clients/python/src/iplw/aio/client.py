@@ -98,6 +98,7 @@ class AsyncClient:
         damping: float | None = None,
         noise: float | None = None,
         budget: int | None = None,
+        max_attempts: int | None = None,
         sealed: bool | None = None,
         seed: int | None = None,
         key: str | None = None,
@@ -112,8 +113,11 @@ class AsyncClient:
         - `effects`: physics beyond gravity and contact, `[{"name": "wind", "parameters": {"ax": 0.5}}]`, in SI;
           `damping`: a shorthand for one of them, the fraction of velocity that remains after 1 s, in (0, 1].
         - `noise`: standard deviation of observations, m; `budget`: maximum number of valid attempts. Real worlds only.
-        - `sealed`: whether latents and effects are secret; default: by `kind`.
-        - `seed`: of resets without a seed, and of noise.
+        - `max_attempts`: valid attempts in an episode (1). With more, an episode continues with the same task until it is solved,
+          with its AUCCESS as reward (1 at the first attempt), or truncated when all attempts have failed.
+        - `sealed`: whether latents and effects are secret; default: by `kind`. A real world of a family is not sealed only with
+          latents and effects of your own.
+        - `seed`: of resets without a seed, of noise, and of hidden numbers that a family draws.
 
         With an idempotency `key`, repeated calls create one world. Close it, or use it as a context manager; otherwise it is
         deleted after a long idle time. `Problem` if a setting is not allowed.
@@ -128,6 +132,7 @@ class AsyncClient:
             damping=damping,
             noise=noise,
             budget=budget,
+            max_attempts=max_attempts,
             sealed=sealed,
             seed=seed,
         )
