@@ -79,7 +79,7 @@ test-examples:
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
 	IPLW_BIN=target/debug/iplw bash examples/node/smoke.sh
 
-# Examples whose packages are too large for every test run (2 GB of PyTorch), in an environment of their own.
+# Examples whose packages are too large for every test run (6 GB, with PyTorch and its CUDA), in an environment of their own.
 examples-extra: $(VENV)-examples/.installed
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw WANDB_MODE=offline ../../$(VENV)-examples/bin/python -m pytest -q -s -rs \

@@ -23,7 +23,7 @@ SCENE = {
     "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0.0, 1.0], "offset": 0.0}}],
     "action": {"components": [{"target": "ball", "set": "vx", "low": 0.0, "high": 20.0}]},
     "goal": {"type": "above", "body": "ball", "height": 5.0},
-    **{"format": "iplw.scene/1", "time_step": 0.002, "steps": 400, "observe_every": 50},
+    "format": "iplw.scene/1", "time_step": 0.002, "steps": 400, "observe_every": 50,
 }
 
 

@@ -18,6 +18,7 @@ SHORT = {
     "infer_sbi": ["sbi", "torch"],
     "plot_arviz": ["arviz"],
     "log_training": ["tensorboard", "torch"],
+    "train_ppo_attempts": ["stable_baselines3"],
 }
 
 
@@ -43,7 +44,7 @@ def test_short_examples_are_short(name: str) -> None:
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     assert len(text.splitlines()) < 60
     head = text.split('"""')[1]
-    assert f"pip install iplw {SHORT[name][0]}" in head.replace("'", "") and f"python examples/python/{name}.py" in head
+    assert f"pip install iplw {SHORT[name][0].replace('_', '-')}" in head.replace("'", "") and f"python examples/python/{name}.py" in head
 
 
 def test_tune_optuna(tmp_path: Path) -> None:
@@ -75,6 +76,11 @@ def test_log_training(tmp_path: Path) -> None:
     assert list((tmp_path / "runs").glob("events.out.tfevents.*"))
     if importlib.util.find_spec("wandb") is not None:
         assert list((tmp_path / "runs" / "wandb").glob("offline-run-*/*.wandb"))
+
+
+def test_train_ppo_attempts(tmp_path: Path) -> None:
+    before, after = map(float, re.findall(r"\d\.\d+", run_short("train_ppo_attempts", tmp_path).splitlines()[-1]))
+    assert after > before + 0.4
 
 
 def test_train_outside() -> None:
