@@ -256,6 +256,22 @@ def test_recorder_says_why_an_episode_has_no_film(tmp_path: Path) -> None:
     assert recorded.films == []
 
 
+def test_recorder_films_each_attempt(tmp_path: Path) -> None:
+    env = gymnasium.make("iplw/Bowling-v0", max_attempts=2)
+    recorded = iplw.RecordVideo(env, tmp_path, lambda _: True, format="gif", width=64, fps=5)
+    recorded.action_space.seed(1)
+    names = []
+    for episode in range(3):
+        recorded.reset(seed=episode)
+        ended = truncated = False
+        while not (ended or truncated):
+            *_, ended, truncated, info = recorded.step(recorded.action_space.sample())
+            if info["valid"]:
+                names.append(f"rl-video-episode-{episode}{'-attempt-2' if info['attempt'] == 2 else ''}.gif")
+    assert len(names) > 3 and [path.name for path in recorded.films] == names
+    recorded.close()
+
+
 def test_recorder_rejects_invalid_settings(tmp_path: Path) -> None:
     env = gymnasium.make("iplw/Bowling-v0")
     with pytest.raises(ValueError, match="format is 'avi'; allowed: png, gif, webp, mp4"):
