@@ -1,5 +1,6 @@
 //! Requests for estimations.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::de::value::MapAccessDeserializer;
@@ -10,12 +11,13 @@ use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::physics::LatentsIn;
-use crate::error::check_count;
+use crate::error::{check_count, check_range};
 use crate::experiment::{EstimateConfig, ResidualKind, acquisition};
 use crate::json::JsonObject;
-use crate::task::DEFAULT_FAMILY;
 use crate::task::scene::EffectTerm;
+use crate::task::{DEFAULT_FAMILY, Scene};
 use crate::world::EffectParameter;
+use crate::world::latent::{FACTORS, factor_index};
 
 /// Description of `--strategy`.
 const STRATEGY_HELP: &str = "Strategy: collisions, rolling, random, mixed, gradient, informative, probing or success [default: mixed]
@@ -31,8 +33,17 @@ posterior samples, about latents and parameters or about the success of plans; t
 #[schema(as = EstimationIn)]
 pub struct EstimationRequest {
     /// A family (its training tasks are explored) or one task.
+    #[serde(default)]
     #[arg(long, default_value = DEFAULT_FAMILY, help = "Family, or a task such as bowling:017")]
     pub task: String,
+    /// Instead of `task`: an `iplw.scene/1` document of your rig, with an action space (`action`) and no goal.
+    #[arg(skip)]
+    #[schema(value_type = Option<Object>)]
+    pub scene: Option<JsonObject<Scene>>,
+    /// Prior of latents, `{"friction": [mean, standard deviation]}`. Default: the family's; with
+    /// a `scene` density 1 +- 0.5 kg/m^2, friction 0.5 +- 0.25, restitution 0.5 +- 0.25.
+    #[arg(skip)]
+    pub prior: Option<BTreeMap<String, [f64; 2]>>,
     /// Id of a real world of that family.
     #[arg(skip)]
     pub world: Option<String>,
@@ -114,6 +125,13 @@ impl EstimationRequest {
     /// `preset` with the request's values.
     pub fn config(&self, preset: EstimateConfig) -> crate::error::Result<EstimateConfig> {
         let mut config = preset;
+        for (name, [mean, sd]) in self.prior.iter().flatten() {
+            let factor = factor_index(name).map_err(|e| e.unknown_in("prior"))?;
+            let [low, high] = FACTORS[factor].bounds;
+            check_range(&format!("prior.{name}[0]"), *mean, low, high)?;
+            check_range(&format!("prior.{name}[1]"), *sd, 1e-6, high - low)?;
+            config.cem.prior[factor] = (*mean, *sd);
+        }
         if let Some(name) = &self.strategy {
             acquisition::question(name).map_err(|e| e.unknown_in("strategy"))?;
             config.strategy = name.clone();

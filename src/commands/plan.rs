@@ -31,7 +31,7 @@ pub struct PlanRequest {
     #[arg(skip)]
     #[schema(value_type = Option<Object>)]
     pub posterior: Option<Map<String, Value>>,
-    /// Latents of a single world; absent ones are the scene's own.
+    /// Latents of a single world; absent ones are the family's prior mean.
     #[arg(long, value_parser = parse_latents, help = "Use one world: density=..,friction=..,restitution=..")]
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<JsonObject<LatentsIn>>,

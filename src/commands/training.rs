@@ -43,7 +43,9 @@ pub struct TrainingRequest {
     pub posterior: Option<Map<String, Value>>,
     /// Latents of the fixed simulation, such as an estimate. Default: the family's prior mean.
     #[arg(long, value_parser = parse_latents)]
-    #[arg(help = "Latents of the simulation: density=..,friction=..,restitution=.. [default: the scene's]")]
+    #[arg(
+        help = "Latents of the simulation: density=..,friction=..,restitution=.. [default: the family's prior mean]"
+    )]
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<JsonObject<LatentsIn>>,
     /// Effects of the simulation.

@@ -1,18 +1,19 @@
 //! Lack of fit: whether a simulation can reproduce measured trials at any values of its latents, within the noise.
 //!
-//! `F = (RSS / d) / s^2`: the mean residual square of the base model, fitted to segments of the trials with unknown initial states,
-//! over the noise variance estimated from the trials themselves.
+//! `F = (RSS / d) / s^2` for each trial: the mean residual square of the base model, fitted to segments of all trials with unknown initial
+//! states, over the noise variance estimated from the trials themselves. Trials with a significant excess are counted, and the count is
+//! compared with the binomial distribution of a share that chaotic contacts and outliers spoil in a right model.
 //!
 //! Source: the F test for lack of fit (Draper and Smith 1998, section 2.1), with the noise estimate of `data` in place of replicates.
 //!
-//! Differences from the source: the numerator's variance includes the correlation of the noise; the distribution of the relative excess
-//! is approximated by Student's t with the degrees of freedom of the noise estimate. Contacts are not counted.
+//! Differences from the source: the test is made for each trial, since one trial with a misjudged contact would decide a common one; the
+//! variance of a trial's sum includes the correlation of the noise and the error of its estimate. Contacts are not counted.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::data::preprocessing::{MAX_INITIAL_INTERVALS, PreprocessedData, preprocess};
-use super::statistics::t_survival;
+use super::statistics::binomial_survival;
 use super::{BaseFit, DiagnosisConfig, fit_base};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -23,17 +24,21 @@ use crate::world::latent::factor_index;
 
 /// Significance below which a fit is bad.
 const MAX_SIGNIFICANCE: f64 = 0.01;
+/// Excess of a trial's residual square, in standard deviations, above which the simulation does not reproduce the trial.
+const MAX_TRIAL_EXCESS_SD: f64 = 3.0;
+/// Share of trials that may be spoilt although the simulation is right.
+const SPOILT_SHARE: f64 = 0.2;
 
 /// Quality of a fit: the error of the best simulation beside the measurement noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FitQuality {
     /// Whether the simulation can reproduce the trials; `null` if they are too few or too short to tell.
     pub adequate: Option<bool>,
-    /// Root mean square error of the best simulation, m.
+    /// Root mean square error of the best simulation in the median trial, m.
     pub error_m: Option<f64>,
-    /// Root mean square error expected from the measurement noise alone, m.
+    /// Standard deviation of the measurement noise, m.
     pub noise_m: Option<f64>,
-    /// Probability of a misfit at least this large if the simulation were right.
+    /// Probability of at least as many trials with a misfit if the simulation were right.
     pub lack_of_fit_p: Option<f64>,
     /// A sentence for people.
     pub text: String,
@@ -79,16 +84,23 @@ fn quality(
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
     let stages = (config.engine, config.seed, progress);
     let BaseFit { evaluation, .. } = fit_base(scene, trials, ready, &ready.segments, &latents, stages)?;
-    let expected = &ready.expected_rss;
-    let excess = expected.relative_excess(&evaluation.squares, &ready.segments);
-    let Some((excess, standard_error)) = excess else {
+    let excesses = ready.expected_rss.excess_by_trial(&evaluation.squares, &ready.segments);
+    if excesses.is_empty() {
         return Ok(undetermined("no trial has a segment of free motion"));
-    };
-    let noise = ready.noise.sd * (expected.mean.iter().sum::<f64>() / expected.coordinate_count()).sqrt();
-    let error = noise * (1.0 + excess).max(0.0).sqrt();
-    let p = t_survival(excess / standard_error, ready.noise.degrees_of_freedom);
+    }
+    let noise = ready.noise.sd;
+    let mut ratios: Vec<f64> = excesses.iter().map(|e| e.ratio).collect();
+    ratios.sort_by(f64::total_cmp);
+    let error = noise * ratios[ratios.len() / 2].max(0.0).sqrt();
+    let misfits = excesses.iter().filter(|e| e.ratio - 1.0 > MAX_TRIAL_EXCESS_SD * e.standard_error).count();
+    let p = binomial_survival(misfits, excesses.len(), SPOILT_SHARE);
     let bad = p < MAX_SIGNIFICANCE;
-    let figures = format!("error {} beside {} of noise, p = {p:.1e}", length(error), length(noise));
+    let figures = format!(
+        "{misfits} of {} trials misfit; median error {} beside {} of noise; p = {p:.1e}",
+        excesses.len(),
+        length(error),
+        length(noise)
+    );
     let text = if bad {
         format!(
             "the simulation cannot reproduce these trials ({figures}): an effect is missing, and estimates and intervals ignore it; \

@@ -20,6 +20,17 @@ pub fn normal_survival(z: f64) -> f64 {
     0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
 }
 
+/// Probability of at least `k` successes in `n` trials, each with probability `share`, which is neither 0 nor 1.
+pub fn binomial_survival(k: usize, n: usize, share: f64) -> f64 {
+    let (n, odds) = (n as f64, libm::log(share / (1.0 - share)));
+    let log_of = |i: f64| {
+        libm::lgamma(n + 1.0) - libm::lgamma(i + 1.0) - libm::lgamma(n - i + 1.0)
+            + i * odds
+            + n * libm::log(1.0 - share)
+    };
+    (k..=n as usize).map(|i| libm::exp(log_of(i as f64))).sum::<f64>().min(1.0)
+}
+
 /// Mean and its standard error; the error is infinite below two values.
 pub fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
@@ -93,6 +104,14 @@ mod tests {
         let line = [(1.0, 5.0), (2.0, 3.0), (4.0, -1.0)];
         assert!((slope(&line).unwrap() + 2.0).abs() < 1e-12);
         assert_eq!((slope(&[]), slope(&line[..1]), slope(&[(1.0, 0.0), (1.0, 9.0)])), (None, None, None));
+    }
+
+    #[test]
+    fn binomial_tails_match_sums_by_hand() {
+        // 1 - 0.8^5, and 5 * 0.2^4 * 0.8 + 0.2^5.
+        assert!((binomial_survival(1, 5, 0.2) - 0.672_32).abs() < 1e-12);
+        assert!((binomial_survival(4, 5, 0.2) - 0.006_72).abs() < 1e-12);
+        assert_eq!((binomial_survival(0, 9, 0.5), binomial_survival(3, 2, 0.5)), (1.0, 0.0));
     }
 
     #[test]

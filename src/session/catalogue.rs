@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::observation::{ObservationLayout, feature_names, object_names};
 use crate::error::{Error, Result};
 use crate::task::action::{ActionComponent, ActionQuantity};
-use crate::task::{Family, Learning, Scene, Split, Task, custom, families, unknown_family};
+use crate::task::{Family, Learning, Scene, Split, Task, custom, explorable, families, unknown_family};
 use crate::world::effect;
 
 /// Every built-in family with its tasks.
@@ -142,7 +142,15 @@ impl TaskSet {
 
     /// A set with the single task of a user's scene.
     pub fn custom(scene: Scene) -> Result<TaskSet> {
-        let task = custom(scene)?;
+        TaskSet::of_scene(custom(scene)?)
+    }
+
+    /// The same, but the scene needs no goal.
+    pub fn explorable(scene: Scene) -> Result<TaskSet> {
+        TaskSet::of_scene(explorable(scene)?)
+    }
+
+    fn of_scene(task: Task) -> Result<TaskSet> {
         effect::validate_terms(&task.scene.effects)?;
         for (i, body) in task.scene.bodies.iter().enumerate() {
             let of_place = |c: &ActionComponent| {

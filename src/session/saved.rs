@@ -51,7 +51,7 @@ impl SavedWorld {
     /// Converts it back.
     pub fn config(self, catalogue: &Catalogue) -> Result<WorldConfig> {
         let tasks = match self.scene {
-            Some(scene) => TaskSet::custom(scene)?,
+            Some(scene) => TaskSet::explorable(scene)?,
             None => catalogue.named(self.task.as_deref().unwrap_or_default())?,
         };
         Ok(WorldConfig {

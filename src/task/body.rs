@@ -27,10 +27,10 @@ pub struct Body {
     /// Moment of inertia about the centre of mass; by default that of a uniform body of this shape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertia: Option<Inertia>,
-    /// Coefficient of this surface; a contact's is the product of both.
+    /// Coefficient of this surface, by default 0.5; a contact's is the product of both.
     #[serde(default = "default_coefficient")]
     pub friction: f64,
-    /// Coefficient of this surface; a contact's is the product of both.
+    /// Coefficient of this surface, by default 0.5; a contact's is the product of both.
     #[serde(default = "default_coefficient")]
     pub restitution: f64,
     /// m; required for a rollout unless an action or a trial sets it.
@@ -91,10 +91,10 @@ pub struct Static {
     pub name: String,
     /// Shape in its own frame.
     pub shape: Shape,
-    /// Coefficient of this surface.
+    /// Coefficient of this surface, by default 1.0, neutral in a product.
     #[serde(default = "neutral_coefficient")]
     pub friction: f64,
-    /// Coefficient of this surface.
+    /// Coefficient of this surface, by default 1.0, neutral in a product.
     #[serde(default = "neutral_coefficient")]
     pub restitution: f64,
     /// m

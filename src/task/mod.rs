@@ -27,13 +27,13 @@ use utoipa::ToSchema;
 
 use crate::names::names;
 pub use action::{ActionSpace, ValidAction};
-pub use custom::custom;
+pub use custom::{custom, explorable};
 pub(crate) use families::HiddenPhysics;
 pub use families::{
     CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, CandidateDraws, Certificate, CertifiedRow, CertifiedTasks,
-    Claims, Collection, DEFAULT_FAMILY, EstimateClaim, FAMILY_FORMAT, Family, JumpStartClaim, LabelCounts,
-    Learning, RealPhysics, Selection, SolvingShareBin, certified_beside, collection, families, family,
-    parse_family, parse_family_beside, read_families, read_family, register_families, unknown_family,
+    Claims, Collection, DEFAULT_FAMILY, DEFAULT_PRIOR, EstimateClaim, FAMILY_FORMAT, Family, JumpStartClaim,
+    LabelCounts, Learning, RealPhysics, Selection, SolvingShareBin, certified_beside, collection, families,
+    family, parse_family, parse_family_beside, read_families, read_family, register_families, unknown_family,
 };
 pub use intervention::Intervention;
 pub use placement::Placement;

@@ -8,6 +8,7 @@ mod contacts;
 mod coverage;
 mod discover;
 mod estimate;
+mod fit_quality;
 mod posterior;
 mod recorded;
 mod setups;

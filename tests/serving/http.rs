@@ -25,7 +25,7 @@ pub struct Running {
 }
 
 impl Running {
-    fn start() -> Running {
+    pub fn start() -> Running {
         Running::with(ServeConfig::default()).unwrap()
     }
 
@@ -293,12 +293,17 @@ fn real_worlds_hide_latents_and_enforce_budgets() {
         429,
         "budget-spent",
     );
-    // An unsealed real world shows its latents.
-    let open =
-        json!({"task": "bowling:000", "kind": "real", "sealed": false, "latents": {"friction": 0.123}});
-    let open = server.post("/v1/worlds", &open, 201);
+    // A real world shows its physics only if all of it is the client's.
+    let body = |latents: Value, effects: Value| json!({"task": "bowling:000", "kind": "real", "sealed": false, "latents": latents, "effects": effects});
+    let all = json!({"density": 1.0, "friction": 0.123, "restitution": 0.5});
+    for (latents, effects) in
+        [(Value::Null, json!([])), (json!({"friction": 0.123}), json!([])), (all.clone(), Value::Null)]
+    {
+        let refused = server.send(Method::POST, "/v1/worlds", body(latents, effects).to_string());
+        problem(refused, 422, "invalid-value");
+    }
+    let open = server.post("/v1/worlds", &body(all, json!([])), 201);
     assert_eq!(open["latents"]["friction"], 0.123);
-    assert_eq!(open["effects"][0]["name"], "linear_drag");
 }
 
 #[test]
@@ -657,7 +662,7 @@ fn rejects_bad_input_naming_the_field() {
         row("GET", query("width=99&width=99"), "", 422, wrong, "width"),
         row("GET", query("task=bowling:999"), "", 404, missing, ""),
         row("GET", film, "", 422, wrong, "action"),
-        row("POST", iplw, "{}", 400, bad, ""),
+        row("POST", iplw, "{}", 422, wrong, "task"),
         row("POST", iplw, r#"{"task": "curling"}"#, 404, missing, ""),
         row("POST", iplw, r#"{"task": "bowling", "strategy": "psychic"}"#, 422, wrong, "strategy"),
         row("POST", iplw, r#"{"task": "bowling", "residual": "x"}"#, 422, wrong, "residual"),

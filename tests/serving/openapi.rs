@@ -1,6 +1,11 @@
 //! The committed OpenAPI document matches the routes.
 
+use std::collections::BTreeMap;
+
+use reqwest::Method;
 use serde_json::Value;
+
+use super::http::Running;
 
 #[test]
 fn committed_document_is_current() {
@@ -92,4 +97,65 @@ fn responses_with_ids_have_links() {
         list.dedup();
     }
     assert_eq!(wanted, led);
+}
+
+/// The example of every JSON body is accepted by a server. Ids of resources that a client creates first are replaced.
+#[test]
+fn examples_of_bodies_are_accepted() {
+    let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
+    let server = Running::start();
+    let mut examples = BTreeMap::new();
+    for (path, operations) in document["paths"].as_object().unwrap() {
+        for (method, operation) in operations.as_object().unwrap() {
+            let body = &operation["requestBody"]["content"]["application/json"];
+            if body.is_object() {
+                let id = operation["operationId"].as_str().unwrap().to_string();
+                assert!(body["example"].is_object(), "{id} has no example");
+                examples.insert(id, (method.to_uppercase(), path.clone(), body["example"].clone()));
+            }
+        }
+    }
+    let mut send = |operation: &str, id: &str, change: &dyn Fn(&mut Value)| -> Value {
+        let (method, path, mut body) = examples.remove(operation).unwrap_or_else(|| panic!("{operation}"));
+        change(&mut body);
+        let method = Method::from_bytes(method.as_bytes()).unwrap();
+        let response = server.send(method, &path.replace("{id}", id), body.to_string());
+        let status = response.status().as_u16();
+        let text = response.text().unwrap();
+        assert!(status < 300, "{operation}: {status} {text}");
+        serde_json::from_str(&text).unwrap_or(Value::Null)
+    };
+    let same = |_: &mut Value| {};
+    send("create_world", "", &same);
+    for operation in
+        ["reset_world", "step_world", "set_latents", "rollout_world", "snapshot_world", "branch_world"]
+    {
+        send(operation, "bowling-sim", &same);
+    }
+    let made = send("create_worlds", "", &same)["worlds"].clone();
+    for operation in ["reset_worlds", "step_worlds", "place", "simulate", "start_plan", "start_design"] {
+        send(operation, "", &same);
+    }
+    send("delete_worlds", "", &|body| body["worlds"] = made.clone());
+    let estimation = send("start_iplw", "", &same);
+    let id = estimation["id"].as_str().unwrap().to_string();
+    let proposals = || server.get(&format!("/v1/iplw/{id}/proposals"));
+    while proposals()["proposals"].as_array().is_none_or(Vec::is_empty) {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    send("submit_trials", &id, &same);
+    for operation in ["start_diagnosis", "start_posterior", "find_surface"] {
+        send(operation, "", &same);
+    }
+    let likelihood = server.finish(&send("start_likelihood", "", &same));
+    for operation in ["evaluate_likelihood", "draw_starts"] {
+        send(operation, likelihood["id"].as_str().unwrap(), &same);
+    }
+    let trained = server.finish(&send("train_policy", "", &same));
+    let policy = trained["result"]["policy"].as_str().unwrap().to_string();
+    for operation in ["act", "evaluate_policy", "learn_policy"] {
+        send(operation, &policy, &same);
+    }
+    examples.remove("make_token").expect("needs a server with tokens: tests of access send such bodies");
+    assert!(examples.is_empty(), "not sent: {:?}", examples.keys());
 }

@@ -396,7 +396,7 @@ impl Ask for Rust {
                     self.world.as_ref().unwrap().step(&action(&args["action"]), None, &Unlimited).unwrap();
                 let mut info = json!({
                     "valid": step.invalid.is_none(), "solved": step.solved, "steps": step.steps, "task": step.task,
-                    "interactions": step.interactions, "collisions": step.collisions,
+                    "attempt": step.attempt, "interactions": step.interactions, "collisions": step.collisions,
                     "rolling_steps": step.rolling_steps,
                 });
                 if let Some(reason) = step.invalid {

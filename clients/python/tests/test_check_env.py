@@ -34,7 +34,8 @@ OPTIONS: list[dict[str, Any]] = [
     {"url": "tcp://private"},
     {"world": {"latents": {"friction": 0.2}, "damping": 0.8, "engine": "rapier"}},
     {"world": {"kind": "real", "noise": 0.02, "seed": 3}},
-    {"world": {"kind": "real", "sealed": False}, "action": "discrete"},
+    {"world": {"kind": "real", "sealed": True}, "action": "discrete"},
+    {"max_attempts": 3},
     {"task": None, "world": {"scene": SCENE}},
 ]
 

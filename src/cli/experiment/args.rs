@@ -13,7 +13,7 @@ use iplw::task::DEFAULT_FAMILY;
 #[derive(clap::Args)]
 pub struct RunArgs {
     /// Family (see `iplw tasks`) or level; may be repeated.
-    #[arg(long, default_values = [DEFAULT_FAMILY, "carom", "chute"])]
+    #[arg(long, default_values = [DEFAULT_FAMILY, "hurdle", "chute"])]
     pub task: Vec<String>,
     /// First random seed.
     #[arg(long, default_value_t = 0)]

@@ -17,15 +17,16 @@ pub struct ExpectedRss {
     pub noise_variance_error: f64,
 }
 
+/// Residual sum of squares of one trial over its expectation, and the ratio's standard error under noise alone.
+pub struct TrialExcess {
+    pub ratio: f64,
+    pub standard_error: f64,
+}
+
 impl ExpectedRss {
     /// Sum over trials, contacts included.
     pub fn total(&self) -> f64 {
         self.mean.iter().sum::<f64>() + self.contacts
-    }
-
-    /// Number of coordinates of all trials.
-    pub fn coordinate_count(&self) -> f64 {
-        self.coordinates.iter().sum::<f64>().max(1.0)
     }
 
     /// Misfit of a fit without contact segments.
@@ -33,13 +34,15 @@ impl ExpectedRss {
         self.misfit(&self.by_trial(&fit.evaluation.squares, segments))
     }
 
-    /// Excess of the squares of all segments but contacts over the expected sum, as a share of it, and its standard error under noise
-    /// alone; `None` if nothing is expected.
-    pub fn relative_excess(&self, squares: &[f64], segments: &[Segment]) -> Option<(f64, f64)> {
-        let expected = self.mean.iter().sum::<f64>();
-        let excess = self.by_trial(squares, segments).iter().sum::<f64>() / expected - 1.0;
-        let own = self.variance.iter().sum::<f64>() / (expected * expected);
-        (expected > 0.0).then(|| (excess, (own + self.noise_variance_error.powi(2)).sqrt()))
+    /// The squares of all segments but contacts by trial, over their expected sums; without trials in which nothing is expected.
+    pub fn excess_by_trial(&self, squares: &[f64], segments: &[Segment]) -> Vec<TrialExcess> {
+        let sums = self.by_trial(squares, segments);
+        let of = |(i, sum): (usize, &f64)| {
+            let (mean, variance) = (self.mean[i], self.variance[i]);
+            let relative = variance / (mean * mean) + self.noise_variance_error.powi(2);
+            (mean > 0.0).then(|| TrialExcess { ratio: sum / mean, standard_error: relative.sqrt() })
+        };
+        sums.iter().enumerate().filter_map(of).collect()
     }
 
     fn by_trial(&self, squares: &[f64], segments: &[Segment]) -> Vec<f64> {

@@ -9,6 +9,7 @@ use utoipa::openapi::security::SecurityRequirement;
 use utoipa::openapi::{Content, HeaderBuilder, Ref, RefOr, Required, Response, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
+use super::examples::example;
 use crate::access::Scope;
 use crate::serve::problem::{PROBLEM_JSON, Problem};
 use crate::serve::wire::MSGPACK;
@@ -121,6 +122,11 @@ impl OperationDoc {
     pub fn body<T: ToSchema>(&mut self) {
         let schema = self.reference::<T>();
         self.body_of("application/json", schema);
+        let shown = self.operation.operation_id.as_deref().and_then(example);
+        let content = self.body.as_mut().and_then(|body| body.content.get_mut("application/json"));
+        if let Some(RefOr::T(content)) = content {
+            content.example = shown;
+        }
         self.problem(400, "");
         self.problem(422, "");
     }

@@ -14,6 +14,7 @@
 mod declare;
 mod describe;
 mod events;
+mod examples;
 mod extractor;
 mod idempotency;
 mod pagination;

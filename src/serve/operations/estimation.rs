@@ -30,9 +30,9 @@ use crate::serve::operation::{ACT, BodyWithJson, Operation, RecordResponse, post
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
 use crate::serve::wire::JobOut;
-use crate::session::{AttemptResult, SavedWorld, TaskSet, World, WorldConfig, WorldKind};
+use crate::session::{AttemptResult, Catalogue, SavedWorld, TaskSet, World, WorldConfig, WorldKind};
 use crate::store::{MeasuredOutcomes, Store};
-use crate::task::{Split, Task, split};
+use crate::task::{DEFAULT_PRIOR, Scene, Split, Task, split};
 use crate::trajectory::Trajectory;
 use crate::world::Engine;
 
@@ -53,8 +53,11 @@ pub const KIND: &str = "iplw";
 /// A fully specified estimation.
 #[derive(Serialize, Deserialize)]
 pub struct EstimationJob {
-    /// A family or one task.
+    /// A family or one task; empty with a scene.
     pub task: String,
+    /// The user's scene, instead of a task.
+    #[serde(default)]
+    pub scene: Option<Scene>,
     pub setup: EstimateConfig,
     pub real: RealitySource,
     /// Id of the performance surface, which weights the latents.
@@ -62,6 +65,16 @@ pub struct EstimationJob {
     pub surface: Option<String>,
     /// Maximum number of real interactions.
     pub budget: Option<u64>,
+}
+
+impl EstimationJob {
+    /// The tasks of the job's family, task or scene.
+    pub fn tasks(&self, catalogue: &Catalogue) -> Result<TaskSet> {
+        match &self.scene {
+            Some(scene) => TaskSet::explorable(scene.clone()),
+            None => catalogue.named(&self.task),
+        }
+    }
 }
 
 /// Source of measurements.
@@ -84,12 +97,25 @@ fn begin(
     BodyWithJson(body, config): BodyWithJson<EstimationRequest>,
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
-    let tasks = app.catalogue.named(&body.task)?;
-    let family = tasks.family.ok_or_else(|| Error::Failed("a built-in task without a family".into()))?;
-    let setup = body.config(EstimateConfig::fast(family.prior))?;
+    let scene = body.scene.clone().map(|JsonObject(scene)| scene);
+    let tasks = match (&scene, body.task.is_empty()) {
+        (None, false) => app.catalogue.named(&body.task)?,
+        (Some(scene), true) => TaskSet::explorable(scene.clone()).map_err(|e| e.in_field("scene"))?,
+        (None, true) => return Err(Error::input("task", "missing", "one of task and scene")),
+        (Some(_), false) => {
+            return Err(Error::input("scene", "given together with `task`", "one of task and scene"));
+        }
+    };
+    let setup = body.config(EstimateConfig::fast(tasks.family.map_or(DEFAULT_PRIOR, |f| f.prior)))?;
     // Validate everything now, rather than fail later in the job.
-    if let Some(id) = &body.surface {
-        surface::of_family(app.store(), family, id)?;
+    match (&body.surface, tasks.family) {
+        (Some(id), Some(family)) => drop(surface::of_family(app.store(), family, id)?),
+        (Some(id), None) => return Err(Error::input("surface", format!("{id:?}"), "none with a scene")),
+        (None, None) if acquisition::needs_importance(&setup.strategy)? => {
+            let allowed = "a strategy that needs no performance surface, such as informative or mixed";
+            return Err(Error::input("strategy", format!("{:?}", setup.strategy), allowed));
+        }
+        (None, _) => {}
     }
     Workflow::new(&exploration_tasks(&tasks), &setup, Some(Arc::new(PlaceholderImportance)))?;
     let seed = setup.seed;
@@ -111,7 +137,8 @@ fn begin(
         }
         (None, None) => RealitySource::Dedicated(Box::new(dedicated_world(tasks, RealIn::default(), seed)?)),
     };
-    let plan = EstimationJob { task: body.task, setup, real, surface: body.surface, budget: body.budget };
+    let plan =
+        EstimationJob { task: body.task, scene, setup, real, surface: body.surface, budget: body.budget };
     submit(app, KIND, &config, &plan, seed, keep)
 }
 
@@ -155,7 +182,7 @@ fn run(
 ) -> Result<WorkOutcome> {
     let started = Instant::now();
     let (store, job) = (&*base.store, context.number);
-    let named = base.catalogue.named(&plan.task)?;
+    let named = plan.tasks(&base.catalogue)?;
     let tasks = exploration_tasks(&named);
     let importance = importance(store, job, &named, plan, context)?;
     let mut workflow = resume_workflow(store, job, &tasks, &plan.setup, importance)?;

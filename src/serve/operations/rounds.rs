@@ -71,7 +71,7 @@ pub fn ask_tell_job(app: &RequestContext, id: &str) -> Result<(Job, Vec<Task>)> 
         .transpose()?;
     match plan {
         Some(plan) if plan.real == RealitySource::AskTell => {
-            let tasks = app.catalogue.named(&plan.task)?;
+            let tasks = plan.tasks(&app.catalogue)?;
             Ok((job, tasks.tasks.to_vec()))
         }
         _ => Err(conflict(format!(

@@ -119,7 +119,7 @@ fn measured_trials(app: &RequestContext, id: &str, first: u64, limit: usize) -> 
         return Err(Error::Refused { reason: format!("{id} is not an estimation with stored trials") });
     }
     let plan: EstimationJob = from_value(row.plan)?;
-    let tasks = app.catalogue.named(&plan.task)?;
+    let tasks = plan.tasks(&app.catalogue)?;
     let outcomes = app.store().measured(row.number, first)?;
     let mut found = Vec::new();
     for round in app.store().rounds(row.number)? {

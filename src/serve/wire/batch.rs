@@ -44,7 +44,7 @@ pub struct CreateWorlds {
     /// Maximum number of valid attempts per world; real worlds only.
     pub budget: Option<u64>,
     /// Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
-    /// (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+    /// (the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed. Default: 1.
     pub max_attempts: Option<u32>,
     /// Whether latents and effects are hidden. Default: true for real, false for sim.
     pub sealed: Option<bool>,
@@ -123,7 +123,7 @@ pub struct StepWorldsOut {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
     pub terminated: Option<Array>,
-    /// Whether the last of several attempts has failed.
+    /// Always false: the number of attempts is part of the task.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Vec<bool>, required = true)]
     pub truncated: Option<Array>,
@@ -307,7 +307,7 @@ impl StepWorldsOut {
             observation: None,
             reward: Some(Array::line(ArrayData::F8(reward))),
             terminated: flags(|s| s.terminated, false),
-            truncated: flags(|s| s.truncated, false),
+            truncated: Some(Array::line(ArrayData::Bool(vec![false; n]))),
             attempt: counts(|s| s.attempt),
             valid: flags(|s| s.invalid.is_none(), true),
             solved: flags(|s| s.solved, false),

@@ -45,9 +45,9 @@ pub struct StepOut {
     pub observation: Option<Array>,
     /// 0 if the task was not solved; else the episode's AUCCESS, 1 at the first attempt.
     pub reward: f64,
-    /// Whether the task is solved, or the only attempt was used.
+    /// Whether the task is solved, or all attempts are used.
     pub terminated: bool,
-    /// Whether the last of several attempts has failed.
+    /// Always false: the number of attempts is part of the task.
     pub truncated: bool,
     pub info: StepInfo,
 }
@@ -92,7 +92,7 @@ impl From<StepResult> for StepOut {
             observation: Some(Array::line(ArrayData::F8(step.observation))),
             reward: step.reward,
             terminated: step.terminated,
-            truncated: step.truncated,
+            truncated: false,
             info: StepInfo {
                 valid: step.invalid.is_none(),
                 reason: step.invalid,

@@ -41,7 +41,7 @@ pub struct CreateWorld {
     /// Maximum number of valid attempts; real worlds only.
     pub budget: Option<u64>,
     /// Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
-    /// (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+    /// (the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed. Default: 1.
     pub max_attempts: Option<u32>,
     /// Whether latents and effects are hidden. Default: true for real, false for sim. False for a real world of a family only
     /// together with all `latents` and `effects`, since the family's own are hidden.

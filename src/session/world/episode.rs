@@ -45,17 +45,15 @@ pub struct EpisodeStart {
     pub episode: u64,
 }
 
-/// The result of a step: Gymnasium's tuple with its info.
+/// The result of a step: Gymnasium's tuple (never truncated: the number of attempts is part of the task) with its info.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepResult {
     /// (n_features,) in [0, 1]: of the final state if the episode has ended, otherwise of the state in which the next action starts.
     pub observation: Vec<f64>,
     /// 0 if not solved; if solved, the AUCCESS of the episode: 1 at the first attempt.
     pub reward: f64,
-    /// Whether the task is solved, or the only attempt was used.
+    /// Whether the task is solved, or all attempts are used.
     pub terminated: bool,
-    /// Whether the last of several attempts has failed.
-    pub truncated: bool,
     /// Valid attempts in this episode so far.
     pub attempt: u32,
     /// Why the action could not be placed; `None` if it was.
@@ -207,7 +205,6 @@ impl World {
                 observation: context.layout.observe(None),
                 reward: 0.0,
                 terminated: false,
-                truncated: false,
                 attempt: lock(&self.state).attempts,
                 invalid: Some(reason),
                 solved: false,
@@ -222,16 +219,14 @@ impl World {
                 let mut state = lock(&self.state);
                 state.attempts += 1;
                 let attempt = state.attempts;
-                let is_last = attempt >= self.max_attempts;
-                let ended = seen.solved || is_last;
+                let ended = seen.solved || attempt >= self.max_attempts;
                 state.phase = if ended { Phase::Done } else { Phase::Ready };
                 state.last = state.task.map(|task| LastStep { task, action, latents, interactions });
                 drop(state);
                 StepResult {
                     observation: if ended { seen.observation } else { context.layout.observe(None) },
                     reward: if seen.solved { episode_auccess(attempt, self.max_attempts) } else { 0.0 },
-                    terminated: seen.solved || self.max_attempts == 1,
-                    truncated: !seen.solved && is_last && self.max_attempts > 1,
+                    terminated: ended,
                     attempt,
                     invalid: None,
                     solved: seen.solved,
@@ -277,5 +272,55 @@ fn outcome(seen: &mut std::result::Result<StepSummary, String>) -> StepOutcome {
             let StepSummary { solved, steps, end, .. } = *seen;
             StepOutcome::Done { solved, steps, end, film: seen.film.take() }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::budget::Unlimited;
+    use crate::session::{Catalogue, WorldConfig, WorldKind};
+
+    fn world(max_attempts: u32) -> World {
+        let tasks = Catalogue::new().named("basketball:000").unwrap();
+        World::new(WorldConfig { max_attempts, ..WorldConfig::new(tasks, WorldKind::Sim) }).unwrap()
+    }
+
+    /// The first valid actions of the task that do, or do not, solve it.
+    fn actions(solve: bool, count: usize) -> Vec<Action> {
+        let world = world(1);
+        let space = world.tasks().tasks[0].actions().clone();
+        let results = |i: usize| {
+            world.reset(&Reset::default()).unwrap();
+            let action = Action::Index(i as u64);
+            let step = world.step(&action, None, &Unlimited).unwrap();
+            (step.invalid.is_none() && step.solved == solve).then_some(action)
+        };
+        (0..space.count()).filter_map(results).take(count).collect()
+    }
+
+    #[test]
+    fn an_episode_of_several_attempts_ends_with_success_or_the_last_attempt() {
+        let (fail, solve) = (actions(false, 1).remove(0), actions(true, 1).remove(0));
+        let world = world(3);
+        let start = world.reset(&Reset::default()).unwrap();
+        let step = |action| world.step(action, None, &Unlimited).unwrap();
+        let first = step(&fail);
+        assert!(!first.terminated && !first.solved && first.attempt == 1 && first.reward == 0.0);
+        assert_eq!(first.observation, start.observation, "the next attempt starts where the first did");
+        let second = step(&solve);
+        assert!(second.terminated && second.solved && second.attempt == 2);
+        assert!((second.reward - 0.5).abs() < 1e-12, "1 - ln 2 / ln 4");
+        assert!(world.step(&fail, None, &Unlimited).is_err(), "the episode has ended");
+        world.reset(&Reset::default()).unwrap();
+        let ends: Vec<(bool, u32)> = (0..3).map(|_| step(&fail)).map(|s| (s.terminated, s.attempt)).collect();
+        assert_eq!(ends, [(false, 1), (false, 2), (true, 3)]);
+    }
+
+    #[test]
+    fn rewards_of_first_attempts_do_not_depend_on_the_number_of_attempts() {
+        assert_eq!((episode_auccess(1, 1), episode_auccess(1, 100)), (1.0, 1.0));
+        let mean = (1..=100).map(|k| episode_auccess(k, 100)).fold(f64::INFINITY, f64::min);
+        assert!(mean > 0.0 && mean < 0.003, "even the last attempt counts: {mean}");
     }
 }

@@ -92,7 +92,7 @@ pub fn step_many(
                     outcomes.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
                 let step = world.finish_step(context, action, latents, Ok(seen), interactions);
                 let start = then
-                    .filter(|_| step.terminated || step.truncated)
+                    .filter(|_| step.terminated)
                     .map(|task_source| world.begin_episode(task_source, &next_reset(world, split)));
                 BatchStepResult { step: Some(step), start }
             }

@@ -16,6 +16,8 @@ use super::template::Template;
 use crate::error::{Error, InvalidInput, Result, abbreviate, check_count, check_format, check_range};
 use crate::rng;
 
+/// Prior mean and standard deviation of density (kg/m^2), friction and restitution where none is given.
+pub const DEFAULT_PRIOR: [(f64, f64); 3] = [(1.0, 0.5), (0.5, 0.25), (0.5, 0.25)];
 /// The value of a family's `format` field.
 pub const FAMILY_FORMAT: &str = "iplw.family/1";
 /// Maximum size of a family's file, bytes.
@@ -177,7 +179,8 @@ struct EstimateClaimTable {
 impl Default for PriorTable {
     /// The paper's prior.
     fn default() -> Self {
-        PriorTable { density: [1.0, 0.5], friction: [0.5, 0.25], restitution: [0.5, 0.25] }
+        let [density, friction, restitution] = DEFAULT_PRIOR.map(|(mean, sd)| [mean, sd]);
+        PriorTable { density, friction, restitution }
     }
 }
 

@@ -33,7 +33,9 @@ pub use certificate::{
 pub use claims::{Claims, EstimateClaim, JumpStartClaim};
 pub use collections::{COLLECTIONS, Collection, collection, unknown_family};
 pub use family::Family;
-pub use family_file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
+pub use family_file::{
+    DEFAULT_PRIOR, FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside,
+};
 pub use folder::{certified_beside, read_families, read_family};
 pub use presets::{LabelCounts, Learning};
 pub(crate) use real::HiddenPhysics;

@@ -195,3 +195,26 @@ fn rejects_certified_tasks_of_another_family() {
         assert_ne!(digest(from, to), good.digest, "{from}");
     }
 }
+
+/// Scenes are the uncalibrated simulation: what carries latents has the prior's means, whatever the file says.
+#[test]
+fn scenes_of_families_have_the_prior_means() {
+    let families = COLLECTIONS.iter().flat_map(|c| c.families().unwrap());
+    let all: Vec<Family> = families.collect();
+    for family in all.iter().chain(super::families().iter().copied()) {
+        let [density, friction, restitution] = family.prior.map(|(mean, _)| mean);
+        for task in family.tasks() {
+            let scene = &task.scene;
+            let bodies = scene.bodies.iter().filter(|b| scene.carries_latents(&b.name));
+            for body in bodies {
+                assert_eq!(
+                    (body.mass, body.density, body.friction, body.restitution),
+                    (None, Some(density), friction, restitution),
+                    "{} of {}",
+                    body.name,
+                    task.id
+                );
+            }
+        }
+    }
+}

@@ -5,9 +5,9 @@
 An episode ends (`terminated`) with its first valid action. An invalid action does not end it; `info["valid"]` is False and
 `info["reason"]` gives the reason.
 
-With `max_attempts` above 1, PHYRE's setting, an episode continues with the same task until an action reaches the goal (`terminated`)
-or all attempts have failed (`truncated`). The reward of solving at attempt k of at most n is the AUCCESS of the episode,
-1 - ln k / ln(n + 1), so that the mean return over tasks is PHYRE's AUCCESS for n = 100.
+With `max_attempts` above 1, PHYRE's setting, an episode continues with the same task until an action reaches the goal or all
+attempts have failed. The reward of solving at attempt k of at most n is the AUCCESS of the episode, 1 - ln k / ln(n + 1), so that
+the mean return over tasks is PHYRE's AUCCESS for n = 100. Episodes are never truncated: the number of attempts is part of the task.
 
 Each environment has its own world on the server and deletes it on `close()`. A copy, by `pickle` or `copy.deepcopy`, connects anew
 and has a world of its own with the same settings; it starts with `reset`, as Gymnasium's `EzPickle` has it.

@@ -65,6 +65,14 @@ class Estimate(Result):
         """Identifiable latents by name; arguments of `Client.train` and `World.set_latents`."""
         return {row["name"]: float(row["value"]) for row in self["latents"] if row["identifiable"]}
 
+    @property
+    def bad_fit(self) -> bool:
+        """Whether the simulation cannot reproduce the trials: an effect is missing, and the intervals ignore it.
+
+        `client.diagnose(job=...)` with the id of the estimation's job names it.
+        """
+        return (self.get("fit") or {}).get("adequate") is False
+
     def frame(self) -> pandas.DataFrame:
         """One row for each latent: `name,value,low,high,identifiable`; low and high, the 95 % interval, are NaN if unbounded."""
         return _latents_frame(self["latents"])
@@ -78,7 +86,10 @@ class Estimate(Result):
             else ""
         )
         note = f"{self.get('real_interactions')} real interactions in {len(line)} rounds, {self.get('strategy')}"
-        return card("estimate", _latents_table(self["latents"]), side_by_side(_interval_chart(self["latents"]), drawn), note=note)
+        text = str((self.get("fit") or {}).get("text", ""))
+        fit = [paragraph(f"{'Bad fit' if self.bad_fit else 'Fit'}: {text}")] if text else []
+        tables = _latents_table(self["latents"], ignores_misfit=self.bad_fit)
+        return card("estimate", *fit, tables, side_by_side(_interval_chart(self["latents"]), drawn), note=note)
 
 
 class Diagnosis(Result):
@@ -93,6 +104,12 @@ class Diagnosis(Result):
     def extended_scene(self) -> Scene | None:
         """The scene with the estimated latents and effects; it can be simulated like any other."""
         return Scene(self["extended_scene"]) if self.get("extended_scene") else None
+
+    @property
+    def physics(self) -> dict[str, Any]:
+        """The extended simulation, as arguments of `Client.train`: `latents` that are identifiable, and `effects`."""
+        latents = {row["name"]: float(row["value"]) for row in self["calibrated"] if row["identifiable"]}
+        return {"latents": latents, "effects": list((self.extended_scene or {}).get("effects", []))}
 
     @property
     def next_scene(self) -> Scene | None:
@@ -284,14 +301,15 @@ def _latents_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
     return pd.DataFrame(table, columns=["name", "value", "low", "high", "identifiable"])
 
 
-def _latents_table(rows: Sequence[Mapping[str, Any]]) -> str:
+def _latents_table(rows: Sequence[Mapping[str, Any]], ignores_misfit: bool = False) -> str:
     shown = [
         (row["name"], row["value"], interval(row["ci95"]))
         if row["identifiable"]
         else (row["name"], None, "not identifiable")
         for row in rows
     ]
-    return table(["latent", "value", "95 % interval"], shown)
+    heading = "95 % interval (ignores the misfit)" if ignores_misfit else "95 % interval"
+    return table(["latent", "value", heading], shown)
 
 
 def _interval_chart(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -97,6 +97,17 @@ export function currentEstimates(standing: EstimationState): readonly LatentEsti
   return standing.rounds.filter((r) => r.latents.length > 0).at(-1)?.latents ?? [];
 }
 
+/** How well the simulation reproduces the trials. */
+export interface FitQuality {
+  adequate: boolean | null;
+  text: string;
+}
+
+/** The quality of a finished estimation's fit, if it was checked. */
+export function fitQuality(standing: EstimationState): FitQuality | null {
+  return (standing.job.result as { fit?: FitQuality | null } | null | undefined)?.fit ?? null;
+}
+
 /** Converts estimates for the simulation: latents, and effects with their fitted parameters. */
 export function simulationPhysics(estimates: readonly LatentEstimate[]): { latents: Record<string, number>; effects: { name: string; parameters: Record<string, number> }[] } {
   const latents: Record<string, number> = {};

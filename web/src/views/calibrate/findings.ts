@@ -3,7 +3,7 @@
 import { h, put } from "../../dom";
 import { type BandPlot, bandPlot, type EstimatePoint, type EstimateSeries } from "../../parts/bandPlot";
 import { short } from "../../parts/slider";
-import { requestOf, type LatentEstimate, currentEstimates, maxRounds, type Round, type EstimationState } from "./estimation";
+import { requestOf, type LatentEstimate, currentEstimates, fitQuality, maxRounds, type Round, type EstimationState } from "./estimation";
 
 /** Units of latents; effect parameters have the units of the library. */
 const UNITS: Record<string, string> = { density: "kg/m²" };
@@ -21,6 +21,7 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
   const residual = bandPlot({ about: "Residual of the best sample by round, m² per trajectory", y: "m² per trajectory", logarithmic: true });
   const last = h("div", { class: "words" });
   const incomparable = h("p", { class: "soft", hidden: true }, "The residuals are of different kinds and cannot be compared.");
+  const fit = h("div", { class: "words" });
   const none = h("p", { class: "soft" }, "Latents are displayed after the first round.");
   const misfit = h("figure", { class: "card finding", hidden: true }, h("figcaption", {}, h("h3", {}, "Residual"), last, incomparable), residual.svg);
   put(grid, none, misfit);
@@ -42,15 +43,24 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
     [none.hidden, misfit.hidden] = [fitted, !fitted];
     residual.draw(misfits, rounds);
     put(last, ...[one, ...(other ? [other] : [])].flatMap((s, i) => residualText(s, misfits.find((r) => r.name === s.job.id)?.points.at(-1)?.y, other ? i : null)));
+    put(fit, ...[one, ...(other ? [other] : [])].flatMap((s, i) => fitText(s, other ? i : null)));
     incomparable.hidden = !other || residualKind(one) === residualKind(other);
   };
-  return { element: h("section", { class: "stack", "aria-label": "Results so far" }, grid), show };
+  return { element: h("section", { class: "stack", "aria-label": "Results so far" }, fit, grid), show };
 }
 
 /** The last residual of an estimation. */
 function residualText(of: EstimationState, residual: number | undefined, compared: number | null): HTMLElement[] {
   if (residual === undefined) return [];
   return [h("p", {}, runKey(of, compared), h("strong", {}, `${formatNumber(residual)} m²`), h("span", { class: "soft" }, ` ${residualKind(of)}`))];
+}
+
+/** How well the simulation reproduces the trials, and what follows from a bad fit. */
+function fitText(of: EstimationState, compared: number | null): HTMLElement[] {
+  const fit = fitQuality(of);
+  if (!fit) return [];
+  const [look, tag] = fit.adequate === false ? ["warn", "bad fit"] : fit.adequate ? ["good", "good fit"] : ["", "fit not checked"];
+  return [h("p", { "data-fit": String(fit.adequate) }, runKey(of, compared), h("span", { class: `tag ${look}` }, tag), ` ${fit.text}`)];
 }
 
 function residualKind(of: EstimationState): string {
@@ -78,7 +88,7 @@ function latentPlot(name: string, unit: string): LatentPlot {
     };
     picture.draw(seriesOf(one, other, pointOf), rounds);
     const both = [one, ...(other ? [other] : [])];
-    put(words, ...both.map((s, i) => estimateText(currentEstimates(s).find((l) => l.name === name), unit, runKey(s, other ? i : null))));
+    put(words, ...both.map((s, i) => estimateText(currentEstimates(s).find((l) => l.name === name), unit, runKey(s, other ? i : null), fitQuality(s)?.adequate === false)));
   };
   return { element, show };
 }
@@ -89,13 +99,13 @@ function seriesOf(one: EstimationState, other: EstimationState | null, pointOf: 
 }
 
 /** Text of an estimate. */
-function estimateText(estimate: LatentEstimate | undefined, unit: string, key: HTMLElement | null): HTMLElement {
+function estimateText(estimate: LatentEstimate | undefined, unit: string, key: HTMLElement | null, badFit: boolean): HTMLElement {
   if (!estimate) return h("p", {}, key, "not estimated");
   const [low, high] = estimate.ci95;
   const finite = typeof low === "number" && typeof high === "number";
   const digits = finite ? significantDigits(high - low) : null;
   const format = (v: number, of = ""): string => (digits === null ? short(v, of) : `${v.toFixed(digits)}${of ? ` ${of}` : ""}`);
-  const interval = finite ? `, 95 %: ${format(low)} to ${format(high)}` : "";
+  const interval = finite ? `, 95 %: ${format(low)} to ${format(high)}${badFit ? " (ignores the misfit)" : ""}` : "";
   const tag = h("span", { class: `tag ${estimate.identifiable ? "good" : "warn"}` }, estimate.identifiable ? "identifiable" : "not identifiable");
   const title = estimate.identifiable ? null : "The trials do not determine it: the value is the current point of the search.";
   return h("p", { title }, key, h("strong", { class: estimate.identifiable ? "" : "soft" }, format(estimate.value, unit)), h("span", { class: "soft" }, interval), " ", tag);

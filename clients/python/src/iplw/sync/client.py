@@ -112,7 +112,7 @@ class Client:
           `damping`: a shorthand for one of them, the fraction of velocity that remains after 1 s, in (0, 1].
         - `noise`: standard deviation of observations, m; `budget`: maximum number of valid attempts. Real worlds only.
         - `max_attempts`: valid attempts in an episode (1). With more, an episode continues with the same task until it is solved,
-          with its AUCCESS as reward (1 at the first attempt), or truncated when all attempts have failed.
+          with its AUCCESS as reward (1 at the first attempt), or all attempts have failed.
         - `sealed`: whether latents and effects are secret; default: by `kind`. A real world of a family is not sealed only with
           latents and effects of your own.
         - `seed`: of resets without a seed, of noise, and of hidden numbers that a family draws.
@@ -159,8 +159,10 @@ class Client:
     @overload
     def iplw(
         self,
-        task: str,
+        task: str | None = None,
         *,
+        scene: Mapping[str, Any] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
         real: Literal["ask_tell"],
         surface: str | None = None,
         strategy: str | None = None,
@@ -176,8 +178,10 @@ class Client:
     @overload
     def iplw(
         self,
-        task: str,
+        task: str | None = None,
         *,
+        scene: Mapping[str, Any] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
         world: World | str | None = None,
         real: Mapping[str, Any] | None = None,
         surface: Surface | str | None = None,
@@ -193,8 +197,10 @@ class Client:
     ) -> Job: ...
     def iplw(
         self,
-        task: str,
+        task: str | None = None,
         *,
+        scene: Mapping[str, Any] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
         world: World | str | None = None,
         real: Mapping[str, Any] | Literal["ask_tell"] | None = None,
         surface: Surface | str | None = None,
@@ -210,6 +216,9 @@ class Client:
     ) -> Job:
         """The workflow: explore, measure in the real world, estimate latents. As a job.
 
+        `scene` is a rig of your own instead of a `task`: an `iplw.scene/1` document with an action space and `calibrate`, no goal;
+        `prior`: mean and standard deviation of latents, `{"friction": [0.4, 0.2]}`.
+
         `world` is a real world on the server, which counts interactions; `real` describes one instead: `{"damping": 0.8}`;
         with `real="ask_tell"` the caller carries out the experiments. `surface` says which latents matter; `fit` names effect
         parameters to estimate as well: `["linear_drag.c"]`. With an idempotency `key`, repeated calls start one job.
@@ -222,11 +231,13 @@ class Client:
         - `rounds`: maximum number of rounds (5); `actions`: real interactions in a round (10); `budget`: maximum number of
           interactions; `samples`: candidates in each iteration of the search.
 
-        The result has `latents`: rows of `name`, `value`, `ci95` and `identifiable`, density in kg/m^2; and
-        `real_interactions`.
+        The result has `latents`: rows of `name`, `value`, `ci95` and `identifiable`, density in kg/m^2; `real_interactions`; and
+        `fit`, whether the simulation can reproduce the measured trials. If it cannot, `diagnose(job=...)` names what it lacks.
         """
         body = drop_none(
             task=task,
+            scene=scene,
+            prior=prior,
             world=requests.id_of(world),
             real=real,
             surface=requests.id_of(surface),
