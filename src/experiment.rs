@@ -11,6 +11,7 @@
 pub mod acquisition;
 mod adaptive;
 mod config;
+pub mod estimate_accuracy;
 pub mod estimators;
 pub mod extension;
 mod fit;
@@ -29,6 +30,7 @@ mod selection_summary;
 pub mod statistics;
 pub mod strategies;
 pub mod study;
+mod study_variants;
 pub mod surface;
 pub mod transfer;
 mod workflow;

@@ -65,6 +65,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/explanation/posterior.md": ("explanation/posterior.md", "Posteriors"),
     "docs/explanation/planning.md": ("explanation/planning.md", "Planning"),
     "docs/explanation/designs.md": ("explanation/designs.md", "Designs"),
+    "docs/explanation/paper_reproduced.md": ("explanation/paper_reproduced.md", "The paper reproduced"),
     "docs/explanation/three_dimensions.md": ("explanation/three_dimensions.md", "3D?"),
     "docs/calibration.md": ("explanation/calibration.md", "How constants were chosen"),
     "docs/explanation/architecture.md": ("explanation/architecture.md", "Architecture"),

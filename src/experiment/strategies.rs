@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::estimate_accuracy::{accuracy_claim, factors, mean_error};
 use super::statistics::{Claim, ClaimVerdict, Summary};
 use super::{EstimateConfig, Memory, ResidualKind, SelectionSummary, Workflow, run};
 use crate::error::{Error, Result};
@@ -21,7 +22,7 @@ use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::task::{EstimateClaim, Family, Split, split};
 use crate::world::LINEAR_DRAG;
 use crate::world::ParameterVector;
-use crate::world::latent::{FACTORS, factor_index};
+use crate::world::latent::FACTORS;
 
 /// Configuration of the comparison.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -296,24 +297,13 @@ struct ArmErrors<'a> {
 impl ArmErrors<'_> {
     /// Verdict on whether one arm's estimates are more accurate than another's; `None` if one of them is missing.
     fn accuracy_claim(&self, claim: &EstimateClaim) -> Option<Claim> {
-        let factors: Vec<usize> = claim.factors.iter().filter_map(|f| factor_index(f).ok()).collect();
-        let [better, worse] = [claim.better, claim.worse].map(|arm| self.errors(arm, &factors, None));
-        if better.is_empty() || better.len() != worse.len() {
-            return None;
-        }
-        let difference: Vec<f64> = worse.iter().zip(&better).map(|(w, b)| w - b).collect();
-        let found = Summary::of(&difference);
-        Some(Claim {
-            text: format!("{}: {}", self.nature.title(), claim.text),
-            figure: format!(
-                "error {:.4} against {:.4} of the prior's deviation; difference {} (95 % +- {:.4})",
-                Summary::of(&better).mean,
-                Summary::of(&worse).mean,
-                found.show(4),
-                found.half_width.unwrap_or(f64::INFINITY)
-            ),
-            verdict: found.above_zero(),
-        })
+        let factors = factors(claim);
+        let text = format!("{}: {}", self.nature.title(), claim.text);
+        accuracy_claim(
+            text,
+            &self.errors(claim.better, &factors, None),
+            &self.errors(claim.worse, &factors, None),
+        )
     }
 
     /// Verdict on whether [`PROPOSED_ARM`] reaches the accuracy of the paper's arm with a tenth of its interactions.
@@ -353,10 +343,7 @@ impl ArmErrors<'_> {
         let of = |seed: &u64| {
             let cell = self.cells_of(arm).find(|c| c.seed == *seed)?;
             let estimate = round.map_or(cell.estimates.last(), |r| cell.estimates.get(r))?;
-            Some(
-                factors.iter().map(|i| normalised_error(self.family, estimate, *i)).sum::<f64>()
-                    / factors.len() as f64,
-            )
+            Some(mean_error(self.family, &standard(self.family).latents, estimate, factors))
         };
         self.seeds.iter().filter_map(of).collect()
     }
@@ -372,12 +359,6 @@ impl ArmErrors<'_> {
     fn cells_of(&self, arm: &str) -> impl Iterator<Item = &StrategyCell> {
         self.cells.iter().filter(move |c| c.arm == arm && c.nature == self.nature)
     }
-}
-
-/// |estimate - truth| of a factor, in units of the prior's standard deviation.
-fn normalised_error(family: &Family, estimate: &ParameterVector, factor: usize) -> f64 {
-    let truth = standard(family).latents.values()[factor].unwrap_or(f64::NAN);
-    (estimate[factor] - truth).abs() / family.prior[factor].1
 }
 
 /// Name of this project's main arm.
@@ -398,6 +379,7 @@ fn groups(cells: &[StrategyCell]) -> Vec<(&str, WorldVariant)> {
 mod tests {
     use super::*;
     use crate::task::families;
+    use crate::world::latent::factor_index;
 
     /// A claim about a missing arm or factor would be omitted silently.
     #[test]

@@ -14,6 +14,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::estimate_accuracy::FinalEstimates;
 use super::extension::{self, Extension, diagnose_trials};
 use super::posterior_training::{self, POLICIES, POLICY_CLAIMS, PosteriorTrainingData};
 pub use super::rows::{MIN_RELEVANT_AUCCESS_DIFFERENCE, StudyRow};
@@ -62,7 +63,7 @@ pub struct Study {
     pub transfer: TransferConfig,
     /// Seeds: one estimate and one fold of the tasks each.
     pub seeds: Vec<u64>,
-    /// Learning trials per estimate.
+    /// Learning trials per estimate; 0 for estimates without policies.
     pub trials: u64,
 }
 
@@ -156,17 +157,9 @@ impl Study {
         natures
             .into_iter()
             .map(|(name, effects, engine)| {
-                let mut study = Study::base(name, family);
-                study.hidden = HiddenConfig { effects: effects.clone(), engine, ..study.hidden };
-                for (row, school) in &mut study.schools {
-                    if row == TRUE_PHYSICS {
-                        let training = TrainingPhysics::Fixed {
-                            latents: study.hidden.latents,
-                            effects: effects.clone(),
-                        };
-                        *school = PolicySource::Simulated { training };
-                    }
-                }
+                let study = Study::base(name, family);
+                let hidden = HiddenConfig { effects, engine, ..study.hidden.clone() };
+                let mut study = study.in_world(hidden);
                 let few = EstimateConfig {
                     rounds: 5,
                     actions: 10,
@@ -203,8 +196,8 @@ impl Study {
 
     /// Errors name the invalid field.
     pub fn validate(&self) -> Result<()> {
-        if self.seeds.is_empty() || self.trials == 0 {
-            return Err(Error::input("seeds or trials", "none", "at least one"));
+        if self.seeds.is_empty() {
+            return Err(Error::input("seeds", "none", "at least one"));
         }
         self.transfer.validate().map_err(|e| e.in_field("transfer"))?;
         self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.in_field(&a.name)))
@@ -304,6 +297,19 @@ impl Study {
             .collect()
     }
 
+    /// Estimates of every arm after its last round, given the estimates `estimated[arm][seed]`.
+    pub fn final_estimates(&self, estimated: &[Vec<ArmEstimate>]) -> Vec<FinalEstimates> {
+        let of = |(arm, found): (&Arm, &Vec<ArmEstimate>)| {
+            let spent = found.iter().filter_map(|e| e.interactions.last()).sum::<u64>();
+            FinalEstimates {
+                arm: arm.name.clone(),
+                interactions: spent as f64 / found.len() as f64,
+                by_seed: found.iter().filter_map(|e| e.estimates.last().cloned()).collect(),
+            }
+        };
+        self.arms.iter().zip(estimated).map(of).collect()
+    }
+
     /// Verdicts on the paper's claims about this study and the family's jump starts, and on those of this project.
     pub fn claims(&self, family: &Family, rows: &[StudyRow]) -> Vec<Claim> {
         let own: &[JumpStartClaim] = match self.name.as_str() {
@@ -354,8 +360,8 @@ impl Study {
 /// Name of the paper's first experiment.
 pub const LATENTS: &str = "latents";
 const RANDOMISED: &str = "domain randomisation";
-const TRUE_LATENTS: &str = "true latents";
-const TRUE_PHYSICS: &str = "true latents and effects";
+pub(super) const TRUE_LATENTS: &str = "true latents";
+pub(super) const TRUE_PHYSICS: &str = "true latents and effects";
 const CEM_ARM: &str = "CEM on random trajectories";
 const DIRECT: &str = "direct learning";
 

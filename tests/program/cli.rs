@@ -280,6 +280,14 @@ fn estimate_prints_the_documented_json() {
         let unheeded = ["experiment", "harder", option, value, "--out", nowhere.to_str().unwrap()];
         refused(&unheeded, "", "applies to grounding");
     }
+    for (option, value, allowed) in [
+        ("--strategies", "psychic", "collisions, rolling"),
+        ("--real", "damping=2", "damping"),
+        ("--real", "grip=1", "friction, restitution"),
+    ] {
+        refused(&["experiment", "bowling", option, value, "--out", nowhere.to_str().unwrap()], "", allowed);
+    }
+    refused(&["experiment", "latents", "--with-drag", "--out", nowhere.to_str().unwrap()], "", "applies to");
     refused(&["estimate", "--real", "grip=1"], "", "grip");
 }
 

@@ -51,8 +51,8 @@ pub struct ExperimentArgs {
     /// Number of seeds [default: the experiment's]
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Training runs per estimate, for latents, harder, policies and FAMILY [default: 3]
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    /// Training runs per estimate, for latents, harder, policies and FAMILY; 0: estimates without policies [default: 3]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=1000))]
     pub trials: Option<u64>,
     /// Rounds after which policies are trained, such as 1,3, for FAMILY [default: all]
     #[arg(long, value_delimiter = ',')]
@@ -60,6 +60,12 @@ pub struct ExperimentArgs {
     /// Updates in simulation, for latents, harder, policies and FAMILY [default: the family's]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub batches: Option<u64>,
+    /// Exploration strategies, such as collisions,rolling, for FAMILY [default: all, and those beyond the paper]
+    #[arg(long, value_delimiter = ',')]
+    pub strategies: Option<Vec<String>>,
+    /// Estimate linear drag along with the latents in every strategy, for FAMILY.
+    #[arg(long)]
+    pub with_drag: bool,
     /// Real worlds, for harder: wind,quadratic_drag,sticky_patch,other_engine [default: all]
     #[arg(long, value_delimiter = ',')]
     pub worlds: Option<Vec<String>>,
@@ -78,7 +84,7 @@ pub struct ExperimentArgs {
     /// tunenet: learned updates (point estimate). Point estimates need a method without uncertainty: random or acting.
     #[arg(long, value_delimiter = ',')]
     pub estimators: Option<Vec<String>>,
-    /// Hidden world, for grounding: damping=0.8,density=..,friction=..,.. [default: the family's]
+    /// Hidden world, for grounding and FAMILY: damping=0.8,density=..,friction=..,.. [default: the family's]
     #[arg(long)]
     pub real: Option<String>,
     /// Effect of the hidden world, for grounding: name:parameter=value,..; may be repeated [default: the family's]

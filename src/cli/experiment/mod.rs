@@ -2,6 +2,7 @@
 
 mod args;
 mod claims;
+mod estimate_table;
 mod grounding;
 mod grounding_report;
 mod quickstart;
@@ -27,7 +28,8 @@ struct ExperimentEntry {
 fn experiments() -> Vec<ExperimentEntry> {
     let row = |name, run, options| ExperimentEntry { name, run, options };
     let of = |family: &&'static Family| -> ExperimentEntry {
-        row(family.name, study::strategies, &["--trials", "--batches", "--rounds"])
+        let options = &["--trials", "--batches", "--rounds", "--real", "--strategies", "--with-drag"];
+        row(family.name, study::strategies, options)
     };
     let mut all = vec![
         row("quickstart", quickstart::multi_seed, &[]),
@@ -55,6 +57,8 @@ fn select(args: &ExperimentArgs) -> Result<ExperimentEntry> {
         ("--trials", args.trials.map(|v| v.to_string())),
         ("--batches", args.batches.map(|v| v.to_string())),
         ("--rounds", args.rounds.as_ref().map(|v| format!("{v:?}"))),
+        ("--strategies", args.strategies.as_ref().map(|v| v.join(","))),
+        ("--with-drag", args.with_drag.then(|| "true".into())),
         ("--acquisition", args.acquisition.as_ref().map(|v| v.join(","))),
         ("--estimators", args.estimators.as_ref().map(|v| v.join(","))),
         ("--real", args.real.clone()),

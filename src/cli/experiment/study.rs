@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use iplw::error::{Error, Result};
+use iplw::experiment::estimate_accuracy::{FinalEstimates, accuracy_claims};
 use iplw::experiment::statistics::{Claim, Summary};
 use iplw::experiment::strategies::Arm;
 use iplw::experiment::study::{
@@ -13,15 +14,16 @@ use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, HtmlReport, Section, Style, success_map_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use iplw::task::action::{ActionQuantity, ActionSpace, Discretisation};
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
 use super::args::ExperimentArgs;
 use super::claims::{claims_table, claims_text, importance};
+use super::estimate_table;
 use crate::cli::cell_store::CellStore;
-use crate::cli::output;
+use crate::cli::{output, parse};
 
 /// The paper's first experiment.
 pub fn latents(args: &ExperimentArgs) -> Result<()> {
@@ -32,7 +34,15 @@ pub fn latents(args: &ExperimentArgs) -> Result<()> {
 /// Comparison of strategies on the family with the experiment's name.
 pub fn strategies(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.name)?;
-    run_study(args, family, Study::strategies(family), &args.out)
+    let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
+    let mut study = Study::strategies(family).in_world(hidden);
+    if args.with_drag {
+        study = study.with_drag_fitted();
+    }
+    if let Some(names) = &args.strategies {
+        study = study.with_strategies(names).map_err(|e| e.unknown_in("--strategies"))?;
+    }
+    run_study(args, family, study, &args.out)
 }
 
 /// The requested real worlds, each with its own output directory.
@@ -112,9 +122,11 @@ fn run_study(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     )?;
     let seconds = cells.finish();
     let rows = study.rows(&policies, &results);
-    let claims = study.claims(family, &rows);
-    write_all(out, family, &study, &rows, &claims, &policies, &results, seconds)?;
-    output::print(&text_table(&study, &rows, &claims))?;
+    let estimates = study.final_estimates(&found);
+    let mut claims = study.claims(family, &rows);
+    claims.extend(accuracy_claims(family, &study.hidden.latents, &estimates));
+    write_all(out, family, &study, &rows, &estimates, &claims, &policies, &results, seconds)?;
+    output::print(&text_table(&study, &rows, &estimates, &claims))?;
     output::print(&format!("\n{seconds:.0} s of work; report: {}\n", out.join("report.html").display()))
 }
 
@@ -131,7 +143,7 @@ fn interval(s: &Summary) -> String {
     s.half_width.map_or("-".into(), |w| format!("{:.3} to {:.3}", s.mean - w, s.mean + w))
 }
 
-fn text_table(study: &Study, rows: &[StudyRow], claims: &[Claim]) -> String {
+fn text_table(study: &Study, rows: &[StudyRow], estimates: &[FinalEstimates], claims: &[Claim]) -> String {
     let mut text = format!(
         "\n{} on {}: AUCCESS on the test tasks of the hidden world, {} estimates x {} trials\n\n",
         study.name,
@@ -139,7 +151,9 @@ fn text_table(study: &Study, rows: &[StudyRow], claims: &[Claim]) -> String {
         study.seeds.len(),
         study.trials
     );
-    text += "policy                                          interactions   jump start        95 % interval    after learning\n";
+    if !rows.is_empty() {
+        text += "policy                                          interactions   jump start        95 % interval    after learning\n";
+    }
     for row in rows {
         let learned = match row.curve.last() {
             Some((batches, s)) if *batches > 0 => format!("{:.3} after {batches} batches", s.mean),
@@ -153,7 +167,7 @@ fn text_table(study: &Study, rows: &[StudyRow], claims: &[Claim]) -> String {
             interval(&row.jump_start)
         );
     }
-    text + &claims_text(claims)
+    text + &estimate_table::text(study, estimates) + &claims_text(claims)
 }
 
 #[expect(clippy::too_many_arguments, reason = "all results of a study")]
@@ -162,6 +176,7 @@ fn write_all(
     family: &Family,
     study: &Study,
     rows: &[StudyRow],
+    estimates: &[FinalEstimates],
     claims: &[Claim],
     cells: &[StudyCell],
     results: &[Transfer],
@@ -169,12 +184,14 @@ fn write_all(
 ) -> Result<()> {
     let plots = plots(study, rows);
     let pictures = pictures(family, study, cells)?;
-    let table = text_table(study, rows, claims);
-    let html = html(study, rows, claims, &plots, &pictures, seconds)?;
+    let table = text_table(study, rows, estimates, claims);
+    let html = html(study, rows, estimates, claims, &plots, &pictures, seconds)?;
     let result = json!({
-        "study": study, "rows": rows, "claims": claims, "seconds": seconds, "version": env!("CARGO_PKG_VERSION"),
+        "study": study, "rows": rows, "estimates": estimates, "claims": claims, "seconds": seconds,
+        "version": env!("CARGO_PKG_VERSION"),
     });
     output::write_whole(&out.join("summary.csv"), &summary_csv(rows)?)?;
+    output::write_whole(&out.join("estimates.csv"), &estimate_table::csv(study, estimates)?)?;
     output::write_whole(&out.join("trials.csv"), &trials_csv(cells, results)?)?;
     for (name, svg) in plots.iter().map(|(n, _, s)| (n, s)).chain(pictures.iter().map(|(n, _, s)| (n, s))) {
         output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
@@ -259,7 +276,7 @@ fn plots(study: &Study, rows: &[StudyRow]) -> Vec<StudyFigure> {
         );
         plots.push(("learning".into(), "Means with 95 % intervals over estimates.".into(), svg));
     }
-    if study.rounds.len() > 1 {
+    if study.rounds.len() > 1 && !rows.is_empty() {
         let most = rows.iter().map(|r| r.interactions).fold(0.0, f64::max);
         let flat = rows.iter().filter(|r| r.round.is_none()).map(|r| Series {
             name: r.name.clone(),
@@ -357,6 +374,7 @@ fn grid_actions(space: &ActionSpace, axes: [usize; 2]) -> Result<Vec<ValidAction
 fn html(
     study: &Study,
     rows: &[StudyRow],
+    estimates: &[FinalEstimates],
     claims: &[Claim],
     plots: &[StudyFigure],
     pictures: &[StudyFigure],
@@ -395,6 +413,7 @@ fn html(
             blocks: vec![claims_table(claims, Some(MIN_RELEVANT_AUCCESS_DIFFERENCE))],
         },
         Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
+        Section { heading: "Estimates".into(), blocks: vec![estimate_table::block(study, estimates)] },
     ];
     if !pictures.is_empty() {
         let blocks = pictures.iter().map(svg).collect();
