@@ -34,7 +34,7 @@ pub fn run(args: &RunArgs) -> Result<()> {
 
 /// `iplw experiment quickstart`: the workflow on one family.
 pub fn multi_seed(args: &ExperimentArgs) -> Result<()> {
-    run_story(&[args.task.clone()], (0..args.seeds.unwrap_or(3) as u64).collect(), args.quick, &args.out)
+    run_story(std::slice::from_ref(&args.task), (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
 }
 
 /// Runs the workflow on each family and writes the results.

@@ -14,7 +14,7 @@ use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, HtmlReport, Section, Style, success_map_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
 use iplw::progress::NoProgress;
-use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
 use iplw::task::action::{ActionQuantity, ActionSpace, Discretisation};
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
@@ -34,7 +34,7 @@ pub fn latents(args: &ExperimentArgs) -> Result<()> {
 /// Comparison of strategies on the family with the experiment's name.
 pub fn strategies(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.name)?;
-    let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
+    let hidden = parse::real(args.real.as_deref().unwrap_or(""), family)?;
     let mut study = Study::strategies(family).in_world(hidden);
     if args.with_drag {
         study = study.with_drag_fitted();

@@ -1233,7 +1233,7 @@ export interface components {
             /**
              * Format: int32
              * @description Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
-             *     (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+             *     (the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed. Default: 1.
              */
             max_attempts?: number | null;
             /**
@@ -1273,7 +1273,7 @@ export interface components {
             /**
              * Format: int32
              * @description Maximum number of valid attempts in an episode. With more than one, an episode continues with the same task until it is solved
-             *     (`terminated`; the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed (`truncated`). Default: 1.
+             *     (the reward is its AUCCESS, 1 at the first attempt) or all attempts have failed. Default: 1.
              */
             max_attempts?: number | null;
             /**
@@ -1449,6 +1449,13 @@ export interface components {
             budget?: number | null;
             /** @description Effect parameters to estimate together with the latents: `linear_drag.c`, `wind.ax`. */
             fit?: string[] | null;
+            /**
+             * @description Prior of latents, `{"friction": [mean, standard deviation]}`. Default: the family's; with
+             *     a `scene` density 1 +- 0.5 kg/m^2, friction 0.5 +- 0.25, restitution 0.5 +- 0.25.
+             */
+            prior?: {
+                [key: string]: number[];
+            } | null;
             real?: components["schemas"]["RealChoice"] | null;
             /**
              * @description `trajectory` (default): simulate from start to end; `shooting` (multiple shooting): simulate segments from observed
@@ -1459,6 +1466,8 @@ export interface components {
             rounds?: number | null;
             /** @description Latent samples per iteration of the search. */
             samples?: number | null;
+            /** @description Instead of `task`: an `iplw.scene/1` document of your rig, with an action space (`action`) and no goal. */
+            scene?: Record<string, never> | null;
             seed?: number | null;
             /**
              * @description `mixed` (default), `collisions`, `rolling`, `random`, `gradient`, `informative`; or, based on posterior draws and taking
@@ -1468,7 +1477,7 @@ export interface components {
             /** @description Id of the family's performance surface, for `gradient` and `informative`; `gradient` computes a small one by default. */
             surface?: string | null;
             /** @description A family (its training tasks are explored) or one task. */
-            task: string;
+            task?: string;
             /** @description Id of a real world of that family. */
             world?: string | null;
         };
@@ -2388,9 +2397,9 @@ export interface components {
              * @description 0 if the task was not solved; else the episode's AUCCESS, 1 at the first attempt.
              */
             reward: number;
-            /** @description Whether the task is solved, or the only attempt was used. */
+            /** @description Whether the task is solved, or all attempts are used. */
             terminated: boolean;
-            /** @description Whether the last of several attempts has failed. */
+            /** @description Always false: the number of attempts is part of the task. */
             truncated: boolean;
         };
         /** @description One action per world. If any is rejected, nothing is done. */
@@ -2434,7 +2443,7 @@ export interface components {
             /** @description Id of the task of `observation`. */
             task: string[];
             terminated: boolean[];
-            /** @description Whether the last of several attempts has failed. */
+            /** @description Always false: the number of attempts is part of the task. */
             truncated: boolean[];
             /** @description Whether the action could be placed. */
             valid: boolean[];
@@ -2967,6 +2976,16 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "seeds": [
+                 *         1
+                 *       ],
+                 *       "worlds": [
+                 *         "bowling-sim"
+                 *       ]
+                 *     }
+                 */
                 "application/json": components["schemas"]["ResetWorlds"];
             };
         };
@@ -3081,6 +3100,21 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": [
+                 *         [
+                 *           0.5,
+                 *           0.8,
+                 *           0.3
+                 *         ]
+                 *       ],
+                 *       "autoreset": "next_step",
+                 *       "worlds": [
+                 *         "bowling-sim"
+                 *       ]
+                 *     }
+                 */
                 "application/json": components["schemas"]["StepWorlds"];
             };
         };
@@ -3216,6 +3250,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "count": 2,
+                 *       "seed": 1,
+                 *       "task": "bowling"
+                 *     }
+                 */
                 "application/json": components["schemas"]["CreateWorlds"];
             };
         };
@@ -3339,6 +3380,14 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "worlds": [
+                 *         "world-1",
+                 *         "world-2"
+                 *       ]
+                 *     }
+                 */
                 "application/json": components["schemas"]["WorldIds"];
             };
         };
@@ -3454,6 +3503,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "candidates": 20,
+                 *       "question": "latents",
+                 *       "task": "basketball"
+                 *     }
+                 */
                 "application/json": components["schemas"]["DesignIn"];
             };
         };
@@ -3582,6 +3638,14 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "ball": {
+                 *         "radius": 0.02
+                 *       },
+                 *       "trials": "trial,t,body,x,y\n0,0.00,ball,0.0000,0.0000\n0,0.05,ball,0.0990,0.1363\n0,0.10,ball,0.1961,0.2457\n0,0.15,ball,0.2912,0.3286\n0,0.20,ball,0.3844,0.3856\n0,0.25,ball,0.4758,0.4171\n0,0.30,ball,0.5654,0.4238\n0,0.35,ball,0.6532,0.4060\n0,0.40,ball,0.7393,0.3644\n0,0.45,ball,0.8236,0.2992\n0,0.50,ball,0.9063,0.2111\n0,0.55,ball,0.9874,0.1004\n1,0.00,ball,0.0000,0.0000\n1,0.05,ball,0.1238,0.1363\n1,0.10,ball,0.2451,0.2457\n1,0.15,ball,0.3640,0.3286\n1,0.20,ball,0.4805,0.3856\n1,0.25,ball,0.5948,0.4171\n1,0.30,ball,0.7067,0.4238\n1,0.35,ball,0.8165,0.4060\n1,0.40,ball,0.9241,0.3644\n1,0.45,ball,1.0296,0.2992\n1,0.50,ball,1.1329,0.2111\n1,0.55,ball,1.2343,0.1004\n2,0.00,ball,0.0000,0.0000\n2,0.05,ball,0.1485,0.1363\n2,0.10,ball,0.2941,0.2457\n2,0.15,ball,0.4368,0.3286\n2,0.20,ball,0.5766,0.3856\n2,0.25,ball,0.7137,0.4171\n2,0.30,ball,0.8481,0.4238\n2,0.35,ball,0.9798,0.4060\n2,0.40,ball,1.1089,0.3644\n2,0.45,ball,1.2355,0.2992\n2,0.50,ball,1.3595,0.2111\n2,0.55,ball,1.4811,0.1004\n3,0.00,ball,0.0000,0.0000\n3,0.05,ball,0.1733,0.1363\n3,0.10,ball,0.3431,0.2457\n3,0.15,ball,0.5096,0.3286\n3,0.20,ball,0.6727,0.3856\n3,0.25,ball,0.8327,0.4171\n3,0.30,ball,0.9894,0.4238\n3,0.35,ball,1.1431,0.4060\n3,0.40,ball,1.2937,0.3644\n3,0.45,ball,1.4414,0.2992\n3,0.50,ball,1.5861,0.2111\n3,0.55,ball,1.7280,0.1004\n4,0.00,ball,0.0000,0.0000\n4,0.05,ball,0.1980,0.1363\n4,0.10,ball,0.3921,0.2457\n4,0.15,ball,0.5824,0.3286\n4,0.20,ball,0.7688,0.3856\n4,0.25,ball,0.9516,0.4171\n4,0.30,ball,1.1308,0.4238\n4,0.35,ball,1.3064,0.4060\n4,0.40,ball,1.4786,0.3644\n4,0.45,ball,1.6473,0.2992\n4,0.50,ball,1.8127,0.2111\n4,0.55,ball,1.9748,0.1004\n5,0.00,ball,0.0000,0.0000\n5,0.05,ball,0.2228,0.1363\n5,0.10,ball,0.4411,0.2457\n5,0.15,ball,0.6551,0.3286\n5,0.20,ball,0.8649,0.3856\n5,0.25,ball,1.0706,0.4171\n5,0.30,ball,1.2721,0.4238\n5,0.35,ball,1.4697,0.4060\n5,0.40,ball,1.6634,0.3644\n5,0.45,ball,1.8532,0.2992\n5,0.50,ball,2.0393,0.2111\n5,0.55,ball,2.2217,0.1004\n"
+                 *     }
+                 */
                 "application/json": components["schemas"]["DiagnosisIn"];
             };
         };
@@ -3877,8 +3941,72 @@ export interface operations {
             path?: never;
             cookie?: never;
         };
-        requestBody: {
+        requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": 4,
+                 *       "real": "ask_tell",
+                 *       "residual": "shooting",
+                 *       "rounds": 2,
+                 *       "scene": {
+                 *         "action": {
+                 *           "components": [
+                 *             {
+                 *               "high": 4,
+                 *               "low": 0,
+                 *               "set": "vx",
+                 *               "target": "ball"
+                 *             },
+                 *             {
+                 *               "high": 3,
+                 *               "low": -1,
+                 *               "set": "vy",
+                 *               "target": "ball"
+                 *             }
+                 *           ]
+                 *         },
+                 *         "bodies": [
+                 *           {
+                 *             "name": "ball",
+                 *             "position": [
+                 *               0,
+                 *               0.5
+                 *             ],
+                 *             "shape": {
+                 *               "radius": 0.05,
+                 *               "type": "disc"
+                 *             }
+                 *           }
+                 *         ],
+                 *         "calibrate": [
+                 *           "friction",
+                 *           "restitution"
+                 *         ],
+                 *         "format": "iplw.scene/1",
+                 *         "name": "table",
+                 *         "observe_every": 10,
+                 *         "statics": [
+                 *           {
+                 *             "name": "table",
+                 *             "shape": {
+                 *               "from": [
+                 *                 -1,
+                 *                 0
+                 *               ],
+                 *               "to": [
+                 *                 4,
+                 *                 0
+                 *               ],
+                 *               "type": "segment"
+                 *             }
+                 *           }
+                 *         ],
+                 *         "steps": 250,
+                 *         "time_step": 0.004
+                 *       }
+                 *     }
+                 */
                 "application/json": components["schemas"]["EstimationIn"];
             };
         };
@@ -4184,6 +4312,40 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "trials": [
+                 *         {
+                 *           "bodies": {
+                 *             "ball": {
+                 *               "x": [
+                 *                 0,
+                 *                 0.2,
+                 *                 0.4,
+                 *                 0.6,
+                 *                 0.8
+                 *               ],
+                 *               "y": [
+                 *                 0.5,
+                 *                 0.55,
+                 *                 0.5,
+                 *                 0.36,
+                 *                 0.12
+                 *               ]
+                 *             }
+                 *           },
+                 *           "proposal": 0,
+                 *           "t": [
+                 *             0,
+                 *             0.1,
+                 *             0.2,
+                 *             0.3,
+                 *             0.4
+                 *           ]
+                 *         }
+                 *       ]
+                 *     }
+                 */
                 "application/json": components["schemas"]["TrialsSubmission"];
                 "text/csv": string;
             };
@@ -4792,6 +4954,17 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "ball": {
+                 *         "radius": 0.02
+                 *       },
+                 *       "effects": [
+                 *         "linear_drag"
+                 *       ],
+                 *       "trials": "trial,t,body,x,y\n0,0.00,ball,0.0000,0.0000\n0,0.05,ball,0.0990,0.1363\n0,0.10,ball,0.1961,0.2457\n0,0.15,ball,0.2912,0.3286\n0,0.20,ball,0.3844,0.3856\n0,0.25,ball,0.4758,0.4171\n0,0.30,ball,0.5654,0.4238\n0,0.35,ball,0.6532,0.4060\n0,0.40,ball,0.7393,0.3644\n0,0.45,ball,0.8236,0.2992\n0,0.50,ball,0.9063,0.2111\n0,0.55,ball,0.9874,0.1004\n1,0.00,ball,0.0000,0.0000\n1,0.05,ball,0.1238,0.1363\n1,0.10,ball,0.2451,0.2457\n1,0.15,ball,0.3640,0.3286\n1,0.20,ball,0.4805,0.3856\n1,0.25,ball,0.5948,0.4171\n1,0.30,ball,0.7067,0.4238\n1,0.35,ball,0.8165,0.4060\n1,0.40,ball,0.9241,0.3644\n1,0.45,ball,1.0296,0.2992\n1,0.50,ball,1.1329,0.2111\n1,0.55,ball,1.2343,0.1004\n2,0.00,ball,0.0000,0.0000\n2,0.05,ball,0.1485,0.1363\n2,0.10,ball,0.2941,0.2457\n2,0.15,ball,0.4368,0.3286\n2,0.20,ball,0.5766,0.3856\n2,0.25,ball,0.7137,0.4171\n2,0.30,ball,0.8481,0.4238\n2,0.35,ball,0.9798,0.4060\n2,0.40,ball,1.1089,0.3644\n2,0.45,ball,1.2355,0.2992\n2,0.50,ball,1.3595,0.2111\n2,0.55,ball,1.4811,0.1004\n3,0.00,ball,0.0000,0.0000\n3,0.05,ball,0.1733,0.1363\n3,0.10,ball,0.3431,0.2457\n3,0.15,ball,0.5096,0.3286\n3,0.20,ball,0.6727,0.3856\n3,0.25,ball,0.8327,0.4171\n3,0.30,ball,0.9894,0.4238\n3,0.35,ball,1.1431,0.4060\n3,0.40,ball,1.2937,0.3644\n3,0.45,ball,1.4414,0.2992\n3,0.50,ball,1.5861,0.2111\n3,0.55,ball,1.7280,0.1004\n4,0.00,ball,0.0000,0.0000\n4,0.05,ball,0.1980,0.1363\n4,0.10,ball,0.3921,0.2457\n4,0.15,ball,0.5824,0.3286\n4,0.20,ball,0.7688,0.3856\n4,0.25,ball,0.9516,0.4171\n4,0.30,ball,1.1308,0.4238\n4,0.35,ball,1.3064,0.4060\n4,0.40,ball,1.4786,0.3644\n4,0.45,ball,1.6473,0.2992\n4,0.50,ball,1.8127,0.2111\n4,0.55,ball,1.9748,0.1004\n5,0.00,ball,0.0000,0.0000\n5,0.05,ball,0.2228,0.1363\n5,0.10,ball,0.4411,0.2457\n5,0.15,ball,0.6551,0.3286\n5,0.20,ball,0.8649,0.3856\n5,0.25,ball,1.0706,0.4171\n5,0.30,ball,1.2721,0.4238\n5,0.35,ball,1.4697,0.4060\n5,0.40,ball,1.6634,0.3644\n5,0.45,ball,1.8532,0.2992\n5,0.50,ball,2.0393,0.2111\n5,0.55,ball,2.2217,0.1004\n"
+                 *     }
+                 */
                 "application/json": components["schemas"]["LikelihoodIn"];
             };
         };
@@ -4928,6 +5101,16 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "columns": {
+                 *         "linear_drag.c": [
+                 *           0,
+                 *           0.4
+                 *         ]
+                 *       }
+                 *     }
+                 */
                 "application/json": components["schemas"]["PointsIn"];
             };
         };
@@ -5053,6 +5236,12 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "count": 4,
+                 *       "seed": 1
+                 *     }
+                 */
                 "application/json": components["schemas"]["ChainStartsIn"];
             };
         };
@@ -5232,6 +5421,18 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": [
+                 *         [
+                 *           0.5,
+                 *           0.8,
+                 *           0.3
+                 *         ]
+                 *       ],
+                 *       "task": "bowling:000"
+                 *     }
+                 */
                 "application/json": components["schemas"]["PlaceIn"];
             };
         };
@@ -5349,6 +5550,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": 100,
+                 *       "draws": 4,
+                 *       "task": "bowling:000"
+                 *     }
+                 */
                 "application/json": components["schemas"]["PlanIn"];
             };
         };
@@ -5547,6 +5755,15 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "batches": 50,
+                 *       "latents": {
+                 *         "friction": 0.2
+                 *       },
+                 *       "task": "basketball"
+                 *     }
+                 */
                 "application/json": components["schemas"]["TrainIn"];
             };
         };
@@ -5815,6 +6032,12 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "count": 3,
+                 *       "task": "basketball:000"
+                 *     }
+                 */
                 "application/json": components["schemas"]["ActIn"];
             };
         };
@@ -5943,6 +6166,12 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "split": "test",
+                 *       "world": "basketball-real"
+                 *     }
+                 */
                 "application/json": components["schemas"]["EvaluateIn"];
             };
         };
@@ -6082,6 +6311,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "attempts": 30,
+                 *       "batches": 10,
+                 *       "world": "basketball-real"
+                 *     }
+                 */
                 "application/json": components["schemas"]["LearnIn"];
             };
         };
@@ -6411,6 +6647,20 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "ball": {
+                 *         "radius": 0.02
+                 *       },
+                 *       "draws": 128,
+                 *       "sets": [
+                 *         [
+                 *           "linear_drag"
+                 *         ]
+                 *       ],
+                 *       "trials": "trial,t,body,x,y\n0,0.00,ball,0.0000,0.0000\n0,0.05,ball,0.0990,0.1363\n0,0.10,ball,0.1961,0.2457\n0,0.15,ball,0.2912,0.3286\n0,0.20,ball,0.3844,0.3856\n0,0.25,ball,0.4758,0.4171\n0,0.30,ball,0.5654,0.4238\n0,0.35,ball,0.6532,0.4060\n0,0.40,ball,0.7393,0.3644\n0,0.45,ball,0.8236,0.2992\n0,0.50,ball,0.9063,0.2111\n0,0.55,ball,0.9874,0.1004\n1,0.00,ball,0.0000,0.0000\n1,0.05,ball,0.1238,0.1363\n1,0.10,ball,0.2451,0.2457\n1,0.15,ball,0.3640,0.3286\n1,0.20,ball,0.4805,0.3856\n1,0.25,ball,0.5948,0.4171\n1,0.30,ball,0.7067,0.4238\n1,0.35,ball,0.8165,0.4060\n1,0.40,ball,0.9241,0.3644\n1,0.45,ball,1.0296,0.2992\n1,0.50,ball,1.1329,0.2111\n1,0.55,ball,1.2343,0.1004\n2,0.00,ball,0.0000,0.0000\n2,0.05,ball,0.1485,0.1363\n2,0.10,ball,0.2941,0.2457\n2,0.15,ball,0.4368,0.3286\n2,0.20,ball,0.5766,0.3856\n2,0.25,ball,0.7137,0.4171\n2,0.30,ball,0.8481,0.4238\n2,0.35,ball,0.9798,0.4060\n2,0.40,ball,1.1089,0.3644\n2,0.45,ball,1.2355,0.2992\n2,0.50,ball,1.3595,0.2111\n2,0.55,ball,1.4811,0.1004\n3,0.00,ball,0.0000,0.0000\n3,0.05,ball,0.1733,0.1363\n3,0.10,ball,0.3431,0.2457\n3,0.15,ball,0.5096,0.3286\n3,0.20,ball,0.6727,0.3856\n3,0.25,ball,0.8327,0.4171\n3,0.30,ball,0.9894,0.4238\n3,0.35,ball,1.1431,0.4060\n3,0.40,ball,1.2937,0.3644\n3,0.45,ball,1.4414,0.2992\n3,0.50,ball,1.5861,0.2111\n3,0.55,ball,1.7280,0.1004\n4,0.00,ball,0.0000,0.0000\n4,0.05,ball,0.1980,0.1363\n4,0.10,ball,0.3921,0.2457\n4,0.15,ball,0.5824,0.3286\n4,0.20,ball,0.7688,0.3856\n4,0.25,ball,0.9516,0.4171\n4,0.30,ball,1.1308,0.4238\n4,0.35,ball,1.3064,0.4060\n4,0.40,ball,1.4786,0.3644\n4,0.45,ball,1.6473,0.2992\n4,0.50,ball,1.8127,0.2111\n4,0.55,ball,1.9748,0.1004\n5,0.00,ball,0.0000,0.0000\n5,0.05,ball,0.2228,0.1363\n5,0.10,ball,0.4411,0.2457\n5,0.15,ball,0.6551,0.3286\n5,0.20,ball,0.8649,0.3856\n5,0.25,ball,1.0706,0.4171\n5,0.30,ball,1.2721,0.4238\n5,0.35,ball,1.4697,0.4060\n5,0.40,ball,1.6634,0.3644\n5,0.45,ball,1.8532,0.2992\n5,0.50,ball,2.0393,0.2111\n5,0.55,ball,2.2217,0.1004\n"
+                 *     }
+                 */
                 "application/json": components["schemas"]["PosteriorIn"];
             };
         };
@@ -6545,6 +6795,70 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "action": [
+                 *         0.75,
+                 *         0.5
+                 *       ],
+                 *       "scene": {
+                 *         "action": {
+                 *           "components": [
+                 *             {
+                 *               "high": 4,
+                 *               "low": 0,
+                 *               "set": "vx",
+                 *               "target": "ball"
+                 *             },
+                 *             {
+                 *               "high": 3,
+                 *               "low": -1,
+                 *               "set": "vy",
+                 *               "target": "ball"
+                 *             }
+                 *           ]
+                 *         },
+                 *         "bodies": [
+                 *           {
+                 *             "name": "ball",
+                 *             "position": [
+                 *               0,
+                 *               0.5
+                 *             ],
+                 *             "shape": {
+                 *               "radius": 0.05,
+                 *               "type": "disc"
+                 *             }
+                 *           }
+                 *         ],
+                 *         "calibrate": [
+                 *           "friction",
+                 *           "restitution"
+                 *         ],
+                 *         "format": "iplw.scene/1",
+                 *         "name": "table",
+                 *         "observe_every": 10,
+                 *         "statics": [
+                 *           {
+                 *             "name": "table",
+                 *             "shape": {
+                 *               "from": [
+                 *                 -1,
+                 *                 0
+                 *               ],
+                 *               "to": [
+                 *                 4,
+                 *                 0
+                 *               ],
+                 *               "type": "segment"
+                 *             }
+                 *           }
+                 *         ],
+                 *         "steps": 250,
+                 *         "time_step": 0.004
+                 *       }
+                 *     }
+                 */
                 "application/json": components["schemas"]["SimulateIn"];
             };
         };
@@ -6732,6 +7046,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": 50,
+                 *       "points": 8,
+                 *       "task": "basketball"
+                 *     }
+                 */
                 "application/json": components["schemas"]["SurfaceIn"];
             };
         };
@@ -7348,6 +7669,13 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "expires": "30d",
+                 *       "name": "laptop",
+                 *       "scope": "act"
+                 *     }
+                 */
                 "application/json": components["schemas"]["TokenIn"];
             };
         };
@@ -7611,6 +7939,15 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "damping": 0.9,
+                 *       "latents": {
+                 *         "friction": 0.8
+                 *       },
+                 *       "task": "bowling"
+                 *     }
+                 */
                 "application/json": components["schemas"]["CreateWorld"];
             };
         };
@@ -7870,6 +8207,39 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "interventions": [
+                 *         {
+                 *           "body": "green",
+                 *           "impulse": [
+                 *             1,
+                 *             0
+                 *           ],
+                 *           "type": "impulse"
+                 *         }
+                 *       ],
+                 *       "snapshot": {
+                 *         "action": [
+                 *           0.5,
+                 *           0.8,
+                 *           0.3
+                 *         ],
+                 *         "at": 1,
+                 *         "format": "iplw.snapshot/1",
+                 *         "interventions": [],
+                 *         "latents": {
+                 *           "density": 1,
+                 *           "friction": 0.4,
+                 *           "restitution": 0.5
+                 *         },
+                 *         "step": 240,
+                 *         "stop": true,
+                 *         "task": "bowling:000",
+                 *         "world": "bowling-sim"
+                 *       }
+                 *     }
+                 */
                 "application/json": components["schemas"]["BranchIn"];
             };
         };
@@ -8192,6 +8562,12 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "seed": 1,
+                 *       "task": "bowling:000"
+                 *     }
+                 */
                 "application/json": components["schemas"]["ResetIn"];
             };
         };
@@ -8308,6 +8684,23 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "actions": [
+                 *         [
+                 *           0.5,
+                 *           0.8,
+                 *           0.3
+                 *         ],
+                 *         [
+                 *           0.2,
+                 *           0.6,
+                 *           0.4
+                 *         ]
+                 *       ],
+                 *       "trajectories": true
+                 *     }
+                 */
                 "application/json": components["schemas"]["RolloutIn"];
             };
         };
@@ -8442,6 +8835,11 @@ export interface operations {
         };
         requestBody?: {
             content: {
+                /**
+                 * @example {
+                 *       "friction": 0.4
+                 *     }
+                 */
                 "application/json": components["schemas"]["LatentsIn"];
             };
         };
@@ -8558,6 +8956,16 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "action": [
+                 *         0.5,
+                 *         0.8,
+                 *         0.3
+                 *       ],
+                 *       "at": 1
+                 *     }
+                 */
                 "application/json": components["schemas"]["SnapshotIn"];
             };
         };
@@ -8683,6 +9091,15 @@ export interface operations {
         };
         requestBody: {
             content: {
+                /**
+                 * @example {
+                 *       "action": [
+                 *         0.5,
+                 *         0.8,
+                 *         0.3
+                 *       ]
+                 *     }
+                 */
                 "application/json": components["schemas"]["StepIn"];
             };
         };
