@@ -28,7 +28,7 @@ pub fn method_table(reports: &[QuickstartReport]) -> String {
     let mut text = format!("AUCCESS on test tasks of hidden worlds, {seeds} seed{plural}:\n\n");
     for row in std::iter::once(&columns).chain(&rows) {
         let cells = row[1..].iter().map(|cell| format!("{cell:<17}")).collect::<String>();
-        text += &format!("{:<34}{}\n", row[0], cells.trim_end());
+        text += &format!("{:<36}{}\n", row[0], cells.trim_end());
     }
     text + "\n"
 }

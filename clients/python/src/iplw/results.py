@@ -109,7 +109,8 @@ class Diagnosis(Result):
     def physics(self) -> dict[str, Any]:
         """The extended simulation, as arguments of `Client.train`: `latents` that are identifiable, and `effects`."""
         latents = {row["name"]: float(row["value"]) for row in self["calibrated"] if row["identifiable"]}
-        return {"latents": latents, "effects": list((self.extended_scene or {}).get("effects", []))}
+        scene = self.extended_scene
+        return {"latents": latents, "effects": [] if scene is None else list(scene.get("effects", []))}
 
     @property
     def next_scene(self) -> Scene | None:

@@ -81,7 +81,7 @@ class PlacementVectorEnv(envs.Reconnecting, VectorEnv[NDArray[Any], NDArray[Any]
         mode = AutoresetMode(autoreset_mode)
         settings = envs.world_settings(task, world, max_attempts)
         self.num_envs = num_envs
-        self.metadata = {**envs.PlacementEnv.metadata, "render_modes": ["rgb_array", "human"], "autoreset_mode": mode}
+        self.metadata = {**envs.PlacementEnv.metadata, "autoreset_mode": mode}
         self.render_mode = render_mode
         self._mode = mode
         self._image_size = image_size if observation == "image" else None
