@@ -7,11 +7,14 @@ use iplw::budget::Unlimited;
 use iplw::commands::{PlanRequest, TimeLimit};
 use iplw::error::{Error, Result, check_range};
 use iplw::estimate::ParameterSamples;
-use iplw::experiment::planning::{PlanEvaluation, PlanningConfig, PlanningScore, evaluate_plan, score};
+use iplw::experiment::planning::{
+    PlanEvaluation, PlanningConfig, PlanningScore, evaluate_plan, evaluate_random, score,
+};
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
 use iplw::reality::HiddenWorld;
 use iplw::task::{Family, Split, Task, split};
+use iplw::world::Latents;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -38,7 +41,7 @@ pub struct Args {
     /// Hidden world, for a family: damping=0.8,density=..,friction=..,.. [default: the family's]
     #[arg(long)]
     real: Option<String>,
-    /// Rows, for a family: prior, posterior (of --posterior or --latents), truth [default: all available]
+    /// Rows, for a family: random, uncalibrated, prior, posterior (of --posterior or --latents), truth [default: all available]
     #[arg(long, value_delimiter = ',')]
     rows: Vec<String>,
     /// Actions per bin of predicted success for the calibration, for a family.
@@ -99,13 +102,22 @@ fn samples(args: &Args, request: &PlanRequest, config: &PlanConfig) -> Result<Pa
     }
 }
 
+/// Name of the row of actions in random order.
+const RANDOM: &str = "random";
+
 /// Plans every test task and evaluates the plans in the hidden world.
 fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), family)?;
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
     let prior = PlanRequest { latents: None, ..args.request.clone() };
-    let mut samples_by_row =
-        vec![("prior", prior.clone().parameter_source()?.samples(&prior.task, &config)?)];
+    let means = Latents::of(family.prior.map(|(mean, _)| mean));
+    // Random actions need no samples; these are not used.
+    let uncalibrated = ParameterSamples::point(means, Vec::new())?;
+    let mut samples_by_row = vec![
+        (RANDOM, uncalibrated.clone()),
+        ("uncalibrated", uncalibrated),
+        ("prior", prior.clone().parameter_source()?.samples(&prior.task, &config)?),
+    ];
     if args.posterior.is_some() || args.request.latents.is_some() {
         samples_by_row.push(("posterior", samples(args, &args.request, &config)?));
     }
@@ -134,6 +146,9 @@ fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig)
         for task in &tasks {
             let of = json!({"setup": setup, "belief": samples.draws(), "seconds": seconds, "task": task.id});
             let make = |progress: &dyn iplw::progress::Progress| {
+                if *name == RANDOM {
+                    return evaluate_random(task, &setup, progress);
+                }
                 evaluate_plan(task, samples, &setup, &TimeLimit::new(seconds, &Unlimited), progress)
             };
             let planned = cells.get_or_compute(&format!("{name}-{}", task.id), &of, make)?;

@@ -12,7 +12,7 @@ use crate::budget::{Budget, Unlimited};
 use crate::error::Result;
 use crate::estimate::ParameterSamples;
 use crate::plan::{Calibration, PerturbedRollouts, Plan, PlanConfig, PlanPolicy, calibration, plan};
-use crate::policy::Evaluation;
+use crate::policy::{Evaluation, RandomPolicy};
 use crate::progress::{NoProgress, Progress};
 use crate::reality::{HiddenConfig, HiddenWorld, Reality};
 use crate::rng;
@@ -78,6 +78,20 @@ pub fn evaluate_plan(
         complete: found.complete,
         predictions: predictions(task, belief, &found, config, progress)?,
     })
+}
+
+/// Evaluates actions in random order in the hidden world, as the baseline of plans.
+pub fn evaluate_random(
+    task: &Task,
+    config: &PlanningConfig,
+    progress: &dyn Progress,
+) -> Result<PlanEvaluation> {
+    let policy = RandomPolicy { seed: config.plan.seed };
+    let candidates = config.plan.candidates();
+    let tried =
+        evaluate_in_hidden_world(&policy, std::slice::from_ref(task), &config.hidden, &candidates, progress)?;
+    let solved_at = tried.solved_at.first().copied().flatten();
+    Ok(PlanEvaluation { solved_at, rollouts: 0, complete: true, predictions: Vec::new() })
 }
 
 /// Summary of plan evaluations; NaN without tasks.

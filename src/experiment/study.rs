@@ -33,7 +33,7 @@ use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Family, JumpStartClaim, Split, Task, split};
 use crate::world::LINEAR_DRAG;
-use crate::world::{Engine, ParameterVector};
+use crate::world::{Engine, Latents, ParameterVector};
 
 /// Definition of a comparison.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -334,12 +334,17 @@ impl Study {
     pub(super) fn base(name: &str, family: &Family) -> Study {
         let hidden = WorldVariant::Damped.hidden(family, 0);
         let simulated = |training: TrainingPhysics| PolicySource::Simulated { training };
+        let prior = Latents::of(family.prior.map(|(mean, _)| mean));
         let fixed = |effects| simulated(TrainingPhysics::Fixed { latents: hidden.latents, effects });
         Study {
             name: name.into(),
             family: family.name.into(),
             schools: vec![
                 ("chance".into(), PolicySource::Chance),
+                (
+                    UNCALIBRATED.into(),
+                    simulated(TrainingPhysics::Fixed { latents: prior, effects: Vec::new() }),
+                ),
                 (RANDOMISED.into(), simulated(TrainingPhysics::paper_randomised(Vec::new()))),
                 (TRUE_LATENTS.into(), fixed(Vec::new())),
                 (TRUE_PHYSICS.into(), fixed(hidden.effects.clone())),
@@ -359,6 +364,7 @@ impl Study {
 
 /// Name of the paper's first experiment.
 pub const LATENTS: &str = "latents";
+const UNCALIBRATED: &str = "uncalibrated simulation";
 const RANDOMISED: &str = "domain randomisation";
 pub(super) const TRUE_LATENTS: &str = "true latents";
 pub(super) const TRUE_PHYSICS: &str = "true latents and effects";

@@ -61,8 +61,16 @@ fn evaluates_plans_of_a_family_and_resumes() {
         .map(|f| f.unwrap().path())
         .map(|f| (f.clone(), std::fs::metadata(&f).unwrap().modified().unwrap()))
         .collect();
+    told(&run("random,uncalibrated"), 0, &["random", "uncalibrated"]);
+    let score = |name: &str| {
+        let found = read(&folder.path().join("planning.json"));
+        let row = found["rows"].as_array().unwrap().iter().find(|r| r["name"] == name).cloned().unwrap();
+        row["score"]["auccess"].as_f64().unwrap()
+    };
+    let random = score("random");
     told(&run("prior,truth"), 0, &["prior", "truth", "calibration error"]);
-    assert_eq!(cells(), 10);
+    assert!(random < score("truth"), "{random}");
+    assert_eq!(cells(), 20);
     for (path, at) in kept {
         assert_eq!(std::fs::metadata(&path).unwrap().modified().unwrap(), at, "{path:?} is not made anew");
     }
