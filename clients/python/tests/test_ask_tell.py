@@ -74,6 +74,55 @@ def test_ask_tell_until_result(client: iplw.Client, tmp_path: Path) -> None:
     assert len(json.loads((tmp_path / "scene.json").read_text())["settings"]) == 3
 
 
+#: A ball that is thrown over a table; nothing is to be solved.
+RIG: dict[str, Any] = {
+    "format": "iplw.scene/1",
+    "name": "table",
+    "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "position": [0.0, 0.5]}],
+    "statics": [{"name": "table", "shape": {"type": "segment", "from": [-1, 0], "to": [6, 0]}}],
+    "time_step": 0.004,
+    "steps": 250,
+    "observe_every": 5,
+    "calibrate": ["friction", "restitution"],
+    "action": {
+        "components": [
+            {"target": "ball", "set": "vx", "low": 0, "high": 4},
+            {"target": "ball", "set": "vy", "low": -1, "high": 3},
+        ]
+    },
+}
+
+
+def test_rig_without_a_task(client: iplw.Client) -> None:
+    """A scene with an action space is enough to estimate, to see a bad fit, and to diagnose it."""
+    hidden = {"latents": {"friction": 0.3, "restitution": 0.7}, "noise": 0.002}
+    arguments: dict[str, Any] = {"strategy": "informative", "residual": "shooting", "rounds": 2, "actions": 6}
+    good = client.iplw(scene=RIG, real=hidden, **arguments).wait()
+    assert isinstance(good, iplw.Estimate)
+    assert not good.bad_fit and abs(good.known["restitution"] - 0.7) < 0.1
+    job = client.iplw(scene=RIG, real={**hidden, "damping": 0.6}, **arguments)
+    bad = job.wait()
+    assert isinstance(bad, iplw.Estimate) and bad.bad_fit
+    found = client.diagnose(job=job).wait()
+    assert isinstance(found, iplw.Diagnosis) and found.verdict == "named"
+    effect = found.physics["effects"][0]
+    assert effect["name"] == "linear_drag" and abs(effect["parameters"]["c"] - 0.511) < 0.02, "-ln 0.6"
+
+
+def test_a_rig_needs_an_action_space_and_no_task(client: iplw.Client) -> None:
+    bodies: list[dict[str, Any]] = [
+        {},
+        {"task": "bowling", "scene": RIG},
+        {"scene": RIG, "strategy": "gradient"},
+        {"scene": RIG, "prior": {"grip": [1.0, 1.0]}},
+        {"scene": {**RIG, "action": None}},
+    ]
+    for body in bodies:
+        with pytest.raises(iplw.Problem) as caught:
+            client.iplw(**body)
+        assert caught.value.status == 422, body
+
+
 def test_rejects_invalid_results(client: iplw.Client) -> None:
     job = start(client)
     proposal = job.proposals()[0]
