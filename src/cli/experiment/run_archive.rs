@@ -150,9 +150,10 @@ fn text(of: &impl Serialize) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use iplw::experiment::quickstart::{QuickstartConfig, quickstart};
+    use iplw::inference::{DiagnosisConfig, diagnose};
     use iplw::policy::TrainConfig;
     use iplw::progress::NoProgress;
-    use iplw::reality::standard;
+    use iplw::reality::{standard, with_trial_settings};
     use iplw::serve::{ServeConfig, Server};
     use iplw::task::family;
 
@@ -171,7 +172,13 @@ mod tests {
         config.evaluate.candidates = 4;
         config.plan.actions = 4;
         let tasks: Vec<_> = family.tasks();
-        quickstart(&tasks, &standard(family), &config, &|| 0.0, &NoProgress).unwrap()
+        let (report, mut artifacts) =
+            quickstart(&tasks, &standard(family), &config, &|| 0.0, &NoProgress).unwrap();
+        // Two trials cannot show a bad fit, so that nothing was diagnosed.
+        let (scene, trials) = with_trial_settings(&tasks[0].scene, artifacts.trials.clone()).unwrap();
+        let finding = diagnose(&scene, &trials, &DiagnosisConfig::standard(3), &NoProgress).unwrap();
+        artifacts.diagnosed = Some((scene, finding));
+        (report, artifacts)
     }
 
     #[test]
