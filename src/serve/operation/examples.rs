@@ -4,9 +4,12 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
+use crate::world::LINEAR_DRAG;
+
 /// Example of an operation's JSON body; `None` if the operation has no such body.
 pub fn example(operation: &str) -> Option<Value> {
     let action = json!([0.5, 0.8, 0.3]);
+    let drag = LINEAR_DRAG.effect.name;
     let throws = json!({"ball": {"radius": 0.02}, "trials": throws()});
     Some(match operation {
         "create_world" => json!({"task": "bowling", "latents": {"friction": 0.8}, "damping": 0.9}),
@@ -37,9 +40,9 @@ pub fn example(operation: &str) -> Option<Value> {
             "bodies": {"ball": {"x": [0.0, 0.2, 0.4, 0.6, 0.8], "y": [0.5, 0.55, 0.5, 0.36, 0.12]}},
         }]}),
         "start_diagnosis" => throws,
-        "start_posterior" => merged(throws, json!({"sets": [["linear_drag"]], "draws": 128})),
-        "start_likelihood" => merged(throws, json!({"effects": ["linear_drag"]})),
-        "evaluate_likelihood" => json!({"columns": {"linear_drag.c": [0.0, 0.4]}}),
+        "start_posterior" => merged(throws, json!({"sets": [[drag]], "draws": 128})),
+        "start_likelihood" => merged(throws, json!({"effects": [drag]})),
+        "evaluate_likelihood" => json!({"columns": {LINEAR_DRAG.to_string(): [0.0, 0.4]}}),
         "draw_starts" => json!({"count": 4, "seed": 1}),
         "start_plan" => json!({"task": "bowling:000", "actions": 100, "draws": 4}),
         "start_design" => json!({"task": "basketball", "question": "latents", "candidates": 20}),
