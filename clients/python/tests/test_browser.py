@@ -45,7 +45,7 @@ def fetch(url: str) -> Any:
 
 def test_opens_page_once(opened_urls: list[str]) -> None:
     env = gymnasium.make("iplw/Bowling-v0", render_mode="human")
-    assert env.metadata["render_modes"] == ["rgb_array", "human"]
+    assert "human" in env.metadata["render_modes"]
     assert opened_urls == []
     for seed in range(3):
         env.reset(seed=seed)
