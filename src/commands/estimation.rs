@@ -11,7 +11,7 @@ use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::physics::LatentsIn;
-use crate::error::{check_count, check_range};
+use crate::error::{Error, check_count, check_range};
 use crate::experiment::{EstimateConfig, ResidualKind, acquisition};
 use crate::json::JsonObject;
 use crate::task::scene::EffectTerm;
@@ -43,7 +43,7 @@ pub struct EstimationRequest {
     /// Prior of latents, `{"friction": [mean, standard deviation]}`. Default: the family's; with
     /// a `scene` density 1 +- 0.5 kg/m^2, friction 0.5 +- 0.25, restitution 0.5 +- 0.25.
     #[arg(skip)]
-    pub prior: Option<BTreeMap<String, [f64; 2]>>,
+    pub prior: Option<BTreeMap<String, Vec<f64>>>,
     /// Id of a real world of that family.
     #[arg(skip)]
     pub world: Option<String>,
@@ -125,7 +125,11 @@ impl EstimationRequest {
     /// `preset` with the request's values.
     pub fn config(&self, preset: EstimateConfig) -> crate::error::Result<EstimateConfig> {
         let mut config = preset;
-        for (name, [mean, sd]) in self.prior.iter().flatten() {
+        for (name, moments) in self.prior.iter().flatten() {
+            let [mean, sd] = moments.as_slice() else {
+                let value = format!("{} numbers", moments.len());
+                return Err(Error::input(format!("prior.{name}"), value, "[mean, standard deviation]"));
+            };
             let factor = factor_index(name).map_err(|e| e.unknown_in("prior"))?;
             let [low, high] = FACTORS[factor].bounds;
             check_range(&format!("prior.{name}[0]"), *mean, low, high)?;

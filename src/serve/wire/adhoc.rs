@@ -9,7 +9,7 @@ use super::binary_arrays::BinaryArrays;
 use super::episode::end_name;
 use super::rollout::BodyTrack;
 use crate::commands::{LatentsIn, effects, engine};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::json::JsonObject;
 use crate::session::{Action, AdhocResult, AdhocSimulation, Catalogue};
 use crate::task::Scene;
@@ -102,9 +102,8 @@ impl BinaryArrays for PlacementsOut {}
 impl SimulateIn {
     /// Converts the request.
     pub fn simulation(self, catalogue: &Catalogue) -> Result<AdhocSimulation> {
-        if self.observe_every == Some(0) {
-            return Err(Error::input("observe_every", 0, "a whole number of time steps from 1"));
-        }
+        // The upper end is that of the document's format `int32`.
+        check_count("observe_every", self.observe_every, 1, i32::MAX as u32)?;
         Ok(AdhocSimulation {
             scene: scene(self.task, self.scene, catalogue)?,
             action: self.action,
