@@ -24,6 +24,8 @@ pub mod policies;
 pub mod posterior_training;
 mod progress_prefix;
 pub mod quickstart;
+mod quickstart_config;
+mod quickstart_seed;
 mod report;
 mod rows;
 mod selection_summary;

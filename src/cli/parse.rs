@@ -6,7 +6,7 @@ use iplw::commands::{parse_effect, parse_latents, parse_number, parse_pairs};
 use iplw::error::{Error, Result};
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::surface::RelatedEnvironment;
-use iplw::reality::{HiddenConfig, drawn};
+use iplw::reality::{HiddenConfig, real_world};
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Family, Split, Task, family};
 use iplw::world::{Engine, Latents};
@@ -70,7 +70,7 @@ pub fn real(text: &str, family: &Family) -> Result<HiddenConfig> {
             seed = value.parse().map_err(invalid)?;
         }
     }
-    world("--real", text, drawn(family, seed))
+    world("--real", text, real_world(family, seed))
 }
 
 /// The family's hidden world with `--real` applied and with further effects; one that the world already has is replaced.

@@ -102,26 +102,21 @@ fn samples(args: &Args, request: &PlanRequest, config: &PlanConfig) -> Result<Pa
     }
 }
 
-/// Name of the row of actions in random order.
-const RANDOM: &str = "random";
-
 /// Plans every test task and evaluates the plans in the hidden world.
 fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Result<()> {
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), family)?;
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
     let prior = PlanRequest { latents: None, ..args.request.clone() };
-    let means = Latents::of(family.prior.map(|(mean, _)| mean));
-    // Random actions need no samples; these are not used.
-    let uncalibrated = ParameterSamples::point(means, Vec::new())?;
+    // Actions in random order need no samples.
     let mut samples_by_row = vec![
-        (RANDOM, uncalibrated.clone()),
-        ("uncalibrated", uncalibrated),
-        ("prior", prior.clone().parameter_source()?.samples(&prior.task, &config)?),
+        ("random", None),
+        ("uncalibrated", Some(ParameterSamples::point(Latents::of(family.prior_means()), Vec::new())?)),
+        ("prior", Some(prior.clone().parameter_source()?.samples(&prior.task, &config)?)),
     ];
     if args.posterior.is_some() || args.request.latents.is_some() {
-        samples_by_row.push(("posterior", samples(args, &args.request, &config)?));
+        samples_by_row.push(("posterior", Some(samples(args, &args.request, &config)?)));
     }
-    samples_by_row.push(("truth", ParameterSamples::point(truth.latents, truth.effects)?));
+    samples_by_row.push(("truth", Some(ParameterSamples::point(truth.latents, truth.effects)?)));
     if !args.rows.is_empty() {
         let known: Vec<&str> = samples_by_row.iter().map(|(name, _)| *name).collect();
         if let Some(unknown) = args.rows.iter().find(|r| !known.contains(&r.as_str())) {
@@ -144,12 +139,13 @@ fn plan_family(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig)
     for (name, samples) in &samples_by_row {
         let mut found = Vec::new();
         for task in &tasks {
-            let of = json!({"setup": setup, "belief": samples.draws(), "seconds": seconds, "task": task.id});
-            let make = |progress: &dyn iplw::progress::Progress| {
-                if *name == RANDOM {
-                    return evaluate_random(task, &setup, progress);
+            let draws = samples.as_ref().map(ParameterSamples::draws);
+            let of = json!({"setup": setup, "belief": draws, "seconds": seconds, "task": task.id});
+            let make = |progress: &dyn iplw::progress::Progress| match samples {
+                None => evaluate_random(task, &setup, progress),
+                Some(samples) => {
+                    evaluate_plan(task, samples, &setup, &TimeLimit::new(seconds, &Unlimited), progress)
                 }
-                evaluate_plan(task, samples, &setup, &TimeLimit::new(seconds, &Unlimited), progress)
             };
             let planned = cells.get_or_compute(&format!("{name}-{}", task.id), &of, make)?;
             found.push(planned);

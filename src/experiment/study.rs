@@ -334,7 +334,7 @@ impl Study {
     pub(super) fn base(name: &str, family: &Family) -> Study {
         let hidden = WorldVariant::Damped.hidden(family, 0);
         let simulated = |training: TrainingPhysics| PolicySource::Simulated { training };
-        let prior = Latents::of(family.prior.map(|(mean, _)| mean));
+        let prior = Latents::of(family.prior_means());
         let fixed = |effects| simulated(TrainingPhysics::Fixed { latents: hidden.latents, effects });
         Study {
             name: name.into(),

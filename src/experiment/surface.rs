@@ -69,7 +69,7 @@ pub struct SurfaceConfig {
 impl SurfaceConfig {
     /// Default: friction and restitution over the range of the family's prior, damping 0.7 and 0.6 in the related environments.
     pub fn new(family: &Family, route: EvaluationMethod) -> Result<SurfaceConfig> {
-        let base = family.prior.map(|(mean, _)| mean);
+        let base = family.prior_means();
         let axes = ["friction", "restitution"].map(|f| SurfaceAxis::from_prior(f, family.prior));
         Ok(SurfaceConfig {
             route,

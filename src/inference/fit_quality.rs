@@ -52,16 +52,10 @@ pub fn check_fit(
     config: &DiagnosisConfig,
     progress: &dyn Progress,
 ) -> Result<FitQuality> {
+    let mut trials = trials.to_vec();
+    trials.iter_mut().for_each(|trial| trial.scene.effects.extend_from_slice(effects));
     let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
-    let (mut scene, trials) = with_trial_settings(&first.scene.clone(), trials.to_vec())?;
-    scene.effects.extend_from_slice(effects);
-    let trials: Vec<Trial> = trials
-        .into_iter()
-        .map(|mut trial| {
-            trial.scene.effects.extend_from_slice(effects);
-            trial
-        })
-        .collect();
+    let (scene, trials) = with_trial_settings(&first.scene.clone(), trials)?;
     progress.report("checking the fit", 0, 1)?;
     match preprocess(&scene, &trials, config.engine, MAX_INITIAL_INTERVALS, &[], progress)? {
         Err(lack) => Ok(undetermined(&lack.reason)),

@@ -6,7 +6,7 @@
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
-use super::hidden::certifying;
+use super::hidden::certification_world;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng::{self, Stream};
@@ -181,7 +181,7 @@ impl<'a> CertificationSearch<'a> {
 
     fn evaluate_candidate(&self, candidate: usize, scene: &Scene) -> Result<CandidateResult> {
         let selection = &self.family.selection;
-        let real = certifying(self.family);
+        let real = certification_world(self.family);
         let physics = |in_real: bool| CandidatePhysics {
             latents: real.latents,
             effects: if in_real { &real.effects } else { &[] },
@@ -274,7 +274,7 @@ pub fn is_certificate_valid(
     certificate: &Certificate,
     engine: Engine,
 ) -> Result<bool> {
-    let real = certifying(family);
+    let real = certification_world(family);
     let physics = CandidatePhysics { latents: real.latents, effects: &real.effects, engine };
     let space = scene.action.as_ref().expect("a candidate has an action space");
     let action = space.validate(&certificate.action)?;
@@ -283,7 +283,7 @@ pub fn is_certificate_valid(
 
 /// Whether each action solves a scene in the family's real world; `None` if it cannot be placed.
 pub fn solving_actions(family: &Family, scene: &Scene, actions: &[ValidAction]) -> Result<Vec<Option<bool>>> {
-    let real = certifying(family);
+    let real = certification_world(family);
     let physics = CandidatePhysics { latents: real.latents, effects: &real.effects, engine: real.engine };
     let space = scene.action.as_ref().expect("a candidate has an action space");
     let place = |action| match space.place(scene, action) {

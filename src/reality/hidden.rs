@@ -82,16 +82,16 @@ fn is_stop(error: &Error) -> bool {
 
 /// Standard real world of a family, the one with seed 0; for the paper's families its latents, with damping 0.8 per second.
 pub fn standard(family: &Family) -> HiddenConfig {
-    drawn(family, 0)
+    real_world(family, 0)
 }
 
 /// The real world of a family with this seed. Worlds differ if the family's file has ranges in place of hidden numbers.
-pub fn drawn(family: &Family, seed: u64) -> HiddenConfig {
+pub fn real_world(family: &Family, seed: u64) -> HiddenConfig {
     world_of(family.real_physics.draw(seed), seed)
 }
 
 /// The real world in which a family's tasks are certified: the centre of its ranges.
-pub(super) fn certifying(family: &Family) -> HiddenConfig {
+pub(super) fn certification_world(family: &Family) -> HiddenConfig {
     world_of(family.real_physics.centre(), 0)
 }
 

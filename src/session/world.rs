@@ -22,7 +22,7 @@ use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits};
 use super::state::{Phase, WorldState, conflict};
 use super::watch::{EventBus, WorldEventKind, WorldWatcher};
 use crate::error::{Error, Result, check_count, check_range};
-use crate::reality::{HiddenConfig, HiddenWorld, drawn};
+use crate::reality::{HiddenConfig, HiddenWorld, real_world};
 use crate::rng;
 use crate::store::Store;
 use crate::sync::lock;
@@ -123,12 +123,13 @@ impl World {
                 for (i, term) in effects.iter().enumerate() {
                     effect::resolve(term, format_args!("effects[{i}]"))?;
                 }
-                let prior = config.tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0)));
+                let prior = config.tasks.family.map(|f| Latents::of(f.prior_means()));
                 (config.latents.or(prior.unwrap_or_default()), effects, None)
             }
             WorldKind::Real => {
                 check_sealing(&config)?;
-                let base = config.tasks.family.map_or_else(custom_scene_config, |f| drawn(f, config.seed));
+                let base =
+                    config.tasks.family.map_or_else(custom_scene_config, |f| real_world(f, config.seed));
                 let hidden = HiddenConfig {
                     latents: config.latents.or(base.latents),
                     effects: config.effects.unwrap_or(base.effects),

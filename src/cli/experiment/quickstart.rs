@@ -39,7 +39,12 @@ pub fn multi_seed(args: &ExperimentArgs) -> Result<()> {
 
 /// Runs the workflow on each family and writes the results.
 fn run_story(names: &[String], seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
-    let families = names.iter().map(|name| story_family(name)).collect::<Result<Vec<_>>>()?;
+    let mut families: Vec<&Family> = Vec::new();
+    for name in names {
+        if families.iter().all(|f| f.name != name) {
+            families.push(story_family(name)?);
+        }
+    }
     output::prepare_directory("--out", out)?;
     // Opened before the computation, so that a store in use is reported early.
     let shelf = Store::open(out)?;
@@ -72,8 +77,11 @@ fn run_story(names: &[String], seeds: Vec<u64>, quick: bool, out: &Path) -> Resu
 
 /// A family by name; those of the levels need not be registered.
 fn story_family(name: &str) -> Result<&'static Family> {
-    family(name).or_else(|unknown| {
+    family(name).or_else(|mut unknown| {
         let levels = collection(LEVELS).map(|c| c.families()).transpose()?.unwrap_or_default();
+        if let Error::NotFound { known, .. } = &mut unknown {
+            known.extend(levels.iter().map(|f| f.name.to_string()));
+        }
         let level = levels.into_iter().find(|f| f.name == name).ok_or(unknown)?;
         Ok(&*Box::leak(Box::new(level)))
     })

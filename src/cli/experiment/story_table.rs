@@ -12,7 +12,7 @@ pub fn table_rows(reports: &[QuickstartReport]) -> (Vec<String>, Vec<Vec<String>
         let cells = reports.iter().map(|r| r.rows[k].summary().show(3));
         let spent = reports.iter().map(|r| {
             let spent = &r.rows[k].real_interactions;
-            (spent.iter().sum::<u64>() / spent.len().max(1) as u64).to_string()
+            format!("{:.0}", spent.iter().sum::<u64>() as f64 / spent.len().max(1) as f64)
         });
         let spent = spent.collect::<Vec<_>>().join(", ");
         [method.title().to_string()].into_iter().chain(cells).chain([spent]).collect()

@@ -63,7 +63,7 @@ fn begin(
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
-    let prior = tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0))).unwrap_or_default();
+    let prior = tasks.family.map(|f| Latents::of(f.prior_means())).unwrap_or_default();
     let physics = body.physics(prior)?;
     body.check_limits()?;
     let saturating = body.preset == Some(TrainingPreset::Saturating);

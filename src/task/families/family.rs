@@ -94,6 +94,11 @@ impl Family {
         Ok(self)
     }
 
+    /// Prior means of density (kg/m^2), friction and restitution: the latents of an uncalibrated simulation.
+    pub fn prior_means(&self) -> [f64; 3] {
+        self.prior.map(|(mean, _)| mean)
+    }
+
     /// All tasks in order of number, with certificates.
     pub fn tasks(&self) -> Vec<Task> {
         self.tasks.clone()
@@ -124,7 +129,7 @@ impl Family {
     /// because objects overlap. What carries latents has the prior's means, whatever the file says: a scene
     /// is the uncalibrated simulation and contains nothing of the real world.
     pub fn scene(&self, draw: &[f64]) -> Result<Scene> {
-        Ok(self.source.scene(self.name, draw)?.with_carriers(self.prior.map(|(mean, _)| mean)))
+        Ok(self.source.scene(self.name, draw)?.with_carriers(self.prior_means()))
     }
 
     /// Solutions that the author of the scene provided.

@@ -97,30 +97,29 @@ impl RealPhysics {
 
     /// The physics of the real world with this seed; for `reality/` only.
     pub(crate) fn draw(&self, seed: u64) -> HiddenPhysics {
-        let HiddenRanges { density, friction, restitution, damping } = self.opened;
+        self.each(|name, [low, high]| {
+            low + (high - low) * rng::stream(seed, &format!("real {name}")).random::<f64>()
+        })
+    }
+
+    /// The physics at the centre of all ranges, with which tasks are certified; for `reality/` only.
+    pub(crate) fn centre(&self) -> HiddenPhysics {
+        self.each(|_, [low, high]| (low + high) / 2.0)
+    }
+
+    /// Fixed values, and `of` the name and the ends of each range.
+    fn each(&self, of: impl Fn(&str, [f64; 2]) -> f64) -> HiddenPhysics {
         let value = |name: &str, value: HiddenValue| match value {
             HiddenValue::Fixed(value) => value,
-            HiddenValue::Range([low, high]) => {
-                low + (high - low) * rng::stream(seed, &format!("real {name}")).random::<f64>()
-            }
+            HiddenValue::Range(ends) => of(name, ends),
         };
+        let HiddenRanges { density, friction, restitution, damping } = self.opened;
         HiddenPhysics {
             density: value("density", density),
             friction: value("friction", friction),
             restitution: value("restitution", restitution),
             damping: value("damping", damping),
         }
-    }
-
-    /// The physics at the centre of all ranges, with which tasks are certified; for `reality/` only.
-    pub(crate) fn centre(&self) -> HiddenPhysics {
-        let HiddenRanges { density, friction, restitution, damping } = self.opened;
-        let [density, friction, restitution, damping] =
-            [density, friction, restitution, damping].map(|value| match value {
-                HiddenValue::Fixed(value) => value,
-                HiddenValue::Range([low, high]) => (low + high) / 2.0,
-            });
-        HiddenPhysics { density, friction, restitution, damping }
     }
 }
 

@@ -202,7 +202,7 @@ fn scenes_of_families_have_the_prior_means() {
     let families = COLLECTIONS.iter().flat_map(|c| c.families().unwrap());
     let all: Vec<Family> = families.collect();
     for family in all.iter().chain(super::families().iter().copied()) {
-        let [density, friction, restitution] = family.prior.map(|(mean, _)| mean);
+        let [density, friction, restitution] = family.prior_means();
         for task in family.tasks() {
             let scene = &task.scene;
             let bodies = scene.bodies.iter().filter(|b| scene.carries_latents(&b.name));
