@@ -12,7 +12,7 @@ use super::hidden_evaluation::evaluate_in_hidden_world;
 use super::quickstart_config::QuickstartConfig;
 use super::{EstimateConfig, EstimateReport, Round, Workflow, run};
 use crate::budget::Unlimited;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::estimate::ParameterSamples;
 use crate::inference::DiagnosisResult;
 use crate::plan::{Plan, PlanPolicy, plan};
@@ -24,7 +24,7 @@ use crate::reality::{HiddenConfig, HiddenWorld, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Task};
-use crate::world::{Latents, effect};
+use crate::world::Latents;
 
 /// Draws of the posterior.
 const POSTERIOR_DRAWS: usize = 256;
@@ -237,10 +237,6 @@ impl SeedRun<'_> {
     fn posterior(&self, trials: &[Trial], extension: &Extension) -> Result<ParameterSamples> {
         let config = self.run.config;
         let set: Vec<String> = extension.effects.iter().map(|e| e.name.clone()).collect();
-        if effect::validate_set("effects", &set).is_err() {
-            // An empirical law is no set of effects: the plans use the point estimate.
-            return ParameterSamples::point(extension.latents, extension.effects.clone());
-        }
         let asked = EstimatorInput {
             prior: config.prior,
             base: &self.run.training[0].scene,
@@ -250,8 +246,12 @@ impl SeedRun<'_> {
             noise: self.run.hidden.noise,
             seed: self.seed,
         };
-        let found = asked.estimate(Estimator::Posterior, trials, &self.run.steps)?;
-        ParameterSamples::from_draws(found.draws)
+        match asked.estimate(Estimator::Posterior, trials, &self.run.steps) {
+            Ok(found) => ParameterSamples::from_draws(found.draws),
+            // An empirical law is no set of effects, and few usable trials give no posterior: the plans use the point estimate.
+            Err(Error::Input(_)) => ParameterSamples::point(extension.latents, extension.effects.clone()),
+            Err(error) => Err(error),
+        }
     }
 
     /// Policies of all methods, and their evaluations. Methods with the same physics share a policy.

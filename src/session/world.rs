@@ -127,17 +127,7 @@ impl World {
                 (config.latents.or(prior.unwrap_or_default()), effects, None)
             }
             WorldKind::Real => {
-                check_sealing(&config)?;
-                let base =
-                    config.tasks.family.map_or_else(custom_scene_config, |f| real_world(f, config.seed));
-                let hidden = HiddenConfig {
-                    latents: config.latents.or(base.latents),
-                    effects: config.effects.unwrap_or(base.effects),
-                    engine: config.engine,
-                    noise: check_range("noise", config.noise, 0.0, 1e3)?,
-                    budget: config.budget,
-                    seed: config.seed,
-                };
+                let hidden = hidden_config(&config)?;
                 let shown = (!sealed).then(|| (hidden.latents, hidden.effects.clone()));
                 let (latents, effects) = shown.unwrap_or_default();
                 (latents, effects, Some(Mutex::new(HiddenWorld::new(hidden)?)))
@@ -304,6 +294,20 @@ impl Drop for World {
         let interactions = lock(&self.state).interactions;
         self.events.publish(interactions, || WorldEventKind::Deleted);
     }
+}
+
+/// Physics of a real world: the client's, elsewhere the family's or the custom scene's.
+fn hidden_config(config: &WorldConfig) -> Result<HiddenConfig> {
+    check_sealing(config)?;
+    let base = config.tasks.family.map_or_else(custom_scene_config, |f| real_world(f, config.seed));
+    Ok(HiddenConfig {
+        latents: config.latents.or(base.latents),
+        effects: config.effects.clone().unwrap_or(base.effects),
+        engine: config.engine,
+        noise: check_range("noise", config.noise, 0.0, 1e3)?,
+        budget: config.budget,
+        seed: config.seed,
+    })
 }
 
 /// Base configuration of a real world with a custom scene: the scene's own coefficients and effects.
