@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<()> {
         None => AccessLog::default(),
         Some(form) => AccessLog::new(LogFormat::from_name("--log", form)?, Arc::new(to_stderr)),
     };
-    init_logging();
+    init_logging(false);
     mcp_blocking(McpConfig {
         data_dir: args.data_dir.clone(),
         token_file: args.token_file.clone(),

@@ -11,6 +11,7 @@ mod documentation;
 mod effects;
 mod estimate;
 mod experiment;
+mod json_events;
 mod mcp;
 mod measure;
 mod outcomes;

@@ -8,9 +8,11 @@ use std::sync::Arc;
 use iplw::access::parse_duration;
 use iplw::error::{Error, Result};
 use iplw::serve::{AccessLog, Limits, LogFormat, ServeConfig, openapi, serve_blocking};
+use tracing::Level;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
+use super::json_events::JsonEvents;
 use super::common_options::{ThreadOptions, exit_with_stdin};
 use super::output;
 use super::task_sources::{COMMON_OPTIONS, TaskSources};
@@ -89,17 +91,13 @@ pub fn run(args: &Args) -> Result<()> {
             "an address and port such as 127.0.0.1:8080",
         ));
     };
-    let mut limits = args.limits.as_deref().map_or_else(|| Ok(Limits::default()), Limits::read)?;
-    if let Some(idle) = args.idle {
-        limits.world_idle_seconds = iplw::error::check_range("--idle", idle as f64, 1.0, 1e9)?;
-    }
-    if let Some(worlds) = args.worlds {
-        iplw::error::check_range("--worlds", worlds as f64, 4.0, 1e6)?;
-        limits.worlds = worlds;
-    }
-    if let Some(span) = &args.keep_jobs {
-        limits.job_kept_seconds = parse_duration("--keep-jobs", span)?.map(|s| s as f64);
-    }
+    let overrides = LimitOverrides {
+        file: args.limits.clone(),
+        idle: args.idle,
+        worlds: args.worlds,
+        keep_jobs: args.keep_jobs.clone(),
+    };
+    let limits = overrides.read()?;
     if args.exit_with_stdin {
         exit_with_stdin(0);
     }
@@ -109,12 +107,13 @@ pub fn run(args: &Args) -> Result<()> {
         None => AccessLog::default(),
         Some(form) => AccessLog::new(LogFormat::from_name("--log", form)?, Arc::new(to_stderr)),
     };
-    init_logging();
+    init_logging(args.log.as_deref() == Some("json"));
     serve_blocking(ServeConfig {
         http,
         zmq: args.zmq.clone(),
         data_dir: args.data_dir.clone(),
         limits,
+        read_limits: Some(Arc::new(move || overrides.read())),
         log,
         token_file: args.token_file.clone(),
         tokens: environment_variable("IPLW_TOKENS")?,
@@ -127,12 +126,38 @@ pub fn run(args: &Args) -> Result<()> {
     })
 }
 
-/// Logs events to stderr at the level of RUST_LOG, by default warnings.
-pub fn init_logging() {
+/// The limits' file, and the options that override it.
+struct LimitOverrides {
+    file: Option<PathBuf>,
+    idle: Option<u64>,
+    worlds: Option<usize>,
+    keep_jobs: Option<String>,
+}
+
+impl LimitOverrides {
+    fn read(&self) -> Result<Limits> {
+        let mut limits = self.file.as_deref().map_or_else(|| Ok(Limits::default()), Limits::read)?;
+        if let Some(idle) = self.idle {
+            limits.world_idle_seconds = iplw::error::check_range("--idle", idle as f64, 1.0, 1e9)?;
+        }
+        if let Some(worlds) = self.worlds {
+            iplw::error::check_range("--worlds", worlds as f64, 4.0, 1e6)?;
+            limits.worlds = worlds;
+        }
+        if let Some(span) = &self.keep_jobs {
+            limits.job_kept_seconds = parse_duration("--keep-jobs", span)?.map(|s| s as f64);
+        }
+        Ok(limits)
+    }
+}
+
+/// Logs events to stderr at the level of RUST_LOG, by default warnings, and reloads; as JSON if the log of requests is.
+pub fn init_logging(json: bool) {
     let configured = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
-    let filter = configured.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
+    let default = || Targets::new().with_default(Level::WARN).with_target("iplw::serve::reload", Level::INFO);
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
-    tracing_subscriber::registry().with(lines).with(filter).init();
+    let lines = if json { lines.with_ansi(false).event_format(JsonEvents).boxed() } else { lines.boxed() };
+    tracing_subscriber::registry().with(lines).with(configured.unwrap_or_else(default)).init();
 }
 
 /// Writes a line at once, so that lines of other processes can't come in between.

@@ -1,8 +1,7 @@
 //! Queues, watches and stops jobs: the interface of the job module.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex};
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -14,7 +13,6 @@ use super::watch::Watcher;
 use super::work::WorkFactories;
 use crate::error::{Error, Result};
 use crate::store::{JobList, JobRow, JobState, LogRow, Store, StoredResponse};
-use crate::sync::lock;
 
 /// A job to be queued.
 pub struct JobSpec<'a> {
@@ -30,11 +28,10 @@ pub struct JobSpec<'a> {
 /// Runs jobs. Dropping it stops them.
 pub struct Runner {
     shared: Arc<RunnerState>,
-    workers: Mutex<Vec<JoinHandle<()>>>,
 }
 
 impl Runner {
-    /// Starts the workers and resumes the unfinished jobs of an earlier server. `on_job_end` is called for every job that ends.
+    /// Resumes the unfinished jobs of an earlier server. `on_job_end` is called for every job that ends.
     pub fn start(
         store: Arc<Store>,
         work_factories: WorkFactories,
@@ -44,35 +41,24 @@ impl Runner {
         let shared = Arc::new(RunnerState {
             store,
             work_factories,
-            config,
+            config: RwLock::new(config),
             on_job_end,
             state: Mutex::default(),
-            wake: Condvar::new(),
+            threads: AtomicUsize::new(0),
             stopping: AtomicBool::new(false),
             origin: Instant::now(),
         });
         for row in shared.store.unfinished()? {
             shared.resume(row)?;
         }
-        let threads = match config.threads {
-            0 => rayon::current_num_threads(),
-            some => some,
-        };
-        let workers = (0..config.workers)
-            .map(|i| {
-                let shared = shared.clone();
-                let pool = rayon::ThreadPoolBuilder::new()
-                    .num_threads(threads)
-                    .thread_name(move |t| format!("job-{i}-{t}"))
-                    .build()
-                    .map_err(|e| Error::Failed(format!("the job threads cannot be started: {e}")))?;
-                std::thread::Builder::new()
-                    .name(format!("job-{i}"))
-                    .spawn(move || shared.run_worker(&pool))
-                    .map_err(|e| Error::Failed(format!("the job thread cannot be started: {e}")))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Runner { shared, workers: Mutex::new(workers) })
+        shared.start_jobs();
+        Ok(Runner { shared })
+    }
+
+    /// Replaces the configuration; running jobs go on.
+    pub fn set_config(&self, config: RunnerConfig) {
+        *self.shared.config.write().unwrap_or_else(PoisonError::into_inner) = config;
+        self.shared.start_jobs();
     }
 
     /// Names of the job kinds, sorted.
@@ -95,9 +81,13 @@ impl Runner {
                 reason: "the server is stopping; retry after the restart".into(),
             });
         }
-        if state.is_full(owner.unwrap_or(place), self.shared.config.queue) {
-            let advice = "wait for one to end, or cancel one you no longer need";
-            return Err(Error::Capacity { what: "waiting jobs", limit: self.shared.config.queue, advice });
+        let (client, config) = (owner.unwrap_or(place), self.shared.config());
+        let advice = "wait for one to end, or cancel one you no longer need";
+        if state.is_full(client, config.queue) {
+            return Err(Error::Capacity { what: "waiting jobs", limit: config.queue, advice });
+        }
+        if state.queued(client) >= config.owner_queue {
+            return Err(Error::Capacity { what: "waiting jobs of one client", limit: config.owner_queue, advice });
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
         let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
@@ -105,7 +95,7 @@ impl Runner {
         state.queue.push_back(row.number);
         state.jobs.insert(row.number, ActiveJob::new(row.clone(), place, Some(work)));
         drop(state);
-        self.shared.wake.notify_one();
+        self.shared.start_jobs();
         Ok(Job::of(row))
     }
 
@@ -166,7 +156,8 @@ impl Runner {
                 self.shared.store.update_job(&live.row)?;
                 let job = live.job(now);
                 state.queue.push_back(number);
-                self.shared.wake.notify_one();
+                drop(state);
+                self.shared.start_jobs();
                 Ok(job)
             }
             JobState::Waiting => {
@@ -225,7 +216,7 @@ impl Runner {
         Watcher::new(self.shared.clone(), id, after)
     }
 
-    /// Stops the workers; unfinished jobs are queued in the store for the next runner. Waits for the workers up to `patience`; work
+    /// Stops the jobs; unfinished ones are queued in the store for the next runner. Waits for their threads up to `patience`; work
     /// that does not notice the stop by then is abandoned.
     pub fn stop(&self, patience: Duration) {
         if !self.shared.stopping.swap(true, Ordering::SeqCst) {
@@ -239,10 +230,8 @@ impl Runner {
                 }
             }
         }
-        self.shared.wake.notify_all();
-        let workers = lock(&self.workers);
         let deadline = Instant::now() + patience;
-        while workers.iter().any(|w| !w.is_finished()) && Instant::now() < deadline {
+        while self.shared.threads.load(Ordering::SeqCst) > 0 && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -282,7 +271,7 @@ mod tests {
             }))
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
-        let config = RunnerConfig { workers: 1, queue, threads: 1, max_run_time: None, explain };
+        let config = RunnerConfig { running: 1, queue, owner_queue: queue, threads: 1, max_run_time: None, explain };
         (
             Runner::start(
                 store.clone(),
@@ -500,7 +489,7 @@ mod tests {
         let gone = store.add_job("knitting", &json!({}), &json!(1), 0, None, &|_| None).unwrap().number;
         let (runner, _) = runner_on(&store, 4);
         reach(&runner, &id(moving), JobState::Succeeded);
-        for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {
+        for (number, word) in [(stuck, "2 times"), (gone, "start it again")] {
             let row = store.job(number).unwrap().unwrap();
             assert_eq!(row.state, JobState::Failed);
             assert!(row.error.unwrap()["detail"].as_str().unwrap().contains(word));

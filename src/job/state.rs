@@ -1,9 +1,9 @@
-//! State shared by a runner and its workers: the queue, and the jobs in memory.
+//! State shared by a runner and the threads of its jobs: the queue, and the jobs in memory.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -19,10 +19,12 @@ use crate::sync::lock;
 /// Limits of a runner, and its error format.
 #[derive(Clone, Copy)]
 pub struct RunnerConfig {
-    /// Jobs running at a time.
-    pub workers: usize,
+    /// Jobs running at a time; a client's first job runs beside those of other clients.
+    pub running: usize,
     /// Maximum queued jobs.
     pub queue: usize,
+    /// Maximum queued jobs of one client.
+    pub owner_queue: usize,
     /// Threads of a running job; 0 for the size of rayon's global pool.
     pub threads: usize,
     /// Maximum computing time of a job between its start and its end or wait.
@@ -34,21 +36,31 @@ pub struct RunnerConfig {
 /// Callback for jobs that have ended.
 pub type OnJobEnd = Box<dyn Fn(&JobRow) + Send + Sync>;
 
-/// Starts without progress after which a job fails.
-pub const MAX_STARTS_WITHOUT_PROGRESS: u32 = 5;
+/// Starts without progress after which a job fails: it may be the job that ends the server, by taking all memory.
+pub const MAX_STARTS_WITHOUT_PROGRESS: u32 = 2;
+/// Maximum number of jobs that run at a time because their clients had none, unless [`RunnerConfig::running`] is larger.
+const MAX_RUNNING_CLIENTS: usize = 16;
 
-/// The runner's state without the worker handles.
+/// State shared by a runner and the threads of its jobs.
 pub struct RunnerState {
     pub store: Arc<Store>,
     pub work_factories: WorkFactories,
-    pub config: RunnerConfig,
+    pub config: RwLock<RunnerConfig>,
     pub on_job_end: OnJobEnd,
     pub state: Mutex<JobQueue>,
-    /// Notified when a job is queued or the runner stops.
-    pub wake: Condvar,
+    /// Threads that run a job.
+    pub threads: AtomicUsize,
     pub stopping: AtomicBool,
     /// Origin of the runner's clock.
     pub origin: Instant,
+}
+
+/// A job that is marked as running, with its work.
+struct StartedJob {
+    number: i64,
+    work: Work,
+    cancel: Arc<AtomicBool>,
+    owner: Option<String>,
 }
 
 /// The jobs in memory.
@@ -68,9 +80,14 @@ const RESERVED_QUEUE_DIVISOR: usize = 8;
 const MAX_REMEMBERED_CLIENTS: usize = 256;
 
 impl JobQueue {
+    /// Number of queued jobs of a client.
+    pub fn queued(&self, client: &str) -> usize {
+        self.queue.iter().filter(|n| self.jobs.get(n).is_some_and(|l| l.client == client)).count()
+    }
+
     /// Whether the queue is full for a client.
     pub fn is_full(&self, client: &str, most: usize) -> bool {
-        let own = self.queue.iter().filter(|n| self.jobs.get(n).is_some_and(|l| l.client == client)).count();
+        let own = self.queued(client);
         self.queue.len() >= most && (own >= most / RESERVED_QUEUE_DIVISOR || self.queue.len() >= 2 * most)
     }
 
@@ -88,9 +105,9 @@ impl JobQueue {
         old.iter().for_each(|number| drop(self.jobs.remove(number)));
     }
 
-    /// The next job: the oldest one of the client with the fewest running jobs, and among those of the client whose last start is
-    /// longest ago.
-    fn pop_next(&mut self) -> Option<i64> {
+    /// The next job that may start beside the running ones: the oldest one of the client with the fewest running jobs, and among
+    /// those of the client whose last start is longest ago.
+    fn pop_next(&mut self, running_limit: usize) -> Option<i64> {
         let mut running: BTreeMap<&str, usize> = BTreeMap::new();
         for live in self.jobs.values().filter(|l| l.row.state == JobState::Running) {
             *running.entry(&live.client).or_default() += 1;
@@ -99,13 +116,13 @@ impl JobQueue {
             let last = self.recent_clients.iter().rposition(|c| c == client);
             (running.get(client).copied().unwrap_or(0), last)
         };
+        let total: usize = running.values().sum();
+        let first_limit = if running_limit == 0 { 0 } else { running_limit.max(MAX_RUNNING_CLIENTS) };
+        let may_start = |own: usize| total < if own == 0 { first_limit } else { running_limit };
         let waiting = self.queue.iter().enumerate();
         // A queued job that is not in memory was cancelled.
-        let eligible = waiting.filter_map(|(at, number)| Some((turn(&self.jobs.get(number)?.client), at)));
-        let Some((_, at)) = eligible.min() else {
-            self.queue.clear();
-            return None;
-        };
+        let turns = waiting.filter_map(|(at, number)| Some((turn(&self.jobs.get(number)?.client), at)));
+        let (_, at) = turns.filter(|((own, _), _)| may_start(*own)).min()?;
         let number = self.queue.remove(at)?;
         let client = self.jobs.get(&number)?.client.clone();
         self.recent_clients.retain(|c| *c != client);
@@ -182,62 +199,87 @@ impl RunnerState {
         Ok(())
     }
 
-    /// Main loop of a worker.
-    pub fn run_worker(&self, pool: &rayon::ThreadPool) {
-        while let Some((number, work, cancel, owner)) = self.take() {
-            let id = id(number);
-            let stage = Running { shared: self, number, cancel: &cancel, started: Instant::now() };
-            let context = JobContext { id: &id, number, owner: owner.as_deref(), stage: &stage };
-            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
-                .unwrap_or_else(|_| Err(Error::Failed("a bug in the program: the work panicked".into())));
-            let mut state = self.state();
-            match result {
-                Ok(WorkOutcome::Waiting) => self.wait_for_results(&mut state, number),
-                Ok(WorkOutcome::Done(value)) => self.end(&mut state, number, Ok(value)),
-                Err(Error::Cancelled)
-                    if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
-                {
-                    // The store has it queued; its watchers learn that it will continue.
-                    self.log_line(number, "the server stops; the next one resumes the job");
-                    if let Some(live) = state.jobs.get_mut(&number) {
-                        live.row.state = JobState::Queued;
-                        live.emit(None);
-                    }
-                }
-                Err(e) => self.end(&mut state, number, Err(e)),
+    /// The configuration in force.
+    pub fn config(&self) -> RunnerConfig {
+        *self.config.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Starts the queued jobs that may run, each on its own thread.
+    pub fn start_jobs(self: &Arc<RunnerState>) {
+        while let Some(job) = self.take() {
+            let (shared, number) = (self.clone(), job.number);
+            self.threads.fetch_add(1, Ordering::SeqCst);
+            let run = move || {
+                shared.run(job);
+                shared.start_jobs();
+                shared.threads.fetch_sub(1, Ordering::SeqCst);
+            };
+            if let Err(e) = std::thread::Builder::new().name(id(number)).spawn(run) {
+                self.threads.fetch_sub(1, Ordering::SeqCst);
+                let error = Error::Failed(format!("the job's thread cannot be started: {e}"));
+                self.end(&mut self.state(), number, Err(error));
             }
         }
     }
 
-    /// Takes the next job and marks it as running; `None` when the runner stops.
-    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>, Option<String>)> {
+    /// Runs a job to its end, or until it waits for results or the runner stops.
+    fn run(&self, StartedJob { number, work, cancel, owner }: StartedJob) {
+        let id = id(number);
+        let stage = Running { shared: self, number, cancel: &cancel, started: Instant::now() };
+        let context = JobContext { id: &id, number, owner: owner.as_deref(), stage: &stage };
+        let threads = match self.config().threads {
+            0 => rayon::current_num_threads(),
+            some => some,
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let result = match pool.thread_name(move |t| format!("job-{number}-{t}")).build() {
+            Ok(pool) => catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
+                .unwrap_or_else(|_| Err(Error::Failed("a bug in the program: the work panicked".into()))),
+            Err(e) => Err(Error::Failed(format!("the job's threads cannot be started: {e}"))),
+        };
         let mut state = self.state();
-        loop {
-            if self.stopping.load(Ordering::SeqCst) {
-                return None;
-            }
-            if let Some(number) = state.pop_next() {
-                let next_job = state.jobs.get_mut(&number).and_then(|live| {
-                    let work = live.work.take()?;
-                    live.row.state = JobState::Running;
-                    live.results_complete = false;
-                    live.eta = EtaEstimator::default();
-                    live.figures.clear();
+        match result {
+            Ok(WorkOutcome::Waiting) => self.wait_for_results(&mut state, number),
+            Ok(WorkOutcome::Done(value)) => self.end(&mut state, number, Ok(value)),
+            Err(Error::Cancelled)
+                if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
+            {
+                // The store has it queued; its watchers learn that it will continue.
+                self.log_line(number, "the server stops; the next one resumes the job");
+                if let Some(live) = state.jobs.get_mut(&number) {
+                    live.row.state = JobState::Queued;
                     live.emit(None);
-                    self.log_line(number, "started");
-                    if let Err(e) = self.store.begin_job(number) {
-                        // The job runs all the same; only this start is not counted if it ends the server.
-                        tracing::error!("the start of job {number} could not be stored: {e}");
-                    }
-                    Some((number, work, live.cancel.clone(), live.row.owner.clone()))
-                });
-                if next_job.is_some() {
-                    return next_job;
                 }
-                continue;
             }
-            state = self.wake.wait(state).unwrap_or_else(PoisonError::into_inner);
+            Err(e) => self.end(&mut state, number, Err(e)),
         }
+    }
+
+    /// Takes the next job that may run and marks it as running.
+    fn take(&self) -> Option<StartedJob> {
+        let mut state = self.state();
+        while !self.stopping.load(Ordering::SeqCst) {
+            let number = state.pop_next(self.config().running)?;
+            let Some(live) = state.jobs.get_mut(&number) else { continue };
+            let Some(work) = live.work.take() else { continue };
+            live.row.state = JobState::Running;
+            live.results_complete = false;
+            live.eta = EtaEstimator::default();
+            live.figures.clear();
+            live.emit(None);
+            self.log_line(number, "started");
+            if let Err(e) = self.store.begin_job(number) {
+                // The job runs all the same; only this start is not counted if it ends the server.
+                tracing::error!("the start of job {number} could not be stored: {e}");
+            }
+            return Some(StartedJob {
+                number,
+                work,
+                cancel: live.cancel.clone(),
+                owner: live.row.owner.clone(),
+            });
+        }
+        None
     }
 
     /// Lets a job wait for results, unless they have arrived.
@@ -266,7 +308,6 @@ impl RunnerState {
             Ok(Some(work)) => {
                 live.work = Some(work);
                 state.queue.push_back(number);
-                self.wake.notify_one();
             }
             Ok(None) => {}
             Err(e) => self.end(state, number, Err(e)),
@@ -281,7 +322,7 @@ impl RunnerState {
         match result {
             Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
-            Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config.explain)(&e))),
+            Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config().explain)(&e))),
         }
         match live.row.error.as_ref().map(|e| e["detail"].as_str().unwrap_or("unknown reason")) {
             Some(why) => self.store.note_line(number, LogLevel::Error, &format!("failed: {why}")),
@@ -323,7 +364,7 @@ impl JobReporter for Running<'_> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
         }
-        if let Some(most) = self.shared.config.max_run_time.filter(|most| self.started.elapsed() > *most) {
+        if let Some(most) = self.shared.config().max_run_time.filter(|most| self.started.elapsed() > *most) {
             return Err(Error::Deadline { seconds: most.as_secs_f64() });
         }
         Ok(())
@@ -394,7 +435,7 @@ mod tests {
     /// Clients of the jobs in the order in which they start, with this many workers.
     fn begun(mut state: JobQueue, workers: usize) -> String {
         let (mut running, mut order) = (VecDeque::new(), String::new());
-        while let Some(number) = state.pop_next() {
+        while let Some(number) = state.pop_next(workers) {
             let live = state.jobs.get_mut(&number).unwrap();
             live.row.state = JobState::Running;
             order += &live.client;
@@ -413,12 +454,12 @@ mod tests {
         assert_eq!(begun(queued("aaaaaabb"), 1), "ababaaaa");
         assert_eq!(begun(queued("aaaaaabbc"), 2), "abcabaaaa");
         let mut state = queued("aabb");
-        assert_eq!(state.pop_next(), Some(1), "the oldest of its client");
+        assert_eq!(state.pop_next(9), Some(1), "the oldest of its client");
         state.jobs.get_mut(&1).unwrap().row.state = JobState::Running;
-        assert_eq!(state.pop_next(), Some(3), "who has one running waits for who has none");
+        assert_eq!(state.pop_next(9), Some(3), "who has one running waits for who has none");
         state.jobs.remove(&2);
         assert_eq!(
-            (state.pop_next(), state.pop_next()),
+            (state.pop_next(9), state.pop_next(9)),
             (Some(4), None),
             "what is no longer at hand is left out"
         );

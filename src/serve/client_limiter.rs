@@ -8,7 +8,6 @@ use crate::sync::lock;
 
 /// Limits the number of permits, in total and per client.
 pub struct ClientLimiter {
-    capacity: LimiterCapacity,
     counts: Mutex<ClientCounts>,
 }
 
@@ -24,8 +23,8 @@ pub struct LimiterCapacity {
     pub reserved_per_client: usize,
 }
 
-#[derive(Default)]
 struct ClientCounts {
+    capacity: LimiterCapacity,
     all: usize,
     by_client: HashMap<Client, usize>,
 }
@@ -47,14 +46,25 @@ pub struct LimiterPermit {
 
 impl ClientLimiter {
     pub fn new(capacity: LimiterCapacity) -> Arc<ClientLimiter> {
-        Arc::new(ClientLimiter { capacity, counts: Mutex::default() })
+        let counts = ClientCounts { capacity, all: 0, by_client: HashMap::new() };
+        Arc::new(ClientLimiter { counts: Mutex::new(counts) })
+    }
+
+    /// Sets the capacity; permits in use stay.
+    pub fn set_capacity(&self, capacity: LimiterCapacity) {
+        self.counts().capacity = capacity;
+    }
+
+    /// Maximum number of permits of one client.
+    pub fn max_per_client(&self) -> usize {
+        self.counts().capacity.per_client
     }
 
     /// A permit for a client.
     pub fn acquire(self: &Arc<ClientLimiter>, client: &Client) -> Result<LimiterPermit, LimitReached> {
         let mut counts = self.counts();
         let (own, LimiterCapacity { total, per_client, reserved_per_client }) =
-            (counts.count(client), self.capacity);
+            (counts.count(client), counts.capacity);
         if own >= per_client {
             return Err(LimitReached::PerClient);
         }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::limits::Limits;
 use super::log::AccessLog;
+use crate::error::Result;
 
 /// Configuration of a server.
 #[derive(Clone)]
@@ -19,6 +20,8 @@ pub struct ServeConfig {
     pub data_dir: Option<PathBuf>,
     /// Limits and timeouts.
     pub limits: Limits,
+    /// Reads the limits anew, at SIGHUP; absent if they never change.
+    pub read_limits: Option<LimitsReader>,
     /// Token file instead of the data directory's.
     pub token_file: Option<PathBuf>,
     /// Further tokens, as JSON rows of a token file.
@@ -39,6 +42,9 @@ pub struct ServeConfig {
     pub clock: Clock,
 }
 
+/// Reads limits.
+pub type LimitsReader = Arc<dyn Fn() -> Result<Limits> + Send + Sync>;
+
 /// Time since an arbitrary origin; never decreases.
 pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
 
@@ -50,6 +56,7 @@ impl Default for ServeConfig {
             zmq: None,
             data_dir: None,
             limits: Limits::default(),
+            read_limits: None,
             token_file: None,
             tokens: None,
             tls: None,

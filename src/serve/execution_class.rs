@@ -1,5 +1,8 @@
 //! Execution classes: where and with which permit a request runs.
 
+/// Bodies up to this size are parsed on the async threads, in at most about a millisecond; larger ones with a permit of class compute.
+pub const MAX_INLINE_BODY_BYTES: usize = 64 * 1024;
+
 /// Cost of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExecutionClass {

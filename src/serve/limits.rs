@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use crate::error::{Error, Result, check_count, check_range};
 use crate::json;
+use crate::serve::byte_limiter::ByteCapacity;
 use crate::serve::wire::BinaryArrays;
 use crate::session::RequestLimits;
 
@@ -41,12 +42,23 @@ pub struct Limits {
     pub samples: u64,
     /// Maximum number of worlds. Beyond: 429 `capacity`.
     pub worlds: usize,
+    /// Maximum number of worlds of one token. Beyond: 429 `capacity`.
+    pub owner_worlds: usize,
     /// Time after which an unused world of a client is removed, s.
     pub world_idle_seconds: f64,
-    /// Number of jobs that run at a time; the others wait.
+    /// Number of jobs that run at a time; the others wait. A client's first job does not wait for those of other clients: it runs
+    /// beside them and shares the cores, up to 16 jobs in all.
     pub jobs_running: usize,
     /// Maximum number of waiting jobs. Beyond: 429 `capacity`.
     pub jobs_waiting: usize,
+    /// Maximum number of waiting jobs of one client. Beyond: 429 `capacity`.
+    pub owner_jobs: usize,
+    /// Maximum size of what is stored for one token (worlds, jobs, policies), bytes. Beyond: 429 `capacity`.
+    pub owner_bytes: u64,
+    /// Maximum size of the request bodies of one client that the server holds at a time, bytes. Beyond: 429 `busy`.
+    pub client_body_bytes: u64,
+    /// Maximum size of all request bodies that the server holds at a time, bytes. Beyond: 429 `busy`.
+    pub body_bytes: u64,
     /// Maximum computing time of a job, s, without the time it waits for results; unlimited if absent. Beyond: it fails with `deadline`.
     pub job_seconds: Option<f64>,
     /// Time after which an ended job and its data are removed, s; never if absent.
@@ -70,9 +82,14 @@ impl Default for Limits {
             actions: most.actions,
             samples: most.samples,
             worlds: 4096,
+            owner_worlds: 2048,
             world_idle_seconds: 1800.0,
             jobs_running: 2,
             jobs_waiting: 64,
+            owner_jobs: 48,
+            owner_bytes: 2 << 30,
+            client_body_bytes: 128 << 20,
+            body_bytes: 512 << 20,
             job_seconds: None,
             job_kept_seconds: None,
         }
@@ -123,12 +140,22 @@ impl Limits {
         check_count("samples", self.samples, 10_000, 100_000_000)?;
         check_count("worlds", self.worlds as u64, 4, 1_000_000)?;
         check_count("jobs_running", self.jobs_running as u64, 1, 64)?;
-        check_count("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)
+        check_count("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)?;
+        check_count("owner_worlds", self.owner_worlds as u64, 1, 1_000_000)?;
+        check_count("owner_jobs", self.owner_jobs as u64, 1, 100_000)?;
+        check_count("owner_bytes", self.owner_bytes, 1 << 20, 1 << 50)?;
+        check_count("client_body_bytes", self.client_body_bytes, 16 << 20, 1 << 40)?;
+        check_count("body_bytes", self.body_bytes, 16 << 20, 1 << 40)
     }
 
     /// Limits of one request.
     pub fn request_limits(&self) -> RequestLimits {
         RequestLimits { actions: self.actions, samples: self.samples, body_steps: self.body_steps }
+    }
+
+    /// Limits of the bytes of request bodies.
+    pub fn byte_capacity(&self) -> ByteCapacity {
+        ByteCapacity { total: self.body_bytes, per_client: self.client_body_bytes }
     }
 
     /// As a duration; [`Limits::validate`] has checked the range.

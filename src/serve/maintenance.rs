@@ -37,10 +37,12 @@ pub fn open(config: &ServeConfig, keyring: Keyring, document: &'static str) -> R
 impl Maintenance {
     /// Starts the tasks on the async runtime.
     pub fn start(shared: &Arc<AppState>) -> Maintenance {
-        let idle = Limits::duration(shared.limits.world_idle_seconds);
-        let mut tasks = vec![tokio::spawn(sweep(shared.clone(), idle)), tokio::spawn(write(shared.clone()))];
-        let retention = shared.limits.job_kept_seconds.map(Limits::duration);
-        tasks.extend(retention.map(|retention| tokio::spawn(forget(shared.clone(), retention))));
+        let tasks = vec![
+            tokio::spawn(forget(shared.clone())),
+            tokio::spawn(sweep(shared.clone())),
+            tokio::spawn(write(shared.clone())),
+            tokio::spawn(refresh_tokens(shared.clone())),
+        ];
         Maintenance { shared: shared.clone(), tasks }
     }
 
@@ -59,10 +61,10 @@ impl Maintenance {
 }
 
 /// Removes idle worlds periodically, and returns free memory to the system.
-async fn sweep(shared: Arc<AppState>, idle: Duration) {
-    let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
+async fn sweep(shared: Arc<AppState>) {
     loop {
-        tokio::time::sleep(pause).await;
+        let idle = Limits::duration(shared.limits().world_idle_seconds);
+        tokio::time::sleep((idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10))).await;
         let base = shared.core.clone();
         let sweep = move || {
             let swept = base.worlds.sweep(base.now());
@@ -76,10 +78,18 @@ async fn sweep(shared: Arc<AppState>, idle: Duration) {
     }
 }
 
+/// Longest time between two removals of old jobs.
+const LONGEST_RETENTION_PAUSE: Duration = Duration::from_secs(600);
+
 /// Removes jobs that ended long ago, and weights that no policy refers to.
-async fn forget(shared: Arc<AppState>, retention: Duration) {
-    let pause = (retention / 10).clamp(Duration::from_millis(200), Duration::from_secs(600));
+async fn forget(shared: Arc<AppState>) {
     loop {
+        let Some(retention) = shared.limits().job_kept_seconds.map(Limits::duration) else {
+            // The limit may be set when the limits are read again.
+            tokio::time::sleep(LONGEST_RETENTION_PAUSE).await;
+            continue;
+        };
+        let pause = (retention / 10).clamp(Duration::from_millis(200), LONGEST_RETENTION_PAUSE);
         let shared = shared.clone();
         let before = now().saturating_sub(retention.as_secs());
         let forget = move || {
@@ -97,18 +107,27 @@ async fn forget(shared: Arc<AppState>, retention: Duration) {
     }
 }
 
-/// Every second: writes the counters of simulated worlds and the job logs, and reloads changed tokens.
+/// Every second: writes the counters of simulated worlds and the job logs.
 async fn write(shared: Arc<AppState>) {
     loop {
         tokio::time::sleep(Duration::from_secs(1)).await;
         let shared = shared.clone();
-        let now_and_then = move || {
-            flush(&shared);
-            if let Err(e) = shared.keyring.refresh() {
-                tracing::error!("tokens cannot be reloaded; the previous ones stay valid: {e}");
-            }
-        };
-        let _ = tokio::task::spawn_blocking(now_and_then).await;
+        let _ = tokio::task::spawn_blocking(move || flush(&shared)).await;
+    }
+}
+
+/// Four times a second: reloads the tokens if their file has changed.
+async fn refresh_tokens(shared: Arc<AppState>) {
+    let mut last_error = None;
+    loop {
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        let shared = shared.clone();
+        let refreshed = tokio::task::spawn_blocking(move || shared.keyring.refresh()).await;
+        let error = refreshed.ok().and_then(|refreshed| refreshed.err()).map(|e| e.to_string());
+        if let Some(error) = error.as_ref().filter(|error| last_error.as_ref() != Some(*error)) {
+            tracing::error!("tokens cannot be reloaded; the previous ones stay valid: {error}");
+        }
+        last_error = error;
     }
 }
 

@@ -10,10 +10,12 @@
 //! | `wire/` | request and response types; JSON and msgpack |
 //! | `problem` | errors as RFC 9457 problem details |
 //! | `state` `request_context` | application state; the view that one request has of it; work off the async threads |
-//! | `maintenance` | startup, periodic tasks, shutdown |
-//! | `client` `scheduler` `fair_semaphore` `client_limiter` `execution_class` | fair sharing of the server between clients |
+//! | `maintenance` `reload` | startup, periodic tasks, shutdown; SIGHUP |
+//! | `client` `scheduler` `fair_semaphore` `client_limiter` `byte_limiter` `execution_class` | fair sharing of the server between clients |
+//! | `concealment` | hidden physics that only its owner sees |
 //! | `bind_policy` | which addresses need tokens and encryption |
 //! | `deadline` | a request's deadline and cancellation |
+//! | `readiness` | whether the disk takes writes |
 //! | `limits` | sizes, counts and timeouts |
 //! | `metrics` `log` | counters and durations; one log line per request and job |
 //! | `cache` | a bounded cache of expensive values |
@@ -31,9 +33,11 @@
 #![allow(clippy::result_large_err)]
 
 mod bind_policy;
+mod byte_limiter;
 mod cache;
 mod client;
 mod client_limiter;
+mod concealment;
 mod config;
 mod deadline;
 mod execution_class;
@@ -50,6 +54,8 @@ mod metrics;
 mod operation;
 mod operations;
 mod problem;
+mod readiness;
+mod reload;
 mod request_context;
 mod runtime;
 mod scheduler;
@@ -166,7 +172,7 @@ impl Server {
         let maintenance = Maintenance::start(&shared);
         let state = shared.clone();
         let service = http::service(shared.clone(), &OPERATIONS, origins);
-        let renewal = tokio::spawn(renew(tls.clone()));
+        let renewal = tokio::spawn(reload::on_hangup(shared.clone(), tls.clone()));
         let graceful = async move {
             stop.await;
             state.stopping.send_replace(true);
@@ -198,23 +204,3 @@ impl Server {
 
 /// Time that requests in flight have to finish after the stop signal.
 const GRACE: Duration = Duration::from_secs(5);
-
-/// Reloads the certificate on SIGHUP.
-#[cfg(unix)]
-async fn renew(tls: Option<Arc<http::Tls>>) {
-    use tokio::signal::unix::{SignalKind, signal};
-    let Some(tls) = tls else { return };
-    let Ok(mut renewed) = signal(SignalKind::hangup()) else { return };
-    while renewed.recv().await.is_some() {
-        match tls.reload() {
-            Ok(()) => tracing::info!("the certificate was reloaded"),
-            Err(e) => {
-                tracing::error!("the certificate cannot be reloaded; the previous one stays in use: {e}")
-            }
-        }
-    }
-}
-
-/// SIGHUP does not exist on this platform.
-#[cfg(not(unix))]
-async fn renew(_: Option<Arc<http::Tls>>) {}

@@ -7,7 +7,9 @@ use std::ops::Deref;
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
+use super::byte_limiter::BytePermit;
 use super::client::Client;
+use super::concealment::{conceal_job, may_see_physics};
 use super::deadline::RequestDeadline;
 use super::execution_class::ExecutionClass;
 use super::fair_semaphore::{FairPermit, FairSemaphore};
@@ -18,7 +20,7 @@ use crate::access::{Principal, Scope};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::job::{DeleteOutcome, Job, JobSpec, Watcher};
-use crate::session::{ListedWorld, Registry, World, WorldConfig, WorldList};
+use crate::session::{ListedWorld, Registry, World, WorldConfig, WorldDescription, WorldKind, WorldList};
 use crate::store::{JobList, LogRow, PolicyRow, Store, StoredResponse};
 use crate::sync::lock;
 
@@ -55,9 +57,19 @@ impl RequestContext {
         &self.shared
     }
 
+    /// The authenticated caller.
+    pub fn principal(&self) -> &Principal {
+        &self.principal
+    }
+
     /// The request's deadline.
     pub fn deadline(&self) -> &Arc<RequestDeadline> {
         &self.deadline
+    }
+
+    /// A permit for the bytes of the request's body.
+    pub fn byte_permit(&self) -> BytePermit {
+        self.shared.body_bytes.permit(&self.client, self.shared.limits().byte_capacity())
     }
 
     /// The deadline as the budget of a computation.
@@ -68,6 +80,14 @@ impl RequestContext {
     /// Owner of the resources that the request creates.
     pub fn owner(&self) -> Option<&str> {
         self.principal.owner()
+    }
+
+    /// A world as the caller may see it: latents and effects of a real world are its owner's.
+    pub fn describe(&self, listed: &ListedWorld) -> WorldDescription {
+        let description = listed.world.describe();
+        let physics_visible =
+            description.kind == WorldKind::Sim || may_see_physics(&self.principal, listed.owner.as_deref());
+        if physics_visible { description } else { description.without_physics() }
     }
 
     /// Errors unless the caller has the scope.
@@ -278,7 +298,11 @@ pub struct JobAccess<'a>(&'a RequestContext);
 impl JobAccess<'_> {
     /// See [`crate::job::Runner::of`].
     pub fn get(&self, id: &str) -> Result<Job> {
-        self.0.shared.jobs.of(id, self.0.principal.visible_owner())
+        Ok(self.conceal(self.0.shared.jobs.of(id, self.0.principal.visible_owner())?))
+    }
+
+    fn conceal(&self, job: Job) -> Job {
+        conceal_job(job, &self.0.principal)
     }
 
     /// See [`crate::job::Runner::kinds`].
@@ -288,7 +312,8 @@ impl JobAccess<'_> {
 
     /// See [`crate::job::Runner::list`].
     pub fn list(&self, list: &JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
-        self.0.shared.jobs.list(list, after, limit, self.0.principal.visible_owner())
+        let jobs = self.0.shared.jobs.list(list, after, limit, self.0.principal.visible_owner())?;
+        Ok(jobs.into_iter().map(|job| self.conceal(job)).collect())
     }
 
     /// See [`crate::job::Runner::log`].
@@ -314,10 +339,10 @@ impl JobAccess<'_> {
         self.0.shared.jobs.delete(id)
     }
 
-    /// See [`crate::job::Runner::watch`].
-    pub fn watch(&self, id: &str, after: u64) -> Result<Watcher> {
+    /// See [`crate::job::Runner::watch`]; also the caller, by whom [`conceal_job`] judges the events.
+    pub fn watch(&self, id: &str, after: u64) -> Result<(Watcher, Principal)> {
         self.get(id)?;
-        self.0.shared.jobs.watch(id, after)
+        Ok((self.0.shared.jobs.watch(id, after)?, self.0.principal.clone()))
     }
 }
 

@@ -3,16 +3,18 @@
 use std::collections::HashSet;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
+use super::byte_limiter::ByteLimiter;
 use super::cache::{BoundedCache, CacheLimits};
 use super::client_limiter::{ClientLimiter, LimiterCapacity};
-use super::config::{Clock, ServeConfig};
+use super::config::{Clock, LimitsReader, ServeConfig};
 use super::limits::Limits;
 use super::log::AccessLog;
 use super::metrics::Metrics;
 use super::problem::explain;
+use super::readiness::DiskProbe;
 use super::scheduler::FairScheduler;
 use crate::access::Keyring;
 use crate::error::{Error, Result};
@@ -51,11 +53,16 @@ pub struct AppState {
     pub keys_in_progress: Mutex<HashSet<String>>,
     /// Fair sharing between clients.
     pub scheduler: FairScheduler,
+    /// Bytes of request bodies.
+    pub body_bytes: Arc<ByteLimiter>,
+    /// Whether the disk takes writes.
+    pub disk: DiskProbe,
     /// HTTP connections.
     pub http_connections: Arc<ClientLimiter>,
     /// ZeroMQ connections.
     pub zmq_connections: Arc<ClientLimiter>,
-    pub limits: Limits,
+    limits: RwLock<Arc<Limits>>,
+    read_limits: Option<LimitsReader>,
     pub log: AccessLog,
     /// Distinguishes this server's ids from those of earlier ones.
     nonce: u32,
@@ -72,7 +79,7 @@ const MAX_ZMQ_CONNECTIONS: usize = 4096;
 impl AppState {
     /// Timeout of a request; `requested` is the client's header or field, s.
     pub fn request_timeout(&self, field: &str, requested: Option<&str>) -> Result<Duration> {
-        let most = self.limits.request_seconds;
+        let most = self.limits().request_seconds;
         let Some(requested) = requested else { return Ok(Limits::duration(most)) };
         let seconds = requested.trim().parse().ok().filter(|s: &f64| *s >= 0.001 && *s <= most);
         let allowed = format!("seconds, from 0.001 to {most}");
@@ -92,16 +99,7 @@ impl AppState {
         });
         let catalogue = Catalogue::new();
         let limits = &config.limits;
-        let idle = Limits::duration(limits.world_idle_seconds);
-        let registry = RegistryConfig { limit: limits.worlds, idle, request: limits.request_limits() };
-        let runner = RunnerConfig {
-            workers: limits.jobs_running,
-            queue: limits.jobs_waiting,
-            threads: 0,
-            max_run_time: limits.job_seconds.map(Limits::duration),
-            explain,
-        };
-        let worlds = Registry::new(registry, &catalogue, store.clone())?;
+        let worlds = Registry::new(registry_config(limits), &catalogue, store.clone())?;
         let common = CommonState { catalogue, metrics: Metrics::default(), clock: config.clock.clone() };
         let core = Arc::new(CoreState {
             common,
@@ -111,7 +109,7 @@ impl AppState {
         });
         let log = config.log.clone();
         Ok(AppState {
-            jobs: Runner::start(store, work_factories(&core), runner, Box::new(move |row| log.job(row)))?,
+            jobs: Runner::start(store, work_factories(&core), runner_config(limits), Box::new(move |row| log.job(row)))?,
             core,
             keyring,
             document,
@@ -119,22 +117,36 @@ impl AppState {
             submission_lock: Mutex::default(),
             keys_in_progress: Mutex::default(),
             scheduler: FairScheduler::new(),
-            http_connections: ClientLimiter::new(LimiterCapacity {
-                total: limits.connections,
-                per_client: limits.client_connections,
-                reserved_per_client: 0,
-            }),
-            zmq_connections: ClientLimiter::new(LimiterCapacity {
-                total: MAX_ZMQ_CONNECTIONS,
-                per_client: limits.client_connections,
-                reserved_per_client: 0,
-            }),
-            limits: config.limits.clone(),
+            body_bytes: Arc::default(),
+            disk: DiskProbe::default(),
+            http_connections: ClientLimiter::new(connection_capacity(limits, limits.connections)),
+            zmq_connections: ClientLimiter::new(connection_capacity(limits, MAX_ZMQ_CONNECTIONS)),
+            limits: RwLock::new(Arc::new(config.limits.clone())),
+            read_limits: config.read_limits.clone(),
             log: config.log.clone(),
             nonce: nonce(),
             worlds_created: AtomicU64::new(0),
             requests_received: AtomicU64::new(0),
         })
+    }
+
+    /// The limits in force.
+    pub fn limits(&self) -> Arc<Limits> {
+        self.limits.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Reads tokens and limits again; on an error the previous ones stay in force. Limits of one request apply to worlds made
+    /// afterwards.
+    pub fn reload(&self) -> Result<()> {
+        self.keyring.refresh()?;
+        let Some(read_limits) = &self.read_limits else { return Ok(()) };
+        let limits = read_limits()?;
+        self.http_connections.set_capacity(connection_capacity(&limits, limits.connections));
+        self.zmq_connections.set_capacity(connection_capacity(&limits, MAX_ZMQ_CONNECTIONS));
+        self.core.worlds.set_config(registry_config(&limits));
+        self.jobs.set_config(runner_config(&limits));
+        *self.limits.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(limits);
+        Ok(())
     }
 
     /// A request id, unique over this and earlier servers.
@@ -146,6 +158,31 @@ impl AppState {
     pub fn world_id(&self) -> String {
         format!("w{:08x}-{}", self.nonce, self.worlds_created.fetch_add(1, Ordering::Relaxed))
     }
+}
+
+fn registry_config(limits: &Limits) -> RegistryConfig {
+    let idle = Limits::duration(limits.world_idle_seconds);
+    RegistryConfig {
+        limit: limits.worlds,
+        owner_limit: limits.owner_worlds,
+        idle,
+        request: limits.request_limits(),
+    }
+}
+
+fn runner_config(limits: &Limits) -> RunnerConfig {
+    RunnerConfig {
+        running: limits.jobs_running,
+        queue: limits.jobs_waiting,
+        owner_queue: limits.owner_jobs,
+        threads: 0,
+        max_run_time: limits.job_seconds.map(Limits::duration),
+        explain,
+    }
+}
+
+fn connection_capacity(limits: &Limits, total: usize) -> LimiterCapacity {
+    LimiterCapacity { total, per_client: limits.client_connections, reserved_per_client: 0 }
 }
 
 impl CommonState {

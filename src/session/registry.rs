@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Bound;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::catalogue::Catalogue;
@@ -26,6 +26,8 @@ use crate::task::families;
 pub struct RegistryConfig {
     /// Maximum number of worlds.
     pub limit: usize,
+    /// Maximum number of worlds of one owner.
+    pub owner_limit: usize,
     /// A client's world expires after this idle time.
     pub idle: Duration,
     /// Limits of one request to any world.
@@ -34,7 +36,7 @@ pub struct RegistryConfig {
 
 /// All worlds of a server.
 pub struct Registry {
-    config: RegistryConfig,
+    config: RwLock<RegistryConfig>,
     store: Arc<Store>,
     worlds: Mutex<BTreeMap<String, RegistryEntry>>,
 }
@@ -75,28 +77,47 @@ impl Registry {
     /// Loads the store's worlds and adds the default ones, a simulated and a real world per family: `bowling-sim`,
     /// `bowling-real`, ...
     pub fn new(config: RegistryConfig, catalogue: &Catalogue, store: Arc<Store>) -> Result<Registry> {
-        let limits = config.request;
-        let registry = Registry { config, store, worlds: Mutex::default() };
-        for row in registry.store.worlds()? {
-            match restore(&row, catalogue, config.request) {
-                Ok(world) => drop(registry.insert(&row.id, world, row.owner.as_deref(), Duration::ZERO)),
-                // It stays in the store, for a version that can restore it.
-                Err(e) => tracing::warn!("cannot restore the stored world {}: {e}", row.id),
-            }
+        let registry = Registry { config: RwLock::new(config), store, worlds: Mutex::default() };
+        let (defaults, clients): (Vec<WorldRow>, Vec<WorldRow>) =
+            registry.store.worlds()?.into_iter().partition(|row| is_default_id(&row.id));
+        defaults.iter().for_each(|row| registry.insert_stored(row, catalogue));
+        registry.add_missing_defaults(catalogue)?;
+        // After the default worlds, which some of them copy.
+        clients.iter().for_each(|row| registry.insert_stored(row, catalogue));
+        Ok(registry)
+    }
+
+    /// Restores a stored world.
+    fn insert_stored(&self, row: &WorldRow, catalogue: &Catalogue) {
+        match restore(row, catalogue, self.config().request) {
+            Ok(world) => drop(self.insert(&row.id, world, row.owner.as_deref(), Duration::ZERO)),
+            // It stays in the store, for a version that can restore it.
+            Err(e) => tracing::warn!("cannot restore the stored world {}: {e}", row.id),
         }
+    }
+
+    /// Makes the default worlds that are not stored.
+    fn add_missing_defaults(&self, catalogue: &Catalogue) -> Result<()> {
         for family in families() {
             for kind in [WorldKind::Sim, WorldKind::Real] {
                 let id = default_world_id(family.name, kind);
-                if lock(&registry.worlds).contains_key(&id) {
+                if lock(&self.worlds).contains_key(&id) {
                     continue;
                 }
                 let config = WorldConfig::new(catalogue.family(family.name)?, kind);
-                registry.store.remove_worlds(std::slice::from_ref(&id))?;
-                registry.store.add_world(&id, &to_json(&SavedWorld::of(&config))?, None, None)?;
-                registry.insert(&id, World::with_limits(limits, config)?, None, Duration::ZERO);
+                self.store.remove_worlds(std::slice::from_ref(&id))?;
+                self.store.add_world(&id, &to_json(&SavedWorld::of(&config))?, None, None)?;
+                self.insert(&id, World::with_limits(self.config().request, config)?, None, Duration::ZERO);
             }
         }
-        Ok(registry)
+        Ok(())
+    }
+
+    /// A real world with the hidden physics of a default one counts its attempts there, too, so that a copy saves none.
+    pub fn count_copies(&self, world: World) -> World {
+        let id = world.copied_family().map(|family| default_world_id(family.name, WorldKind::Real));
+        let original = id.and_then(|id| lock(&self.worlds).get(&id).map(|entry| entry.world.clone()));
+        world.with_original(original)
     }
 
     /// Creates a client's world. The response built by `answered` is stored in the same transaction.
@@ -110,10 +131,8 @@ impl Registry {
     ) -> Result<Arc<World>> {
         self.sweep(now)?;
         let saved = to_json(&SavedWorld::of(&config))?;
-        let world = World::with_limits(self.config.request, config)?;
-        if lock(&self.worlds).len() >= self.config.limit {
-            return Err(self.capacity_error());
-        }
+        let world = World::with_limits(self.config().request, config)?;
+        self.check_capacity(owner, 1)?;
         self.store.add_world(id, &saved, owner, answered(&world).as_ref())?;
         Ok(self.insert(id, world, owner, now))
     }
@@ -129,16 +148,13 @@ impl Registry {
         answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
     ) -> Result<Vec<ListedWorld>> {
         self.sweep(now)?;
-        if lock(&self.worlds).len() + ids.len() > self.config.limit {
-            return Err(self.capacity_error());
-        }
+        self.check_capacity(owner, ids.len())?;
         let (mut rows, mut made) = (Vec::with_capacity(ids.len()), Vec::with_capacity(ids.len()));
         for (id, seed) in ids.iter().zip(seeds) {
             let config = WorldConfig { seed: *seed, ..config.clone() };
             rows.push((id.as_str(), to_json(&SavedWorld::of(&config))?));
-            let world = Arc::new(
-                World::with_limits(self.config.request, config)?.with_account(self.store.clone(), id),
-            );
+            let world = self.count_copies(World::with_limits(self.config().request, config)?);
+            let world = Arc::new(world.with_account(self.store.clone(), id));
             made.push(ListedWorld { id: id.clone(), world, owner: owner.map(String::from), used: now });
         }
         self.store.add_worlds(&rows, owner, answered(&made).as_ref())?;
@@ -281,19 +297,36 @@ impl Registry {
     /// Whether a world has been idle for too long; running work counts as use.
     fn is_idle(&self, entry: &RegistryEntry, now: Duration) -> bool {
         let in_use = entry.is_default || Arc::strong_count(&entry.world) > 1;
-        !in_use && now.saturating_sub(entry.used) > self.config.idle
+        !in_use && now.saturating_sub(entry.used) > self.config().idle
     }
 
-    fn capacity_error(&self) -> Error {
+    /// Replaces the limits; those of one request apply to worlds made afterwards.
+    pub fn set_config(&self, config: RegistryConfig) {
+        *self.config.write().unwrap_or_else(PoisonError::into_inner) = config;
+    }
+
+    fn config(&self) -> RegistryConfig {
+        *self.config.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Errors unless there is room for this many further worlds of an owner.
+    fn check_capacity(&self, owner: Option<&str>, further: usize) -> Result<()> {
+        let (config, worlds) = (self.config(), lock(&self.worlds));
+        let own = || worlds.values().filter(|entry| entry.owner.as_deref() == owner).count();
         let advice = "delete worlds you no longer need, or try again when idle ones have expired";
-        Error::Capacity { what: "worlds", limit: self.config.limit, advice }
+        if worlds.len() + further > config.limit {
+            return Err(Error::Capacity { what: "worlds", limit: config.limit, advice });
+        }
+        if owner.is_some() && own() + further > config.owner_limit {
+            return Err(Error::Capacity { what: "worlds of one token", limit: config.owner_limit, advice });
+        }
+        Ok(())
     }
 
     fn insert(&self, id: &str, world: World, owner: Option<&str>, now: Duration) -> Arc<World> {
+        let is_default = is_default_id(id);
+        let world = if is_default { world } else { self.count_copies(world) };
         let world = Arc::new(world.with_account(self.store.clone(), id));
-        let is_default = families()
-            .iter()
-            .any(|f| [WorldKind::Sim, WorldKind::Real].iter().any(|k| default_world_id(f.name, *k) == id));
         let owner = owner.map(String::from);
         lock(&self.worlds)
             .insert(id.into(), RegistryEntry { world: world.clone(), owner, is_default, used: now });
@@ -315,6 +348,11 @@ impl RegistryEntry {
 /// Id of a default world.
 fn default_world_id(family: &str, kind: WorldKind) -> String {
     format!("{family}-{}", kind.name())
+}
+
+fn is_default_id(id: &str) -> bool {
+    let kinds = [WorldKind::Sim, WorldKind::Real];
+    families().iter().any(|f| kinds.iter().any(|kind| default_world_id(f.name, *kind) == id))
 }
 
 /// Restores a stored world.

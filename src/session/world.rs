@@ -27,7 +27,7 @@ use crate::rng;
 use crate::store::Store;
 use crate::sync::lock;
 use crate::task::scene::EffectTerm;
-use crate::task::{ActionSpace, Task};
+use crate::task::{ActionSpace, Family, Task};
 use crate::world::{Engine, Latents, Rollout, effect, select_engine};
 
 /// Largest maximum number of attempts in an episode.
@@ -54,6 +54,10 @@ pub struct World {
     limits: RequestLimits,
     /// Where the counter is persisted, if anywhere.
     account: Option<PersistedCounter>,
+    /// Family whose default real world has the same hidden physics.
+    copied_family: Option<&'static Family>,
+    /// The default world of that family: attempts in a copy count there, too.
+    original: Option<Arc<World>>,
     /// Publishes events to watchers.
     events: EventBus,
     /// Held during a whole reset or step, so that each action belongs to exactly one episode.
@@ -95,6 +99,13 @@ pub struct WorldDescription {
     pub episodes: u64,
 }
 
+impl WorldDescription {
+    /// Without latents and effects.
+    pub fn without_physics(self) -> WorldDescription {
+        WorldDescription { latents: None, effects: None, ..self }
+    }
+}
+
 impl World {
     /// Creates a world; errors name the field of `config` that is out of range.
     pub fn new(config: WorldConfig) -> Result<World> {
@@ -110,6 +121,7 @@ impl World {
         config.latents.validate()?;
         check_count("max_attempts", Some(u64::from(config.max_attempts)), 1, MAX_ATTEMPTS)?;
         check_engine(&config)?;
+        let copied_family = copied_family(&config);
         let (latents, effects, hidden) = match config.kind {
             WorldKind::Sim => {
                 if config.noise != 0.0 {
@@ -135,6 +147,8 @@ impl World {
         };
         let scenes = config.tasks.tasks.iter().map(|t| &t.scene);
         Ok(World {
+            copied_family,
+            original: None,
             features: config.tasks.feature_names().len(),
             max_body_steps: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
             tasks: config.tasks,
@@ -276,6 +290,37 @@ impl World {
         self
     }
 
+    /// Family whose default real world has the same hidden physics: this world is a copy of it.
+    pub(super) fn copied_family(&self) -> Option<&'static Family> {
+        self.copied_family
+    }
+
+    /// A copy whose attempts count in the original, too.
+    pub(super) fn with_original(mut self, original: Option<Arc<World>>) -> World {
+        self.original = original;
+        self
+    }
+
+    /// Counts attempts in a real world and in the one that it copies, of which the counter is written with the next one;
+    /// returns the counter.
+    fn count_measured(&self, attempts: u64) -> u64 {
+        if let Some(original) = self.original.as_ref().filter(|_| attempts > 0) {
+            let interactions = original.count_measured(attempts);
+            if let Some(account) = &original.account {
+                account.store.note_world(&account.id, interactions, None);
+            }
+        }
+        let mut state = lock(&self.state);
+        state.interactions += attempts;
+        state.interactions
+    }
+
+    /// Writes the counter of the world that this one copies.
+    fn write_original(&self) -> Result<()> {
+        let account = self.original.as_ref().and_then(|world| world.account.as_ref());
+        account.map_or(Ok(()), |account| account.store.flush_worlds())
+    }
+
     pub(super) fn task_or_current(&self, id: Option<&str>) -> Result<(&Task, Latents)> {
         let state = lock(&self.state);
         let index = match id {
@@ -310,6 +355,18 @@ fn hidden_config(config: &WorldConfig) -> Result<HiddenConfig> {
     })
 }
 
+/// The family whose default real world has the same hidden physics, if the client has not replaced all of it.
+fn copied_family(config: &WorldConfig) -> Option<&'static Family> {
+    let family = config.tasks.family.filter(|_| config.kind == WorldKind::Real && !has_own_physics(config))?;
+    let (own, default) = (real_world(family, config.seed), real_world(family, 0));
+    (own.latents == default.latents && own.effects == default.effects).then_some(family)
+}
+
+/// Whether the client has given all latents and effects.
+fn has_own_physics(config: &WorldConfig) -> bool {
+    config.latents.values().iter().all(Option::is_some) && config.effects.is_some()
+}
+
 /// Base configuration of a real world with a custom scene: the scene's own coefficients and effects.
 fn custom_scene_config() -> HiddenConfig {
     HiddenConfig {
@@ -324,8 +381,7 @@ fn custom_scene_config() -> HiddenConfig {
 
 /// Errors if the world would show hidden physics of its family.
 fn check_sealing(config: &WorldConfig) -> Result<()> {
-    let all_given = config.latents.values().iter().all(Option::is_some) && config.effects.is_some();
-    if config.sealed != Some(false) || config.tasks.family.is_none() || all_given {
+    if config.sealed != Some(false) || config.tasks.family.is_none() || has_own_physics(config) {
         return Ok(());
     }
     let allowed = "true for a real world of a family, whose physics is hidden, \

@@ -17,6 +17,7 @@ mod log;
 mod openapi;
 mod page;
 mod peer;
+mod robust;
 mod survive;
 mod tls;
 mod transports;

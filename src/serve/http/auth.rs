@@ -9,12 +9,16 @@ use axum::response::{IntoResponse, Response};
 
 use super::connections::ConnectionHandle;
 use super::cors::OriginPolicy;
-use super::page;
-use crate::access::{AuthError, Principal, Scope, digest, now};
+use super::{head, page};
+use crate::access::{Digest, Principal, Scope, digest, now};
 use crate::serve::client::Client;
 use crate::serve::operation::Operation;
 use crate::serve::problem::Problem;
 use crate::serve::state::AppState;
+
+/// Digest of a request's token; none without authentication.
+#[derive(Clone, Copy)]
+pub struct PresentedToken(pub Option<Digest>);
 
 /// State of the middleware.
 #[derive(Clone)]
@@ -26,14 +30,15 @@ pub struct AuthState {
 
 /// Rejects unauthenticated requests, except to public operations; adds the caller and the browser flag to the request.
 pub async fn authenticate(State(guard): State<AuthState>, mut request: Request, next: Next) -> Response {
-    let page = match guard.origins.check(&request) {
+    let page = match head::check(&request).and_then(|()| guard.origins.check(&request)) {
         Ok(page) => page,
         Err(problem) => return problem.into_response(),
     };
     if let Some(response) = guard.origins.preflight(&request) {
         return response;
     }
-    let who = match bearer(&guard.shared, request.headers()) {
+    let presented = presented_token(&guard.shared, request.headers());
+    let who = match guard.shared.keyring.authenticate(presented.as_ref(), now()) {
         Ok(who) => who,
         Err(_) if guard.is_public(&request) => Principal { name: None, scope: Scope::Read },
         Err(unknown) => return Problem::unauthorized(unknown).into_response(),
@@ -43,9 +48,10 @@ pub async fn authenticate(State(guard): State<AuthState>, mut request: Request, 
     if let Some(connection) = connection.filter(|_| who.name.is_some())
         && !connection.assign_to(&Client::identify(&who, connection.peer()))
     {
-        let limit = guard.shared.limits.client_connections;
+        let limit = guard.shared.limits().client_connections;
         return ([(header::CONNECTION, "close")], Problem::too_many_connections(limit)).into_response();
     }
+    request.extensions_mut().insert(PresentedToken(presented));
     request.extensions_mut().insert(who.clone());
     request.extensions_mut().insert(page);
     let mut response = next.run(request).await;
@@ -65,13 +71,12 @@ impl AuthState {
     }
 }
 
-/// Authenticates by `Authorization: Bearer TOKEN`; the scheme is case-insensitive (RFC 9110, section 11.1).
-fn bearer(shared: &AppState, headers: &HeaderMap) -> Result<Principal, AuthError> {
+/// Digest of the token in `Authorization: Bearer TOKEN`; the scheme is case-insensitive (RFC 9110, section 11.1).
+fn presented_token(shared: &AppState, headers: &HeaderMap) -> Option<Digest> {
     let presented = headers.get(header::AUTHORIZATION).map(|value| {
         let (scheme, token) = value.as_bytes().split_at_checked(7).unwrap_or((value.as_bytes(), b""));
         if scheme.eq_ignore_ascii_case(b"bearer ") { token.trim_ascii() } else { b"" }
     });
     // Without tokens no digest is needed.
-    let presented = presented.filter(|_| shared.keyring.requires_token()).map(digest);
-    shared.keyring.authenticate(presented.as_ref(), now())
+    presented.filter(|_| shared.keyring.requires_token()).map(digest)
 }

@@ -12,7 +12,6 @@ use crate::sync::lock;
 /// Open connections, by number.
 pub struct ConnectionRegistry {
     limiter: Arc<ClientLimiter>,
-    max_per_client: usize,
     connections: Mutex<HashMap<u64, Arc<ConnectionHandle>>>,
 }
 
@@ -27,12 +26,8 @@ pub struct ConnectionHandle {
 
 impl ConnectionRegistry {
     /// An empty registry; connections are counted by the limiter.
-    pub fn new(limiter: Arc<ClientLimiter>, limits: &Limits) -> Arc<ConnectionRegistry> {
-        Arc::new(ConnectionRegistry {
-            limiter,
-            max_per_client: limits.client_connections,
-            connections: Mutex::default(),
-        })
+    pub fn new(limiter: Arc<ClientLimiter>) -> Arc<ConnectionRegistry> {
+        Arc::new(ConnectionRegistry { limiter, connections: Mutex::default() })
     }
 
     /// Registers a new connection, closing an idle one if necessary; `None` if all are busy.
@@ -96,7 +91,7 @@ impl ConnectionHandle {
             }
             permit.transfer(client);
         }
-        if self.registry.limiter.count(client) <= self.registry.max_per_client
+        if self.registry.limiter.count(client) <= self.registry.limiter.max_per_client()
             || self.registry.evict(Some(client))
         {
             return true;
@@ -128,7 +123,7 @@ mod tests {
     fn full(per_client: usize) -> (Arc<ConnectionRegistry>, Vec<Arc<ConnectionHandle>>) {
         let limits = Limits { connections: 4, client_connections: per_client, ..Limits::default() };
         let limiter = ClientLimiter::new(LimiterCapacity { total: 4, per_client, reserved_per_client: 0 });
-        let registry = ConnectionRegistry::new(limiter, &limits);
+        let registry = ConnectionRegistry::new(limiter);
         let handles = (1..=4).map(|n| registry.register(n, at(u8::from(n == 4)), &limits).unwrap()).collect();
         (registry, handles)
     }

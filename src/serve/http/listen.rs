@@ -25,7 +25,7 @@ use crate::serve::state::AppState;
 
 /// Serves until the server stops, then finishes the requests in flight.
 pub async fn serve(listener: TcpListener, router: Router, shared: Arc<AppState>, tls: Option<Arc<Tls>>) {
-    let registry = ConnectionRegistry::new(shared.http_connections.clone(), &shared.limits);
+    let registry = ConnectionRegistry::new(shared.http_connections.clone());
     let mut stopping = shared.stopping.subscribe();
     // Closed when the last connection has dropped its sender.
     let (alive, mut ended) = mpsc::channel::<()>(1);
@@ -42,7 +42,7 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<AppState>,
         };
         // The end of a response must not wait for a delayed acknowledgement (Nagle's algorithm).
         let _ = stream.set_nodelay(true);
-        let Some(connection_handle) = registry.register(number, from, &shared.limits) else { continue };
+        let Some(connection_handle) = registry.register(number, from, &shared.limits()) else { continue };
         let timed = TimeoutStream::new(stream, connection_handle.timer().clone());
         let (registry, router, shared, alive) =
             (registry.clone(), router.clone(), shared.clone(), alive.clone());
@@ -64,6 +64,9 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<AppState>,
     let _ = ended.recv().await;
 }
 
+/// Maximum size of a request's head, bytes: unfinished heads take at most this times the number of connections.
+const MAX_HEAD_BYTES: usize = 32 * 1024;
+
 /// Serves one connection to its end.
 async fn serve_connection<S>(
     stream: S,
@@ -83,7 +86,7 @@ async fn serve_connection<S>(
             response.map(|r| r.map(|body: Body| GuardedBody { body, _guard: busy }))
         }
     });
-    let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service);
+    let connection = http1::Builder::new().max_buf_size(MAX_HEAD_BYTES).serve_connection(TokioIo::new(stream), service);
     let mut connection = std::pin::pin!(connection);
     let mut stopping = shared.stopping.subscribe();
     tokio::select! {

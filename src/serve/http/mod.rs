@@ -18,6 +18,7 @@ mod body;
 mod connections;
 mod cors;
 mod document;
+mod head;
 mod listen;
 mod page;
 mod route;

@@ -10,12 +10,13 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 use utoipa::openapi::path::HttpMethod;
 
+use super::auth::PresentedToken;
 use super::connections::ConnectionHandle;
 use super::cors::FromBrowser;
 use super::{accept, body, stream};
-use crate::access::Principal;
+use crate::access::{Digest, Principal};
 use crate::error::Error;
-use crate::serve::execution_class::ExecutionClass;
+use crate::serve::execution_class::{ExecutionClass, MAX_INLINE_BODY_BYTES};
 use crate::serve::operation::{
     EventStream, HttpRequestParts, IdempotencyKey, Operation, OperationRequest, OperationResponse, Payload,
 };
@@ -48,7 +49,9 @@ pub fn method_router(operation: &'static Operation) -> MethodRouter<Arc<AppState
             handle(operation, Arc::new(app), request, from_page).await
         }
     };
-    on(method, handler)
+    let route = on(method, handler);
+    // Otherwise axum would serve HEAD by GET, and HEAD on a picture of an action would spend an attempt without a log line.
+    if method == MethodFilter::GET { route.on(MethodFilter::HEAD, super::no_method) } else { route }
 }
 
 async fn handle(
@@ -58,14 +61,17 @@ async fn handle(
     from_page: bool,
 ) -> HandlerResult<Response> {
     let authorized = operation.authorize(&app)?;
+    let token = request.extensions().get::<PresentedToken>().and_then(|presented| presented.0);
     let (mut parts, body) = request.into_parts();
     let form = accept::negotiate(&parts.headers);
     let mut sent = request_parts(&mut parts).await?;
+    // Until the response is ready.
+    let mut byte_permit = app.byte_permit();
     if operation.has_body {
         if from_page {
             check_media_type(operation, &parts.headers, &sent.media_type)?;
         }
-        sent.body = body::read(body, app.shared().limits.body_seconds).await?;
+        sent.body = body::read(body, app.shared().limits().body_seconds, &mut byte_permit).await?;
     }
     let key = parts.headers.get("idempotency-key").filter(|_| operation.idempotent_method);
     let once = key.map(|key| {
@@ -75,8 +81,13 @@ async fn handle(
             &[request_line.as_bytes(), &sent.body],
         )
     });
+    let is_large = sent.body.len() > MAX_INLINE_BODY_BYTES;
     let operation_request = OperationRequest::from_http(sent, once.transpose()?, form.raw());
-    let call = authorized.prepare(&app, operation_request)?;
+    let call = if is_large {
+        app.run(ExecutionClass::Compute, move |app| authorized.prepare(app, operation_request)).await?
+    } else {
+        authorized.prepare(&app, operation_request)?
+    };
     if call.class == ExecutionClass::Streaming && form == WireFormat::Json {
         let value = move |app: &RequestContext| match (call.work)(app)?.content {
             Payload::Value(value) => Ok(value),
@@ -89,7 +100,7 @@ async fn handle(
         ExecutionClass::Inline => app.run_inline(written).await?,
         weight => app.run(weight, written).await?,
     };
-    Ok(response(&app, written))
+    Ok(response(&app, written, token))
 }
 
 /// Errors if a browser sends a body of an undeclared media type: browsers send forms and plain text without a preflight.
@@ -169,11 +180,11 @@ fn msgpack_body(bytes: Result<Vec<u8>, msgpack::EncodeError>) -> HandlerResult<S
     Ok(SerializedBody::Bytes { kind: MSGPACK, bytes: bytes.map_err(Problem::serialization)? })
 }
 
-fn response(app: &RequestContext, written: SerializedResponse) -> Response {
+fn response(app: &RequestContext, written: SerializedResponse, token: Option<Digest>) -> Response {
     let status = StatusCode::from_u16(written.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let mut response = match written.body {
         SerializedBody::Nothing => status.into_response(),
-        SerializedBody::EventStream(watcher) => return stream::events(app.shared(), watcher),
+        SerializedBody::EventStream(watcher) => return stream::events(app, token, watcher),
         SerializedBody::Bytes { kind, bytes } => {
             (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], bytes).into_response()
         }

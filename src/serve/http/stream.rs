@@ -13,7 +13,8 @@ use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 
-use crate::serve::operation::{EventStream, SerializableValue};
+use crate::access::{Digest, Principal, now};
+use crate::serve::operation::{EventStream, SerializableValue, ServerEvent};
 use crate::serve::problem::{HandlerResult, Problem};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::AppState;
@@ -61,25 +62,13 @@ pub async fn stream_json(
     Ok((StatusCode::OK, [(header::CONTENT_TYPE, kind)], body).into_response())
 }
 
-/// Server-sent events, until the last one or until the client disconnects.
-pub fn events(shared: &AppState, mut watcher: Box<dyn EventStream>) -> Response {
+/// Server-sent events, until the last one, until the client disconnects, or until its token is no longer valid.
+pub fn events(app: &RequestContext, token: Option<Digest>, mut watcher: Box<dyn EventStream>) -> Response {
+    let shared = app.shared().clone();
     let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(EVENT_BUFFER_LENGTH);
-    let mut stopping = shared.stopping.subscribe();
-    tokio::spawn(async move {
-        loop {
-            let next = tokio::select! {
-                next = watcher.next() => next,
-                // A disconnected client is noticed at once, not at the next event.
-                () = sender.closed() => return,
-                () = async { let _ = stopping.wait_for(|s| *s).await; } => {
-                    if !watcher.has_last_word() {
-                        return;
-                    }
-                    // Jobs end when the server stops; their final event is awaited briefly.
-                    tokio::time::timeout(FINAL_EVENT_TIMEOUT, watcher.next()).await.unwrap_or(None)
-                }
-            };
-            let Some(event) = next else { return };
+    let disconnected = sender.clone();
+    let send_events = async move {
+        while let Some(event) = next_event(&shared, watcher.as_mut()).await {
             let message = match event.id {
                 Some(id) => sse::Event::default().id(id.to_string()),
                 None => sse::Event::default(),
@@ -88,10 +77,44 @@ pub fn events(shared: &AppState, mut watcher: Box<dyn EventStream>) -> Response 
                 return;
             }
         }
+    };
+    let authorized = app.shared().clone();
+    let principal = app.principal().clone();
+    tokio::spawn(async move {
+        tokio::select! {
+            () = send_events => {}
+            // A disconnected client is noticed at once, not at the next event.
+            () = disconnected.closed() => {}
+            () = authorization_end(&authorized, &principal, token) => {}
+        }
     });
     Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response()
 }
 
+/// The next event; at the end of the server only the final one, briefly.
+async fn next_event(shared: &AppState, watcher: &mut dyn EventStream) -> Option<ServerEvent> {
+    let mut stopping = shared.stopping.subscribe();
+    tokio::select! {
+        next = watcher.next() => return next,
+        () = async { let _ = stopping.wait_for(|s| *s).await; } => {}
+    }
+    if !watcher.has_last_word() {
+        return None;
+    }
+    // Jobs end when the server stops; their final event is awaited briefly.
+    tokio::time::timeout(FINAL_EVENT_TIMEOUT, watcher.next()).await.unwrap_or(None)
+}
+
+/// Ready when the token has expired, was revoked or has another scope.
+async fn authorization_end(shared: &AppState, principal: &Principal, token: Option<Digest>) {
+    let mut period = tokio::time::interval(TOKEN_CHECK_PERIOD);
+    while shared.keyring.authenticate(token.as_ref(), now()).as_ref() == Ok(principal) {
+        period.tick().await;
+    }
+}
+
+/// How often the token of an open stream is checked.
+const TOKEN_CHECK_PERIOD: Duration = Duration::from_millis(250);
 /// Events buffered for a slow client; it misses events that their source has discarded.
 const EVENT_BUFFER_LENGTH: usize = 2;
 /// Time to wait for the final event when the server stops.

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
-use rustls::ServerConfig;
+use rustls::client::WebPkiServerVerifier;
+use rustls::client::danger::ServerCertVerifier;
 use rustls::crypto::ring::default_provider;
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use rustls::{CertificateError, RootCertStore, ServerConfig};
 use tokio_rustls::TlsAcceptor;
 
 use crate::error::{Error, Result};
@@ -16,20 +18,44 @@ pub struct Tls {
     certificate: PathBuf,
     key: PathBuf,
     now: RwLock<Arc<ServerConfig>>,
+    /// The server's own certificate.
+    own: RwLock<CertificateDer<'static>>,
 }
 
 impl Tls {
     /// Reads a PEM chain of certificates, the server's first, and its PEM private key.
     pub fn read(certificate: &Path, key: &Path) -> Result<Tls> {
-        let now = RwLock::new(config(certificate, key)?);
-        Ok(Tls { certificate: certificate.into(), key: key.into(), now })
+        let (config, own) = config(certificate, key)?;
+        let (now, own) = (RwLock::new(config), RwLock::new(own));
+        Ok(Tls { certificate: certificate.into(), key: key.into(), now, own })
     }
 
     /// Reads both files again; on an error the previous ones stay in use.
     pub fn reload(&self) -> Result<()> {
-        let new = config(&self.certificate, &self.key)?;
-        *self.now.write().unwrap_or_else(PoisonError::into_inner) = new;
+        let (config, own) = config(&self.certificate, &self.key)?;
+        *self.now.write().unwrap_or_else(PoisonError::into_inner) = config;
+        *self.own.write().unwrap_or_else(PoisonError::into_inner) = own;
         Ok(())
+    }
+
+    /// Why the server's certificate is not valid at this moment: it has expired, or is not valid yet.
+    pub fn invalid_now(&self) -> Option<String> {
+        let own = self.own.read().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut roots = RootCertStore::empty();
+        roots.add(own.clone()).ok()?;
+        let provider = Arc::new(default_provider());
+        let verifier = WebPkiServerVerifier::builder_with_provider(Arc::new(roots), provider).build().ok()?;
+        let name = ServerName::try_from("localhost").ok()?;
+        // Validity is checked first; other objections, such as another name, do not matter here.
+        match verifier.verify_server_cert(&own, &[], &name, &[], UnixTime::now()) {
+            Err(rustls::Error::InvalidCertificate(
+                e @ (CertificateError::Expired
+                | CertificateError::ExpiredContext { .. }
+                | CertificateError::NotValidYet
+                | CertificateError::NotValidYetContext { .. }),
+            )) => Some(e.to_string()),
+            _ => None,
+        }
     }
 
     /// Acceptor for new connections.
@@ -38,7 +64,8 @@ impl Tls {
     }
 }
 
-fn config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>> {
+/// The configuration, and the server's own certificate.
+fn config(certificate: &Path, key: &Path) -> Result<(Arc<ServerConfig>, CertificateDer<'static>)> {
     let refuse = |option: &str, path: &Path, e: &dyn std::fmt::Display, allowed: &str| {
         Error::input(option, format!("{} ({e})", path.display()), allowed)
     };
@@ -46,9 +73,9 @@ fn config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>> {
     let chain = CertificateDer::pem_file_iter(certificate)
         .and_then(|all| all.collect::<std::result::Result<Vec<_>, _>>())
         .map_err(|e| refuse("--tls-cert", certificate, &e, of_chain))?;
-    if chain.is_empty() {
+    let Some(own) = chain.first().cloned() else {
         return Err(refuse("--tls-cert", certificate, &"no certificate", of_chain));
-    }
+    };
     let private = PrivateKeyDer::from_pem_file(key)
         .map_err(|e| refuse("--tls-key", key, &e, "a PEM file of a private key"))?;
     let mut config = ServerConfig::builder_with_provider(Arc::new(default_provider()))
@@ -58,5 +85,5 @@ fn config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>> {
             refuse("--tls-key", key, &e, "the private key of the first certificate of --tls-cert")
         })?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok(Arc::new(config))
+    Ok((Arc::new(config), own))
 }

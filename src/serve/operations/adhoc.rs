@@ -26,12 +26,12 @@ pub fn operations() -> Vec<Operation> {
 
 fn simulate(app: &RequestContext, JsonBody(body): JsonBody<SimulateIn>) -> Result<SimulationOut> {
     let simulation = body.simulation(&app.catalogue)?;
-    Ok(simulation.run(&app.shared().limits.request_limits(), app.budget())?.into())
+    Ok(simulation.run(&app.shared().limits().request_limits(), app.budget())?.into())
 }
 
 fn place(app: &RequestContext, JsonBody(body): JsonBody<PlaceIn>) -> Result<PlacementsOut> {
     let (scene, actions) = body.read(&app.catalogue)?;
     Ok(PlacementsOut {
-        reasons: placement_errors(&scene, &actions, &app.shared().limits.request_limits(), app.budget())?,
+        reasons: placement_errors(&scene, &actions, &app.shared().limits().request_limits(), app.budget())?,
     })
 }

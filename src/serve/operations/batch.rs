@@ -50,7 +50,7 @@ fn create(
     let ids: Vec<String> = seeds.iter().map(|_| app.worlds().new_id()).collect();
     let out = |made: &[ListedWorld]| CreatedWorlds {
         worlds: ids.clone(),
-        world: WorldOut::of(&made[0], made[0].used),
+        world: WorldOut::of(&made[0], app.describe(&made[0]), made[0].used),
     };
     let made = app.worlds().make_many(&ids, &config, &seeds, &|made| keep(&out(made)))?;
     Ok(out(&made))

@@ -252,7 +252,7 @@ fn open_dedicated_world(
 ) -> Result<Option<World>> {
     let RealitySource::Dedicated(saved) = &plan.real else { return Ok(None) };
     let world = World::new(SavedWorld::clone(saved).config(&base.catalogue)?)?;
-    Ok(Some(world.with_past(spent()?, None)))
+    Ok(Some(base.worlds.count_copies(world.with_past(spent()?, None))))
 }
 
 /// A round for storage, without its measurements, which have their own table.

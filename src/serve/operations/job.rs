@@ -7,9 +7,11 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::json::to_value;
+use crate::access::Principal;
 use crate::error::{Error, Result};
 use crate::job::{DeleteOutcome, JobContext, JobSpec, Watcher, Work, WorkOutcome};
 use crate::json::from_value;
+use crate::serve::concealment::conceal_job;
 use crate::serve::operation::{
     ACT, EventStream, Extractor, HandlerOutput, LastEventId, NextEvent, Operation, OperationDoc,
     OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, RecordResponse, ServerEvent,
@@ -190,19 +192,26 @@ fn events(
     app: &RequestContext,
     (PathId(id), LastEventId(seen)): (PathId, LastEventId),
 ) -> Result<OperationResponse> {
-    let watcher = app.jobs().watch(&id, seen)?;
+    let (watcher, viewer) = app.jobs().watch(&id, seen)?;
     Ok(if watcher.exhausted() {
         ().into_response()
     } else {
-        OperationResponse::ok(Payload::EventStream(Box::new(watcher)))
+        OperationResponse::ok(Payload::EventStream(Box::new(JobEvents { watcher, viewer })))
     })
 }
 
+/// A job's events as a caller may see them.
+struct JobEvents {
+    watcher: Watcher,
+    viewer: Principal,
+}
+
 /// `done` for a job that has ended, otherwise `progress`.
-impl EventStream for Watcher {
+impl EventStream for JobEvents {
     fn next(&mut self) -> NextEvent<'_> {
         Box::pin(async {
-            let (id, job) = Watcher::next(self).await?;
+            let (id, job) = self.watcher.next().await?;
+            let job = conceal_job(job, &self.viewer);
             let name = if job.row.state.ended() { "done" } else { "progress" };
             let data = serde_json::to_string(&JobOut::from(job)).ok()?;
             Some(ServerEvent { id: Some(id), name, data })

@@ -4,6 +4,7 @@ use prometheus_client::encoding::prometheus_text;
 
 use crate::error::Result;
 use crate::serve::execution_class::ExecutionClass;
+use crate::serve::limits::Limits;
 use crate::serve::operation::{
     HandlerOutput, MediaBody, Operation, OperationDoc, OperationResponse, PUBLIC, Payload, READ, get,
 };
@@ -21,8 +22,8 @@ pub fn operations() -> Vec<Operation> {
         get("readyz", "/readyz", "system", PUBLIC)
             .about("Readiness check.")
             .response::<Health>(200, "")
-            .response::<Health>(503, "The server is stopping")
-            .classified_handler(|_, ()| ExecutionClass::Inline, ready),
+            .response::<Health>(503, "The server is stopping, or its disk takes no writes")
+            .classified_handler(ready_class, ready),
         get("metrics", "/metrics", "system", READ)
             .about("Metrics for Prometheus.")
             .media_response(200, "", &["text/plain"])
@@ -30,7 +31,7 @@ pub fn operations() -> Vec<Operation> {
             .handler(metrics),
         get("get_limits", "/v1/limits", "system", READ)
             .about("Returns the server's limits.")
-            .classified_handler(|_, ()| ExecutionClass::Inline, |app, ()| Ok(app.shared().limits.clone())),
+            .classified_handler(|_, ()| ExecutionClass::Inline, |app, ()| Ok(Limits::clone(&app.shared().limits()))),
         get("openapi", "/openapi.json", "system", READ)
             .about("Returns this OpenAPI document.")
             .handler(|app, ()| Ok(OpenApiDocument(app.shared().document))),
@@ -55,7 +56,16 @@ fn health(status: &'static str) -> Health {
 }
 
 fn ready(app: &RequestContext, (): ()) -> Result<(u16, Health)> {
-    Ok(if *app.shared().stopping.borrow() { (503, health("stopping")) } else { (200, health("ready")) })
+    let shared = app.shared();
+    if *shared.stopping.borrow() {
+        return Ok((503, health("stopping")));
+    }
+    Ok(if shared.disk.check(app.store()) { (200, health("ready")) } else { (503, health("disk")) })
+}
+
+/// A probe of the disk waits for it.
+fn ready_class(app: &RequestContext, (): &()) -> ExecutionClass {
+    if app.shared().disk.recent().is_some() { ExecutionClass::Inline } else { ExecutionClass::Blocking }
 }
 
 fn metrics(app: &RequestContext, (): ()) -> Result<MediaBody> {

@@ -21,7 +21,7 @@ use crate::serve::wire::{
     CreateWorld, ResetOut, RolloutIn, RolloutOut, StepIn, StepOut, WatchStart, WorldEventOut, WorldOut,
     WorldsPage, drawable_scene,
 };
-use crate::session::{Reset, World, WorldList, WorldWatcher};
+use crate::session::{ListedWorld, Reset, World, WorldList, WorldWatcher};
 
 /// Operations on one world.
 pub fn operations() -> Vec<Operation> {
@@ -135,7 +135,7 @@ fn list(app: &RequestContext, WorldsQuery(by_use, page): WorldsQuery) -> Result<
         next = page.truncate("worlds", &mut all, |w| w.id.clone());
     }
     let now = app.now();
-    Ok(WorldsPage { worlds: all.iter().map(|w| WorldOut::of(w, now)).collect(), next })
+    Ok(WorldsPage { worlds: all.iter().map(|w| WorldOut::of(w, app.describe(w), now)).collect(), next })
 }
 
 fn create(
@@ -151,7 +151,7 @@ fn create(
 }
 
 fn one(app: &RequestContext, PathId(id): PathId) -> Result<WorldOut> {
-    Ok(WorldOut::of(&app.worlds().get(&id)?, app.now()))
+    Ok(described(app, &app.worlds().get(&id)?))
 }
 
 fn watch(
@@ -165,7 +165,7 @@ fn watch(
     let first = WatchStart {
         task: listed.world.describe().current.unwrap_or_else(|| tasks[0].id.clone()),
         scene: drawable_scene(&listed.world.scene(None, None)?),
-        world: WorldOut::of(&listed, app.now()),
+        world: described(app, &listed),
     };
     let data =
         serde_json::to_string(&first).map_err(|e| Error::Failed(format!("cannot serialise a world: {e}")))?;
@@ -214,7 +214,11 @@ fn set_latents(
 ) -> Result<WorldOut> {
     let listed = app.worlds().get(&id)?;
     listed.world.set_latents(body.checked("")?)?;
-    Ok(WorldOut::of(&listed, app.now()))
+    Ok(described(app, &listed))
+}
+
+fn described(app: &RequestContext, listed: &ListedWorld) -> WorldOut {
+    WorldOut::of(listed, app.describe(listed), app.now())
 }
 
 /// Attempts many actions; trajectories are binary arrays if the client accepts them.

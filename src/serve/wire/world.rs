@@ -63,9 +63,9 @@ pub struct WorldOut {
     pub kind: WorldKind,
     pub engine: &'static str,
     pub sealed: bool,
-    /// `null` if sealed.
+    /// `null` if sealed, or if another client chose them for its real world.
     pub latents: Option<LatentsOut>,
-    /// `null` if sealed.
+    /// As `latents`.
     pub effects: Option<Vec<EffectTerm>>,
     /// Valid attempts so far: steps, rollouts, renders and jobs.
     pub interactions: u64,
@@ -126,10 +126,10 @@ impl CreateWorld {
 }
 
 impl WorldOut {
-    /// From a listed world at time `now`.
-    pub fn of(listed: &ListedWorld, now: Duration) -> WorldOut {
+    /// From a listed world at time `now`, as described to the caller.
+    pub fn of(listed: &ListedWorld, description: WorldDescription, now: Duration) -> WorldOut {
         let idle_s = now.saturating_sub(listed.used).as_secs();
-        WorldOut { idle_s, ..WorldOut::new(&listed.id, listed.owner.as_deref(), listed.world.describe()) }
+        WorldOut { idle_s, ..WorldOut::new(&listed.id, listed.owner.as_deref(), description) }
     }
 
     /// From a world that is in use now.

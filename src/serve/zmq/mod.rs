@@ -145,7 +145,7 @@ fn accept_peer(shared: &Arc<AppState>, at: Client, from: ReadHalf, mut to: Write
                     shared.keyring.authenticate(token.as_ref(), now()).ok().filter(|who| who.name.is_some());
                 if let Some(who) = principal {
                     let client = Client::identify(&who, &at);
-                    if shared.zmq_connections.count(&client) >= shared.limits.client_connections {
+                    if shared.zmq_connections.count(&client) >= shared.limits().client_connections {
                         return;
                     }
                     permit.transfer(&client);

@@ -1,6 +1,7 @@
 //! One client: its concurrent requests, each answered once; requests that share a resource run in order.
 
 use std::collections::HashMap;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -13,9 +14,12 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use super::message::{self, NIL, ZmqRequest, ZmqResponse, serialize};
 use super::zmtp::{self, MAX_FRAMES, MAX_MESSAGE_BYTES, Received, Receiver};
 use crate::access::{Digest, Principal, Scope, now};
+use crate::error::Error;
+use crate::serve::byte_limiter::BytePermit;
 use crate::serve::client::Client;
 use crate::serve::deadline::RequestDeadline;
-use crate::serve::execution_class::ExecutionClass;
+use crate::serve::execution_class::{ExecutionClass, MAX_INLINE_BODY_BYTES};
+use crate::serve::limits::Limits;
 use crate::serve::log::{RequestLine, parse_traceparent, slug, valid_request_id};
 use crate::serve::operation::Operation;
 use crate::serve::operations::operation;
@@ -56,12 +60,13 @@ pub async fn serve(
         } else {
             MAX_UNAUTHENTICATED_MESSAGE_BYTES
         });
+        receiver.set_permit(peer.byte_permit());
         let received = tokio::select! {
-            received = receiver.receive() => received,
+            received = peer.receive(&mut receiver) => received,
             _ = stopping.wait_for(|s| *s) => break false,
         };
         match received {
-            Ok(Some(Received::Message(frames))) => peer.take(frames).await,
+            Ok(Some(Received::Message(frames))) => peer.take(frames, receiver.take_permit()).await,
             Ok(Some(Received::TooLarge(frames))) => peer.refuse_large(frames).await,
             Ok(Some(Received::Ping(context))) => peer.pong(&context).await,
             Ok(None) => break true,
@@ -99,6 +104,12 @@ struct Peer {
     last: Mutex<HashMap<String, watch::Receiver<()>>>,
 }
 
+/// Size of a message, and its permit until it is answered.
+struct ReceivedBytes {
+    bytes: usize,
+    byte_permit: Option<BytePermit>,
+}
+
 /// A request in flight.
 struct InFlightRequest {
     cancel: Option<oneshot::Sender<()>>,
@@ -120,13 +131,51 @@ impl Peer {
         ReplyAddress { id, request_id, traceparent: None, delimited, since }
     }
 
-    /// Handles a message: answers it at once, or starts a task that does.
-    async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
+    /// The next message, within HTTP's time limits of bodies and of silence; `None` at the end of the connection.
+    async fn receive(&self, receiver: &mut Receiver<ReadHalf>) -> io::Result<Option<Received>> {
+        let limits = self.shared.limits();
+        let (idle, message) = (Limits::duration(limits.idle_seconds), Limits::duration(limits.body_seconds));
+        loop {
+            match tokio::time::timeout(idle, receiver.wait()).await {
+                Ok(Ok(true)) => break,
+                Ok(Ok(false)) => return Ok(None),
+                Ok(Err(e)) => return Err(e),
+                // A client that waits for an answer is not idle.
+                Err(_) if self.permits.available_permits() < MAX_IN_FLIGHT_REQUESTS => {}
+                Err(_) => return Ok(None),
+            }
+        }
+        tokio::time::timeout(message, receiver.receive()).await.map_err(io::Error::from)?
+    }
+
+    /// The client of a request that arrives now.
+    fn client(&self) -> Client {
+        self.who().map_or_else(|_| self.at.clone(), |who| Client::identify(&who, &self.at))
+    }
+
+    fn byte_permit(&self) -> BytePermit {
+        self.shared.body_bytes.permit(&self.client(), self.shared.limits().byte_capacity())
+    }
+
+    /// Runs the parsing of a message: of a large one on a blocking thread, with a permit.
+    async fn parse<T: Send + 'static>(&self, bytes: usize, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+        let work = || catch_unwind(AssertUnwindSafe(work)).ok();
+        if bytes <= MAX_INLINE_BODY_BYTES {
+            return work();
+        }
+        let _permit = self.shared.scheduler.compute.acquire(&self.client()).await;
+        tokio::task::spawn_blocking(work).await.ok().flatten()
+    }
+
+    /// Handles a message: answers it at once, or starts a task that does. The permit for its bytes is dropped with the answer.
+    async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>, byte_permit: Option<BytePermit>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
         if delimited {
             frames.remove(0);
         }
-        let (id, mut request) = message::read(frames);
+        let bytes = frames.iter().map(Vec::len).sum();
+        let unread = || (NIL.to_vec(), Err(Error::Failed("a bug in the program: a message was not parsed".into())));
+        let (id, mut request) = self.parse(bytes, || message::read(frames)).await.unwrap_or_else(unread);
         let mut to = self.address(id, delimited);
         if let Ok(request) = &mut request {
             to.set_request_id(request);
@@ -141,7 +190,7 @@ impl Peer {
                 }
                 name => match operation(name) {
                     Err(problem) => self.answer(&to, "none", Err(problem)).await,
-                    Ok(operation) => self.start(operation, request, to).await,
+                    Ok(operation) => self.start(operation, request, ReceivedBytes { bytes, byte_permit }, to).await,
                 },
             },
         }
@@ -158,7 +207,13 @@ impl Peer {
         Ok(RequestContext::new(&self.shared, who, &self.at, span))
     }
 
-    async fn start(self: &Arc<Self>, operation: &'static Operation, request: ZmqRequest, to: ReplyAddress) {
+    async fn start(
+        self: &Arc<Self>,
+        operation: &'static Operation,
+        request: ZmqRequest,
+        received: ReceivedBytes,
+        to: ReplyAddress,
+    ) {
         let app = match self.app(operation, &request) {
             Ok(app) => Arc::new(app),
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
@@ -168,10 +223,11 @@ impl Peer {
         };
         let alone = self.permits.available_permits() == MAX_IN_FLIGHT_REQUESTS - 1;
         let (raw, names) = (request.operation_request.raw, request.operation_request.resource_ids());
-        let ready = catch_unwind(AssertUnwindSafe(|| {
-            operation.authorize(&app).and_then(|allowed| allowed.prepare(&app, request.operation_request))
-        }));
-        let call = match ready.unwrap_or_else(|_| Err(Problem::internal())) {
+        let context = app.clone();
+        let prepare =
+            move || operation.authorize(&context)?.prepare(&context, request.operation_request);
+        let ready = self.parse(received.bytes, prepare).await;
+        let call = match ready.unwrap_or_else(|| Err(Problem::internal())) {
             Ok(call) => call,
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
@@ -202,6 +258,7 @@ impl Peer {
         let (before, turn) = self.queue(names);
         let peer = self.clone();
         tokio::spawn(async move {
+            let _byte_permit = received.byte_permit;
             let work = async {
                 for mut earlier in before {
                     // An error means that the sender was dropped: the earlier request has ended.
@@ -246,7 +303,7 @@ impl Peer {
 
     fn cancel(&self, request: &ZmqRequest) -> HandlerResult<ZmqResponse> {
         let id = request.cancel_target.as_ref().filter(|id| **id != NIL).ok_or_else(|| {
-            let e = crate::error::Error::input("args.request", "missing", "the id of a request in progress");
+            let e = Error::input("args.request", "missing", "the id of a request in progress");
             Problem::malformed(e)
         })?;
         let cancelled = lock(&self.in_flight).get_mut(id).and_then(|flight| {
@@ -343,5 +400,5 @@ impl ReplyAddress {
 /// The problem of a request whose id is that of a request in progress.
 fn repeated_id() -> Problem {
     let allowed = "an id that is not in use";
-    Problem::malformed(crate::error::Error::input("id", "the id of a request in progress", allowed))
+    Problem::malformed(Error::input("id", "the id of a request in progress", allowed))
 }

@@ -12,6 +12,7 @@
 
 use std::io::{self, ErrorKind};
 
+use crate::serve::byte_limiter::BytePermit;
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 
 /// Maximum size of a message, bytes.
@@ -26,6 +27,8 @@ pub struct Receiver<R> {
     from: BufReader<R>,
     /// Maximum size of an accepted message, bytes.
     max_bytes: usize,
+    /// Grows with the bytes of the message that is arriving.
+    permit: Option<BytePermit>,
 }
 
 /// Data received from a peer.
@@ -49,7 +52,7 @@ where
     W: AsyncWrite + Unpin,
 {
     let mut receiver =
-        Receiver { from: BufReader::with_capacity(64 * 1024, from), max_bytes: MAX_MESSAGE_BYTES };
+        Receiver { from: BufReader::with_capacity(CHUNK_BYTES, from), max_bytes: MAX_MESSAGE_BYTES, permit: None };
     to.write_all(&greeting()).await?;
     let mut theirs = [0; 64];
     // Other protocols are detected by the first byte.
@@ -119,6 +122,21 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
         self.max_bytes = bytes;
     }
 
+    /// The bytes of the next message are counted by this permit.
+    pub fn set_permit(&mut self, permit: BytePermit) {
+        self.permit = Some(permit);
+    }
+
+    /// The permit of the message that was received.
+    pub fn take_permit(&mut self) -> Option<BytePermit> {
+        self.permit.take()
+    }
+
+    /// Waits until something arrives; false at the end of the stream.
+    pub async fn wait(&mut self) -> io::Result<bool> {
+        Ok(!self.from.fill_buf().await?.is_empty())
+    }
+
     /// First part of PLAIN (RFC 24): HELLO with a name and a password, which is the token; then WELCOME.
     async fn hello<W: AsyncWrite + Unpin>(&mut self, to: &mut W) -> io::Result<Vec<u8>> {
         let body = self.command().await?;
@@ -147,7 +165,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
     pub async fn receive(&mut self) -> io::Result<Option<Received>> {
         let (mut frames, mut bytes, mut too_large) = (Vec::new(), 0usize, false);
         loop {
-            if frames.is_empty() && !too_large && self.from.fill_buf().await?.is_empty() {
+            if frames.is_empty() && !too_large && !self.wait().await? {
                 return Ok(None);
             }
             let (flags, length) = self.head().await?;
@@ -201,14 +219,22 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
 
     /// Memory grows with the bytes received, not with the announced length.
     async fn body(&mut self, length: usize) -> io::Result<Vec<u8>> {
-        if let Some(body) = self.from.buffer().get(..length) {
-            let body = body.to_vec();
-            self.from.consume(length);
-            return Ok(body);
+        let mut body = Vec::with_capacity(length.min(CHUNK_BYTES));
+        while body.len() < length {
+            let rest = length - body.len();
+            let part = self.from.fill_buf().await?;
+            let part = &part[..part.len().min(rest)];
+            if part.is_empty() {
+                return Err(ErrorKind::UnexpectedEof.into());
+            }
+            if self.permit.as_mut().is_some_and(|permit| !permit.grow(part.len())) {
+                return Err(protocol_error("too many bytes in messages that are not answered yet"));
+            }
+            body.extend_from_slice(part);
+            let taken = part.len();
+            self.from.consume(taken);
         }
-        let mut body = Vec::with_capacity(length.min(64 * 1024));
-        let read = (&mut self.from).take(length as u64).read_to_end(&mut body).await?;
-        if read < length { Err(ErrorKind::UnexpectedEof.into()) } else { Ok(body) }
+        Ok(body)
     }
 }
 
@@ -241,6 +267,8 @@ pub async fn pong<W: AsyncWrite + Unpin>(to: &mut W, context: &[u8]) -> io::Resu
 const MORE: u8 = 1;
 const LONG: u8 = 2;
 const COMMAND: u8 = 4;
+/// Bytes read at a time.
+const CHUNK_BYTES: usize = 64 * 1024;
 /// Frames up to this size are written together with their neighbours, bytes.
 const COALESCE_BYTES: usize = 64 * 1024;
 
@@ -299,7 +327,7 @@ mod tests {
     }
 
     async fn receive(bytes: &[u8]) -> io::Result<Option<Received>> {
-        Receiver { from: BufReader::new(bytes), max_bytes: MAX_MESSAGE_BYTES }.receive().await
+        Receiver { from: BufReader::new(bytes), max_bytes: MAX_MESSAGE_BYTES, permit: None }.receive().await
     }
 
     #[test]

@@ -213,14 +213,14 @@ impl World {
         let mut hidden = lock(hidden);
         let before = hidden.interactions();
         let measured = hidden.measure_within(budget, trial.task, trial.actions);
-        let interactions = hidden.interactions();
-        lock(&self.state).interactions = interactions;
+        let made = hidden.interactions() - before;
+        let interactions = self.count_measured(made);
         let attempts = match measured {
             Ok(attempts) => attempts,
             Err(e) => {
                 drop(hidden);
                 // An interrupted measurement returns nothing but still counts.
-                if let Some(account) = self.account.as_ref().filter(|_| interactions > before) {
+                if let Some(account) = self.account.as_ref().filter(|_| made > 0) {
                     account.store.count_world(&account.id, interactions)?;
                 }
                 return Err(e);
@@ -234,7 +234,10 @@ impl World {
         let results: Vec<AttemptResult> = results.collect();
         match store {
             // The world stays locked so that the stored counter matches the stored results.
-            Some(store) => store(&results, interactions)?,
+            Some(store) => {
+                self.write_original()?;
+                store(&results, interactions)?;
+            }
             None => {
                 drop(hidden);
                 if let Some(account) = &self.account {

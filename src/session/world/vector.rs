@@ -13,7 +13,7 @@ use super::World;
 use super::episode::{EpisodeStart, Reset, StepResult, StepSummary, TaskSource};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
-use crate::reality::{HiddenWorld, measure_each};
+use crate::reality::{HiddenWorld, Reality, measure_each};
 use crate::session::action::Action;
 use crate::session::catalogue::TaskContext;
 use crate::session::limits::RequestLimits;
@@ -241,16 +241,16 @@ fn measure(
         .into_iter()
         .filter_map(|k| worlds[valid[k].i].hidden.as_ref().map(|hidden| (k, lock(hidden))))
         .collect();
+    let before: Vec<u64> = guards.iter().map(|(_, hidden)| hidden.interactions()).collect();
     let mut batch: Vec<(&mut HiddenWorld, &Scene)> =
         guards.iter_mut().map(|(k, hidden)| (&mut **hidden, valid[*k].scene)).collect();
     let observed = measure_each(budget, &mut batch);
     // Interrupted measurements count, too.
     let mut to_write = None;
-    for (k, hidden) in &guards {
-        use crate::reality::Reality;
-        let (world, interactions) = (&worlds[valid[*k].i], hidden.interactions());
-        let before = std::mem::replace(&mut lock(&world.state).interactions, interactions);
-        if let Some(account) = world.account.as_ref().filter(|_| interactions > before) {
+    for ((k, hidden), before) in guards.iter().zip(before) {
+        let (world, made) = (&worlds[valid[*k].i], hidden.interactions() - before);
+        let interactions = world.count_measured(made);
+        if let Some(account) = world.account.as_ref().filter(|_| made > 0) {
             account.store.note_world(&account.id, interactions, None);
             to_write = Some(&account.store);
         }
