@@ -22,6 +22,8 @@ pub struct ActiveJob {
     pub cancel: Arc<AtomicBool>,
     /// Results arrived while it ran: it is queued again instead of waiting.
     pub results_complete: bool,
+    /// Whether memory was scarce while it ran.
+    pub scarce_memory: bool,
     pub eta: EtaEstimator,
     pub events: VecDeque<JobEvent>,
     /// Reported by its work since the last event.
@@ -55,6 +57,7 @@ impl ActiveJob {
             cancel: Arc::default(),
             figures: Vec::new(),
             results_complete: false,
+            scarce_memory: false,
             eta: EtaEstimator::default(),
             size: 0,
             work,

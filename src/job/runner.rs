@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::active::ActiveJob;
 use super::record::{DeleteOutcome, Job, number, unknown};
-use super::state::{OnJobEnd, RunnerConfig, RunnerState};
+use super::state::{OnJobEnd, RunnerConfig, RunnerState, SCARCE_START_WEIGHT};
 use super::watch::Watcher;
 use super::work::WorkFactories;
 use crate::error::{Error, Result};
@@ -53,6 +53,20 @@ impl Runner {
         }
         shared.start_jobs();
         Ok(Runner { shared })
+    }
+
+    /// Memory is scarce: the present start of every running job weighs more if it is the last thing that happens.
+    pub fn note_scarce_memory(&self) -> Result<()> {
+        let running: Vec<i64> = {
+            let mut state = self.shared.state();
+            let new = state.jobs.values_mut().filter(|live| live.row.state == JobState::Running && !live.scarce_memory);
+            new.map(|live| {
+                live.scarce_memory = true;
+                live.row.number
+            })
+            .collect()
+        };
+        running.iter().try_for_each(|number| self.shared.store.weigh_start(*number, SCARCE_START_WEIGHT))
     }
 
     /// Replaces the configuration; running jobs go on.
@@ -489,11 +503,32 @@ mod tests {
         let gone = store.add_job("knitting", &json!({}), &json!(1), 0, None, &|_| None).unwrap().number;
         let (runner, _) = runner_on(&store, 4);
         reach(&runner, &id(moving), JobState::Succeeded);
-        for (number, word) in [(stuck, "2 times"), (gone, "start it again")] {
+        for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {
             let row = store.job(number).unwrap().unwrap();
             assert_eq!(row.state, JobState::Failed);
             assert!(row.error.unwrap()["detail"].as_str().unwrap().contains(word));
         }
+    }
+
+    #[test]
+    fn fails_job_that_twice_ended_the_server_by_memory() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        for lost in 0..2 {
+            let (runner, begun) = runner_on(&store, 4);
+            if lost == 0 {
+                submit(&runner, "endless").unwrap();
+            }
+            begun.recv().unwrap();
+            runner.note_scarce_memory().unwrap();
+            runner.note_scarce_memory().unwrap();
+            let starts = store.job(1).unwrap().unwrap().starts;
+            assert_eq!(starts, SCARCE_START_WEIGHT * (lost + 1));
+            runner.stop(Duration::from_secs(60));
+            // A kill would not have put it back.
+            (0..starts - store.job(1).unwrap().unwrap().starts).for_each(|_| store.begin_job(1).unwrap());
+        }
+        let (runner, _) = runner_on(&store, 4);
+        assert_eq!(runner.get("job-1").unwrap().row.state, JobState::Failed);
     }
 
     #[test]

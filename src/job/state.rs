@@ -36,8 +36,11 @@ pub struct RunnerConfig {
 /// Callback for jobs that have ended.
 pub type OnJobEnd = Box<dyn Fn(&JobRow) + Send + Sync>;
 
-/// Starts without progress after which a job fails: it may be the job that ends the server, by taking all memory.
-pub const MAX_STARTS_WITHOUT_PROGRESS: u32 = 2;
+/// Starts without progress after which a job fails. A start during which memory was scarce counts as [`SCARCE_START_WEIGHT`], so
+/// that a job that ended the server twice by taking all memory is not tried again.
+pub const MAX_STARTS_WITHOUT_PROGRESS: u32 = 5;
+/// Weight of a start during which memory was scarce.
+pub const SCARCE_START_WEIGHT: u32 = 3;
 /// Maximum number of jobs that run at a time because their clients had none, unless [`RunnerConfig::running`] is larger.
 const MAX_RUNNING_CLIENTS: usize = 16;
 
@@ -264,6 +267,7 @@ impl RunnerState {
             let Some(work) = live.work.take() else { continue };
             live.row.state = JobState::Running;
             live.results_complete = false;
+            live.scarce_memory = false;
             live.eta = EtaEstimator::default();
             live.figures.clear();
             live.emit(None);

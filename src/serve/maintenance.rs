@@ -9,6 +9,7 @@ use super::client::Client;
 use super::config::ServeConfig;
 use super::limits::Limits;
 use super::memory;
+use super::memory_pressure::is_memory_scarce;
 use super::operations;
 use super::request_context::RequestContext;
 use super::state::AppState;
@@ -42,6 +43,7 @@ impl Maintenance {
             tokio::spawn(sweep(shared.clone())),
             tokio::spawn(write(shared.clone())),
             tokio::spawn(refresh_tokens(shared.clone())),
+            tokio::spawn(watch_memory(shared.clone())),
         ];
         Maintenance { shared: shared.clone(), tasks }
     }
@@ -128,6 +130,22 @@ async fn refresh_tokens(shared: Arc<AppState>) {
             tracing::error!("tokens cannot be reloaded; the previous ones stay valid: {error}");
         }
         last_error = error;
+    }
+}
+
+/// Ten times a second: notes in the store which jobs run while memory is scarce, before the system ends the process.
+async fn watch_memory(shared: Arc<AppState>) {
+    loop {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let shared = shared.clone();
+        let watch = move || {
+            if is_memory_scarce()
+                && let Err(e) = shared.jobs.note_scarce_memory()
+            {
+                tracing::error!("the jobs that run while memory is scarce could not be noted: {e}");
+            }
+        };
+        let _ = tokio::task::spawn_blocking(watch).await;
     }
 }
 

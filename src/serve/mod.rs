@@ -19,7 +19,7 @@
 //! | `limits` | sizes, counts and timeouts |
 //! | `metrics` `log` | counters and durations; one log line per request and job |
 //! | `cache` | a bounded cache of expensive values |
-//! | `memory` | allocator settings |
+//! | `memory` `memory_pressure` | allocator settings; whether memory is scarce |
 //! | `config` `signal` | server configuration; stop signals |
 //! | `fuzz` | entry points for fuzzing |
 //!
@@ -50,6 +50,7 @@ mod log;
 mod maintenance;
 mod mcp;
 mod memory;
+mod memory_pressure;
 mod metrics;
 mod operation;
 mod operations;

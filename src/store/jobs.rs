@@ -139,6 +139,11 @@ impl Store {
         self.move_job(number, "state = 'running', starts = starts + 1")
     }
 
+    /// Counts the present start of a job as `weight` starts.
+    pub fn weigh_start(&self, number: i64, weight: u32) -> Result<()> {
+        self.move_job(number, &format!("starts = starts + {}", weight.saturating_sub(1)))
+    }
+
     /// Stores that a job is queued again; its last start does not count, since the job did not cause the stop.
     pub fn put_back_job(&self, number: i64) -> Result<()> {
         self.move_job(number, "state = 'queued', starts = max(starts - 1, 0)")

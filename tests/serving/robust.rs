@@ -113,7 +113,7 @@ fn attempts_in_a_copy_of_a_shared_real_world_count_there() {
 fn attempts_of_an_estimation_count_in_the_shared_real_world() {
     let place = tempfile::tempdir().unwrap();
     let server = start(place.path(), Limits::default());
-    let body = json!({"task": "bowling", "rounds": 1, "rollouts": 4, "strategy": "random"});
+    let body = json!({"task": "bowling", "rounds": 1, "actions": 4, "strategy": "random"});
     let job = post(&server, "ann", "/v1/iplw", &body);
     let end = wait(&server, "ann", &job);
     assert_eq!(end["state"], "succeeded", "{end}");
@@ -142,7 +142,7 @@ fn physics_of_a_clients_own_real_world_is_its_owners() {
     let own = json!({"task": "bowling", "kind": "real", "sealed": false, "effects": [],
         "latents": {"mass": 1.0, "friction": number, "restitution": 0.4}});
     let world = post(&server, "ann", "/v1/worlds", &own)["id"].as_str().unwrap().to_string();
-    let body = json!({"task": "bowling", "rounds": 1, "rollouts": 1, "strategy": "random",
+    let body = json!({"task": "bowling", "rounds": 1, "actions": 1, "strategy": "random",
         "real": {"latents": {"friction": number}, "damping": 0.123_456_789}});
     let job = post(&server, "ann", "/v1/iplw", &body);
     wait(&server, "ann", &job);
@@ -248,7 +248,7 @@ fn quotas_of_one_owner_leave_room_for_others() {
     problem(send(&server, "bob", Method::POST, "/v1/batch/worlds", &many), 429, "capacity");
     post(&server, "bob", "/v1/worlds", &world);
     // Jobs without end: one of ann's runs, two wait, and bob's first runs beside it.
-    let endless = json!({"task": "bowling", "rounds": 1000, "rollouts": 1000, "strategy": "random"});
+    let endless = json!({"task": "bowling", "rounds": 100, "actions": 1000, "strategy": "random"});
     let state = |who: &str, job: &Value| {
         get(&server, who, &format!("/v1/jobs/{}", job["id"].as_str().unwrap()))["state"].clone()
     };
