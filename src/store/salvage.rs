@@ -147,7 +147,7 @@ fn drop_policies_without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::
         query(new, select, [], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?)))?;
     let mut dropped = Vec::new();
     for (id, blob, digest) in policies {
-        if blobs.digest(&blob).as_deref() != Some(&digest) {
+        if blobs.digest(&blob).ok().flatten().as_deref() != Some(&digest) {
             new.execute("DELETE FROM policy WHERE id = ?1", [&id])?;
             dropped.push(DamagedRecord {
                 record: format!("policy {id}"),

@@ -251,7 +251,7 @@ fn measure(
         let (world, interactions) = (&worlds[valid[*k].i], hidden.interactions());
         let before = std::mem::replace(&mut lock(&world.state).interactions, interactions);
         if let Some(account) = world.account.as_ref().filter(|_| interactions > before) {
-            account.store.note_world(&account.id, interactions, None);
+            account.store.note_world(&account.id, interactions);
             to_write = Some(&account.store);
         }
     }
