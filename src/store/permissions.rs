@@ -54,14 +54,16 @@ pub fn restrict_files(directory: &Path) {
     if fs::symlink_metadata(&policies).is_ok_and(|m| m.is_dir()) {
         restrict(&policies, 0o700);
     }
-    let folders: [(&Path, fn(&str) -> bool); 2] =
-        [(directory, layout::is_own_name), (&policies, layout::is_blob_name)];
-    for (folder, is_own) in folders {
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let named = entry.file_name().to_str().is_some_and(is_own);
-            if named && entry.file_type().is_ok_and(|t| t.is_file()) {
-                restrict(&entry.path(), 0o600);
-            }
+    restrict_named(directory, layout::is_own_name);
+    restrict_named(&policies, layout::is_blob_name);
+}
+
+/// Makes the regular files whose name is one of the program's private.
+fn restrict_named(folder: &Path, is_own: fn(&str) -> bool) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let named = entry.file_name().to_str().is_some_and(is_own);
+        if named && entry.file_type().is_ok_and(|t| t.is_file()) {
+            restrict(&entry.path(), 0o600);
         }
     }
 }

@@ -183,7 +183,7 @@ fn put_aside(database: &Path) -> Result<PathBuf> {
     let named = |i: usize| {
         database.with_extension(if i == 0 { "sqlite.damaged".into() } else { format!("sqlite.damaged.{i}") })
     };
-    let target = (0..).map(named).find(|p| !p.exists()).unwrap_or_else(|| named(0));
+    let target = (0..).map(named).find(|p| fs::symlink_metadata(p).is_err()).unwrap_or_else(|| named(0));
     for beside in ["-wal", "-shm", "-journal", ""] {
         let (from, to) = (format!("{}{beside}", database.display()), format!("{}{beside}", target.display()));
         match fs::rename(&from, &to) {

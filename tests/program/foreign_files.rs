@@ -207,12 +207,14 @@ fn sockets_replace_no_files() {
     assert!(place.at("link").is_symlink());
 }
 
+const FALL: &str = r#"{"format":"iplw.scene/1","bodies":[{"name":"ball","shape":{"type":"disc","radius":0.5},"position":[0,100]}],"gravity":[0,-9.8],"time_step":0.001,"steps":100,"observe_every":50}"#;
+
 #[test]
 fn replaced_output_files_are_named() {
     let mut place = Place::new();
     let trials = worlds::trials(&worlds::single(2, 1), worlds::Noise::White, 8, 30, 8.0, 1);
-    let scene: serde_json::Value = serde_json::from_str(&worlds::scene().to_json()).unwrap();
-    fs::write(place.at("scene.json"), format!("{scene}\n")).unwrap();
+    fs::write(place.at("scene.json"), worlds::scene().to_json()).unwrap();
+    fs::write(place.at("fall.jsonl"), FALL).unwrap();
     fs::write(place.at("trials.csv"), trials_to_csv(&trials)).unwrap();
     for name in
         ["results.jsonl", "policy.safetensors", "out/report.html", "out/notes.txt", "man/iplw.1", "target"]
@@ -220,7 +222,7 @@ fn replaced_output_files_are_named() {
         place.add(name);
     }
     let named = |errors: &str, name: &str| assert!(names(errors, name), "{name}: {errors}");
-    let rollout = ["rollout", "--in", "scene.json", "--out"];
+    let rollout = ["rollout", "--in", "fall.jsonl", "--out"];
     named(&place.accept(&[&rollout[..], &["results.jsonl"]].concat()), "results.jsonl");
     let train = ["train", "--task", "basketball", "--per-task", "20", "--batches", "5"];
     named(
