@@ -11,11 +11,15 @@ use super::scope::Scope;
 use super::token::{Digest, HashedToken};
 use crate::error::{Error, Result, check_format};
 use crate::json;
-use crate::store::{make_private_directory, private_file, sha256, write_private};
+use crate::store::{
+    make_private_directory, open_lock_file, read_error, refuse_foreign_files, sha256, write_private,
+};
 
 /// A token file.
 pub struct TokenFile {
     path: PathBuf,
+    /// The data directory that it belongs to, if any.
+    data_directory: Option<PathBuf>,
 }
 
 const FORMAT: &str = "iplw.tokens/1";
@@ -65,12 +69,12 @@ pub fn parse_token_file(text: &str, place: &str) -> Result<Vec<HashedToken>> {
 impl TokenFile {
     /// The file at a path, which need not exist.
     pub fn at(path: &Path) -> TokenFile {
-        TokenFile { path: path.to_path_buf() }
+        TokenFile { path: path.to_path_buf(), data_directory: None }
     }
 
     /// The token file of a data directory.
     pub fn of_directory(directory: &Path) -> TokenFile {
-        TokenFile { path: directory.join("tokens.json") }
+        TokenFile { path: directory.join("tokens.json"), data_directory: Some(directory.to_path_buf()) }
     }
 
     /// Path of the file.
@@ -83,7 +87,7 @@ impl TokenFile {
         let text = match std::fs::read_to_string(&self.path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(Error::io(&self.path, e)),
+            Err(e) => return Err(read_error(&self.path, e)),
         };
         parse_token_file(&text, &self.path.display().to_string()).map(Some)
     }
@@ -126,12 +130,14 @@ impl TokenFile {
     }
 
     fn locked(&self) -> Result<File> {
+        if let Some(directory) = &self.data_directory {
+            refuse_foreign_files(directory)?;
+        }
         if let Some(directory) = self.path.parent().filter(|p| !p.as_os_str().is_empty()) {
             make_private_directory(directory)?;
         }
         let path = self.path.with_extension("lock");
-        let file = private_file().write(true).truncate(false).open(&path);
-        let file = file.map_err(|e| Error::io(&path, e))?;
+        let file = open_lock_file(&path)?;
         file.lock().map_err(|e| Error::io(&path, e))?;
         Ok(file)
     }

@@ -7,6 +7,7 @@ use iplw::error::{Error, Result};
 use iplw::store::{CheckReport, DamagedRecord, backup, check, restore, salvage};
 
 use super::output;
+use super::serve::environment_variable;
 
 /// Check the integrity of a data directory.
 ///
@@ -21,6 +22,9 @@ pub struct CheckArgs {
     /// The old database is kept as iplw.sqlite.damaged. A job is dropped with its measurements if any part of it is damaged.
     #[arg(long)]
     drop: bool,
+    /// Token file of the server [default: that of the data directory; also $IPLW_TOKENS]
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
 }
 
 /// Back up a data directory, even while a server uses it.
@@ -58,10 +62,19 @@ pub fn run_check(args: &CheckArgs) -> Result<()> {
         return salvage_directory(&args.directory);
     }
     let mut checked = check(&args.directory)?;
-    // With an unreadable token file the server rejects all requests.
-    if let Err(e) = TokenFile::of_directory(&args.directory).read() {
-        checked.damaged.push(DamagedRecord { record: "tokens.json".into(), how: e.to_string() });
-    }
+    let tokens = match &args.token_file {
+        Some(path) => TokenFile::at(path),
+        None => TokenFile::of_directory(&args.directory),
+    };
+    // The server does not start with an unreadable token file, nor without one if records belong to tokens.
+    let how = match tokens.read() {
+        Err(e @ Error::Refused { .. }) => return Err(e),
+        Err(e) => Some(e.to_string()),
+        Ok(None) if lacks_tokens(&checked)? => Some(MISSING_TOKENS.into()),
+        Ok(_) => None,
+    };
+    let record = tokens.path().file_name().unwrap_or_default().display().to_string();
+    checked.damaged.extend(how.map(|how| DamagedRecord { record, how }));
     output::print(&(summary(&checked) + &list(&checked.damaged)))?;
     if checked.damaged.is_empty() {
         return Ok(());
@@ -71,6 +84,26 @@ pub fn run_check(args: &CheckArgs) -> Result<()> {
         "{directory} is damaged. Restore a backup with `iplw restore BACKUP --to {directory} --replace`. Without a backup, copy the \
          directory, then drop damaged records with `iplw check {directory} --drop` (recreate tokens.json with `iplw token`)"
     )))
+}
+
+const MISSING_TOKENS: &str = "the file is missing, although records belong to tokens";
+
+/// Whether records belong to tokens, and the environment has no tokens.
+fn lacks_tokens(checked: &CheckReport) -> Result<bool> {
+    Ok(checked.has_owners && environment_variable("IPLW_TOKENS")?.is_none())
+}
+
+/// Warns of a copy without the tokens that its records belong to.
+fn warn_of_missing_tokens(directory: &Path, checked: &CheckReport) -> Result<()> {
+    let file = TokenFile::of_directory(directory);
+    if !file.path().exists() && lacks_tokens(checked)? {
+        let (file, directory) = (file.path().display(), directory.display());
+        eprintln!(
+            "{file}: {MISSING_TOKENS}; a server starts on it only with --token-file, IPLW_TOKENS, or after `iplw token new NAME \
+             --scope admin --data-dir {directory}`"
+        );
+    }
+    Ok(())
 }
 
 fn salvage_directory(directory: &Path) -> Result<()> {
@@ -83,12 +116,14 @@ fn salvage_directory(directory: &Path) -> Result<()> {
 /// `iplw backup`.
 pub fn run_backup(args: &BackupArgs) -> Result<()> {
     let checked = backup(&args.directory, &args.to)?;
+    warn_of_missing_tokens(&args.to, &checked)?;
     output::print(&format!("{}saved to {}\n", summary(&checked), args.to.display()))
 }
 
 /// `iplw restore`.
 pub fn run_restore(args: &RestoreArgs) -> Result<()> {
     let checked = restore(&args.backup, &args.to, args.replace)?;
+    warn_of_missing_tokens(&args.to, &checked)?;
     output::print(&format!("{}restored to {}\n", summary(&checked), args.to.display()))
 }
 

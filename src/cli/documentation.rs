@@ -1,6 +1,6 @@
 //! `iplw completions` and `iplw man`: shell completions and manual pages, generated from the command-line parser.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap_complete::Shell;
 use iplw::error::{Error, Result};
@@ -40,7 +40,19 @@ pub fn print_completions(args: &CompletionsArgs, mut command: clap::Command) -> 
 /// Writes the manual pages of `command`.
 pub fn write_man_pages(args: &ManArgs, command: clap::Command) -> Result<()> {
     output::prepare_directory("--out", &args.out)?;
-    clap_mangen::generate_to(command, &args.out).map_err(|e| Error::io(&args.out, e))
+    let mut command = command.disable_help_subcommand(true);
+    command.build();
+    write_man_page(&args.out, command)
+}
+
+/// Writes the page of a command and those of its subcommands.
+fn write_man_page(directory: &Path, command: clap::Command) -> Result<()> {
+    for sub in command.get_subcommands().filter(|s| !s.is_hide_set()) {
+        write_man_page(directory, sub.clone())?;
+    }
+    let (mut text, page) = (Vec::new(), clap_mangen::Man::new(command));
+    page.render(&mut text).map_err(|e| Error::io(directory, e))?;
+    output::write_whole(&directory.join(page.get_filename()), &text)
 }
 
 #[cfg(test)]

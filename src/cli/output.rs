@@ -1,15 +1,29 @@
 //! Output of results and progress.
 
+use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use iplw::error::{Error, Result};
 use iplw::progress::Progress;
-pub use iplw::store::write_whole;
 use serde::Serialize;
+
+/// Files that this process wrote.
+static WRITTEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Writes an output file atomically, and says on stderr if it replaces an older file with other contents.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let replaces = path.is_file() && std::fs::read(path).map_or(true, |old| old != bytes);
+    iplw::store::write_whole(path, bytes)?;
+    let first = WRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(path.to_path_buf());
+    if replaces && first {
+        eprintln!("replaced {}", path.display());
+    }
+    Ok(())
+}
 
 /// Rows with a header as CSV, quoted where necessary.
 pub fn csv(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>> {

@@ -4,15 +4,18 @@
 //! cross the network unencrypted.
 
 use std::net::IpAddr;
+use std::path::Path;
 
 use super::config::ServeConfig;
 use crate::access::{Keyring, TokenFile, parse_token_rows};
 use crate::error::{Error, Result};
+use crate::store::{has_owned_records, refuse_foreign_files};
 
 /// Environment variable with tokens, as rows of a token file.
 pub const TOKENS_ENV_VAR: &str = "IPLW_TOKENS";
 
-/// Tokens of the server: from the token file or the data directory, and from the configuration.
+/// Tokens of the server: from the token file or the data directory, and from the configuration. Errors if there are none although
+/// records of the data directory belong to tokens: the token file was lost, and everybody would have access.
 pub fn keyring(config: &ServeConfig) -> Result<Keyring> {
     let file = match (&config.token_file, &config.data_dir) {
         (Some(path), _) => {
@@ -23,13 +26,29 @@ pub fn keyring(config: &ServeConfig) -> Result<Keyring> {
             }
             Some(file)
         }
-        (None, Some(directory)) => Some(TokenFile::of_directory(directory)),
+        (None, Some(directory)) => {
+            refuse_foreign_files(directory)?;
+            Some(TokenFile::of_directory(directory))
+        }
         (None, None) => None,
     };
-    Keyring::new(
-        file,
-        config.tokens.as_deref().map(|text| parse_token_rows(text, TOKENS_ENV_VAR)).transpose()?,
-    )
+    let fixed = config.tokens.as_deref().map(|text| parse_token_rows(text, TOKENS_ENV_VAR)).transpose()?;
+    let keyring = Keyring::new(file, fixed)?;
+    match &config.data_dir {
+        Some(directory) if !keyring.requires_token() && has_owned_records(directory)? => {
+            Err(missing_tokens(directory))
+        }
+        _ => Ok(keyring),
+    }
+}
+
+fn missing_tokens(directory: &Path) -> Error {
+    let reason = format!(
+        "{0}/tokens.json is missing, although records in {0} belong to tokens: everybody would have access to them. Restore the file \
+         from a backup, create a token by `iplw token new NAME --scope admin --data-dir {0}`, or start with --token-file or {TOKENS_ENV_VAR}",
+        directory.display()
+    );
+    Error::Refused { reason }
 }
 
 /// Errors if the network could reach the server without a token, or tokens would be sent unencrypted.
@@ -57,7 +76,7 @@ pub fn check(config: &ServeConfig, keyring: &Keyring, http: IpAddr, zmq: Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::digest;
+    use crate::access::{HashedToken, Scope, digest};
 
     fn row(name: &str) -> String {
         format!("[{{\"name\": \"{name}\", \"scope\": \"act\", \"sha256\": \"{}\"}}]", digest(b"x").hex())
@@ -92,6 +111,28 @@ mod tests {
         };
         assert_eq!(error_of(encrypted, "0.0.0.0", Some("127.0.0.1")), None);
         assert!(error_of(encrypted, "0.0.0.0", Some("0.0.0.0")).unwrap().contains("`--zmq`"));
+    }
+
+    #[test]
+    fn lost_token_file_does_not_open_the_server() {
+        let place = tempfile::tempdir().unwrap();
+        let config = ServeConfig { data_dir: Some(place.path().into()), ..ServeConfig::default() };
+        let requires_token = |config: &ServeConfig| keyring(config).map(|k| k.requires_token());
+        assert_eq!(requires_token(&config), Ok(false), "without data");
+        let add = |id: &str, owner: Option<&str>| {
+            crate::store::Store::open(place.path()).unwrap().add_world(id, "{}", owner, None).unwrap();
+        };
+        add("w1", None);
+        assert_eq!(requires_token(&config), Ok(false), "without owners");
+        add("w2", Some("ann"));
+        let error = keyring(&config).err().unwrap().to_string();
+        assert!(error.contains("iplw token new NAME --scope admin --data-dir"), "{error}");
+        let elsewhere = ServeConfig { tokens: Some(row("ann")), ..config.clone() };
+        assert_eq!(requires_token(&elsewhere), Ok(true));
+        let (digest, name) = (digest(b"x"), "root".into());
+        let token = HashedToken { name, scope: Scope::Admin, digest, made: 0, expires: None };
+        TokenFile::of_directory(place.path()).add(&token).unwrap();
+        assert_eq!(requires_token(&config), Ok(true));
     }
 
     #[test]

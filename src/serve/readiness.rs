@@ -25,7 +25,7 @@ impl DiskProbe {
     /// Probes the disk, unless that was done a moment ago; an error is logged.
     pub fn check(&self, store: &Store) -> bool {
         self.recent().unwrap_or_else(|| {
-            let probed: Result<()> = store.flush_worlds();
+            let probed: Result<()> = store.probe_write();
             if let Err(e) = &probed {
                 tracing::error!("not ready, since the disk takes no writes: {e}");
             }

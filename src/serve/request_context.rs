@@ -90,6 +90,17 @@ impl RequestContext {
         if physics_visible { description } else { description.without_physics() }
     }
 
+    /// Errors if this many further bytes would exceed what may be stored for the caller.
+    fn check_stored_bytes(&self, further: usize) -> Result<()> {
+        let limit = self.shared.limits().owner_bytes;
+        let stored = self.shared.core.store.owner_usage(self.owner())?.bytes;
+        if stored + further as u64 <= limit {
+            return Ok(());
+        }
+        let advice = "delete policies, jobs or worlds you no longer need, or ask for a larger `owner_bytes`";
+        Err(Error::Capacity { what: "bytes stored for one token", limit: limit as usize, advice })
+    }
+
     /// Errors unless the caller has the scope.
     pub fn require_scope(&self, scope: Scope) -> Result<()> {
         if self.principal.scope >= scope {
@@ -259,6 +270,7 @@ impl WorldAccess<'_> {
         config: WorldConfig,
         answered: &dyn Fn(&World) -> Option<StoredResponse>,
     ) -> Result<Arc<World>> {
+        self.0.check_stored_bytes(0)?;
         self.all().make(id, config, self.0.principal.owner(), self.0.now(), answered)
     }
 
@@ -270,6 +282,7 @@ impl WorldAccess<'_> {
         seeds: &[u64],
         answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
     ) -> Result<Vec<ListedWorld>> {
+        self.0.check_stored_bytes(0)?;
         self.all().make_many(ids, config, seeds, self.0.principal.owner(), self.0.now(), answered)
     }
 
@@ -324,6 +337,7 @@ impl JobAccess<'_> {
 
     /// See [`crate::job::Runner::submit`]; the caller becomes the owner.
     pub fn submit(&self, new: JobSpec, answered: &dyn Fn(Job) -> Option<StoredResponse>) -> Result<Job> {
+        self.0.check_stored_bytes(0)?;
         self.0.shared.jobs.submit(new, self.0.principal.owner(), self.0.client.name(), answered)
     }
 
@@ -374,6 +388,7 @@ impl PolicyAccess<'_> {
 
     /// See [`Store::put_policy`]; the caller becomes the owner of a new one.
     pub fn put(&self, row: PolicyRow, weights: &[u8]) -> Result<(PolicyRow, bool)> {
+        self.0.check_stored_bytes(weights.len())?;
         let row = PolicyRow { owner: self.0.principal.owner().map(String::from), ..row };
         let new = self.all().put_policy(&row, weights, self.0.principal.visible_owner())?;
         Ok((row, new))

@@ -60,7 +60,7 @@ pub struct World {
     original: Option<Arc<World>>,
     /// Publishes events to watchers.
     events: EventBus,
-    /// Held during a whole reset or step, so that each action belongs to exactly one episode.
+    /// Held during a whole reset, step or change of latents, so that each action belongs to exactly one episode.
     turn: Mutex<()>,
     /// Held only briefly; always the last lock acquired.
     state: Mutex<WorldState>,
@@ -178,7 +178,7 @@ impl World {
         })
     }
 
-    /// Sets the given latent factors; an error for real and sealed worlds.
+    /// Sets the given latent factors, durably; an error for real and sealed worlds.
     pub fn set_latents(&self, latents: Latents) -> Result<()> {
         if self.kind == WorldKind::Real || self.sealed {
             return Err(Error::Sealed {
@@ -188,14 +188,21 @@ impl World {
             });
         }
         latents.validate()?;
-        let mut state = lock(&self.state);
-        state.latents = latents.or(state.latents);
+        // Concurrent changes are stored, applied and published in the same order.
+        let _turn = lock(&self.turn);
+        let (latents, interactions) = {
+            let state = lock(&self.state);
+            (latents.or(state.latents), state.interactions)
+        };
         if let Some(account) = &self.account {
-            let text = serde_json::to_string(&state.latents).ok();
-            account.store.note_world(&account.id, state.interactions, text);
+            let text = serde_json::to_string(&latents).map_err(|e| Error::Failed(e.to_string()))?;
+            account.store.set_world_latents(&account.id, interactions, &text)?;
         }
-        let (latents, interactions) = (state.latents, state.interactions);
-        drop(state);
+        let interactions = {
+            let mut state = lock(&self.state);
+            state.latents = latents;
+            state.interactions
+        };
         self.events.publish(interactions, || WorldEventKind::Latents(latents));
         Ok(())
     }
@@ -307,7 +314,7 @@ impl World {
         if let Some(original) = self.original.as_ref().filter(|_| attempts > 0) {
             let interactions = original.count_measured(attempts);
             if let Some(account) = &original.account {
-                account.store.note_world(&account.id, interactions, None);
+                account.store.note_world(&account.id, interactions);
             }
         }
         let mut state = lock(&self.state);

@@ -1,33 +1,43 @@
 //! Atomic file writes.
 
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use super::{layout, permissions};
 use crate::error::{Error, Result};
 
 /// Writes a file atomically by a temporary file and a rename: readers see the old or the new contents. File and directory are
-/// sync_directory before it returns.
+/// synced before it returns. A symbolic link is replaced, not its target.
 ///
 /// A path that is not a regular file (a device such as `/dev/null`, a pipe) is written directly, since a rename would replace
 /// it.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     match fs::metadata(path) {
         Ok(there) if !there.is_file() && !there.is_dir() => {
-            let opened = fs::OpenOptions::new().write(true).open(path);
+            let opened = OpenOptions::new().write(true).open(path);
             opened.and_then(|mut sink| sink.write_all(bytes)).map_err(|e| Error::io(path, e))
         }
-        _ => write_atomically(path, bytes, &|p| File::create(p), sync_directory),
+        _ => write_atomically(path, bytes, &mut OpenOptions::new(), sync_directory),
     }
 }
 
 /// [`write_whole`] for files that only their owner can read.
 pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_atomically(path, bytes, &private, sync_directory)
+    write_atomically(path, bytes, &mut permissions::options(), sync_directory)
 }
 
-fn private(path: &Path) -> io::Result<File> {
-    super::permissions::options().write(true).truncate(true).open(path)
+/// Size of the file of [`probe_write`], bytes.
+const PROBE_BYTES: usize = 64 << 10;
+
+/// Errors unless the directory takes a durable write now.
+pub fn probe_write(directory: &Path) -> Result<()> {
+    let (part, mut file) = create_part(&directory.join(layout::PROBE), &mut permissions::options())?;
+    let done = file.write_all(&[0; PROBE_BYTES]).and_then(|()| file.sync_all());
+    done.and(fs::remove_file(&part)).map_err(|e| {
+        let _ = fs::remove_file(&part);
+        Error::io(directory, e)
+    })
 }
 
 /// Renames a complete file to its final name and syncs both.
@@ -43,7 +53,7 @@ pub fn rename_into_place(part: &Path, path: &Path) -> Result<()> {
 fn write_atomically(
     path: &Path,
     bytes: &[u8],
-    create: &dyn Fn(&Path) -> io::Result<File>,
+    options: &mut OpenOptions,
     sync: impl Fn(&Path) -> io::Result<()>,
 ) -> Result<()> {
     let directory = match path.parent() {
@@ -51,16 +61,31 @@ fn write_atomically(
         _ => Path::new("."),
     };
     fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    let done = create(&part)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+    let (part, mut file) = create_part(path, options)?;
+    let done = file
+        .write_all(bytes)
+        .and_then(|()| file.sync_all())
         .and_then(|()| fs::rename(&part, path))
         .and_then(|()| sync(directory));
     done.map_err(|e| {
         let _ = fs::remove_file(&part);
         Error::io(path, e)
     })
+}
+
+/// Creates a temporary file next to `path`. Existing files, and the targets of existing links, are not opened: they belong to
+/// another write.
+fn create_part(path: &Path, options: &mut OpenOptions) -> Result<(PathBuf, File)> {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut number = 0;
+    loop {
+        let part = path.with_file_name(layout::temporary_name(&name, number));
+        match options.write(true).create_new(true).open(&part) {
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            Err(e) => return Err(Error::io(path, e)),
+            Ok(file) => return Ok((part, file)),
+        }
+    }
 }
 
 /// Syncs a directory.
@@ -90,7 +115,7 @@ mod tests {
             synced_files.borrow_mut().push((directory.to_path_buf(), fs::read(&path)?));
             sync_directory(directory)
         };
-        write_atomically(&path, b"whole", &|p| File::create(p), sync).unwrap();
+        write_atomically(&path, b"whole", &mut OpenOptions::new(), sync).unwrap();
         assert_eq!(
             *synced_files.borrow(),
             [(place.path().join("new"), b"whole".to_vec())],
@@ -122,5 +147,30 @@ mod tests {
         fs::create_dir(place.path().join("taken")).unwrap();
         assert!(write_whole(&place.path().join("taken"), b"x").is_err());
         assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn targets_of_links_are_not_written() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        fs::write(at("target"), "old").unwrap();
+        for link in ["file", &layout::temporary_name("file", 0)] {
+            std::os::unix::fs::symlink(at("target"), at(link)).unwrap();
+        }
+        write_private(&at("file"), b"new").unwrap();
+        assert_eq!(
+            (fs::read(at("file")).unwrap(), fs::read(at("target")).unwrap()),
+            (b"new".into(), b"old".into())
+        );
+        assert!(!at("file").is_symlink());
+    }
+
+    #[test]
+    fn probe_leaves_no_file_and_reports_failure() {
+        let place = tempfile::tempdir().unwrap();
+        probe_write(place.path()).unwrap();
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 0);
+        assert!(probe_write(&place.path().join("missing")).is_err());
     }
 }

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use super::atomic_write::{sync_directory, write_private};
 use super::blobs::Blobs;
 use super::check::{CheckReport, check, refuse};
-use super::data_directory::{DataDirectory, lock_directory};
+use super::data_directory::{DataDirectory, lock_directory, refuse_foreign_files};
 use super::sqlite::{failed, query};
-use super::{permissions, schema};
+use super::{layout, permissions, schema};
 use crate::error::{Error, Result};
 
 /// Maximum attempts to copy if weights are replaced meanwhile.
@@ -42,6 +42,7 @@ pub fn backup(of: &Path, to: &Path) -> Result<CheckReport> {
 pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<CheckReport> {
     let source = DataDirectory::at(from);
     source.check_exists()?;
+    refuse_foreign_files(to)?;
     permissions::secure_data_directory(to)?;
     let place = DataDirectory::at(to);
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
@@ -57,7 +58,7 @@ pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<CheckReport> {
         );
         return Err(Error::Refused { reason });
     }
-    let part = to.join("restored.part");
+    let part = to.join(layout::RESTORED);
     let checked = copy_to(&source, &part).inspect_err(|_| drop(fs::remove_dir_all(&part)))?;
     write_private(&place.restoring, b"")?;
     replace_contents(&DataDirectory::at(&part), &place)?;
@@ -68,23 +69,25 @@ pub fn restore(from: &Path, to: &Path, replace: bool) -> Result<CheckReport> {
     Ok(checked)
 }
 
-/// Replaces the contents. Until it is complete neither is whole; the marker file `restoring` records that.
+/// Replaces the contents; files of others among the weights stay. Until it is complete neither is whole; the marker file
+/// `restoring` records that.
 fn replace_contents(comes: &DataDirectory, there: &DataDirectory) -> Result<()> {
-    let log = |name: &str| PathBuf::from(format!("{}{name}", there.database.display()));
-    for old in [there.database.clone(), log("-wal"), log("-shm"), log("-journal"), there.tokens.clone()] {
+    let of_database = ["", "-wal", "-shm", "-journal"].map(|ending| there.companion(ending));
+    for old in of_database.into_iter().chain([there.tokens.clone()]) {
         match fs::remove_file(&old) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(&old, e)),
             _ => {}
         }
     }
-    if there.policies.exists() {
-        fs::remove_dir_all(&there.policies).map_err(|e| Error::io(&there.policies, e))?;
+    Blobs::directory(&there.policies)?.retain(|_| false)?;
+    let weights = fs::read_dir(&comes.policies).map_err(|e| Error::io(&comes.policies, e))?;
+    for entry in weights {
+        let entry = entry.map_err(|e| Error::io(&comes.policies, e))?;
+        let path = there.policies.join(entry.file_name());
+        fs::rename(entry.path(), &path).map_err(|e| Error::io(&path, e))?;
     }
-    for (new, name) in [
-        (&comes.policies, &there.policies),
-        (&comes.tokens, &there.tokens),
-        (&comes.database, &there.database),
-    ] {
+    sync(&there.policies)?;
+    for (new, name) in [(&comes.tokens, &there.tokens), (&comes.database, &there.database)] {
         if new.exists() {
             fs::rename(new, name).map_err(|e| Error::io(name, e))?;
         }
@@ -92,8 +95,9 @@ fn replace_contents(comes: &DataDirectory, there: &DataDirectory) -> Result<()> 
     Ok(())
 }
 
-/// Makes a complete, sync_directory copy at `to`, replacing an unfinished one.
+/// Makes a complete, synced copy at `to`, replacing an unfinished one.
 fn copy_to(from: &DataDirectory, to: &Path) -> Result<CheckReport> {
+    refuse_foreign_files(to)?;
     for _ in 0..MAX_COPY_ATTEMPTS {
         let _ = fs::remove_dir_all(to);
         permissions::make_directory(to)?;

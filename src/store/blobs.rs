@@ -8,6 +8,7 @@ use std::sync::Mutex;
 
 use super::atomic_write::write_private;
 use super::checksum::sha256;
+use super::layout::is_blob_name;
 use super::permissions;
 use crate::error::{Error, Result};
 use crate::sync::lock;
@@ -46,16 +47,29 @@ impl Blobs {
         if sha256(&bytes) == digest { Ok(bytes) } else { Err(damaged("the SHA-256 does not match")) }
     }
 
-    /// SHA-256 of the blob `name`, if it can be read.
-    pub fn digest(&self, name: &str) -> Option<String> {
-        self.bytes(name).ok().flatten().map(|bytes| sha256(&bytes))
+    /// SHA-256 of the blob `name`, if it can be read; errors if the permission is missing.
+    pub fn digest(&self, name: &str) -> Result<Option<String>> {
+        match self.bytes(name) {
+            Ok(bytes) => Ok(bytes.map(|bytes| sha256(&bytes))),
+            Err(e @ Error::Refused { .. }) => Err(e),
+            Err(_) => Ok(None),
+        }
     }
 
-    /// Size of the blob `name`, bytes.
-    pub fn length(&self, name: &str) -> Option<u64> {
+    /// Size of the blob `name`, bytes, if it exists; errors if the permission is missing.
+    pub fn length(&self, name: &str) -> Result<Option<u64>> {
         match self {
-            Blobs::Memory(_) => self.bytes(name).ok().flatten().map(|bytes| bytes.len() as u64),
-            Blobs::Directory(directory) => fs::metadata(directory.join(name)).ok().map(|m| m.len()),
+            Blobs::Memory(map) => Ok(lock(map).get(name).map(|bytes| bytes.len() as u64)),
+            Blobs::Directory(directory) => {
+                let path = directory.join(name);
+                match fs::metadata(&path) {
+                    Ok(m) => Ok(Some(m.len())),
+                    Err(e) if e.kind() == io::ErrorKind::PermissionDenied => {
+                        Err(permissions::read_error(&path, e))
+                    }
+                    Err(_) => Ok(None),
+                }
+            }
         }
     }
 
@@ -67,22 +81,30 @@ impl Blobs {
                 match fs::read(&path) {
                     Ok(bytes) => Ok(Some(bytes)),
                     Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-                    Err(e) => Err(Error::io(&path, e)),
+                    Err(e) => Err(permissions::read_error(&path, e)),
                 }
             }
         }
     }
 
-    /// Removes the blobs that `keep` rejects; files that cannot be removed are left.
+    /// Removes the blob `name`; a file that cannot be removed is left to the next [`Blobs::retain`].
+    pub fn remove(&self, name: &str) {
+        match self {
+            Blobs::Memory(map) => drop(lock(map).remove(name)),
+            Blobs::Directory(directory) => drop(fs::remove_file(directory.join(name))),
+        }
+    }
+
+    /// Removes the blobs that `keep` rejects; files that cannot be removed are left. Files with names of others, directories and
+    /// links are not touched.
     pub fn retain(&self, keep: impl Fn(&str) -> bool) -> Result<()> {
         match self {
-            Blobs::Memory(map) => {
-                lock(map).retain(|name, _| keep(name));
-            }
+            Blobs::Memory(map) => lock(map).retain(|name, _| keep(name)),
             Blobs::Directory(directory) => {
                 for entry in fs::read_dir(directory).map_err(|e| Error::io(directory, e))? {
                     let entry = entry.map_err(|e| Error::io(directory, e))?;
-                    if !entry.file_name().to_str().is_some_and(&keep) {
+                    let stale = entry.file_name().to_str().is_some_and(|n| is_blob_name(n) && !keep(n));
+                    if stale && entry.file_type().is_ok_and(|t| t.is_file()) {
                         let _ = fs::remove_file(entry.path());
                     }
                 }

@@ -9,6 +9,7 @@ use rusqlite::{Connection, Row};
 
 use super::blobs::Blobs;
 use super::data_directory::DataDirectory;
+use super::read_access::open_to_read;
 use super::sqlite::{failed, query, sql};
 use super::{checksum, schema};
 use crate::error::{Error, Result};
@@ -29,6 +30,8 @@ pub struct CheckReport {
     pub version: i64,
     /// Rows by table.
     pub rows: BTreeMap<&'static str, u64>,
+    /// Whether a record belongs to a token.
+    pub has_owners: bool,
     pub damaged: Vec<DamagedRecord>,
     /// Observations that are not damage.
     pub notes: Vec<String>,
@@ -62,18 +65,21 @@ fn check_once(directory: &Path) -> Result<CheckReport> {
         other => other?,
     }
     let name = place.database.display().to_string();
-    let mut c = match place.connect() {
-        Ok(c) => c,
+    let mut reader = match open_to_read(&place) {
+        Err(e @ Error::Refused { .. }) => return Err(e),
         Err(e) => return damaged(e).map(|damaged| CheckReport { damaged, ..found }),
+        Ok(reader) => reader,
     };
     // One transaction, since a server may be writing.
-    let c = c.transaction().map_err(|e| failed(&name, &e))?;
+    let c = reader.connection.transaction().map_err(|e| failed(&name, &e))?;
     found.damaged = structure(&c, &name)?;
     found.version = match schema::version(&c, &name) {
         Ok(version) => version,
         Err(e) if found.damaged.is_empty() => return Err(e),
         Err(_) => return Ok(found),
     };
+    // Unreadable tables are among the findings.
+    found.has_owners = has_owners(&c, found.version).unwrap_or(false);
     let blobs = Blobs::Directory(place.policies);
     if found.version < schema::FIRST_CHECKSUM_VERSION {
         let (was, since) = (found.version, schema::FIRST_CHECKSUM_VERSION);
@@ -93,6 +99,28 @@ fn check_once(directory: &Path) -> Result<CheckReport> {
     }
     found.notes.extend(orphans(&c));
     Ok(found)
+}
+
+/// Whether records of a data directory belong to tokens; not if there is no database.
+pub fn has_owned_records(directory: &Path) -> Result<bool> {
+    let place = DataDirectory::at(directory);
+    if !place.database.exists() {
+        return Ok(false);
+    }
+    place.check_exists()?;
+    let name = place.database.display().to_string();
+    let reader = open_to_read(&place)?;
+    let version = schema::version(&reader.connection, &name)?;
+    has_owners(&reader.connection, version).map_err(|e| failed(&name, &e))
+}
+
+fn has_owners(c: &Connection, version: i64) -> rusqlite::Result<bool> {
+    if version < schema::FIRST_OWNER_VERSION {
+        return Ok(false);
+    }
+    let owned = |table: &str| format!("EXISTS (SELECT 1 FROM main.{table} WHERE owner IS NOT NULL)");
+    let select = format!("SELECT {}", ["job", "policy", "world"].map(owned).join(" OR "));
+    c.query_row(&select, [], |r| r.get(0))
 }
 
 /// SQLite's own integrity check: pages, order, indexes, types.
@@ -159,11 +187,11 @@ fn references(c: &Connection, blobs: &Blobs, weights: WeightsCheck) -> Result<Ve
     let Ok(policies) = query(c, select, [], row) else { return Ok(Vec::new()) };
     let mut found = Vec::new();
     for (id, blob, digest, bytes) in policies {
-        let how = match blobs.length(&blob) {
+        let how = match blobs.length(&blob)? {
             None => "the file is missing".to_string(),
             Some(length) if length != bytes as u64 => format!("{length} bytes of {bytes}"),
             Some(_) if weights == WeightsCheck::Size => continue,
-            Some(_) if blobs.digest(&blob).as_deref() == Some(&digest) => continue,
+            Some(_) if blobs.digest(&blob)?.as_deref() == Some(&digest) => continue,
             Some(_) => "the SHA-256 does not match".to_string(),
         };
         found.push(DamagedRecord { record: format!("weights of policy {id} ({blob})"), how });

@@ -51,7 +51,7 @@ fn fill(directory: &Path) {
             store.update_job(&job).unwrap();
         }
         store.add_world(&format!("w{i}"), &config.to_string(), Some("bob"), None).unwrap();
-        store.note_world(&format!("w{i}"), i as u64, Some(format!("l{i}")));
+        store.set_world_latents(&format!("w{i}"), i as u64, &format!("l{i}")).unwrap();
         store.put_surface("bowling", &format!("c{i}"), &"s".repeat(50 * i as usize), None).unwrap();
     }
     for i in 0..4 {

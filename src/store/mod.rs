@@ -1,9 +1,9 @@
 //! Persistence: jobs with their rounds and measurements, worlds, policies and stored responses, in SQLite (WAL), with weights as
 //! files.
 //!
-//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and the token file; only its owner can read it. One server uses it at a
-//! time: the lock belongs to the operating system and ends with the process. Without a directory the same code keeps everything in
-//! memory.
+//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and the token file (`layout`); only its owner can read it. One server
+//! uses it at a time: it locks the directory, and the lock ends with the process. Files with other names are never changed. Without
+//! a directory the same code keeps everything in memory.
 //!
 //! Reads return what was written, or an error that names the record: rows have checksums (`checksum`), weights digests (`blobs`),
 //! and everything is checked when the store is opened (`check`). `backup` copies and restores; `salvage` recovers intact records.
@@ -19,10 +19,13 @@ mod check;
 mod checksum;
 mod data_directory;
 mod jobs;
+mod layout;
 mod log;
 mod log_line;
+mod owner_usage;
 mod permissions;
 mod policies;
+mod read_access;
 mod requests;
 mod rounds;
 mod salvage;
@@ -35,7 +38,6 @@ mod write_buffer;
 #[cfg(test)]
 mod damage;
 
-use std::fs::File;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard};
 
@@ -47,14 +49,16 @@ pub use atomic_write::{write_private, write_whole};
 pub use backup::{backup, restore};
 use blobs::Blobs;
 use check::WeightsCheck;
-pub use check::{CheckReport, DamagedRecord, check};
+pub use check::{CheckReport, DamagedRecord, check, has_owned_records};
 pub use checksum::sha256;
-use data_directory::{DataDirectory, lock_directory};
+pub use data_directory::refuse_foreign_files;
+use data_directory::{DataDirectory, DirectoryLock, lock_directory};
 pub use jobs::{JobList, JobRow, JobState};
 pub use log::{LogRow, MAX_LOG_LINES_PER_JOB};
 pub use log_line::LogLevel;
 use log_line::PendingLogLine;
-pub use permissions::{make_directory as make_private_directory, options as private_file};
+pub use owner_usage::OwnerUsage;
+pub use permissions::{make_directory as make_private_directory, open_lock_file, read_error};
 pub use policies::PolicyRow;
 pub use requests::StoredResponse;
 pub use rounds::{MeasuredOutcomes, RoundRow};
@@ -74,8 +78,8 @@ pub struct Store {
     /// Lines of job logs that are not written yet.
     lines: Mutex<Vec<PendingLogLine>>,
     blobs: Blobs,
-    /// Held while the store is open.
-    _lock: Option<File>,
+    /// Held while the store is open; `None` in memory.
+    lock: Option<DirectoryLock>,
 }
 
 impl Store {
@@ -89,9 +93,10 @@ impl Store {
         Ok(Store::of(connection, blobs, None))
     }
 
-    /// Opens or creates the store in `directory` and makes it private; errors if another server has it open or if its data are
-    /// damaged.
+    /// Opens or creates the store in `directory` and makes it private; errors if another server has it open, if its data are
+    /// damaged, or if it holds other files and no data.
     pub fn open(directory: &Path) -> Result<Store> {
+        refuse_foreign_files(directory)?;
         permissions::secure_data_directory(directory)?;
         let lock = lock_directory(directory)?;
         permissions::restrict_files(directory);
@@ -115,15 +120,20 @@ impl Store {
         Ok(store)
     }
 
-    fn of(connection: Connection, blobs: Blobs, lock: Option<File>) -> Store {
+    fn of(connection: Connection, blobs: Blobs, lock: Option<DirectoryLock>) -> Store {
         Store {
             connection: Mutex::new(connection),
             pending: Mutex::default(),
             lines: Mutex::default(),
             writing: Mutex::default(),
             blobs,
-            _lock: lock,
+            lock,
         }
+    }
+
+    /// Errors unless the data directory takes a durable write now: the disk may be full or read-only.
+    pub fn probe_write(&self) -> Result<()> {
+        self.lock.as_ref().map_or(Ok(()), |lock| atomic_write::probe_write(&lock.directory))
     }
 
     fn connection(&self) -> MutexGuard<'_, Connection> {

@@ -1,12 +1,11 @@
 //! Files and directories that only their owner can read.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File, OpenOptions};
+use std::io;
 use std::path::Path;
 
+use super::layout;
 use crate::error::{Error, Result};
-
-/// Names that belong to a data directory.
-const OWN_ENTRIES: [&str; 6] = ["iplw.sqlite", "policies", "tokens.", "lock", "restoring", "restored.part"];
 
 /// Creates a private directory if it is missing; its parents get the default permissions.
 pub fn make_directory(path: &Path) -> Result<()> {
@@ -17,7 +16,7 @@ pub fn make_directory(path: &Path) -> Result<()> {
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     match builder.create(path) {
-        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && path.is_dir() => Ok(()),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists && path.is_dir() => Ok(()),
         done => done.map_err(|e| Error::io(path, e)),
     }
 }
@@ -30,9 +29,8 @@ pub fn secure_data_directory(path: &Path) -> Result<()> {
         return Ok(());
     }
     let entries = fs::read_dir(path).map_err(|e| Error::io(path, e))?;
-    let ours = |name: &str| OWN_ENTRIES.iter().any(|o| name.trim_start_matches('.').starts_with(o));
     let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
-    let all_ours = names.iter().all(|name| name.to_str().is_some_and(ours));
+    let all_ours = names.iter().all(|name| name.to_str().is_some_and(layout::is_own_name));
     if all_ours && restrict(path, 0o700) {
         if !names.is_empty() {
             tracing::warn!(
@@ -52,17 +50,20 @@ pub fn secure_data_directory(path: &Path) -> Result<()> {
 
 /// Makes the files of a data directory private; earlier versions did not.
 pub fn restrict_files(directory: &Path) {
-    restrict(&directory.join("policies"), 0o700);
-    for folder in [directory.to_path_buf(), directory.join("policies")] {
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let named = entry
-                .file_name()
-                .to_str()
-                .is_some_and(|name| OWN_ENTRIES.iter().any(|o| name.starts_with(o)));
-            let blob = entry.path().parent().is_some_and(|p| p != directory);
-            if (named || blob) && entry.file_type().is_ok_and(|t| t.is_file()) {
-                restrict(&entry.path(), 0o600);
-            }
+    let policies = directory.join(layout::POLICIES);
+    if fs::symlink_metadata(&policies).is_ok_and(|m| m.is_dir()) {
+        restrict(&policies, 0o700);
+    }
+    restrict_named(directory, layout::is_own_name);
+    restrict_named(&policies, layout::is_blob_name);
+}
+
+/// Makes the regular files whose name is one of the program's private.
+fn restrict_named(folder: &Path, is_own: fn(&str) -> bool) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let named = entry.file_name().to_str().is_some_and(is_own);
+        if named && entry.file_type().is_ok_and(|t| t.is_file()) {
+            restrict(&entry.path(), 0o600);
         }
     }
 }
@@ -74,6 +75,36 @@ pub fn options() -> OpenOptions {
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     options
+}
+
+/// Opens or creates a private file to be locked. Its content is not changed; a symbolic link is refused, since its target may
+/// belong to somebody else.
+pub fn open_lock_file(path: &Path) -> Result<File> {
+    let mut options = options();
+    options.read(true).write(true).truncate(false);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NOFOLLOW);
+    // FILE_FLAG_OPEN_REPARSE_POINT.
+    #[cfg(windows)]
+    std::os::windows::fs::OpenOptionsExt::custom_flags(&mut options, 0x0020_0000);
+    options.open(path).map_err(|e| {
+        if !path.is_symlink() {
+            return Error::io(path, e);
+        }
+        Error::Refused { reason: format!("{} is a symbolic link; remove it", path.display()) }
+    })
+}
+
+/// The error of a file that cannot be read: a missing permission is no damage.
+pub fn read_error(path: &Path, error: io::Error) -> Error {
+    if error.kind() != io::ErrorKind::PermissionDenied {
+        return Error::io(path, error);
+    }
+    let reason = format!(
+        "{}: no permission to read this file; run the command as its owner or as an administrator",
+        path.display()
+    );
+    Error::Refused { reason }
 }
 
 #[cfg(unix)]
@@ -158,6 +189,7 @@ mod tests {
     #[test]
     fn keeps_mode_of_shared_directory() {
         let place = tempfile::tempdir().unwrap();
+        drop(Store::open(place.path()).unwrap());
         fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
         let other = place.path().join("others.txt");
         fs::write(&other, "theirs").unwrap();

@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::{Store, checksum, json, query, sql};
+use super::{Store, checksum, json, layout, query, sql};
 use crate::error::{Error, Result};
 
 /// A policy.
@@ -57,7 +57,7 @@ impl Store {
             let reason = format!("the policy {} belongs to another owner; choose another name", policy.id);
             return Err(Error::Refused { reason });
         }
-        let blob = format!("{}.{next}.safetensors", policy.id);
+        let blob = layout::blob_name(&policy.id, next);
         self.blobs.write(&blob, weights)?;
         c.execute(
             "INSERT OR REPLACE INTO policy (number, id, task, training, about, config, job, version, blob, bytes, \
@@ -80,7 +80,7 @@ impl Store {
         .map_err(sql)?;
         let new = old.is_none();
         if let Some((old, _)) = old {
-            self.blobs.retain(|name| name != old)?;
+            self.blobs.remove(&old);
         }
         Ok(new)
     }
@@ -120,10 +120,10 @@ impl Store {
             .query_row("DELETE FROM policy WHERE id = ?1 RETURNING blob", [id], |r| r.get(0))
             .optional()
             .map_err(sql)?;
-        match blob {
-            Some(blob) => self.blobs.retain(|name| name != blob).map(|()| true),
-            None => Ok(false),
+        if let Some(blob) = &blob {
+            self.blobs.remove(blob);
         }
+        Ok(blob.is_some())
     }
 
     /// Removes weights without a row, which a crash may leave.
@@ -180,7 +180,7 @@ pub mod tests {
             assert!(!store.put_policy(&named("a"), &[4, 5, 6], None).unwrap());
         }
         // Leftovers of a crash are removed.
-        std::fs::write(dir.path().join("policies/c.9.safetensors.part"), [0]).unwrap();
+        std::fs::write(dir.path().join("policies/.c.9.safetensors.5.0.part"), [0]).unwrap();
         let store = Store::open(dir.path()).unwrap();
         assert_eq!(store.weights("a").unwrap().unwrap(), [4, 5, 6]);
         assert_eq!(store.policy("a").unwrap().unwrap(), named("a"));

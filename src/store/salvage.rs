@@ -147,7 +147,7 @@ fn drop_policies_without_weights(new: &Transaction, blobs: &Blobs) -> rusqlite::
         query(new, select, [], |r| Ok((r.get(0)?, r.get(1)?, r.get(2)?)))?;
     let mut dropped = Vec::new();
     for (id, blob, digest) in policies {
-        if blobs.digest(&blob).as_deref() != Some(&digest) {
+        if blobs.digest(&blob).ok().flatten().as_deref() != Some(&digest) {
             new.execute("DELETE FROM policy WHERE id = ?1", [&id])?;
             dropped.push(DamagedRecord {
                 record: format!("policy {id}"),
@@ -183,7 +183,7 @@ fn put_aside(database: &Path) -> Result<PathBuf> {
     let named = |i: usize| {
         database.with_extension(if i == 0 { "sqlite.damaged".into() } else { format!("sqlite.damaged.{i}") })
     };
-    let target = (0..).map(named).find(|p| !p.exists()).unwrap_or_else(|| named(0));
+    let target = (0..).map(named).find(|p| fs::symlink_metadata(p).is_err()).unwrap_or_else(|| named(0));
     for beside in ["-wal", "-shm", "-journal", ""] {
         let (from, to) = (format!("{}{beside}", database.display()), format!("{}{beside}", target.display()));
         match fs::rename(&from, &to) {

@@ -8,7 +8,7 @@ use super::sqlite::{failed, query};
 use crate::error::{Error, Result};
 
 /// Migrations; a file with the first n applied has version n.
-pub const MIGRATIONS: [&str; 6] = [
+pub const MIGRATIONS: [&str; 7] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -115,12 +115,20 @@ pub const MIGRATIONS: [&str; 6] = [
         PRIMARY KEY (job, number)
     ) STRICT;
 ",
+    "
+    CREATE INDEX job_of_owner ON job (owner);
+    CREATE INDEX policy_of_owner ON policy (owner, bytes);
+    CREATE INDEX world_of_owner ON world (owner);
+    CREATE INDEX request_of_owner ON request (substr(key, 1, instr(key, ' ')), number, octet_length(body));
+",
 ];
 
 /// Current version of the schema.
 pub const CURRENT_VERSION: i64 = MIGRATIONS.len() as i64;
 /// First version with checksums of rows and digests of weights.
 pub const FIRST_CHECKSUM_VERSION: i64 = 5;
+/// First version in which records have owners.
+pub const FIRST_OWNER_VERSION: i64 = 4;
 
 /// Version of a file's schema; errors for later versions of the program.
 pub fn version(c: &Connection, place: &str) -> Result<i64> {
@@ -150,7 +158,7 @@ pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result
             query(&t, "SELECT number, blob FROM policy", [], |r| Ok((r.get(0)?, r.get(1)?)))?;
         for (number, blob) in policies {
             // Missing weights have no digest; a check reports them.
-            let digest = blobs.digest(&blob).unwrap_or_default();
+            let digest = blobs.digest(&blob).ok().flatten().unwrap_or_default();
             t.execute("UPDATE policy SET digest = ?2 WHERE number = ?1", rusqlite::params![number, digest])?;
         }
         for table in &checksum::TABLES {
@@ -197,7 +205,7 @@ mod tests {
     use crate::store::{JobState, RoundRow, Store, check};
 
     /// Rows added by each version of the program.
-    const ROWS_BY_VERSION: [&str; 5] = [
+    const ROWS_BY_VERSION: [&str; 6] = [
         "INSERT INTO job (kind, state, config, result, seed, version, events)
              VALUES ('iplw', 'succeeded', '{\"a\":1}', '[1.5]', '18446744073709551615', '0', 3);
          INSERT INTO job (kind, state, config, seed, version) VALUES ('train', 'running', '{}', '1', '0');
@@ -212,6 +220,7 @@ mod tests {
         "INSERT INTO surface (task, config, body, job, version) VALUES ('bowling', 'c', 's', 'job-1', '0');",
         "UPDATE job SET owner = 'ann'; UPDATE policy SET owner = 'ann'; UPDATE world SET owner = 'ann';",
         "UPDATE job SET ended = 5 WHERE number = 1;",
+        "INSERT INTO log (job, number, at, level, text) VALUES (1, 0, 5, 'info', 'begun');",
     ];
 
     /// A data directory of an earlier version.

@@ -1,7 +1,7 @@
 //! Worlds as rows: their configuration and interaction counters.
 //!
 //! Counters of real worlds are durable before a result is returned ([`Store::count_world`]); concurrent writers share a
-//! transaction. Counters of simulated worlds are buffered until the next flush.
+//! transaction. So are latents ([`Store::set_world_latents`]). Counters of simulated worlds are buffered until the next flush.
 
 use std::collections::BTreeMap;
 
@@ -80,18 +80,26 @@ impl Store {
         })
     }
 
-    /// Buffers a world's counter and latents for the next flush; returns the update's number.
-    pub fn note_world(&self, id: &str, interactions: u64, latents: Option<String>) -> u64 {
+    /// Buffers a world's counter for the next flush; returns the update's number.
+    pub fn note_world(&self, id: &str, interactions: u64) -> u64 {
         let mut pending = lock(&self.pending);
-        note(&mut pending.worlds, id, interactions, latents);
+        note(&mut pending.worlds, id, interactions);
         pending.noted += 1;
         pending.noted
     }
 
     /// Writes a world's counter; durable when it returns.
     pub fn count_world(&self, id: &str, interactions: u64) -> Result<()> {
-        let mine = self.note_world(id, interactions, None);
+        let mine = self.note_world(id, interactions);
         self.flush_up_to(mine)
+    }
+
+    /// Writes a world's latents and counter; durable when it returns. After an error the stored latents are the previous ones.
+    pub fn set_world_latents(&self, id: &str, interactions: u64, latents: &str) -> Result<()> {
+        self.atomically(|t| {
+            raise(t, id, interactions)?;
+            t.execute("UPDATE world SET latents = ?2 WHERE id = ?1", params![id, latents]).map(drop)
+        })
     }
 
     /// Writes the buffered updates.
@@ -110,54 +118,29 @@ impl Store {
             }
             (std::mem::take(&mut pending.worlds), pending.noted)
         };
-        let written = self.atomically(|t| {
-            for (id, (interactions, latents)) in &worlds {
-                change(t, id, *interactions, latents.as_deref())?;
-            }
-            Ok(())
-        });
+        let written =
+            self.atomically(|t| worlds.iter().try_for_each(|(id, interactions)| raise(t, id, *interactions)));
         let mut pending = lock(&self.pending);
         match written {
             Ok(()) => pending.written = noted,
-            Err(_) => {
-                for (id, (interactions, latents)) in worlds {
-                    let newer = pending.worlds.remove(&id);
-                    note(&mut pending.worlds, &id, interactions, latents);
-                    if let Some((interactions, latents)) = newer {
-                        note(&mut pending.worlds, &id, interactions, latents);
-                    }
-                }
-            }
+            Err(_) => worlds.iter().for_each(|(id, n)| note(&mut pending.worlds, id, *n)),
         }
         written
     }
 }
 
-fn note(
-    worlds: &mut BTreeMap<String, (u64, Option<String>)>,
-    id: &str,
-    interactions: u64,
-    latents: Option<String>,
-) {
+fn note(worlds: &mut BTreeMap<String, u64>, id: &str, interactions: u64) {
     match worlds.get_mut(id) {
-        Some(noted) => {
-            noted.0 = noted.0.max(interactions);
-            noted.1 = latents.or(noted.1.take());
-        }
-        None => drop(worlds.insert(id.into(), (interactions, latents))),
+        Some(noted) => *noted = interactions.max(*noted),
+        None => drop(worlds.insert(id.into(), interactions)),
     }
 }
 
 /// Raises a world's counter; it never decreases, since writers may come out of order.
 pub(super) fn raise(t: &Transaction, id: &str, interactions: u64) -> rusqlite::Result<()> {
-    change(t, id, interactions, None)
-}
-
-/// Raises a world's counter and sets its latents, if given.
-fn change(t: &Transaction, id: &str, interactions: u64, latents: Option<&str>) -> rusqlite::Result<()> {
     // Cached: parsing the statement takes longer than running it, and a flush runs it for every world.
-    let update = "UPDATE world SET interactions = max(interactions, ?2), latents = coalesce(?3, latents) WHERE id = ?1";
-    t.prepare_cached(update)?.execute(params![id, interactions as i64, latents]).map(drop)
+    let update = "UPDATE world SET interactions = max(interactions, ?2) WHERE id = ?1";
+    t.prepare_cached(update)?.execute(params![id, interactions as i64]).map(drop)
 }
 
 #[cfg(test)]
@@ -170,18 +153,34 @@ mod tests {
         store.add_world("real", "{}", None, None).unwrap();
         store.add_world("sim", "{}", None, None).unwrap();
         let counts = || store.worlds().unwrap().iter().map(|w| w.interactions).collect::<Vec<_>>();
-        store.note_world("sim", 5, Some("l1".into()));
+        store.note_world("sim", 5);
         assert_eq!(counts(), [0, 0]);
         store.count_world("real", 3).unwrap();
         assert_eq!(counts(), [3, 5], "what was noted goes along");
-        store.note_world("sim", 9, None);
-        store.note_world("sim", 8, Some("l2".into()));
-        store.note_world("gone", 1, None);
+        store.note_world("sim", 9);
+        store.note_world("sim", 8);
+        store.note_world("gone", 1);
         store.flush_worlds().unwrap();
         assert_eq!(counts(), [3, 9]);
-        assert_eq!(store.worlds().unwrap()[1].latents.as_deref(), Some("l2"));
         store.remove_worlds(&["real".into()]).unwrap();
         assert_eq!(counts(), [9]);
+    }
+
+    #[test]
+    fn latents_are_stored_at_once_or_not_at_all() {
+        let place = tempfile::tempdir().unwrap();
+        let store = Store::open(place.path()).unwrap();
+        store.add_world("w", "{}", None, None).unwrap();
+        store.set_world_latents("w", 2, "first").unwrap();
+        let read_only = |on: bool| store.connection().pragma_update(None, "query_only", on).unwrap();
+        read_only(true);
+        assert!(store.set_world_latents("w", 3, "second").is_err());
+        read_only(false);
+        store.flush_worlds().unwrap();
+        // Another process sees the files only, as after a kill.
+        let c = rusqlite::Connection::open(place.path().join("iplw.sqlite")).unwrap();
+        let row = c.query_row("SELECT latents, interactions FROM world", [], |r| Ok((r.get(0)?, r.get(1)?)));
+        assert_eq!(row, Ok(("first".to_string(), 2)));
     }
 
     #[test]

@@ -73,7 +73,7 @@ const CRATE_LAYERS: [(&str, &[&str]); 23] = [
     ("ring", &["access", "serve", "store"]),
     ("rustls", &["serve"]),
     ("hyper", &["serve"]),
-    ("libc", &["serve"]),
+    ("libc", &["serve", "store"]),
     ("hyper_util", &["serve"]),
     ("rmcp", &["serve"]),
     ("prometheus_client", &["serve"]),

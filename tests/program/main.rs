@@ -10,6 +10,7 @@ mod design_cli;
 mod discover_cli;
 mod families;
 mod families_cli;
+mod foreign_files;
 mod import_cli;
 mod language;
 mod layers;

@@ -19,7 +19,7 @@ fn serving(directory: &Path, limits: Limits) -> Running {
     Running::with(ServeConfig { data_dir, zmq, limits, ..ServeConfig::default() }).unwrap()
 }
 
-fn put_policies(directory: &Path) {
+fn put_policies(directory: &Path, owner: Option<&str>) {
     let store = Store::open(directory).unwrap();
     for id in ["p", "q", "r"] {
         let policy = PolicyRow {
@@ -31,7 +31,7 @@ fn put_policies(directory: &Path) {
             job: None,
             version: String::new(),
             bytes: 3,
-            owner: None,
+            owner: owner.map(String::from),
         };
         store.put_policy(&policy, &[1, 2, 3], None).unwrap();
     }
@@ -51,7 +51,7 @@ fn run_cli(args: &[&str]) -> (Option<i32>, String, String) {
 #[test]
 fn reports_and_withholds_records_damaged_at_runtime() {
     let place = tempfile::tempdir().unwrap();
-    put_policies(place.path());
+    put_policies(place.path(), None);
     let server = serving(place.path(), Limits::default());
     // Damage the file directly, as a failing disk would.
     let c = Connection::open(place.path().join("iplw.sqlite")).unwrap();
@@ -106,7 +106,7 @@ fn serves_a_backup_of_a_running_server() {
     let place = tempfile::tempdir().unwrap();
     let at = |name: &str| place.path().join(name).to_str().unwrap().to_string();
     let (data, kept, other) = (at("data"), at("kept"), at("other"));
-    put_policies(Path::new(&data));
+    put_policies(Path::new(&data), None);
     let server = serving(Path::new(&data), Limits::default());
     let world = server.post("/v1/worlds", &json!({"task": "bowling", "kind": "real"}), 201);
     let (code, told, error) = run_cli(&["backup", &data, "--to", &kept]);
@@ -158,7 +158,7 @@ fn deletes_jobs_after_their_retention_time() {
 #[test]
 fn refuses_to_start_on_damaged_data() {
     let place = tempfile::tempdir().unwrap();
-    put_policies(place.path());
+    put_policies(place.path(), None);
     let directory = place.path().to_str().unwrap();
     let file = place.path().join("iplw.sqlite");
     let whole = std::fs::read(&file).unwrap();
@@ -167,4 +167,59 @@ fn refuses_to_start_on_damaged_data() {
     assert!(code == Some(1) && out.is_empty(), "{out}");
     assert!(error.contains("iplw.sqlite: damaged") && error.contains("iplw check"), "{error}");
     assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+}
+
+#[test]
+fn lost_tokens_do_not_open_the_data_to_everybody() {
+    let place = tempfile::tempdir().unwrap();
+    let at = |name: &str| place.path().join(name).to_str().unwrap().to_string();
+    let (data, kept, other) = (at("data"), at("kept"), at("other"));
+    let token = ["token", "new", "root", "--scope", "admin", "--data-dir"];
+    assert_eq!(run_cli(&[&token[..], &[&data]].concat()).0, Some(0));
+    put_policies(Path::new(&data), Some("root"));
+    assert_eq!(run_cli(&["check", &data]).0, Some(0));
+    std::fs::remove_file(Path::new(&data).join("tokens.json")).unwrap();
+    let config = ServeConfig { data_dir: Some(data.clone().into()), ..ServeConfig::default() };
+    let refused = Running::with(config.clone()).err().unwrap().to_string();
+    assert!(refused.contains("tokens.json is missing") && refused.contains("iplw token new"), "{refused}");
+    let (code, found, _) = run_cli(&["check", &data]);
+    assert!(code == Some(1) && found.contains("damaged: tokens.json: the file is missing"), "{found}");
+    let (code, _, warning) = run_cli(&["backup", &data, "--to", &kept]);
+    assert!(code == Some(0) && warning.contains("iplw token new"), "{warning}");
+    let (code, _, warning) = run_cli(&["restore", &kept, "--to", &other]);
+    assert!(code == Some(0) && warning.contains("other/tokens.json: the file is missing"), "{warning}");
+    // With tokens of elsewhere, nothing is missing.
+    let file = at("elsewhere.json");
+    assert_eq!(run_cli(&["token", "new", "root", "--scope", "admin", "--token-file", &file]).0, Some(0));
+    assert_eq!(run_cli(&["check", &data, "--token-file", &file]).0, Some(0));
+    drop(Running::with(ServeConfig { token_file: Some(file.into()), ..config.clone() }).unwrap());
+    assert_eq!(run_cli(&[&token[..], &[&data]].concat()).0, Some(0));
+    drop(Running::with(config).unwrap());
+}
+
+#[test]
+fn latents_are_on_disk_when_acknowledged() {
+    let place = tempfile::tempdir().unwrap();
+    let server = serving(place.path(), Limits::default());
+    let world = server.post("/v1/worlds", &json!({"task": "bowling"}), 201);
+    let path = format!("/v1/worlds/{}", world["id"].as_str().unwrap());
+    let set = |friction: f64| {
+        let body = json!({"friction": friction}).to_string();
+        server.send(Method::POST, &format!("{path}/set_latents"), body).status()
+    };
+    let c = Connection::open(place.path().join("iplw.sqlite")).unwrap();
+    let stored = || -> Value {
+        let select = "SELECT latents FROM world WHERE id = ?1";
+        let text: String = c.query_row(select, [world["id"].as_str().unwrap()], |r| r.get(0)).unwrap();
+        serde_json::from_str(&text).unwrap()
+    };
+    assert_eq!(set(0.25), 200);
+    assert_eq!(stored()["friction"], 0.25);
+    // Another writer, as a full disk, makes the write fail.
+    c.execute_batch("BEGIN IMMEDIATE").unwrap();
+    assert!(set(0.75).is_server_error());
+    c.execute_batch("ROLLBACK").unwrap();
+    assert_eq!(server.get(&path)["latents"]["friction"], 0.25);
+    drop(server);
+    assert_eq!(stored()["friction"], 0.25, "also after the last flush");
 }

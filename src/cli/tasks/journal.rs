@@ -9,6 +9,8 @@ use iplw::reality::certify::{CandidateResult, CertificationSearch};
 use iplw::task::Family;
 use serde_json::{Value, json};
 
+use crate::cli::output;
+
 /// A JSON Lines file: a header that identifies the search, then one line for each candidate.
 pub struct Journal {
     path: PathBuf,
@@ -41,7 +43,7 @@ impl Journal {
         }
         let lines_kept = search.results().iter().map(|j| json!(j).to_string() + "\n").collect::<String>();
         let failed = |e| Error::io(path, e);
-        std::fs::write(path, format!("{header}\n{lines_kept}")).map_err(failed)?;
+        output::write_whole(path, format!("{header}\n{lines_kept}").as_bytes())?;
         let file = OpenOptions::new().append(true).open(path).map_err(failed)?;
         if !search.results().is_empty() {
             eprintln!("  resumes after {} candidates of {}", search.results().len(), path.display());

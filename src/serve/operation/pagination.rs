@@ -72,10 +72,21 @@ impl Pagination {
         items: &mut Vec<T>,
         key: fn(&T) -> K,
     ) -> Option<String> {
-        if items.len() <= self.limit {
+        self.truncate_to(self.limit, list, items, key)
+    }
+
+    /// As [`Pagination::truncate`], for a page of at most `count` items.
+    pub fn truncate_to<T, K: std::fmt::Display>(
+        &self,
+        count: usize,
+        list: &str,
+        items: &mut Vec<T>,
+        key: fn(&T) -> K,
+    ) -> Option<String> {
+        if items.len() <= count {
             return None;
         }
-        items.truncate(self.limit);
+        items.truncate(count);
         items.last().map(|last| URL_SAFE_NO_PAD.encode(format!("{list}:{}", key(last))))
     }
 

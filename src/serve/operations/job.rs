@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::json::to_value;
 use crate::access::Principal;
 use crate::error::{Error, Result};
-use crate::job::{DeleteOutcome, JobContext, JobSpec, Watcher, Work, WorkOutcome};
+use crate::job::{DeleteOutcome, Job, JobContext, JobSpec, Watcher, Work, WorkOutcome};
 use crate::json::from_value;
 use crate::serve::concealment::conceal_job;
 use crate::serve::operation::{
@@ -137,9 +137,33 @@ fn list(app: &RequestContext, JobsQuery(list, page): JobsQuery) -> Result<JobsPa
     }
     // A cursor is only valid for the list it came from.
     let name = if list.newest { "jobs-newest" } else { "jobs" };
-    let mut all = app.jobs().list(&list, page.after(name)?, page.fetch_limit())?;
-    let next = page.truncate(name, &mut all, |j| j.row.number);
+    let (mut all, count) = list_within_bytes(app, &list, page.after(name)?, page.fetch_limit())?;
+    let next = page.truncate_to(count, name, &mut all, |j| j.row.number);
     Ok(JobsPage { jobs: all.into_iter().map(JobOut::from).collect(), next })
+}
+
+/// Jobs read from the store at a time.
+const JOBS_READ_AT_ONCE: usize = 8;
+/// A page ends with the job that takes it above this size, bytes as JSON.
+const MAX_PAGE_BYTES: usize = 16 << 20;
+
+/// At most `limit` jobs, fewer if they are large; and how many of them a page holds, so that one more follows if there are more.
+fn list_within_bytes(
+    app: &RequestContext,
+    list: &JobList,
+    mut after: Option<i64>,
+    limit: usize,
+) -> Result<(Vec<Job>, usize)> {
+    let (mut all, mut bytes) = (Vec::new(), 0);
+    while all.len() < limit && (all.len() < 2 || bytes <= MAX_PAGE_BYTES) {
+        let part = app.jobs().list(list, after, JOBS_READ_AT_ONCE.min(limit - all.len()))?;
+        let Some(last) = part.last() else { break };
+        after = Some(last.row.number);
+        bytes += part.iter().map(|job| job.row.size()).sum::<usize>();
+        all.extend(part);
+    }
+    let count = if bytes > MAX_PAGE_BYTES && all.len() > 1 { all.len() - 1 } else { limit - 1 };
+    Ok((all, count))
 }
 
 /// Query parameters of a log.

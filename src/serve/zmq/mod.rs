@@ -15,7 +15,8 @@ pub mod zmtp;
 
 use std::io;
 use std::net::IpAddr;
-use std::path::PathBuf;
+#[cfg(unix)]
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -64,15 +65,11 @@ impl Endpoint {
         #[cfg(unix)]
         if let Some(path) = address.strip_prefix("ipc://").filter(|p| !p.is_empty()) {
             let path = PathBuf::from(path);
-            // A socket without a listener was left by an earlier process.
-            let left = std::os::unix::net::UnixStream::connect(&path)
-                .is_err_and(|e| e.kind() == io::ErrorKind::ConnectionRefused);
-            if left {
-                std::fs::remove_file(&path).map_err(unbound)?;
-            }
+            remove_stale_socket(&path, address)?;
             let listener = UnixListener::bind(&path).map_err(unbound)?;
+            let identity = file_identity(&path);
             return Ok(Endpoint {
-                listener: Listener::Unix(listener, SocketFile(path)),
+                listener: Listener::Unix(listener, SocketFile { path, identity }),
                 address: address.into(),
             });
         }
@@ -159,18 +156,87 @@ fn accept_peer(shared: &Arc<AppState>, at: Client, from: ReadHalf, mut to: Write
     });
 }
 
-/// A socket file, removed when dropped.
+/// A socket file, removed when dropped unless another file has taken its path.
 #[cfg(unix)]
-struct SocketFile(PathBuf);
+struct SocketFile {
+    path: PathBuf,
+    identity: Option<FileIdentity>,
+}
 
 #[cfg(unix)]
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
+        if self.identity.is_some() && file_identity(&self.path) == self.identity {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
+}
+
+/// Device and inode.
+#[cfg(unix)]
+type FileIdentity = (u64, u64);
+
+#[cfg(unix)]
+fn file_identity(path: &Path) -> Option<FileIdentity> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::symlink_metadata(path).ok().map(|m| (m.dev(), m.ino()))
+}
+
+/// Removes a socket without a listener, which an earlier process left; errors for any other file.
+#[cfg(unix)]
+fn remove_stale_socket(path: &Path, address: &str) -> Result<()> {
+    use std::os::unix::fs::FileTypeExt;
+    let Ok(file) = std::fs::symlink_metadata(path) else { return Ok(()) };
+    if !file.file_type().is_socket() {
+        let allowed = "the path of a new file or of an earlier socket; another file has this path";
+        return Err(Error::input("--zmq", address, allowed));
+    }
+    let connected = std::os::unix::net::UnixStream::connect(path);
+    if connected.is_err_and(|e| e.kind() == io::ErrorKind::ConnectionRefused) {
+        std::fs::remove_file(path).map_err(|e| Error::io(path, e))?;
+    }
+    Ok(())
 }
 
 fn refuse(address: &str) -> Error {
     let allowed = "tcp://127.0.0.1:5555 (port 0 or * chooses a free one) or ipc:///path/of/a/socket";
     Error::input("--zmq", format!("{address:?}"), allowed)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    fn bind(path: &Path) -> Result<Endpoint> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(Endpoint::bind(&format!("ipc://{}", path.display())))
+    }
+
+    #[test]
+    fn removes_stale_sockets_only() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        drop(std::os::unix::net::UnixListener::bind(at("stale")).unwrap());
+        std::fs::write(at("notes"), "mine").unwrap();
+        for (link, target) in [("link", "notes"), ("socket-link", "stale"), ("dangling", "nothing")] {
+            std::os::unix::fs::symlink(at(target), at(link)).unwrap();
+        }
+        for other in ["notes", "link", "socket-link", "dangling"] {
+            let error = bind(&at(other)).err().unwrap();
+            assert!(matches!(&error, Error::Input(_)), "{other}: {error}");
+            assert!(std::fs::symlink_metadata(at(other)).is_ok(), "{other} is still there");
+        }
+        assert_eq!(std::fs::read_to_string(at("notes")).unwrap(), "mine");
+
+        let endpoint = bind(&at("stale")).unwrap();
+        assert!(bind(&at("stale")).is_err(), "it has a listener");
+        drop(endpoint);
+        assert!(!at("stale").exists());
+
+        let endpoint = bind(&at("socket")).unwrap();
+        std::fs::remove_file(at("socket")).unwrap();
+        std::fs::write(at("socket"), "mine").unwrap();
+        drop(endpoint);
+        assert_eq!(std::fs::read_to_string(at("socket")).unwrap(), "mine");
+    }
 }

@@ -196,7 +196,7 @@ impl World {
             state.interactions
         };
         if let Some(account) = &self.account {
-            account.store.note_world(&account.id, interactions, None);
+            account.store.note_world(&account.id, interactions);
         }
         interactions
     }

@@ -251,7 +251,7 @@ fn measure(
         let (world, made) = (&worlds[valid[*k].i], hidden.interactions() - before);
         let interactions = world.count_measured(made);
         if let Some(account) = world.account.as_ref().filter(|_| made > 0) {
-            account.store.note_world(&account.id, interactions, None);
+            account.store.note_world(&account.id, interactions);
             to_write = Some(&account.store);
         }
     }
