@@ -156,10 +156,10 @@ $(VENV)-openenv/.installed: pyproject.toml clients/openenv/requirements.txt $(VE
 	touch $@
 
 damage:
-	$(CARGO) test --locked $(LEVELS) --lib damage::a_directory_damaged_a_thousand -- --ignored --nocapture
+	$(CARGO) test --locked $(LEVELS) --lib damage::directory_damaged_a_thousand -- --ignored --nocapture
 
 kill:
-	$(CARGO) test --locked $(LEVELS) --test serving kill::what_was_acknowledged_is_there_after_a_hundred -- --ignored --nocapture
+	$(CARGO) test --locked $(LEVELS) --test serving kill::acknowledged_writes_survive_a_hundred -- --ignored --nocapture
 
 bench: $(VENV)/.installed
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1 Box2D

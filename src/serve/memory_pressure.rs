@@ -19,8 +19,8 @@ fn resident_bytes() -> Option<u64> {
 
 /// Memory of the machine, or of the control group if it has less, bytes.
 fn available_bytes() -> Option<u64> {
-    let machine = status_kilobytes(&fs::read_to_string("/proc/meminfo").ok()?, "MemTotal:")?;
-    Some(control_group_bytes().map_or(machine, |group| group.min(machine)))
+    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| status_kilobytes(&text, "MemTotal:"));
+    [machine, control_group_bytes()].into_iter().flatten().min()
 }
 
 /// `memory.max` of the process's control group (version 2) and of those around it, the least.

@@ -108,6 +108,8 @@ impl ClientKind {
 struct Acknowledged {
     /// Worlds by id: kind, and answered and sent attempts in real ones.
     worlds: BTreeMap<String, (String, u64, u64)>,
+    /// Friction of simulated worlds by id: the last that was acknowledged (NaN if none was), and those that were sent after it.
+    friction: BTreeMap<String, Vec<f64>>,
     deleted: Vec<String>,
     /// Jobs by id.
     jobs: BTreeMap<String, Value>,
@@ -124,7 +126,7 @@ struct Acknowledged {
 fn work(mut transport: ClientKind, name: &str, draws: &mut impl rand::Rng, state: &Mutex<Acknowledged>) {
     let mut own = Vec::new();
     for turn in 0.. {
-        let done = match draws.random_range(0..6) {
+        let done = match draws.random_range(0..7) {
             0 | 1 => make_world(
                 &mut transport,
                 &format!("{name}-{turn}"),
@@ -133,6 +135,7 @@ fn work(mut transport: ClientKind, name: &str, draws: &mut impl rand::Rng, state
                 state,
             ),
             2 | 3 => attempt(&mut transport, &own, draws.random_range(0..1000), state),
+            5 => set_latents(&mut transport, &own, draws.random_range(0..1000), state),
             4 => delete_world(&mut transport, &mut own, draws.random_range(0..1000), state),
             _ => make_job(&mut transport, draws.random_range(0..1000), state),
         };
@@ -195,6 +198,32 @@ fn attempt(
     Some(true)
 }
 
+fn set_latents(
+    transport: &mut ClientKind,
+    own: &[String],
+    which: usize,
+    state: &Mutex<Acknowledged>,
+) -> Option<bool> {
+    if own.is_empty() {
+        return Some(false);
+    }
+    let id = &own[which % own.len()];
+    let friction = 0.001 * (1 + which) as f64;
+    {
+        let mut state = state.lock().unwrap();
+        if state.worlds[id].0 != "sim" {
+            return Some(false);
+        }
+        state.friction.entry(id.clone()).or_insert_with(|| vec![f64::NAN]).push(friction);
+    }
+    let (args, path) = (json!({"id": id, "friction": friction}), format!("/v1/worlds/{id}/set_latents"));
+    let (status, told) =
+        transport.ask(&OperationCall { op: "set_latents", method: "POST", path, args, key: None })?;
+    assert!(status < 300, "{told}");
+    state.lock().unwrap().friction.insert(id.clone(), vec![friction]);
+    Some(true)
+}
+
 fn delete_world(
     transport: &mut ClientKind,
     own: &mut Vec<String>,
@@ -207,6 +236,7 @@ fn delete_world(
     let id = own.swap_remove(which % own.len());
     // Without a response, it may or may not exist.
     state.lock().unwrap().worlds.remove(&id);
+    state.lock().unwrap().friction.remove(&id);
     state.lock().unwrap().keys.retain(|_, (_, made)| *made != id);
     let (args, path) = (json!({"id": id}), format!("/v1/worlds/{id}"));
     let (status, told) =
@@ -243,6 +273,11 @@ fn check_state(server: &Server, state: &mut Acknowledged) {
     for (turn, (id, (kind, answered, sent))) in state.worlds.iter().enumerate() {
         let (status, world) = get(turn, "get_world", "worlds", id);
         assert_eq!((status, world["kind"].as_str()), (200, Some(kind.as_str())), "{id}: {world}");
+        if let Some(sent) = state.friction.get(id) {
+            let friction = world["latents"]["friction"].as_f64().unwrap();
+            let never_acknowledged = sent[0].is_nan();
+            assert!(never_acknowledged || sent.contains(&friction), "{id}: friction is {friction}, sent were {sent:?}");
+        }
         // Counters of simulated worlds are written once per second.
         if kind == "real" {
             let counted = world["interactions"].as_u64().unwrap();
