@@ -115,3 +115,18 @@ fn rejects_invalid_certificates_by_name() {
     refused(&of("cert.pem"), &of("cert.pem"), "--tls-key");
     refused(&of("cert.pem"), &of("renewed_key.pem"), "--tls-key");
 }
+
+#[test]
+fn warns_of_an_expired_certificate() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
+        .args(["serve", "--http", "127.0.0.1:0", "--tls-cert"])
+        .args([of("expired.pem"), "--tls-key".into(), of("expired_key.pem")])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
+    let _server = Program(child);
+    let warning = log.next().unwrap().unwrap();
+    assert!(warning.contains("clients will refuse the certificate") && warning.contains("expired"), "{warning}");
+}
