@@ -128,7 +128,12 @@ impl Limits {
 
     /// Limits of one request.
     pub fn request_limits(&self) -> RequestLimits {
-        RequestLimits { actions: self.actions, samples: self.samples, body_steps: self.body_steps }
+        RequestLimits {
+            actions: self.actions,
+            samples: self.samples,
+            body_steps: self.body_steps,
+            ..RequestLimits::STANDARD
+        }
     }
 
     /// As a duration; [`Limits::validate`] has checked the range.
