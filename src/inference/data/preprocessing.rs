@@ -121,8 +121,11 @@ pub fn preprocess(
     let sd: Vec<f64> = segments.iter().map(scale).collect();
     cleaning::reject_onset(&mut segments, &sd);
     cleaning::reject_outliers(&mut segments, &sd, &settings, engine, progress)?;
-    let expected_rss = expected_rss(&segments, &sd, used.len(), &noise);
-    segments.iter_mut().chain(&mut whole).for_each(segment::average_blocks);
+    let expected_rss = expected_rss(&segments, &sd, used.len(), &noise, progress)?;
+    for segment in segments.iter_mut().chain(&mut whole) {
+        progress.check_stop()?;
+        segment::average_blocks(segment);
+    }
     Ok(Ok(PreprocessedData {
         segments,
         trial_indices: used,
