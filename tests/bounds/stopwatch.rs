@@ -27,6 +27,7 @@ impl Stopwatch {
 
     /// The longest intervals, descending.
     pub fn longest(self) -> Vec<(f64, String, String)> {
+        self.check(None);
         self.0.into_inner().unwrap().longest
     }
 

@@ -117,9 +117,10 @@ impl LogLikelihood {
                 c,
                 layout.parameters.len(),
                 (discrepancy_model, before),
+                data.progress,
             )
         };
-        let Some(at_fit) = new(&fit.components, None) else { return Ok(None) };
+        let Some(at_fit) = new(&fit.components, None)? else { return Ok(None) };
         let sampled_field = match discrepancy_model {
             DiscrepancyModel::Sampled(unnamed) => {
                 match SampledField::new(&at_fit.groups, unnamed, &fit.prior.precision) {
@@ -132,9 +133,14 @@ impl LogLikelihood {
         let mut objective = variance_components::ComponentLikelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
         if objective.depends_on_components() {
-            let drawn = objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
-            conditional =
-                drawn.par_iter().filter_map(|c| Some(new(c, Some(&at_fit))?.drop_jacobians())).collect();
+            let drawn = objective.sample(
+                COMPONENT_DRAWS,
+                &mut rng::stream(seed, "components"),
+                data.progress,
+            )?;
+            let one = |c| Ok(new(c, Some(&at_fit))?.map(ConditionalLikelihood::drop_jacobians));
+            let all = drawn.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+            conditional = all.into_iter().flatten().collect();
         }
         if conditional.is_empty() {
             conditional.push(at_fit.drop_jacobians());
@@ -340,6 +346,7 @@ fn cache_segments(
     for (p, part) in groups.iter().enumerate() {
         let mut row = 0;
         for block in &part.blocks {
+            data.progress.check_stop()?;
             let w = block.segment;
             let (window, look) = (&data.segments[w], &linearizations[w]);
             let moves = |k: usize| look.jacobian.column(k).amax() > 0.0;
