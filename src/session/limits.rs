@@ -32,6 +32,16 @@ impl RequestLimits {
             memory_bytes: 512 << 20,
         };
 
+    /// Fails if an estimate of peak memory, bytes, exceeds the limit.
+    pub fn check_memory(&self, estimate_bytes: u64, advice: &'static str) -> Result<()> {
+        if estimate_bytes <= self.memory_bytes {
+            return Ok(());
+        }
+        let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
+        let (asked, limit) = (megabytes(estimate_bytes), megabytes(self.memory_bytes));
+        Err(Error::TooLarge { what: "memory, MB", asked, limit, advice })
+    }
+
     /// Fails if `work` body-time-steps exceed the limit.
     pub(super) fn check_work(&self, work: u64) -> Result<()> {
         if work <= self.body_steps {

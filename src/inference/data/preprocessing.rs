@@ -143,7 +143,7 @@ pub fn preprocess(
 }
 
 /// Names of the settings in order of appearance, and the index of each trial's setting.
-fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
+pub fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
     let mut names: Vec<String> = Vec::new();
     let place = |t: &Trial| {
         let name = t.setting.clone().unwrap_or_default();

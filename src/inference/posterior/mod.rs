@@ -44,6 +44,7 @@ use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
 pub use discrepancy::DiscrepancyField;
 pub use document::PosteriorDocument;
+pub use horizon::MAX_HORIZON;
 pub use likelihood::{LIKELIHOOD_FORMAT, TrialLikelihood};
 use log_likelihood::DiscrepancySummary;
 pub use log_likelihood::{FieldDraws, LogLikelihood};

@@ -71,12 +71,12 @@ fn begin(
     let request = body.into_posterior();
     let config = request.config().map_err(with_request_field)?;
     let (job, seed) = (request.job.clone(), config.seed);
-    let (scene, trials, count) = posterior_data(app, request)?;
+    let (scene, csv, trials) = posterior_data(app, request)?;
     let shown = json!({
-        "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
+        "job": job, "scene": scene.name, "trials": trials.len(), "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,
     });
-    let given = DiagnosisInput { scene: scene.to_json(), trials, seed };
+    let given = DiagnosisInput { scene: scene.to_json(), trials: csv, seed };
     let key = digest(&SHA256, to_json(&(&given, &config))?.as_bytes());
     let key = key.as_ref().iter().map(|b| format!("{b:02x}")).collect();
     let plan = LikelihoodJob { given, config, key };
