@@ -24,7 +24,7 @@ impl Budget for &dyn Progress {
     }
 }
 
-/// A budget as a progress whose reports nobody reads.
+/// A budget as a progress without reports.
 pub struct Unreported<'a>(pub &'a dyn Budget);
 
 impl Progress for Unreported<'_> {

@@ -53,7 +53,8 @@ impl CandidateScreening<'_> {
         for (part, chunk) in candidates.chunks(CANDIDATES_PER_BATCH).enumerate() {
             self.progress.report(stage, results.len() as u64, candidates.len() as u64)?;
             let copied: Vec<&PerturbedAction> = chunk.iter().map(|(_, _, c)| c).collect();
-            let predictions = predict_observations(&copied, &worlds.worlds, self.config.engine, &self.progress)?;
+            let predictions =
+                predict_observations(&copied, &worlds.worlds, self.config.engine, &self.progress)?;
             self.rollouts += chunk.len() * worlds.worlds.len() * (self.config.copies + 1);
             let first = part * CANDIDATES_PER_BATCH;
             let progress = self.progress;
@@ -94,7 +95,8 @@ impl CandidateScreening<'_> {
         let rollouts: Vec<Rollout> =
             scenes.iter().flat_map(|scene| rollouts_in(scene, &worlds.worlds)).collect();
         self.rollouts += rollouts.len();
-        let solved = Simulator::new(self.config.engine).budget(&self.progress).map(&rollouts, |_, t| t.solved())?;
+        let solved =
+            Simulator::new(self.config.engine).budget(&self.progress).map(&rollouts, |_, t| t.solved())?;
         let of = |solved: &[bool]| {
             let share = solved.iter().filter(|s| **s).count() as f64 / solved.len() as f64;
             AnswerPartition::Shared {

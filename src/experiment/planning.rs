@@ -170,7 +170,8 @@ mod tests {
         let plan = PlanConfig { actions: 1500, draws: 8, ..PlanConfig::standard(1) };
         let config = PlanningConfig { plan, hidden, predictions: 6 };
         let tasks = family.tasks();
-        let run = |task| evaluate_plan(task, &belief, &config, &crate::budget::Unlimited, &NoProgress).unwrap();
+        let run =
+            |task| evaluate_plan(task, &belief, &config, &crate::budget::Unlimited, &NoProgress).unwrap();
         let found: Vec<PlanEvaluation> = tasks[..3].iter().map(run).collect();
         assert!(found.iter().all(|t| t.complete && t.solved_at.is_some_and(|k| k <= 3)), "{found:?}");
         let score = score(&found);

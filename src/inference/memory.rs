@@ -1,6 +1,6 @@
 //! Estimates of the peak memory of computations on trials, so that a server can refuse what is too large before it starts.
 //!
-//! What a fit keeps grows with the number of segments and with their observations, of which long segments keep
+//! The memory of a fit grows with the number of segments and with their observations, of which long segments keep
 //! [`MAX_OBSERVATIONS`] averages: Jacobians by every parameter, perturbation and basis function, for every candidate set. The figures
 //! were measured on throws of 1 to 3 balls, 20 to 200 trials of 25 to 2000 frames; estimates are 1.0 to 2.5 times the measured peaks.
 
@@ -23,7 +23,7 @@ const BYTES_PER_THREAD: u64 = 60_000;
 /// Number of threads in the measurements.
 const MEASURED_THREADS: u64 = 2;
 
-/// What estimates depend on.
+/// Size of the data, from which estimates follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DataSize {
     /// Number of observations of a body at a time.

@@ -17,7 +17,8 @@ pub struct RequestLimits {
 }
 
 /// Name of the quantity limited by [`RequestLimits::body_steps`], in its error.
-pub const BODY_STEPS_LABEL: &str = "bodies x time steps x actions (more for shapes of many pieces or corners)";
+pub const BODY_STEPS_LABEL: &str =
+    "bodies x time steps x actions (more for shapes of many pieces or corners)";
 
 /// Rollouts up to this many body-time-steps run inline, in at most about 0.2 ms.
 pub(super) const MAX_INLINE_BODY_STEPS: u64 = 100;
@@ -25,12 +26,7 @@ pub(super) const MAX_INLINE_BODY_STEPS: u64 = 100;
 impl RequestLimits {
     /// Keeps a response below 0.5 GB and a request within about a minute on two cores.
     pub const STANDARD: RequestLimits =
-        RequestLimits {
-            actions: 4096,
-            samples: 4_000_000,
-            body_steps: 100_000_000,
-            memory_bytes: 512 << 20,
-        };
+        RequestLimits { actions: 4096, samples: 4_000_000, body_steps: 100_000_000, memory_bytes: 512 << 20 };
 
     /// Fails if an estimate of peak memory, bytes, exceeds the limit.
     pub fn check_memory(&self, estimate_bytes: u64, advice: &'static str) -> Result<()> {

@@ -34,7 +34,8 @@ impl Scene {
         if count <= MAX_CORNERS {
             return Ok(());
         }
-        let allowed = format!("at most {MAX_CORNERS} corners of all shapes, pieces and the goal region together");
+        let allowed =
+            format!("at most {MAX_CORNERS} corners of all shapes, pieces and the goal region together");
         Err(Error::input("bodies", format!("{count} corners in the scene"), allowed))
     }
 
@@ -77,7 +78,9 @@ fn check_setting_corners(count: usize) -> Result<()> {
     if count <= MAX_SETTING_CORNERS {
         return Ok(());
     }
-    let allowed = format!("at most {MAX_SETTING_CORNERS} corners of the objects that settings override, in all settings together");
+    let allowed = format!(
+        "at most {MAX_SETTING_CORNERS} corners of the objects that settings override, in all settings together"
+    );
     Err(Error::input("settings", format!("{count} or more corners"), allowed))
 }
 
@@ -118,7 +121,7 @@ const GOAL_PAIRS_PER_BODY: u64 = 64;
 /// Work of one time step, in units of a simple body: about a microsecond in the general engine.
 ///
 /// Engines visit every body, every pair of pieces to see whether it is near, and the outlines of pairs in contact; a body is taken to
-/// be in contact with the most complex other object. Measured with rows of 2 to 64 bodies of 1 to 32 pieces that touch: 0.3 to 8
+/// be in contact with the most complex other object. Measured with rows of 1 to 64 bodies of 1 to 32 pieces that touch: 0.1 to 10
 /// microseconds a unit.
 pub fn step_cost(bodies: &[ShapeSize], statics: &[ShapeSize], goal_work: u64) -> u64 {
     let pieces = |of: &[ShapeSize]| of.iter().map(|s| s.pieces).sum::<u64>();
@@ -189,7 +192,10 @@ mod tests {
     fn simple_bodies_cost_one() {
         let simple = size(1, 4);
         for (bodies, statics) in [(1, 0), (3, 5), (2, 10)] {
-            assert_eq!(step_cost(&vec![simple; bodies], &vec![simple; statics], region_work(12)), bodies as u64);
+            assert_eq!(
+                step_cost(&vec![simple; bodies], &vec![simple; statics], region_work(12)),
+                bodies as u64
+            );
         }
         let jars = step_cost(&[size(3, 4); 2], &[simple], 0);
         assert!((10..30).contains(&jars), "{jars}");

@@ -74,7 +74,11 @@ impl Scene {
             ("carriers", carriers, objects),
         ] {
             if count > most {
-                return Err(Error::input(field, format!("{count} entries"), format!("at most {most} entries")));
+                return Err(Error::input(
+                    field,
+                    format!("{count} entries"),
+                    format!("at most {most} entries"),
+                ));
             }
         }
         Ok(())

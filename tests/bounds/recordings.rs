@@ -10,7 +10,9 @@ pub fn throws(trials: usize, frames: usize, bodies: usize) -> (Scene, Vec<Trial>
         format!(r#"{{"name": "ball{b}", "shape": {{"type": "disc", "radius": 0.05}}, "position": [0, {b}]}}"#)
     };
     let all = (0..bodies).map(body).collect::<Vec<_>>().join(", ");
-    let text = format!(r#"{{"format": "iplw.scene/1", "bodies": [{all}], "gravity": [0, -9.81], "time_step": 0.002}}"#);
+    let text = format!(
+        r#"{{"format": "iplw.scene/1", "bodies": [{all}], "gravity": [0, -9.81], "time_step": 0.002}}"#
+    );
     let scene = Scene::from_json(&text).unwrap();
     let trial = |k: usize| {
         let times: Vec<f64> = (0..frames).map(|i| i as f64 / (frames - 1) as f64).collect();

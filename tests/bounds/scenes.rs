@@ -30,7 +30,7 @@ fn shape(pieces: usize, corners: usize) -> serde_json::Value {
 /// Objects of a scene: their number, their pieces and the corners of each piece.
 pub type Objects = [usize; 3];
 
-/// Bodies and statics in a row, `spacing` m apart; those of the statics are 0.9 m below.
+/// Bodies and statics in a row, `spacing` m apart; the statics are 0.97 m below.
 pub fn row(bodies: Objects, statics: Objects, spacing: f64) -> Scene {
     let mut scene = Scene::empty();
     let [count, pieces, corners] = bodies;
@@ -45,7 +45,7 @@ pub fn row(bodies: Objects, statics: Objects, spacing: f64) -> Scene {
     scene.statics = (0..count)
         .map(|i| {
             let json = serde_json::json!({"name": format!("s{i}"), "shape": shape(pieces, corners),
-                "position": [spacing * i as f64, -0.9]});
+                "position": [spacing * i as f64, -0.97]});
             serde_json::from_value::<Static>(json).unwrap()
         })
         .collect();

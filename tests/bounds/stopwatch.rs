@@ -36,7 +36,8 @@ impl Stopwatch {
         let seconds = inner.last.elapsed().as_secs_f64();
         if seconds > 0.02 && inner.longest.get(REPORTED - 1).is_none_or(|l| l.0 < seconds) {
             let trace = Backtrace::force_capture().to_string();
-            let trace: Vec<&str> = trace.lines().filter(|l| l.contains("iplw::") && !l.contains("test")).take(6).collect();
+            let trace: Vec<&str> =
+                trace.lines().filter(|l| l.contains("iplw::") && !l.contains("test")).take(6).collect();
             let stage = inner.stage.clone();
             inner.longest.push((seconds, stage, trace.join("\n")));
             inner.longest.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -71,7 +71,10 @@ fn draws_cover_hidden_parameters() {
     assert_eq!(likelihood.names(), ["friction", "restitution", "linear_drag.c"]);
     let drawn = &found.sets[0].draws;
     assert_eq!(likelihood.log_likelihoods(&drawn.points, &Unlimited).unwrap(), drawn.log_likelihoods);
-    assert_eq!(likelihood.log_likelihoods(&drawn.points[7..8], &Unlimited).unwrap(), drawn.log_likelihoods[7..8]);
+    assert_eq!(
+        likelihood.log_likelihoods(&drawn.points[7..8], &Unlimited).unwrap(),
+        drawn.log_likelihoods[7..8]
+    );
     let starts = likelihood.initial_points(9, 5, &Unlimited).unwrap();
     assert!(starts.iter().all(|p| likelihood.log_prior(p).is_finite()));
     assert!(likelihood.log_likelihoods(&starts, &Unlimited).unwrap().iter().all(|l| l.is_finite()));

@@ -93,8 +93,7 @@ mod tests {
         let target = ImpossibleTarget(TiltedNormal::new().prior);
         let reference =
             ReferenceDensity::new(&[1.0, 0.5, 1.0], &DMatrix::identity(3, 3), 1.0, target.prior());
-        let found =
-            initial_points(&target, &reference, 3, &mut rng::stream(1, "starts"), &mut 0, &Unlimited);
+        let found = initial_points(&target, &reference, 3, &mut rng::stream(1, "starts"), &mut 0, &Unlimited);
         assert!(found.unwrap_err().to_string().contains("finite posterior density"));
     }
 }

@@ -98,11 +98,10 @@ pub fn smc(
     let thousandths = |runs: f64| (1000.0 * runs) as u64;
     let all = thousandths(PILOT_FRACTION + config.runs as f64);
     let report = |runs: f64| progress.report("sampling the posterior", thousandths(runs), all);
-    let (reference, pilot_evaluations) =
-        {
-            let report = |temperature| report(PILOT_FRACTION * temperature);
-            reference_from_pilot(target, reference, config, (&report, &progress))?
-        };
+    let (reference, pilot_evaluations) = {
+        let report = |temperature| report(PILOT_FRACTION * temperature);
+        reference_from_pilot(target, reference, config, (&report, &progress))?
+    };
     for number in 0..config.runs {
         let seed = rng::derive_seed(config.seed, "run", number as u64);
         let completed = PILOT_FRACTION + number as f64;

@@ -285,8 +285,7 @@ pub fn field_estimate(
             score: t.score.rows(q, count).into_owned(),
             ..t
         };
-        let all: Vec<GroupStatistics> =
-            by_group?.into_iter().map(only).collect();
+        let all: Vec<GroupStatistics> = by_group?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
         let prior = FixedEffectsPrior { precision, mean_offset: DVector::zeros(count), log_weight: 0.0 };
         group_statistics::gls(all.iter(), &prior)

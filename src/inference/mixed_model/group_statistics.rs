@@ -395,7 +395,8 @@ mod tests {
     #[test]
     fn group_statistics_match_the_explicit_gaussian() {
         let (group, c) = (part(), components_of_it());
-        let statistics = group_statistics(std::slice::from_ref(&group), &c, &NoProgress).unwrap().unwrap().remove(0);
+        let statistics =
+            group_statistics(std::slice::from_ref(&group), &c, &NoProgress).unwrap().unwrap().remove(0);
         let (covariance, columns, left) = whole(&group, &c);
         let inverse = covariance.clone().try_inverse().unwrap();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} for {b}");
@@ -432,7 +433,9 @@ mod tests {
             mean_offset: DVector::zeros(2),
             log_weight: 0.0,
         };
-        let of = |groups: &[Group]| gls(group_statistics(groups, &c, &NoProgress).unwrap().unwrap().iter(), &prior).unwrap().step;
+        let of = |groups: &[Group]| {
+            gls(group_statistics(groups, &c, &NoProgress).unwrap().unwrap().iter(), &prior).unwrap().step
+        };
         let usual: Vec<Group> = vec![part(); 10];
         let all: Vec<Group> = usual.iter().cloned().chain([spoilt]).collect();
         assert!((of(&usual) - of(&all)).norm() < 0.2, "{} {}", of(&usual), of(&all));

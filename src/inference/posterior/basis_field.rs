@@ -202,7 +202,9 @@ impl DiscrepancyModel<'_> {
     pub fn discrepancy(&self, groups: &[WhitenedGroup], progress: &dyn Progress) -> Result<FieldMixture> {
         match self {
             DiscrepancyModel::Marginalised(every) => FieldMixture::new(groups, &every.kinds, progress),
-            DiscrepancyModel::Absent | DiscrepancyModel::Sampled(_) => FieldMixture::new(groups, &[], progress),
+            DiscrepancyModel::Absent | DiscrepancyModel::Sampled(_) => {
+                FieldMixture::new(groups, &[], progress)
+            }
         }
     }
 }

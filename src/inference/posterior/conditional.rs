@@ -103,10 +103,10 @@ impl ConditionalLikelihood {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::NoProgress;
     use crate::estimate::sampler::log_sum_exp;
     use crate::inference::mixed_model::groups::SegmentBlock;
     use crate::inference::mixed_model::variance_components;
+    use crate::progress::NoProgress;
     use crate::rng;
 
     fn synthetic_groups() -> Vec<Group> {

@@ -86,8 +86,9 @@ impl FieldMixture {
         progress: &dyn Progress,
     ) -> Result<FieldMixture> {
         let log_prior_none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
-        let kind =
-            |(over, range): &(FieldInputs, Range<usize>)| FieldKind::new(groups, *over, range, None, progress);
+        let kind = |(over, range): &(FieldInputs, Range<usize>)| {
+            FieldKind::new(groups, *over, range, None, progress)
+        };
         let kinds = kinds.iter().map(kind).collect::<Result<Vec<_>>>()?;
         let residuals: Vec<DVector<f64>> = groups.iter().map(|p| p.residual.clone()).collect();
         let each = libm::log(0.5 / (kinds.len() * COEFFICIENT_SDS.len()).max(1) as f64);
@@ -103,8 +104,7 @@ impl FieldMixture {
     /// The same fields for groups with another covariance.
     pub fn with_groups(&self, groups: &[WhitenedGroup], progress: &dyn Progress) -> Result<FieldMixture> {
         let anew = |kind: &FieldKind| -> Result<FieldKind> {
-            let found =
-                FieldKind::new(groups, kind.over, &kind.range, Some(&kind.directions), progress)?;
+            let found = FieldKind::new(groups, kind.over, &kind.range, Some(&kind.directions), progress)?;
             Ok(FieldKind { directions: &kind.directions * &found.directions, ..found })
         };
         Ok(FieldMixture {

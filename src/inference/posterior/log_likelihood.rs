@@ -133,11 +133,8 @@ impl LogLikelihood {
         let mut objective = variance_components::ComponentLikelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
         if objective.depends_on_components() {
-            let drawn = objective.sample(
-                COMPONENT_DRAWS,
-                &mut rng::stream(seed, "components"),
-                data.progress,
-            )?;
+            let drawn =
+                objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"), data.progress)?;
             let one = |c| Ok(new(c, Some(&at_fit))?.map(ConditionalLikelihood::drop_jacobians));
             let all = drawn.par_iter().map(one).collect::<Result<Vec<_>>>()?;
             conditional = all.into_iter().flatten().collect();
@@ -272,9 +269,8 @@ impl LogLikelihood {
         let mut out = Vec::with_capacity(points.len());
         for together in points.chunks(POINTS_PER_BATCH) {
             let (first, deltas) = (out.len(), self.prediction_deltas(together, budget)?);
-            let one = |(i, deltas): (usize, &Vec<DVector<f64>>)| {
-                of(first + i, &self.residuals(deltas, budget)?)
-            };
+            let one =
+                |(i, deltas): (usize, &Vec<DVector<f64>>)| of(first + i, &self.residuals(deltas, budget)?);
             out.extend(deltas.par_iter().enumerate().map(one).collect::<Result<Vec<T>>>()?);
         }
         Ok(out)

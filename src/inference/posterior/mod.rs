@@ -106,12 +106,11 @@ pub fn posterior(
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);
-            let DiscrepancySummary { fields, draws: carried } = density
-                .summarise_discrepancy(
-                    &draws.points,
-                    rng::derive_seed(config.seed, "lacking", s as u64),
-                    &progress,
-                )?;
+            let DiscrepancySummary { fields, draws: carried } = density.summarise_discrepancy(
+                &draws.points,
+                rng::derive_seed(config.seed, "lacking", s as u64),
+                &progress,
+            )?;
             sets.push(ModelPosterior {
                 set: model.named_terms().iter().map(|t| t.effect.name.to_string()).collect(),
                 parameters: numbers,

@@ -117,8 +117,8 @@ pub fn expected_rss(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::NoProgress;
     use crate::inference::testing::segments::{flights, multi_step_segments};
+    use crate::progress::NoProgress;
 
     fn noise() -> Noise {
         Noise { sd: 1e-3, rho: 0.0, degrees_of_freedom: 1e3 }

@@ -50,9 +50,12 @@ pub fn detect_contacts(
     for (f, fixed) in scene.statics.iter().enumerate() {
         let solid = fixed.placed();
         let gap = |p: [f64; 2], angle: f64| solid.signed_distance_to(&shape.placed(p, angle));
-        let gaps = checked_gaps(rows.iter().zip(&angles), corners * fixed.shape.corner_count(), progress, |((_, p), angle)| {
-            gap(*p, *angle)
-        })?;
+        let gaps = checked_gaps(
+            rows.iter().zip(&angles),
+            corners * fixed.shape.corner_count(),
+            progress,
+            |((_, p), angle)| gap(*p, *angle),
+        )?;
         let h = 1e-3 * extent;
         let normal = |i: usize| {
             let (p, a) = (rows[i].1, angles[i]);
@@ -80,12 +83,14 @@ pub fn detect_contacts(
         let Some(theirs) = scene.bodies[k].shape.pieces() else { continue };
         // The rows' times are among those of the trial, which increase.
         let at = |t: f64| trial.observed.times.partition_point(|s| *s < t);
-        let gaps = checked_gaps(rows, corners * scene.bodies[k].shape.corner_count(), progress, |(t, p)| match observed_position(other, at(*t)) {
-            Some(q) => {
-                let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t).unwrap_or(0.0));
-                shape.placed(*p, own).signed_distance_to(&theirs.placed(q, other))
+        let gaps = checked_gaps(rows, corners * scene.bodies[k].shape.corner_count(), progress, |(t, p)| {
+            match observed_position(other, at(*t)) {
+                Some(q) => {
+                    let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t).unwrap_or(0.0));
+                    shape.placed(*p, own).signed_distance_to(&theirs.placed(q, other))
+                }
+                None => f64::INFINITY,
             }
-            None => f64::INFINITY,
         })?;
         mark_contacts(&gaps, near, |i| {
             out[i] = Some(ContactEvent { normal: [0.0, 1.0], level: 0.0, obstacle: Obstacle::Body(k) })

@@ -177,8 +177,8 @@ fn means_and_sds(mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Vec<[f64; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::NoProgress;
     use crate::inference::testing::throws;
+    use crate::progress::NoProgress;
 
     /// BLUP equals conditioning the explicit joint Gaussian of three trials with five observations and two
     /// parameters, of which the first varies between trials.
@@ -257,7 +257,10 @@ mod tests {
         });
         throws::with_fit(&[0.4; 8], &[], 5, |fitter, f| {
             let (_, groups) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
-            assert!(trial_estimates(f, &groups, &[0; 8], &NoProgress).unwrap().iter().all(Vec::is_empty), "no effect has no size");
+            assert!(
+                trial_estimates(f, &groups, &[0; 8], &NoProgress).unwrap().iter().all(Vec::is_empty),
+                "no effect has no size"
+            );
         });
     }
 }

@@ -33,8 +33,7 @@ pub fn predictive_check(
     let groups = fitter.groups_with_discrepancy(&model.layout, &model.state, linearizations)?;
     fitter.data.progress.check_stop()?;
     let Some(groups) = groups else { return Ok(None) };
-    let statistics =
-        group_statistics::group_statistics(&groups, &model.components, fitter.data.progress)?;
+    let statistics = group_statistics::group_statistics(&groups, &model.components, fitter.data.progress)?;
     Ok(statistics.and_then(|statistics| check_groups(fitter, model, &statistics, used)))
 }
 
@@ -146,10 +145,10 @@ fn order_statistic_interval(place: usize, n: usize) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::NoProgress;
     use crate::inference::mixed_model::group_statistics::{GlsEstimate, VarianceComponents};
     use crate::inference::mixed_model::groups::{Group, SegmentBlock};
     use crate::inference::testing::throws;
+    use crate::progress::NoProgress;
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
     use rand_distr::{Distribution, StandardNormal};
@@ -186,11 +185,10 @@ mod tests {
                         log_det_noise: 0.0,
                     };
                     let group = Group { trial: 0, blocks: vec![block], has_random_effects: true };
-                    let statistics =
-                        group_statistics::group_statistics(&[group], &components, &NoProgress)
-                            .unwrap()
-                            .unwrap()
-                            .remove(0);
+                    let statistics = group_statistics::group_statistics(&[group], &components, &NoProgress)
+                        .unwrap()
+                        .unwrap()
+                        .remove(0);
                     f_survival(
                         statistics.predictive_distance(&others).unwrap().0 / statistics.count,
                         statistics.count,

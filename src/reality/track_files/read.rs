@@ -76,7 +76,12 @@ pub fn read(
     let table = table(&text, options.columns.as_deref(), budget)?;
     if table.columns.len() > MAX_COLUMNS {
         let value = format!("{} columns", table.columns.len());
-        return Err(invalid_value(table.header_line, "header", &value, &format!("at most {MAX_COLUMNS} columns")));
+        return Err(invalid_value(
+            table.header_line,
+            "header",
+            &value,
+            &format!("at most {MAX_COLUMNS} columns"),
+        ));
     }
     for (run, table) in table.by_run() {
         let name = run.as_deref().unwrap_or(trial);

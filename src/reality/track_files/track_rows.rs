@@ -60,8 +60,7 @@ pub fn assemble(rows: Vec<TrackRow>, scene: &Scene, budget: &dyn Budget) -> Resu
                 return Err(invalid_value(row.line, "trial", &format!("{:?}", row.trial), allowed));
             }
             for (field, name) in [("trial", Some(&row.trial)), ("setting", row.setting.as_ref())] {
-                check_text_length(field, name.map_or("", String::as_str))
-                    .map_err(|e| e.in_file(row.line))?;
+                check_text_length(field, name.map_or("", String::as_str)).map_err(|e| e.in_file(row.line))?;
             }
             let setting = row.setting.clone();
             let base = bare.with_setting(setting.as_ref().and_then(|s| scene.settings.get(s)));

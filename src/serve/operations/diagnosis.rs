@@ -54,7 +54,7 @@ fn begin(
     submit(app, KIND, &config, &plan, seed, keep)
 }
 
-/// What to do about data that need too much memory.
+/// Advice for data that need too much memory.
 pub(super) const FEWER_TRIALS: &str = "give fewer trials, or leave out observations";
 
 /// The scene and the trials, as CSV too, from the upload or from the job that measured them.
