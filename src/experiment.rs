@@ -141,7 +141,7 @@ pub fn random_trials(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Trial>> {
-    let drawn = explore::draw_placeable(tasks, count, &mut rng::stream(seed, "random trials"))?;
+    let drawn = explore::draw_placeable(tasks, count, &mut rng::stream(seed, "random trials"), progress)?;
     let mut trials = Vec::with_capacity(count);
     for (task, action, _) in drawn {
         progress.report("measuring the real world", trials.len() as u64, count as u64)?;

@@ -24,6 +24,19 @@ impl Budget for &dyn Progress {
     }
 }
 
+/// A budget as a progress without reports.
+pub struct Unreported<'a>(pub &'a dyn Budget);
+
+impl Progress for Unreported<'_> {
+    fn report(&self, _stage: &str, _done: u64, _total: u64) -> Result<()> {
+        self.0.check()
+    }
+
+    fn check_stop(&self) -> Result<()> {
+        self.0.check()
+    }
+}
+
 /// Ignores progress and never cancels.
 pub struct NoProgress;
 

@@ -8,7 +8,6 @@ use super::likelihood::ComponentScores;
 use super::predicted_observations::{PerturbedAction, predict_observations, rollouts_in};
 use super::question::Question;
 use super::worlds::SampledWorlds;
-use crate::budget::Unlimited;
 use crate::error::{Error, Result};
 use crate::estimate::ParameterSamples;
 use crate::plan::{PlanConfig, plan};
@@ -54,10 +53,13 @@ impl CandidateScreening<'_> {
         for (part, chunk) in candidates.chunks(CANDIDATES_PER_BATCH).enumerate() {
             self.progress.report(stage, results.len() as u64, candidates.len() as u64)?;
             let copied: Vec<&PerturbedAction> = chunk.iter().map(|(_, _, c)| c).collect();
-            let predictions = predict_observations(&copied, &worlds.worlds, self.config.engine, &Unlimited)?;
+            let predictions =
+                predict_observations(&copied, &worlds.worlds, self.config.engine, &self.progress)?;
             self.rollouts += chunk.len() * worlds.worlds.len() * (self.config.copies + 1);
             let first = part * CANDIDATES_PER_BATCH;
+            let progress = self.progress;
             let own = predictions.into_par_iter().enumerate().map(|(i, shown)| {
+                progress.check_stop()?;
                 let seed = rng::derive_seed(self.config.seed, stage, (first + i) as u64);
                 let mut noise = rng::stream(seed, "design noise");
                 let predictions =
@@ -93,7 +95,8 @@ impl CandidateScreening<'_> {
         let rollouts: Vec<Rollout> =
             scenes.iter().flat_map(|scene| rollouts_in(scene, &worlds.worlds)).collect();
         self.rollouts += rollouts.len();
-        let solved = Simulator::new(self.config.engine).map(&rollouts, |_, t| t.solved())?;
+        let solved =
+            Simulator::new(self.config.engine).budget(&self.progress).map(&rollouts, |_, t| t.solved())?;
         let of = |solved: &[bool]| {
             let share = solved.iter().filter(|s| **s).count() as f64 / solved.len() as f64;
             AnswerPartition::Shared {
@@ -126,7 +129,7 @@ impl CandidateScreening<'_> {
         for k in 0..count {
             self.progress.report("planning test tasks", k as u64, count as u64)?;
             let task = k * self.test_tasks.len() / count;
-            let results = plan(&self.test_tasks[task], self.belief, &setup, &Unlimited, self.progress)?;
+            let results = plan(&self.test_tasks[task], self.belief, &setup, &self.progress, self.progress)?;
             self.rollouts += results.rollouts;
             self.planned_actions.extend(results.ranked.into_iter().take(each).map(|r| (task, r.action)));
         }
@@ -153,7 +156,7 @@ impl CandidateScreening<'_> {
         let count = |i: usize, t: Trajectory| {
             [f64::from(t.collisions), f64::from(t.rolling_steps) * rollouts[i].scene.time_step]
         };
-        let counts = Simulator::new(self.config.engine).map(&rollouts, count)?;
+        let counts = Simulator::new(self.config.engine).budget(&self.progress).map(&rollouts, count)?;
         let mean = |own: &[[f64; 2]]| {
             let sum = own.iter().fold([0.0; 2], |s, c| [s[0] + c[0], s[1] + c[1]]);
             sum.map(|s| s / own.len() as f64)

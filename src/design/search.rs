@@ -72,7 +72,7 @@ pub fn design(
     let actuation = ActuationNoise { copies: config.copies, perturb: config.perturb, seed: config.seed };
     let mut stream = rng::stream(config.seed, "design candidates");
     let mut candidates = Vec::with_capacity(config.candidates);
-    for (task, action, _) in explore::draw_placeable(tasks, config.candidates, &mut stream)? {
+    for (task, action, _) in explore::draw_placeable(tasks, config.candidates, &mut stream, progress)? {
         candidates.extend(actuation.perturb(&tasks[task], &action).map(|c| (task, action, c)));
     }
     if candidates.is_empty() {
@@ -185,6 +185,7 @@ fn select_batch(
         progress.report("choosing the batch", chosen.len() as u64, size as u64)?;
         let with = |i: usize| match &sum {
             Some(sum) => {
+                progress.check_stop()?;
                 let both = sum.combined_with(&evaluated_shortlist[i].0, grouping);
                 let gain = mean_information_gain(&both.likelihoods(grouping)?, labels);
                 Ok((both, gain))

@@ -70,8 +70,9 @@ pub fn segment_losses(
             progress.report("simulating samples", rollouts, total)?;
             let batch: Vec<Rollout> =
                 part.iter().map(|(p, s)| rollout(&segments[*p].scene, &physics[*s])).collect();
-            let residuals =
-                Simulator::new(simulation.engine).map(&batch, |i, t| segments[part[i].0].loss(&t))?;
+            let residuals = Simulator::new(simulation.engine)
+                .budget(&progress)
+                .map(&batch, |i, t| segments[part[i].0].loss(&t))?;
             part.iter().zip(residuals).for_each(|((_, s), r)| sums[*s] += r);
             rollouts += part.len() as u64;
         }
@@ -123,8 +124,9 @@ pub fn segment_residuals(
             .iter()
             .flat_map(|p| physics.iter().map(|parameters| rollout(&p.scene, parameters)))
             .collect();
-        let residuals =
-            Simulator::new(simulation.engine).map(&batch, |i, t| part[i / samples.len()].residuals(&t))?;
+        let residuals = Simulator::new(simulation.engine)
+            .budget(&progress)
+            .map(&batch, |i, t| part[i / samples.len()].residuals(&t))?;
         residuals.into_iter().enumerate().for_each(|(i, v)| rows[i % samples.len()].push(v));
     }
     Ok(rows)

@@ -223,7 +223,7 @@ impl<'a> TrainingSimulator<'a> {
                 |(latents, effects)| Rollout { latents, effects, stop_at_goal: false, ..Rollout::of(scene) };
             let batch: Vec<Rollout> = physics.iter().map(|(l, e)| rollout((*l, e))).collect();
             let positions = flatten_positions(observed);
-            let found = Simulator::new(self.simulation.engine).map(&batch, |_, path| {
+            let found = Simulator::new(self.simulation.engine).budget(&progress).map(&batch, |_, path| {
                 let off = position_residuals(observed, &path);
                 positions.iter().zip(off).map(|(observed, off)| (observed - off) as f32).collect::<Vec<f32>>()
             })?;

@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use super::hidden_evaluation::evaluate_in_hidden_world;
-use crate::budget::{Budget, Unlimited};
+use crate::budget::Budget;
 use crate::error::Result;
 use crate::estimate::ParameterSamples;
 use crate::plan::{Calibration, PerturbedRollouts, Plan, PlanConfig, PlanPolicy, calibration, plan};
@@ -127,7 +127,7 @@ fn predictions(
         progress.report("predicted against real success", i as u64, chosen.len() as u64)?;
         let draws = copies.draws();
         let fresh: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
-        let solving = copies.solve(&fresh, &Unlimited)?.into_iter().filter(|s| *s).count();
+        let solving = copies.solve(&fresh, &progress)?.into_iter().filter(|s| *s).count();
         let done = world.measure(task, &[hand.perturbed_action(action, i % draws)])?.pop();
         let solved = done.and_then(|a| a.trajectory).is_some_and(|t| t.solved());
         found.push((solving as f64 / draws as f64, solved));
@@ -170,7 +170,8 @@ mod tests {
         let plan = PlanConfig { actions: 1500, draws: 8, ..PlanConfig::standard(1) };
         let config = PlanningConfig { plan, hidden, predictions: 6 };
         let tasks = family.tasks();
-        let run = |task| evaluate_plan(task, &belief, &config, &Unlimited, &NoProgress).unwrap();
+        let run =
+            |task| evaluate_plan(task, &belief, &config, &crate::budget::Unlimited, &NoProgress).unwrap();
         let found: Vec<PlanEvaluation> = tasks[..3].iter().map(run).collect();
         assert!(found.iter().all(|t| t.complete && t.solved_at.is_some_and(|k| k <= 3)), "{found:?}");
         let score = score(&found);

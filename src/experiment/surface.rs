@@ -176,6 +176,7 @@ fn ideal_points(
             std::slice::from_ref(task),
             config.actions,
             &mut rng::stream(seed, "surface actions"),
+            progress,
         )?;
         samples.push(drawn.into_iter().map(|(_, _, scene)| scene).collect());
     }
@@ -189,7 +190,7 @@ fn ideal_points(
                 .iter()
                 .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
                 .collect();
-            of_task.push(Simulator::new(config.engine).map(&rollouts, |_, t| t.solved())?);
+            of_task.push(Simulator::new(config.engine).budget(&progress).map(&rollouts, |_, t| t.solved())?);
         }
         done += 1;
         Ok(of_task)

@@ -226,7 +226,7 @@ fn add_real_attempts(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let drawn = explore::draw_placeable(&data.tasks, count, &mut rng::stream(seed, "attempts"))?;
+    let drawn = explore::draw_placeable(&data.tasks, count, &mut rng::stream(seed, "attempts"), progress)?;
     for (t, task) in data.tasks.iter().enumerate() {
         progress.report("acting in the real world", t as u64, data.tasks.len() as u64)?;
         let actions: Vec<ValidAction> = drawn.iter().filter(|d| d.0 == t).map(|d| d.1.clone()).collect();

@@ -43,7 +43,7 @@ pub fn simulate_candidates(
     stream: &mut Stream,
     progress: &dyn Progress,
 ) -> Result<Vec<ActionCandidate>> {
-    let drawn = draw_placeable(tasks, count, stream)?;
+    let drawn = draw_placeable(tasks, count, stream, progress)?;
     let mut found = Vec::with_capacity(drawn.len());
     // Chunks bound memory and allow progress reports and cancellation.
     for chunk in drawn.chunks(256) {
@@ -58,6 +58,7 @@ pub fn simulate_candidates(
             })
             .collect();
         let counts = Simulator::new(world.engine)
+            .budget(&progress)
             .map(&rollouts, |i, t| (informative_collisions(rollouts[i].scene, &t), t.rolling_steps))?;
         found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
             ActionCandidate { task: *task, action: action.clone(), collisions, rolling_steps }
@@ -88,6 +89,7 @@ pub(crate) fn draw_placeable(
     tasks: &[Task],
     count: usize,
     stream: &mut Stream,
+    progress: &dyn Progress,
 ) -> Result<Vec<(usize, ValidAction, Box<Scene>)>> {
     if tasks.is_empty() {
         return Err(Error::Failed("there are no tasks to draw actions for".into()));
@@ -98,6 +100,7 @@ pub(crate) fn draw_placeable(
         if drawn.len() == count {
             return Ok(drawn);
         }
+        progress.check_stop()?;
         let task = stream.random_range(0..tasks.len());
         let space = tasks[task].actions();
         let action = space.at(stream.random_range(0..space.count()))?;

@@ -194,7 +194,7 @@ impl<'a> InformationModel<'a> {
                     ..Rollout::of(scene)
                 })
                 .collect();
-            let trajectories = Simulator::new(self.world.engine).map(&nominal, |_, t| t)?;
+            let trajectories = Simulator::new(self.world.engine).budget(&progress).map(&nominal, |_, t| t)?;
             whole += chunk.iter().map(|s| u64::from(s.steps)).sum::<u64>();
             steps += trajectories.iter().map(|t| u64::from(t.outcome.steps)).sum::<u64>();
             let mut segments = Vec::new();
@@ -202,7 +202,7 @@ impl<'a> InformationModel<'a> {
                 segments.extend(cut_segments(scene, trajectory).into_iter().map(|scene| (owner, scene)));
             }
             let mut sums = vec![self.zeros(); chunk.len()];
-            let ends = self.simulate_variants(&segments)?;
+            let ends = self.simulate_variants(&segments, progress)?;
             for ((owner, scene), variants) in segments.iter().zip(ends.chunks(self.variants().len())) {
                 sums[*owner] += self.segment_information(variants);
                 steps += u64::from(scene.steps) * variants.len() as u64;
@@ -220,7 +220,11 @@ impl<'a> InformationModel<'a> {
     }
 
     /// Final positions of every segment in every variant, by segment: (2 n_bodies,) m.
-    fn simulate_variants(&self, segments: &[(usize, Scene)]) -> Result<Vec<Vec<f64>>> {
+    fn simulate_variants(
+        &self,
+        segments: &[(usize, Scene)],
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<f64>>> {
         let worlds: Vec<(Latents, Vec<EffectTerm>)> = self
             .variants()
             .into_iter()
@@ -241,7 +245,7 @@ impl<'a> InformationModel<'a> {
                 })
             })
             .collect();
-        Simulator::new(self.world.engine).map(&rollouts, |_, t| {
+        Simulator::new(self.world.engine).budget(&progress).map(&rollouts, |_, t| {
             if t.outcome.end == Termination::Diverged {
                 return Vec::new();
             }

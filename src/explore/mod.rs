@@ -177,7 +177,9 @@ mod tests {
     fn collisions_are_contacts_between_latent_carriers() {
         let simulated = |name: &str, carriers: Option<&[&str]>| {
             let tasks = family(name).unwrap().tasks();
-            let drawn = draw_placeable(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates")).unwrap();
+            let drawn =
+                draw_placeable(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates"), &NoProgress)
+                    .unwrap();
             let mut scenes: Vec<Scene> = drawn.into_iter().map(|(_, _, scene)| *scene).collect();
             for scene in &mut scenes {
                 let named = |c: &[&str]| c.iter().map(|c| c.to_string()).collect();

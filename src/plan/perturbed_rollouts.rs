@@ -15,6 +15,9 @@ use crate::world::{Engine, Rollout, Simulator};
 
 use super::config::PlanConfig;
 
+/// Number of placed scenes in memory at once, up to about 100 kB each.
+const SCENES_PER_BATCH: usize = 1024;
+
 /// Rollouts of the actions of one task.
 pub struct PerturbedRollouts<'a> {
     task: &'a Task,
@@ -54,12 +57,22 @@ impl<'a> PerturbedRollouts<'a> {
 
     /// Whether each (action, index of the rollout) solves the task, in order.
     pub fn solve(&self, copies: &[(&ValidAction, usize)], budget: &dyn Budget) -> Result<Vec<bool>> {
-        let place =
-            |(action, k): &(&ValidAction, usize)| match self.task.place(&self.perturbed_action(action, *k)) {
+        let mut solved = Vec::with_capacity(copies.len());
+        for chunk in copies.chunks(SCENES_PER_BATCH) {
+            solved.extend(self.solve_batch(chunk, budget)?);
+        }
+        Ok(solved)
+    }
+
+    fn solve_batch(&self, copies: &[(&ValidAction, usize)], budget: &dyn Budget) -> Result<Vec<bool>> {
+        let place = |(action, k): &(&ValidAction, usize)| -> Result<Option<Box<Scene>>> {
+            budget.check()?;
+            Ok(match self.task.place(&self.perturbed_action(action, *k)) {
                 Placement::Valid(scene) => Some(scene),
                 Placement::Invalid(_) => None,
-            };
-        let placed: Vec<Option<Box<Scene>>> = copies.par_iter().map(place).collect();
+            })
+        };
+        let placed: Vec<Option<Box<Scene>>> = copies.par_iter().map(place).collect::<Result<_>>()?;
         let rollouts: Vec<Rollout> = placed
             .iter()
             .zip(copies)

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::budget::{Budget, Unlimited};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::estimate::ParameterSamples;
 use crate::policy::evaluate::candidates;
@@ -30,8 +30,12 @@ pub fn plan(
     config.validate()?;
     let all = candidates(task, &config.candidates())?;
     let count = all.len();
-    let placeable = |a: &ValidAction| matches!(task.place(a), Placement::Valid(_));
-    let valid: Vec<ValidAction> = all.into_par_iter().filter(placeable).collect();
+    let placeable = |a: ValidAction| -> Result<Option<ValidAction>> {
+        progress.check_stop()?;
+        Ok(matches!(task.place(&a), Placement::Valid(_)).then_some(a))
+    };
+    let valid = all.into_par_iter().map(placeable).collect::<Result<Vec<_>>>()?;
+    let valid: Vec<ValidAction> = valid.into_iter().flatten().collect();
     let perturbed = PerturbedRollouts::new(task, belief, config);
     let mut elimination =
         SuccessiveElimination::new(valid.len(), perturbed.draws(), config.exact, config.look);
@@ -96,7 +100,7 @@ fn fresh_counts(
         progress.report("fresh draws for the best", counts.len() as u64, best.len() as u64)?;
         let rollouts: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
         let mut count = SuccessCount::default();
-        perturbed.solve(&rollouts, &Unlimited)?.into_iter().for_each(|solved| count.record(solved));
+        perturbed.solve(&rollouts, &progress)?.into_iter().for_each(|solved| count.record(solved));
         counts.push(count);
     }
     Ok(counts)

@@ -104,7 +104,7 @@ pub fn label(
         }
         for chunk in jobs.chunks(PROGRESS_CHUNK) {
             progress.report("label", done, total)?;
-            for (job, solved) in chunk.iter().zip(simulate(chunk, config.engine)?) {
+            for (job, solved) in chunk.iter().zip(simulate(chunk, config.engine, progress)?) {
                 found[job.task].push((job.action.clone(), solved));
             }
             done += chunk.len() as u64;
@@ -274,13 +274,13 @@ struct LabelRollout<'a> {
     effects: &'a [EffectTerm],
 }
 
-fn simulate(jobs: &[LabelRollout], engine: Engine) -> Result<Vec<bool>> {
+fn simulate(jobs: &[LabelRollout], engine: Engine, progress: &dyn Progress) -> Result<Vec<bool>> {
     let of = |j| {
         let LabelRollout { scene, latents, effects, .. }: &LabelRollout = j;
         Rollout { latents: *latents, effects, ..Rollout::of(scene) }
     };
     let rollouts: Vec<Rollout> = jobs.iter().map(of).collect();
-    Simulator::new(engine).map(&rollouts, |_, trajectory| trajectory.solved())
+    Simulator::new(engine).budget(&progress).map(&rollouts, |_, trajectory| trajectory.solved())
 }
 
 /// A task's discrete actions in random order.

@@ -63,7 +63,7 @@ impl SimulatedValidator {
         let mut solved_at: Vec<Vec<Option<usize>>> = vec![Vec::new(); self.worlds.len()];
         for (t, task) in self.tasks.iter().enumerate() {
             progress.report("validate", t as u64, self.tasks.len() as u64)?;
-            for (of_world, at) in solved_at.iter_mut().zip(self.first_success(policy, task)?) {
+            for (of_world, at) in solved_at.iter_mut().zip(self.first_success(policy, task, progress)?) {
                 of_world.push(at);
             }
         }
@@ -71,7 +71,12 @@ impl SimulatedValidator {
     }
 
     /// First solving attempt of a task in each world, from 1.
-    fn first_success(&self, policy: &dyn Policy, task: &Task) -> Result<Vec<Option<usize>>> {
+    fn first_success(
+        &self,
+        policy: &dyn Policy,
+        task: &Task,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Option<usize>>> {
         let actions = candidates(task, &self.config)?;
         let order = rank(policy, task, &actions, CHUNK)?;
         let mut placed =
@@ -86,7 +91,9 @@ impl SimulatedValidator {
                 scenes.iter().map(|scene| Rollout { latents: *latents, effects, ..Rollout::of(scene) })
             };
             let rollouts: Vec<Rollout> = open.iter().flat_map(of).collect();
-            let solved = Simulator::new(self.engine).map(&rollouts, |_, trajectory| trajectory.solved())?;
+            let solved = Simulator::new(self.engine)
+                .budget(&progress)
+                .map(&rollouts, |_, trajectory| trajectory.solved())?;
             for (w, of_world) in open.iter().zip(solved.chunks(scenes.len())) {
                 found[*w] = of_world.iter().position(|s| *s).map(|k| done + k + 1);
             }

@@ -4,7 +4,7 @@
 //! `t` share a sample. An empty cell is a missing value (NaN in memory). An error names line, column and value.
 
 use super::Trial;
-use super::track_files::{TrackRow, assemble, check_complete, invalid_value};
+use super::track_files::{TrackRow, assemble, check_cells, check_complete, invalid_value};
 use crate::budget::{Budget, Unlimited, checked};
 use crate::error::{Error, Result};
 use crate::task::Scene;
@@ -19,6 +19,7 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
 
 /// As [`trials_from_csv`], with a budget.
 pub fn read_trials_csv(text: &str, scene: &Scene, budget: &dyn Budget) -> Result<Vec<Trial>> {
+    check_cells([text])?;
     assemble(rows(text, budget)?, scene, budget)
 }
 

@@ -150,7 +150,12 @@ impl Limits {
 
     /// Limits of one request.
     pub fn request_limits(&self) -> RequestLimits {
-        RequestLimits { actions: self.actions, samples: self.samples, body_steps: self.body_steps }
+        RequestLimits {
+            actions: self.actions,
+            samples: self.samples,
+            body_steps: self.body_steps,
+            ..RequestLimits::STANDARD
+        }
     }
 
     /// Limits of the bytes of request bodies.

@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, TryLockError};
 
 use super::catalogue::TaskSet;
 use super::config::{WorldConfig, WorldKind};
-use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits};
+use super::limits::{MAX_INLINE_BODY_STEPS, RequestLimits, rollout_work};
 use super::state::{Phase, WorldState, conflict};
 use super::watch::{EventBus, WorldEventKind, WorldWatcher};
 use crate::error::{Error, Result, check_count, check_range};
@@ -150,7 +150,7 @@ impl World {
             copied_family,
             original: None,
             features: config.tasks.feature_names().len(),
-            max_body_steps: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
+            max_body_steps: scenes.map(rollout_work).max().unwrap_or(0),
             tasks: config.tasks,
             kind: config.kind,
             engine: config.engine,

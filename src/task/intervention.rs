@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::body::{Body, Static};
+use super::shape::Shape;
 
 /// A change of a scene at a time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -98,6 +99,15 @@ impl Intervention {
             Intervention::Add { body, .. } => Some(&body.name),
             Intervention::AddStatic { fixed, .. } => Some(&fixed.name),
             Intervention::Latents { .. } => None,
+        }
+    }
+
+    /// The shape of the object that it adds, if any.
+    pub fn added_shape(&self) -> Option<&Shape> {
+        match self {
+            Intervention::Add { body, .. } => Some(&body.shape),
+            Intervention::AddStatic { fixed, .. } => Some(&fixed.shape),
+            _ => None,
         }
     }
 

@@ -6,13 +6,14 @@
 pub mod action;
 pub mod ball;
 mod body;
+pub mod complexity;
 mod contact_rules;
 mod custom;
 mod families;
 pub mod geometry;
 mod goal;
 mod intervention;
-mod limits;
+pub(crate) mod limits;
 pub mod phyre;
 mod placement;
 pub mod scene;

@@ -72,6 +72,24 @@ impl Setting {
 }
 
 impl BodyOverride {
+    /// The body with the overrides.
+    pub(super) fn applied_to(&self, body: &Body) -> Body {
+        let mut body = body.clone();
+        self.apply(&mut body);
+        body
+    }
+}
+
+impl StaticOverride {
+    /// The static with the overrides.
+    pub(super) fn applied_to(&self, fixed: &Static) -> Static {
+        let mut fixed = fixed.clone();
+        self.apply(&mut fixed);
+        fixed
+    }
+}
+
+impl BodyOverride {
     fn apply(&self, body: &mut Body) {
         if let Some(shape) = &self.shape {
             body.shape = shape.clone();

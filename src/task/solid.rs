@@ -17,6 +17,9 @@ pub enum Solid {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexPieces(pub Vec<Convex>);
 
+/// Number of corners that a piece counts as at least: engines take as long for a disc as for a box.
+pub const MIN_CORNERS_PER_PIECE: usize = 4;
+
 impl Solid {
     /// The solid rotated by `angle` (rad) about the origin, then translated to `position` (m).
     pub fn placed(&self, position: [f64; 2], angle: f64) -> Solid {
@@ -81,6 +84,11 @@ impl ConvexPieces {
     pub fn bounds(&self) -> Aabb {
         let all = self.0.iter().map(Convex::bounds);
         all.reduce(geometry::union_box).expect("a solid has at least one piece")
+    }
+
+    /// Number of corners of all pieces, at least [`MIN_CORNERS_PER_PIECE`] each.
+    pub fn corner_count(&self) -> usize {
+        self.0.iter().map(|piece| piece.points.len().max(MIN_CORNERS_PER_PIECE)).sum()
     }
 
     /// The smaller side of [`ConvexPieces::bounds`], m.

@@ -1,7 +1,7 @@
 //! Validates a scene's interventions and puts them in order of time.
 
 use super::intervention::Intervention;
-use super::limits::{MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_vector};
+use super::limits::{MAX_LENGTH_M, MAX_SPEED_M_S, MAX_SPIN_RAD_S, check_name_length, check_vector};
 use super::scene::Scene;
 use crate::error::{Error, Result, check_range};
 
@@ -17,6 +17,9 @@ pub fn schedule(scene: &Scene) -> Result<Vec<(u32, usize)>> {
     if list.len() > MAX_INTERVENTIONS {
         let allowed = format!("at most {MAX_INTERVENTIONS} interventions");
         return Err(Error::input("interventions", format!("{} interventions", list.len()), allowed));
+    }
+    if !list.is_empty() {
+        scene.check_corners()?;
     }
     let under = |k: usize| move |e: Error| e.in_field(&format!("interventions[{k}]"));
     let mut order = Vec::with_capacity(list.len());
@@ -161,9 +164,7 @@ impl PresentObjects {
     /// Errors unless `name` is valid for an added object.
     fn fresh(&self, field: &str, name: &str) -> Result<()> {
         let mut taken = self.bodies.iter().chain(&self.statics).chain(&self.gone);
-        if name.is_empty() || name.len() > 100 {
-            return Err(Error::input(field, format!("{name:?}"), "a name of 1 to 100 characters"));
-        }
+        check_name_length(field, name)?;
         if taken.any(|t| t == name) {
             let allowed = "a name that no other object of the rollout uses";
             return Err(Error::input(field, format!("{name:?}"), allowed));

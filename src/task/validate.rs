@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use super::body::Body;
 use super::geometry::{Aabb, disjoint, signed_area};
 use super::goal::Goal;
-use super::limits::{MAX_LENGTH_M, TIME_STEP_RANGE_S, check_vector};
+use super::limits::{MAX_LENGTH_M, TIME_STEP_RANGE_S, check_name_length, check_text_length, check_vector};
 use super::placement;
 use super::scene::{FORMAT, Scene};
 use super::solid::{ConvexPieces, Solid};
@@ -14,12 +14,17 @@ use crate::error::{Error, Result, check_format, check_range};
 
 /// Overlap up to this fraction of the smaller body is attributed to measurement error and accepted.
 const MAX_OVERLAP_FRACTION: f64 = 0.05;
+/// Largest number of effects, and of quantities to estimate.
+const MAX_LIST_LENGTH: usize = 64;
 
 impl Scene {
     /// Checks every value and reference; the first problem is the error.
     pub fn validate(&self) -> Result<()> {
         check_format(&self.format, FORMAT)?;
         check_vector("gravity", self.gravity, 1e4)?;
+        check_text_length("name", &self.name)?;
+        self.check_lists()?;
+        self.check_corners()?;
         if self.bodies.is_empty() || self.bodies.len() > 64 {
             return Err(Error::input("bodies", format!("{} bodies", self.bodies.len()), "1 to 64 bodies"));
         }
@@ -50,8 +55,7 @@ impl Scene {
         for (i, name) in self.carriers.iter().flatten().enumerate() {
             self.check_name(&format!("carriers[{i}]"), name, true)?;
         }
-        let bare = self.without_settings();
-        self.settings.keys().try_for_each(|name| self.validate_setting(name, &bare))?;
+        self.validate_settings()?;
         if let Some(space) = &self.action {
             placement::validate(space, self).map_err(|e| e.in_field("action"))?;
         }
@@ -59,26 +63,23 @@ impl Scene {
         timeline::schedule(self).map(drop)
     }
 
-    /// `bare`: the scene without its settings.
-    fn validate_setting(&self, name: &str, bare: &Scene) -> Result<()> {
-        let Some(setting) = self.settings.get(name) else { return Ok(()) };
-        for body in setting.bodies.keys() {
-            self.check_name(&format!("settings.{name}.bodies"), body, false)?;
-        }
-        let known: Vec<&String> = self.statics.iter().map(|s| &s.name).collect();
-        if let Some(unknown) = setting.statics.keys().find(|n| !known.contains(n)) {
-            let known = known.iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
-            let field = format!("settings.{name}.statics");
-            return Err(Error::input(field, format!("{unknown:?}"), format!("one of {known}")));
-        }
-        let varied = bare.with_setting(Some(setting));
-        for fixed in &varied.statics {
-            let place = format!("settings.{name}.statics.{}", fixed.name);
-            fixed.validate().map_err(|e| e.in_field(&place))?;
-        }
-        for (i, body) in varied.bodies.iter().enumerate() {
-            let place = format!("settings.{name}.bodies.{}", self.bodies[i].name);
-            body.validate().map_err(|e| e.in_field(&place))?;
+    /// Errors if a list of names or effects is too long.
+    fn check_lists(&self) -> Result<()> {
+        let objects = self.bodies.len() + self.statics.len();
+        let carriers = self.carriers.as_ref().map_or(0, Vec::len);
+        for (field, count, most) in [
+            ("effects", self.effects.len(), MAX_LIST_LENGTH),
+            ("calibrate", self.calibrate.len(), MAX_LIST_LENGTH),
+            ("per_setting", self.per_setting.len(), MAX_LIST_LENGTH),
+            ("carriers", carriers, objects),
+        ] {
+            if count > most {
+                return Err(Error::input(
+                    field,
+                    format!("{count} entries"),
+                    format!("at most {most} entries"),
+                ));
+            }
         }
         Ok(())
     }
@@ -103,7 +104,7 @@ impl Scene {
                     return Err(Error::input("region", format!("{} points", region.len()), allowed));
                 }
                 for (i, p) in region.iter().enumerate() {
-                    check_vector(&format!("region[{i}]"), *p, MAX_LENGTH_M)?;
+                    check_vector(format_args!("region[{i}]"), *p, MAX_LENGTH_M)?;
                 }
                 if signed_area(region).abs() < 1e-12 {
                     return Err(Error::input("region", "without area", "corners of a polygon with area"));
@@ -184,9 +185,7 @@ fn validate_line(goal: &Goal, height: Option<f64>, line: Option<[[f64; 2]; 2]>) 
 }
 
 fn unique(names: &mut HashSet<String>, field: &str, name: &str) -> Result<()> {
-    if name.is_empty() || name.len() > 100 {
-        return Err(Error::input(field, format!("{name:?}"), "a name of 1 to 100 characters"));
-    }
+    check_name_length(field, name)?;
     if names.insert(name.to_string()) {
         Ok(())
     } else {

@@ -35,9 +35,6 @@ use crate::task::scene::{ContactRules, FrictionRule, RestitutionRule};
 use crate::task::solid::Solid;
 use crate::trajectory::{Termination, Trajectory};
 
-/// Number of body-steps between two checks of the budget: about a millisecond.
-const BODY_STEPS_PER_CHECK: usize = 1024;
-
 /// Integrates one rollout.
 pub fn run(model: &RolloutModel, budget: &dyn Budget) -> Result<Trajectory> {
     let mut world = RapierWorld::build(model)?;
@@ -55,9 +52,9 @@ pub fn run(model: &RolloutModel, budget: &dyn Budget) -> Result<Trajectory> {
         world.settle(&model, &states);
     }
     let mut due = model.schedule.after(0);
-    let steps_per_check = (BODY_STEPS_PER_CHECK / model.bodies.len().max(1)).max(1) as u32;
+    let steps_per_check = model.steps_per_check();
     for step in 1..=model.steps {
-        if step % steps_per_check == 0 {
+        if u64::from(step).is_multiple_of(steps_per_check) {
             budget.check()?;
         }
         let before = world.step(&model, step - 1);

@@ -5,6 +5,7 @@ use super::effect::{Constants, ContactLaw, MotionLaw};
 use super::goal::{GoalCondition, GoalSpec, ObjectId};
 use super::observe::{ObservationSchedule, SensorChain};
 use super::state::BodyState;
+use crate::task::complexity::{ShapeSize, distance_work, region_work, step_cost};
 use crate::task::scene::ContactRules;
 use crate::task::solid::{ConvexPieces, Solid};
 
@@ -42,6 +43,9 @@ pub struct RolloutModel {
     pub interventions: Vec<CompiledIntervention>,
 }
 
+/// Work between two checks of the budget, in units of [`step_cost`]: about a millisecond.
+const STEP_COST_PER_CHECK: u64 = 1024;
+
 /// A movable body.
 #[derive(Clone, Debug)]
 pub struct BodyModel {
@@ -78,6 +82,26 @@ pub struct StaticModel {
     pub restitution: f64,
     /// Whether it is currently in the scene.
     pub present: bool,
+}
+
+impl RolloutModel {
+    /// Number of time steps between two checks of the budget: about a millisecond.
+    pub fn steps_per_check(&self) -> u64 {
+        let bodies: Vec<ShapeSize> = self.bodies.iter().map(|b| ShapeSize::of(&b.shape)).collect();
+        let statics: Vec<ShapeSize> = self.statics.iter().map(|s| ShapeSize::of_solid(&s.shape)).collect();
+        let object = |id: &ObjectId| match id {
+            ObjectId::Body(i) => bodies[*i],
+            ObjectId::Static(i) => statics[*i],
+        };
+        let goal_work = match self.goal.as_ref().map(|goal| &goal.condition) {
+            Some(GoalCondition::Contact { objects, .. } | GoalCondition::Apart { objects, .. }) => {
+                distance_work([object(&objects[0]), object(&objects[1])])
+            }
+            Some(GoalCondition::Inside { region, .. }) => region_work(region.len()),
+            Some(GoalCondition::Above { .. }) | None => 0,
+        };
+        (STEP_COST_PER_CHECK / step_cost(&bodies, &statics, goal_work).max(1)).max(1)
+    }
 }
 
 impl BodyModel {

@@ -1,6 +1,7 @@
 //! Posteriors from trials of hidden worlds: draws cover the truth, and report model discrepancy.
 
 use crate::{all_cases, cases};
+use iplw::budget::Unlimited;
 use iplw::estimate::ParameterSamples;
 use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
@@ -69,13 +70,16 @@ fn draws_cover_hidden_parameters() {
     let likelihood = TrialLikelihood::new(&scene, &trials, &wanted, &NoProgress).unwrap();
     assert_eq!(likelihood.names(), ["friction", "restitution", "linear_drag.c"]);
     let drawn = &found.sets[0].draws;
-    assert_eq!(likelihood.log_likelihoods(&drawn.points).unwrap(), drawn.log_likelihoods);
-    assert_eq!(likelihood.log_likelihoods(&drawn.points[7..8]).unwrap(), drawn.log_likelihoods[7..8]);
-    let starts = likelihood.initial_points(9, 5).unwrap();
+    assert_eq!(likelihood.log_likelihoods(&drawn.points, &Unlimited).unwrap(), drawn.log_likelihoods);
+    assert_eq!(
+        likelihood.log_likelihoods(&drawn.points[7..8], &Unlimited).unwrap(),
+        drawn.log_likelihoods[7..8]
+    );
+    let starts = likelihood.initial_points(9, 5, &Unlimited).unwrap();
     assert!(starts.iter().all(|p| likelihood.log_prior(p).is_finite()));
-    assert!(likelihood.log_likelihoods(&starts).unwrap().iter().all(|l| l.is_finite()));
+    assert!(likelihood.log_likelihoods(&starts, &Unlimited).unwrap().iter().all(|l| l.is_finite()));
     let outside = vec![vec![-0.1, 0.4, 0.2], vec![0.7, 0.4]];
-    assert_eq!(likelihood.log_likelihoods(&outside).unwrap(), [f64::NEG_INFINITY; 2]);
+    assert_eq!(likelihood.log_likelihoods(&outside, &Unlimited).unwrap(), [f64::NEG_INFINITY; 2]);
     assert!(outside.iter().all(|p| likelihood.log_prior(p) == f64::NEG_INFINITY));
     if !all_cases() {
         return;

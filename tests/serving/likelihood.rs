@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use iplw::budget::Unlimited;
 use iplw::commands::PosteriorRequest;
 use iplw::inference::posterior::TrialLikelihood;
 use iplw::progress::NoProgress;
@@ -65,7 +66,7 @@ fn matches_the_in_process_likelihood() {
         ..PosteriorRequest::default()
     };
     let likelihood = TrialLikelihood::new(&scene, &trials, &wanted.config().unwrap(), &NoProgress).unwrap();
-    let points = likelihood.initial_points(5, 4).unwrap();
+    let points = likelihood.initial_points(5, 4, &Unlimited).unwrap();
     assert_eq!(columns, json!({"quadratic_drag.k": points.concat()}));
 
     // The prior excludes the last point.
@@ -73,7 +74,7 @@ fn matches_the_in_process_likelihood() {
     let found = evaluate(&server, &job, &columns);
     assert_eq!(found["log_likelihood"][5], Value::Null);
     assert_eq!(found["log_prior"][5], Value::Null);
-    let wanted = likelihood.log_likelihoods(&points).unwrap();
+    let wanted = likelihood.log_likelihoods(&points, &Unlimited).unwrap();
     for (i, point) in points.iter().enumerate() {
         assert_eq!(found["log_likelihood"][i], wanted[i]);
         assert_eq!(found["log_prior"][i], likelihood.log_prior(point));

@@ -2,6 +2,7 @@
 
 use super::reference::ReferenceDensity;
 use super::{Target, log_densities};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use crate::world::ParameterVector;
@@ -18,6 +19,7 @@ pub fn initial_points(
     count: usize,
     stream: &mut Stream,
     evaluations: &mut u64,
+    budget: &dyn Budget,
 ) -> Result<Vec<(ParameterVector, [f64; 2])>> {
     let mut found: Vec<Option<(ParameterVector, [f64; 2])>> = vec![None; count];
     for _ in 0..MAX_ROUNDS {
@@ -27,7 +29,7 @@ pub fn initial_points(
         }
         let candidates: Vec<ParameterVector> =
             (0..DRAWS_PER_POINT * missing.len()).map(|_| reference.draw(stream)).collect();
-        let density = log_densities(target, &candidates, evaluations)?;
+        let density = log_densities(target, &candidates, evaluations, budget)?;
         for (k, i) in missing.into_iter().enumerate() {
             let own = DRAWS_PER_POINT * k..DRAWS_PER_POINT * (k + 1);
             let best = own.max_by(|a, b| density[*a][0].total_cmp(&density[*b][0]));
@@ -46,6 +48,7 @@ mod tests {
     use nalgebra::DMatrix;
 
     use super::*;
+    use crate::budget::Unlimited;
     use crate::estimate::sampler::JointPrior;
     use crate::estimate::sampler::tests::TiltedNormal;
     use crate::rng;
@@ -58,7 +61,7 @@ mod tests {
             ReferenceDensity::new(&[2.1, 0.5, 1.0], &(DMatrix::identity(3, 3) * 0.04), 1.0, target.prior());
         let drawn = |seed: u64| {
             let (mut stream, mut asked) = (rng::stream(seed, "starts"), 0);
-            let found = initial_points(&target, &reference, 50, &mut stream, &mut asked).unwrap();
+            let found = initial_points(&target, &reference, 50, &mut stream, &mut asked, &Unlimited).unwrap();
             assert!(asked <= 200 + 4 * 50, "{asked}");
             found
         };
@@ -80,7 +83,7 @@ mod tests {
             &self.0
         }
 
-        fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
+        fn log_likelihoods(&self, points: &[ParameterVector], _: &dyn Budget) -> Result<Vec<f64>> {
             Ok(vec![f64::NAN; points.len()])
         }
     }
@@ -90,7 +93,7 @@ mod tests {
         let target = ImpossibleTarget(TiltedNormal::new().prior);
         let reference =
             ReferenceDensity::new(&[1.0, 0.5, 1.0], &DMatrix::identity(3, 3), 1.0, target.prior());
-        let found = initial_points(&target, &reference, 3, &mut rng::stream(1, "starts"), &mut 0);
+        let found = initial_points(&target, &reference, 3, &mut rng::stream(1, "starts"), &mut 0, &Unlimited);
         assert!(found.unwrap_err().to_string().contains("finite posterior density"));
     }
 }

@@ -65,7 +65,7 @@ pub fn mcmc(
     config.validate()?;
     let mut stream = rng::stream(config.seed, "mcmc");
     let mut evaluations = 0;
-    let first = initial_points(target, reference, config.chains, &mut stream, &mut evaluations)?;
+    let first = initial_points(target, reference, config.chains, &mut stream, &mut evaluations, &progress)?;
     let (mut positions, mut density): (Vec<ParameterVector>, Vec<[f64; 2]>) = first.into_iter().unzip();
     let unit: Vec<f64> = target.prior().marginals().iter().map(|m| m.centre_and_sd()[1]).collect();
     let (mut factor, mut scale) = (proposal_factor(&positions, &unit), 1.0);
@@ -79,7 +79,7 @@ pub fn mcmc(
             x.iter().zip(by.iter()).map(|(x, s)| x + s).collect()
         };
         let proposed: Vec<ParameterVector> = positions.iter().map(&mut propose).collect();
-        let proposed_densities = log_densities(target, &proposed, &mut evaluations)?;
+        let proposed_densities = log_densities(target, &proposed, &mut evaluations, &progress)?;
         let is_sampling = step >= config.warm_up;
         for (c, (x, p)) in proposed.into_iter().zip(proposed_densities).enumerate() {
             let u: f64 = stream.random();

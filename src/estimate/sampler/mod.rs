@@ -18,6 +18,7 @@ pub mod smc;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 
+use crate::budget::Budget;
 use crate::error::Result;
 use crate::rng::Stream;
 use crate::world::ParameterVector;
@@ -36,8 +37,8 @@ pub trait Target: Sync {
         0
     }
 
-    /// Log likelihoods of points within the prior's bounds, in order; independent of batching.
-    fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>>;
+    /// Log likelihoods of points within the prior's bounds, in order; independent of batching. Ends early with `budget`.
+    fn log_likelihoods(&self, points: &[ParameterVector], budget: &dyn Budget) -> Result<Vec<f64>>;
 }
 
 /// For every point the unnormalised log posterior density and the log likelihood. The likelihood is evaluated
@@ -46,11 +47,12 @@ pub fn log_densities(
     target: &dyn Target,
     points: &[ParameterVector],
     evaluations: &mut u64,
+    budget: &dyn Budget,
 ) -> Result<Vec<[f64; 2]>> {
     let prior = target.prior();
     let inside: Vec<ParameterVector> = points.iter().filter(|p| prior.contains(p)).cloned().collect();
     *evaluations += inside.len() as u64;
-    let mut found = target.log_likelihoods(&inside)?.into_iter();
+    let mut found = target.log_likelihoods(&inside, budget)?.into_iter();
     let of = |p: &ParameterVector| match prior.contains(p) {
         true => {
             let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
@@ -120,6 +122,7 @@ pub fn sample_categorical(log_weights: &[f64], stream: &mut Stream) -> Option<us
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::budget::Unlimited;
 
     /// A correlated normal likelihood of two parameters; a third is not identified.
     pub struct TiltedNormal {
@@ -161,7 +164,7 @@ pub(crate) mod tests {
             &self.prior
         }
 
-        fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
+        fn log_likelihoods(&self, points: &[ParameterVector], _: &dyn Budget) -> Result<Vec<f64>> {
             let [[a, b], [_, c]] = COVARIANCE;
             let det = a * c - b * b;
             let of = |p: &ParameterVector| {
@@ -185,7 +188,7 @@ pub(crate) mod tests {
         let (target, mut evaluations) = (TiltedNormal::new(), 0);
         let points =
             vec![vec![0.4, 0.7, 1.0], vec![0.4, 1.1, 1.0], vec![f64::NAN, 0.7, 1.0], vec![0.5, 0.7, 1.0]];
-        let found = log_densities(&target, &points, &mut evaluations).unwrap();
+        let found = log_densities(&target, &points, &mut evaluations, &Unlimited).unwrap();
         assert_eq!((evaluations, found[1], found[2]), (2, [f64::NEG_INFINITY; 2], [f64::NEG_INFINITY; 2]));
         assert_eq!(found[0], [target.prior.log_density(&points[0]), 0.0]);
         assert!(found[3][1] < -1.0 && found[3][0] < found[0][0]);

@@ -25,6 +25,7 @@ use super::particles::{
 };
 use super::reference::{ReferenceDensity, StudentT};
 use super::{PosteriorDraws, Target, log_densities, weighted_moments};
+use crate::budget::Budget;
 use crate::error::{Error, Result, check_range};
 use crate::progress::Progress;
 use crate::rng::{self, Stream};
@@ -97,13 +98,15 @@ pub fn smc(
     let thousandths = |runs: f64| (1000.0 * runs) as u64;
     let all = thousandths(PILOT_FRACTION + config.runs as f64);
     let report = |runs: f64| progress.report("sampling the posterior", thousandths(runs), all);
-    let (reference, pilot_evaluations) =
-        reference_from_pilot(target, reference, config, &|temperature| report(PILOT_FRACTION * temperature))?;
+    let (reference, pilot_evaluations) = {
+        let report = |temperature| report(PILOT_FRACTION * temperature);
+        reference_from_pilot(target, reference, config, (&report, &progress))?
+    };
     for number in 0..config.runs {
         let seed = rng::derive_seed(config.seed, "run", number as u64);
         let completed = PILOT_FRACTION + number as f64;
         runs.push(
-            SmcRun::new(target, &reference, config, seed)
+            SmcRun::new(target, &reference, config, seed, &progress)
                 .sample(&|temperature| report(completed + temperature))?,
         );
     }
@@ -119,7 +122,7 @@ fn reference_from_pilot(
     target: &dyn Target,
     reference: &ReferenceDensity,
     config: &SmcConfig,
-    report: &dyn Fn(f64) -> Result<()>,
+    (report, budget): (&dyn Fn(f64) -> Result<()>, &dyn Budget),
 ) -> Result<(ReferenceDensity, u64)> {
     let particles = (PILOT_FRACTION * config.particles as f64) as usize;
     if particles < MIN_PARTICLES_PER_PARAMETER * target.prior().marginals().len() {
@@ -127,7 +130,7 @@ fn reference_from_pilot(
     }
     let config = SmcConfig { particles, ..config.clone() };
     let seed = rng::derive_seed(config.seed, "pilot", 0);
-    let mut run = SmcRun::new(target, reference, &config, seed);
+    let mut run = SmcRun::new(target, reference, &config, seed, budget);
     let particles = match run.sample(report) {
         Ok(ended) => ended.particles,
         Err(Error::Failed(_)) => return Ok((reference.clone(), run.evaluations)),
@@ -147,6 +150,8 @@ struct SmcRun<'a> {
     target: &'a dyn Target,
     reference: &'a ReferenceDensity,
     config: &'a SmcConfig,
+    /// Ends the run early.
+    budget: &'a dyn Budget,
     stream: Stream,
     evaluations: u64,
     /// Proposed and accepted moves.
@@ -168,11 +173,13 @@ impl<'a> SmcRun<'a> {
         reference: &'a ReferenceDensity,
         config: &'a SmcConfig,
         seed: u64,
+        budget: &'a dyn Budget,
     ) -> SmcRun<'a> {
         SmcRun {
             target,
             reference,
             config,
+            budget,
             stream: rng::stream(seed, "smc"),
             evaluations: 0,
             move_counts: [0, 0],
@@ -207,7 +214,7 @@ impl<'a> SmcRun<'a> {
 
     /// Evaluates the densities of points.
     fn evaluate(&mut self, points: Vec<ParameterVector>) -> Result<Vec<Particle>> {
-        let found = log_densities(self.target, &points, &mut self.evaluations)?;
+        let found = log_densities(self.target, &points, &mut self.evaluations, self.budget)?;
         let particle = |(temperature, [log_target, likelihood]): (ParameterVector, [f64; 2])| Particle {
             log_reference: self.reference.log_density(&temperature),
             log_target,
@@ -346,6 +353,7 @@ fn merge_runs(runs: Vec<SmcRunResult>) -> PosteriorDraws {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::budget::Unlimited;
     use crate::estimate::sampler::log_sum_exp;
     use crate::estimate::sampler::tests::{COVARIANCE, MEAN, TiltedNormal, assert_recovered};
     use crate::progress::NoProgress;
@@ -396,8 +404,8 @@ mod tests {
             fn structural_parameters(&self) -> usize {
                 3
             }
-            fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
-                self.0.log_likelihoods(points)
+            fn log_likelihoods(&self, points: &[ParameterVector], budget: &dyn Budget) -> Result<Vec<f64>> {
+                self.0.log_likelihoods(points, budget)
             }
         }
         let target = WithStructural(TiltedNormal::new());
@@ -434,7 +442,7 @@ mod tests {
         let reference = reference(&target, [1.3, 0.2, 3.0], 1.5);
         let config = SmcConfig { particles: 256, ..SmcConfig::standard(3) };
         let piloted = smc(&target, &reference, &config, &NoProgress).unwrap();
-        let alone = SmcRun::new(&target, &reference, &config, 3).sample(&|_| Ok(())).unwrap();
+        let alone = SmcRun::new(&target, &reference, &config, 3, &Unlimited).sample(&|_| Ok(())).unwrap();
         assert!(
             piloted.evaluations < 4 * alone.evaluations * 3 / 4,
             "{} {}",

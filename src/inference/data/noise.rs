@@ -186,7 +186,8 @@ mod tests {
                         });
                         (t, [3.0 * t + off[0], 2.0 + 4.0 * t - 4.905 * t * t + off[1]])
                     };
-                    fit_polynomials(&(0..40).map(&mut row).collect::<Vec<TimedPosition>>())
+                    fit_polynomials(&(0..40).map(&mut row).collect::<Vec<TimedPosition>>(), &NoProgress)
+                        .unwrap()
                 })
                 .collect();
             let found = estimate_noise(&flights.iter().collect::<Vec<_>>(), &NoProgress).unwrap().unwrap();

@@ -121,8 +121,11 @@ pub fn preprocess(
     let sd: Vec<f64> = segments.iter().map(scale).collect();
     cleaning::reject_onset(&mut segments, &sd);
     cleaning::reject_outliers(&mut segments, &sd, &settings, engine, progress)?;
-    let expected_rss = expected_rss(&segments, &sd, used.len(), &noise);
-    segments.iter_mut().chain(&mut whole).for_each(segment::average_blocks);
+    let expected_rss = expected_rss(&segments, &sd, used.len(), &noise, progress)?;
+    for segment in segments.iter_mut().chain(&mut whole) {
+        progress.check_stop()?;
+        segment::average_blocks(segment);
+    }
     Ok(Ok(PreprocessedData {
         segments,
         trial_indices: used,
@@ -140,7 +143,7 @@ pub fn preprocess(
 }
 
 /// Names of the settings in order of appearance, and the index of each trial's setting.
-fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
+pub fn index_settings(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
     let mut names: Vec<String> = Vec::new();
     let place = |t: &Trial| {
         let name = t.setting.clone().unwrap_or_default();

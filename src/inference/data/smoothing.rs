@@ -3,7 +3,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::error::Result;
 use crate::inference::statistics::{median, pseudo_inverse};
+use crate::progress::Progress;
 
 /// Multiples of the robust standard deviation beyond which a point is an outlier: 7 in a million for normal
 /// noise.
@@ -45,7 +47,7 @@ fn chebyshev(k: usize, [first, last]: [f64; 2], time: f64) -> f64 {
 }
 
 /// Fits a flight's rows.
-pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
+pub fn fit_polynomials(rows: &[TimedPosition], progress: &dyn Progress) -> Result<PolynomialSmooth> {
     let n = rows.len();
     let degree = degree(n);
     let span = [rows[0].0, rows[n - 1].0];
@@ -55,6 +57,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     let mut residual = [vec![0.0; n], vec![0.0; n]];
     let mut coefficients = [DVector::zeros(degree + 1), DVector::zeros(degree + 1)];
     for pass in 0..12 {
+        progress.check_stop()?;
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if used[i] { full[(i, k)] } else { 0.0 });
         let Some(q) = orthonormal_basis(&basis) else { break };
         fitted = q;
@@ -95,7 +98,7 @@ pub fn fit_polynomials(rows: &[TimedPosition]) -> PolynomialSmooth {
     }
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    PolynomialSmooth { residual, is_inlier: used, axes, basis: fitted, coefficients, span }
+    Ok(PolynomialSmooth { residual, is_inlier: used, axes, basis: fitted, coefficients, span })
 }
 
 /// Rows of a flight that are outliers relative to their neighbours; the polynomial of [`fit_polynomials`]

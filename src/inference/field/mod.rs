@@ -57,8 +57,10 @@ pub fn fit(fitter: &ModelFitter, model: &FittedModel) -> Result<Option<FieldFit>
     let mut evidences = Vec::new();
     for over in RADIAL_INPUTS {
         fitter.data.progress.check_stop()?;
-        let ReducedField { groups, .. } = every.reduced(over);
-        let Some(statistics) = group_statistics::group_statistics(&groups, &model.components) else {
+        let ReducedField { groups, .. } = every.reduced(over, fitter.data.progress)?;
+        let statistics =
+            group_statistics::group_statistics(&groups, &model.components, fitter.data.progress)?;
+        let Some(statistics) = statistics else {
             continue;
         };
         for strength in COEFFICIENT_SDS {
@@ -91,25 +93,29 @@ pub fn fit_broad(
         return Ok(None);
     }
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { mut groups, .. } = every.reduced(FieldInputs::All);
+    let ReducedField { mut groups, .. } = every.reduced(FieldInputs::All, fitter.data.progress)?;
     let blocks = groups.iter_mut().flat_map(|group| &mut group.blocks);
     for (block, own) in blocks.zip(own.iter().flat_map(|group| &group.blocks)) {
         block.residual.clone_from(&own.residual);
     }
     let components = VarianceComponents { scale: 0.0, ..model.components.clone() };
-    let mode = group_statistics::group_statistics(&groups, &components)
+    let mode = group_statistics::group_statistics(&groups, &components, fitter.data.progress)?
         .and_then(|statistics| at_scale(&statistics, &model.prior, sd));
     Ok(mode.map(|mode| (groups, mode.step)))
 }
 
-/// Groups of a model with the columns of each kind of field after those of its parameters; empty without
-/// flights.
-pub fn groups_by_inputs(fitter: &ModelFitter, model: &FittedModel) -> Result<Vec<Vec<Group>>> {
+/// Applies `of` to the groups of a model with the columns of each kind of field after those of its parameters, one kind at a time, since
+/// these columns take much memory; empty without flights.
+pub fn for_each_inputs<T>(
+    fitter: &ModelFitter,
+    model: &FittedModel,
+    of: impl Fn(&[Group]) -> Result<T>,
+) -> Result<Vec<T>> {
     if !fitter.data.segments.iter().any(|w| w.kind == SegmentKind::Flight) {
         return Ok(Vec::new());
     }
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(Vec::new()) };
-    Ok(RADIAL_INPUTS.into_iter().map(|over| every.reduced(over).groups).collect())
+    RADIAL_INPUTS.into_iter().map(|over| of(&every.reduced(over, fitter.data.progress)?.groups)).collect()
 }
 
 /// Basis functions of a field along trajectories.
@@ -161,11 +167,12 @@ impl FieldGroups {
 
     /// The same, rotated to the directions with most information over all trials; an isotropic prior is
     /// invariant.
-    fn reduced(&self, over: FieldInputs) -> ReducedField {
+    fn reduced(&self, over: FieldInputs, progress: &dyn Progress) -> Result<ReducedField> {
         let (parameters, range) = (self.parameter_count, self.functions.indices(over));
         let (first, count) = (parameters + range.start, range.len());
         let mut gram = DMatrix::zeros(count, count);
         for block in self.groups.iter().flat_map(|p| &p.blocks) {
+            progress.check_stop()?;
             let own = block.jacobian.columns(first, count);
             gram += own.tr_mul(&own);
         }
@@ -176,6 +183,7 @@ impl FieldGroups {
         let own = eigen.eigenvectors.select_columns(&order);
         let mut groups = self.groups.clone();
         for block in groups.iter_mut().flat_map(|p| &mut p.blocks) {
+            progress.check_stop()?;
             let mut columns = DMatrix::zeros(block.jacobian.nrows(), parameters + own.ncols());
             columns.columns_mut(0, parameters).copy_from(&block.jacobian.columns(0, parameters));
             let turned = block.jacobian.columns(first, count) * &own;
@@ -184,7 +192,7 @@ impl FieldGroups {
         }
         let mut rotation = DMatrix::zeros(self.functions.count(), own.ncols());
         rotation.rows_mut(range.start, count).copy_from(&own);
-        ReducedField { groups, rotation }
+        Ok(ReducedField { groups, rotation })
     }
 }
 
@@ -213,8 +221,9 @@ pub fn field_statistics(
     else {
         return Ok(None);
     };
+    let statistics = group_statistics::group_statistics(&groups, &components, fitter.data.progress)?;
     let said = || {
-        let statistics = group_statistics::group_statistics(&groups, &components)?;
+        let statistics = statistics?;
         let q = model.layout.parameters.len();
         let (mut gram, mut score) = (DMatrix::zeros(all, all), DVector::zeros(all));
         gram.view_mut((0, 0), (q, q)).copy_from(&prior.precision.view((0, 0), (q, q)));
@@ -237,7 +246,7 @@ pub fn refit_components(
     prior: &FixedEffectsPrior,
     progress: &dyn Progress,
 ) -> Result<Option<(DVector<f64>, VarianceComponents)>> {
-    let gls = group_statistics::group_statistics(groups, own)
+    let gls = group_statistics::group_statistics(groups, own, progress)?
         .and_then(|statistics| group_statistics::gls(statistics.iter(), prior));
     let Some(GlsEstimate { step, .. }) = gls else { return Ok(None) };
     let mut beside = groups.to_vec();
@@ -263,8 +272,9 @@ pub fn field_estimate(
     form: FieldSpec,
 ) -> Result<Option<FieldEstimate>> {
     let Some(every) = FieldGroups::new(fitter, model)? else { return Ok(None) };
-    let ReducedField { groups, rotation } = every.reduced(form.inputs);
+    let ReducedField { groups, rotation } = every.reduced(form.inputs, fitter.data.progress)?;
     let functions = every.functions;
+    let by_group = group_statistics::group_statistics(&groups, &model.components, fitter.data.progress)?;
     let statistics = || {
         let prior =
             model.prior.with_discrepancy(groups.first()?.blocks[0].jacobian.ncols(), form.coefficient_sd);
@@ -275,8 +285,7 @@ pub fn field_estimate(
             score: t.score.rows(q, count).into_owned(),
             ..t
         };
-        let all: Vec<GroupStatistics> =
-            group_statistics::group_statistics(&groups, &model.components)?.into_iter().map(only).collect();
+        let all: Vec<GroupStatistics> = by_group?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
         let prior = FixedEffectsPrior { precision, mean_offset: DVector::zeros(count), log_weight: 0.0 };
         group_statistics::gls(all.iter(), &prior)

@@ -6,9 +6,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::error::Result;
 use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 use crate::inference::mixed_model::random_design::RandomEffect;
 use crate::inference::selection::FixedEffectsPrior;
+use crate::progress::Progress;
 
 /// Degrees of freedom of a trial's scale: one trial in a hundred is three times as wide as usual.
 pub const SCALE_DOF: f64 = 4.0;
@@ -192,13 +194,19 @@ fn rank_one_update(products: &mut DMatrix<f64>, place: usize, scale: f64) -> Opt
     Some(grows.ln())
 }
 
-/// Statistics of all groups.
-pub fn group_statistics(groups: &[Group], components: &VarianceComponents) -> Option<Vec<GroupStatistics>> {
+/// Statistics of all groups; `None` if a covariance is singular.
+pub fn group_statistics(
+    groups: &[Group],
+    components: &VarianceComponents,
+    progress: &dyn Progress,
+) -> Result<Option<Vec<GroupStatistics>>> {
     let columns: Vec<usize> = (0..groups.first().map_or(0, |p| p.blocks[0].jacobian.ncols())).collect();
-    groups
-        .iter()
-        .map(|p| CrossProducts::of(p, &columns, components.discrepancy).statistics(p, &columns, components))
-        .collect()
+    let one = |group: &Group| {
+        progress.check_stop()?;
+        let products = CrossProducts::of(group, &columns, components.discrepancy);
+        Ok(products.statistics(group, &columns, components))
+    };
+    groups.iter().map(one).collect()
 }
 
 /// Log density of a multivariate Student t with squared distance `square` in `count` coordinates.
@@ -309,6 +317,7 @@ pub fn gls<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::NoProgress;
 
     /// Two segments of a trial with six coordinates each, two parameters, two group-level and one
     /// segment-level effect.
@@ -356,7 +365,7 @@ mod tests {
         assert!(predicted(13.0, 12.0) < predicted(12.0, 12.0) && predicted(12.0, 0.0) < predicted(0.1, 0.0));
         let allowed = |differs: bool| {
             let group = Group { has_random_effects: differs, ..part() };
-            group_statistics(&[group], &components_of_it()).unwrap()[0].misfit_tolerance
+            group_statistics(&[group], &components_of_it(), &NoProgress).unwrap().unwrap()[0].misfit_tolerance
         };
         assert_eq!([allowed(true), allowed(false)], [0.0, 12.0]);
     }
@@ -386,7 +395,8 @@ mod tests {
     #[test]
     fn group_statistics_match_the_explicit_gaussian() {
         let (group, c) = (part(), components_of_it());
-        let statistics = group_statistics(std::slice::from_ref(&group), &c).unwrap().remove(0);
+        let statistics =
+            group_statistics(std::slice::from_ref(&group), &c, &NoProgress).unwrap().unwrap().remove(0);
         let (covariance, columns, left) = whole(&group, &c);
         let inverse = covariance.clone().try_inverse().unwrap();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} for {b}");
@@ -423,7 +433,9 @@ mod tests {
             mean_offset: DVector::zeros(2),
             log_weight: 0.0,
         };
-        let of = |groups: &[Group]| gls(group_statistics(groups, &c).unwrap().iter(), &prior).unwrap().step;
+        let of = |groups: &[Group]| {
+            gls(group_statistics(groups, &c, &NoProgress).unwrap().unwrap().iter(), &prior).unwrap().step
+        };
         let usual: Vec<Group> = vec![part(); 10];
         let all: Vec<Group> = usual.iter().cloned().chain([spoilt]).collect();
         assert!((of(&usual) - of(&all)).norm() < 0.2, "{} {}", of(&usual), of(&all));

@@ -274,7 +274,9 @@ impl<'a, 'b> ModelFitter<'a, 'b> {
                 ComponentLikelihood::new(&linearized_groups, from.0).maximise(from.1, self.data.progress)?
             }
         };
-        let Some(statistics) = group_statistics::group_statistics(&linearized_groups, &components) else {
+        let statistics =
+            group_statistics::group_statistics(&linearized_groups, &components, self.data.progress)?;
+        let Some(statistics) = statistics else {
             return Ok(None);
         };
         self.data.progress.check_stop()?;

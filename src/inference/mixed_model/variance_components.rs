@@ -167,7 +167,12 @@ impl<'a> ComponentLikelihood<'a> {
 
     /// Draws from the posterior of the components within their upper bounds. Proposals lie on a lattice of
     /// the minimum step, so that cached densities are reused.
-    pub fn sample(&mut self, count: usize, stream: &mut Stream) -> Vec<VarianceComponents> {
+    pub fn sample(
+        &mut self,
+        count: usize,
+        stream: &mut Stream,
+        progress: &dyn Progress,
+    ) -> Result<Vec<VarianceComponents>> {
         let (from, matter) = (self.initial.clone(), self.active_components());
         let most = from.log_upper_bounds();
         let begun: Vec<f64> = from.log_values().iter().zip(&most).map(|(l, most)| l.min(*most)).collect();
@@ -181,6 +186,7 @@ impl<'a> ComponentLikelihood<'a> {
         let mut out = Vec::with_capacity(count);
         for round in 1..=BURN_IN + THINNING * count {
             for k in (0..begun.len()).filter(|k| matter[*k]) {
+                progress.check_stop()?;
                 let [short, long] = PROPOSAL_SD;
                 let stride = short * libm::pow(long / short, stream.random());
                 let z: f64 = StandardNormal.sample(stream);
@@ -200,7 +206,7 @@ impl<'a> ComponentLikelihood<'a> {
                 out.push(from.with_log_values(&at(&steps)));
             }
         }
-        out
+        Ok(out)
     }
 
     /// Whether the likelihood depends on any component.
@@ -252,6 +258,7 @@ impl<'a> ComponentLikelihood<'a> {
 mod tests {
     use super::*;
     use crate::inference::mixed_model::groups::SegmentBlock;
+    use crate::progress::NoProgress;
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
 
@@ -285,7 +292,7 @@ mod tests {
         let start = VarianceComponents::initial(false);
         let mut likely = ComponentLikelihood::new(&groups, &start);
         assert!(likely.depends_on_components());
-        let drawn = likely.sample(4000, &mut rng::stream(2, "test"));
+        let drawn = likely.sample(4000, &mut rng::stream(2, "test"), &NoProgress).unwrap();
         let moments = |values: &[f64], weights: &[f64]| {
             let all: f64 = weights.iter().sum();
             let mean = values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / all;

@@ -15,6 +15,7 @@ use crate::inference::field::{self, FieldInputs, RADIAL_INPUTS};
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::{FitState, Parameter, ParameterLayout, Perturbation, Term, segment_states};
 use crate::inference::residual_law::formula::POWERS;
+use crate::progress::Progress;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::{Effect, monomial};
 
@@ -198,10 +199,12 @@ impl DiscrepancyModel<'_> {
     }
 
     /// The mixture of fields to integrate out, from groups with Jacobians.
-    pub fn discrepancy(&self, groups: &[WhitenedGroup]) -> FieldMixture {
+    pub fn discrepancy(&self, groups: &[WhitenedGroup], progress: &dyn Progress) -> Result<FieldMixture> {
         match self {
-            DiscrepancyModel::Marginalised(every) => FieldMixture::new(groups, &every.kinds),
-            DiscrepancyModel::Absent | DiscrepancyModel::Sampled(_) => FieldMixture::new(groups, &[]),
+            DiscrepancyModel::Marginalised(every) => FieldMixture::new(groups, &every.kinds, progress),
+            DiscrepancyModel::Absent | DiscrepancyModel::Sampled(_) => {
+                FieldMixture::new(groups, &[], progress)
+            }
         }
     }
 }

@@ -6,8 +6,10 @@ use nalgebra::{DMatrix, DVector};
 use super::basis_field::DiscrepancyModel;
 use super::discrepancy::FieldMixture;
 use super::whitened::{WhitenedGroup, whiten};
+use crate::error::Result;
 use crate::inference::mixed_model::group_statistics::VarianceComponents;
 use crate::inference::mixed_model::groups::Group;
+use crate::progress::Progress;
 
 /// Likelihood given variance components.
 pub struct ConditionalLikelihood {
@@ -38,25 +40,32 @@ impl ConditionalLikelihood {
         components: &VarianceComponents,
         slots: usize,
         (discrepancy_model, at_fit): (&DiscrepancyModel, Option<&ConditionalLikelihood>),
-    ) -> Option<ConditionalLikelihood> {
-        let whole = groups.iter().map(|p| whiten(p, components, slots)).collect::<Option<Vec<_>>>()?;
+        progress: &dyn Progress,
+    ) -> Result<Option<ConditionalLikelihood>> {
+        let white = |p| progress.check_stop().map(|()| whiten(p, components, slots));
+        let Some(whole) = groups.iter().map(white).collect::<Result<Option<Vec<_>>>>()? else {
+            return Ok(None);
+        };
         let (groups, roots): (Vec<WhitenedGroup>, Vec<DMatrix<f64>>) = whole.into_iter().unzip();
         let map = |block: &BlockIndex| {
+            progress.check_stop()?;
             let mut whole = DMatrix::zeros(groups[block.group].residual.len(), block.by_position.ncols());
             whole.rows_mut(block.row, block.by_position.nrows()).copy_from(&block.by_position);
-            roots[block.group].solve_lower_triangular(&whole)
+            Ok(roots[block.group].solve_lower_triangular(&whole))
         };
-        let maps = blocks.iter().map(map).collect::<Option<Vec<_>>>()?;
+        let Some(maps) = blocks.iter().map(map).collect::<Result<Option<Vec<_>>>>()? else {
+            return Ok(None);
+        };
         let discrepancy = match at_fit {
-            Some(at_fit) => at_fit.discrepancy.with_groups(&groups),
-            None => discrepancy_model.discrepancy(&groups),
+            Some(at_fit) => at_fit.discrepancy.with_groups(&groups, progress)?,
+            None => discrepancy_model.discrepancy(&groups, progress)?,
         };
         let mut conditional_likelihood = ConditionalLikelihood { groups, maps, discrepancy, log_weight: 0.0 };
         if let Some(at_fit) = at_fit {
             conditional_likelihood.log_weight =
                 at_fit.log_likelihood_at_fit() - conditional_likelihood.log_likelihood_at_fit();
         }
-        Some(conditional_likelihood)
+        Ok(Some(conditional_likelihood))
     }
 
     /// Drops the Jacobians, which are not needed once the fields are prepared.
@@ -97,6 +106,7 @@ mod tests {
     use crate::estimate::sampler::log_sum_exp;
     use crate::inference::mixed_model::groups::SegmentBlock;
     use crate::inference::mixed_model::variance_components;
+    use crate::progress::NoProgress;
     use crate::rng;
 
     fn synthetic_groups() -> Vec<Group> {
@@ -140,7 +150,9 @@ mod tests {
             &components_with(slow),
             1,
             (&DiscrepancyModel::Absent, at_fit),
+            &NoProgress,
         )
+        .unwrap()
         .unwrap()
     }
 
@@ -160,7 +172,7 @@ mod tests {
     fn mean_over_draws_matches_integral() {
         let groups = synthetic_groups();
         let mut likely = variance_components::ComponentLikelihood::new(&groups, &components_with(1.0));
-        let drawn = likely.sample(1500, &mut rng::stream(5, "test"));
+        let drawn = likely.sample(1500, &mut rng::stream(5, "test"), &NoProgress).unwrap();
         let first = conditional(1.0, None);
         let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);
         let at = |under: &ConditionalLikelihood, share: f64| {

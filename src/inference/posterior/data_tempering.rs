@@ -79,7 +79,7 @@ fn detect_discrepancy(grounds: &FitData, model: &PreparedModel) -> Result<Option
     let slots = fit.layout.parameters.len();
     let whitened = parts.iter().map(|p| whiten(p, &fit.components, slots).map(|w| w.0));
     let Some(whitened) = whitened.collect::<Option<Vec<_>>>() else { return Ok(None) };
-    let fields = lacks.discrepancy(&whitened);
+    let fields = lacks.discrepancy(&whitened, grounds.progress)?;
     let own: Vec<_> = whitened.iter().map(|p| p.residual.clone()).collect();
     let none = fields.probabilities(&[fields.log_likelihoods(&whitened, &own)])[0];
     Ok(match lacks {

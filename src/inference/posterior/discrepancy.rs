@@ -26,9 +26,11 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::whitened::WhitenedGroup;
+use crate::error::Result;
 use crate::estimate::sampler::{log_sum_exp, sample_categorical};
 use crate::inference::field::FieldInputs;
 use crate::inference::mixed_model::group_statistics::SCALE_DOF;
+use crate::progress::Progress;
 use crate::rng::Stream;
 
 /// Standard deviations of coefficients, m/s^2.
@@ -78,10 +80,16 @@ struct FieldKind {
 
 impl FieldMixture {
     /// From groups with Jacobians with respect to all basis functions; `kinds`: their ranges.
-    pub fn new(groups: &[WhitenedGroup], kinds: &[(FieldInputs, Range<usize>)]) -> FieldMixture {
+    pub fn new(
+        groups: &[WhitenedGroup],
+        kinds: &[(FieldInputs, Range<usize>)],
+        progress: &dyn Progress,
+    ) -> Result<FieldMixture> {
         let log_prior_none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
-        let kinds: Vec<FieldKind> =
-            kinds.iter().map(|(over, range)| FieldKind::new(groups, *over, range, None)).collect();
+        let kind = |(over, range): &(FieldInputs, Range<usize>)| {
+            FieldKind::new(groups, *over, range, None, progress)
+        };
+        let kinds = kinds.iter().map(kind).collect::<Result<Vec<_>>>()?;
         let residuals: Vec<DVector<f64>> = groups.iter().map(|p| p.residual.clone()).collect();
         let each = libm::log(0.5 / (kinds.len() * COEFFICIENT_SDS.len()).max(1) as f64);
         let all = (0..kinds.len()).flat_map(|k| COEFFICIENT_SDS.map(|s| (k, s, each)));
@@ -90,20 +98,20 @@ impl FieldMixture {
         let best = densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut is_plausible = densities.iter().skip(1).map(|d| best - d < MAX_LOG_DENSITY_GAP);
         found.candidates.retain(|_| is_plausible.next().unwrap_or(false));
-        found
+        Ok(found)
     }
 
     /// The same fields for groups with another covariance.
-    pub fn with_groups(&self, groups: &[WhitenedGroup]) -> FieldMixture {
-        let anew = |kind: &FieldKind| {
-            let found = FieldKind::new(groups, kind.over, &kind.range, Some(&kind.directions));
-            FieldKind { directions: &kind.directions * &found.directions, ..found }
+    pub fn with_groups(&self, groups: &[WhitenedGroup], progress: &dyn Progress) -> Result<FieldMixture> {
+        let anew = |kind: &FieldKind| -> Result<FieldKind> {
+            let found = FieldKind::new(groups, kind.over, &kind.range, Some(&kind.directions), progress)?;
+            Ok(FieldKind { directions: &kind.directions * &found.directions, ..found })
         };
-        FieldMixture {
-            kinds: self.kinds.iter().map(anew).collect(),
+        Ok(FieldMixture {
+            kinds: self.kinds.iter().map(anew).collect::<Result<_>>()?,
             candidates: self.candidates.clone(),
             log_prior_none: self.log_prior_none,
-        }
+        })
     }
 
     /// Number of stored floats.
@@ -176,14 +184,15 @@ impl FieldKind {
         over: FieldInputs,
         range: &Range<usize>,
         coefficients: Option<&DMatrix<f64>>,
-    ) -> FieldKind {
+        progress: &dyn Progress,
+    ) -> Result<FieldKind> {
         let by = |part: &WhitenedGroup| {
             let group_columns = part.field_jacobian.columns(range.start, range.len());
             coefficients.map_or_else(|| group_columns.into_owned(), |directions| group_columns * directions)
         };
         let columns: Vec<DMatrix<f64>> = groups.iter().map(by).collect();
         let mut weights = vec![1.0; groups.len()];
-        let mut found = FieldKind::diagonalise(&columns, &weights, over, range);
+        let mut found = FieldKind::diagonalise(&columns, &weights, over, range, progress)?;
         let group_columns: Vec<DVector<f64>> = groups.iter().map(|p| p.residual.clone()).collect();
         for _ in 0..IRLS_ROUNDS {
             let score = found.score(&group_columns);
@@ -200,9 +209,9 @@ impl FieldKind {
                 let square = (residuals - columns * &field).norm_squared();
                 *weight = (SCALE_DOF + n) / (SCALE_DOF + square);
             }
-            found = FieldKind::diagonalise(&columns, &weights, over, range);
+            found = FieldKind::diagonalise(&columns, &weights, over, range, progress)?;
         }
-        found
+        Ok(found)
     }
 
     /// Rotates the basis to directions with diagonal information.
@@ -211,10 +220,12 @@ impl FieldKind {
         weights: &[f64],
         over: FieldInputs,
         range: &Range<usize>,
-    ) -> FieldKind {
+        progress: &dyn Progress,
+    ) -> Result<FieldKind> {
         let count = by.first().map_or(0, DMatrix::ncols);
         let mut gram = DMatrix::zeros(count, count);
         for (group_columns, weight) in by.iter().zip(weights) {
+            progress.check_stop()?;
             gram += group_columns.tr_mul(group_columns) * *weight;
         }
         let eigen = gram.symmetric_eigen();
@@ -224,14 +235,16 @@ impl FieldKind {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(MAX_DIRECTIONS);
         let directions = eigen.eigenvectors.select_columns(&order);
-        let turned = |(group_columns, weight): (&DMatrix<f64>, &f64)| (*weight, group_columns * &directions);
-        FieldKind {
+        let turned = |(group_columns, weight): (&DMatrix<f64>, &f64)| {
+            progress.check_stop().map(|()| (*weight, group_columns * &directions))
+        };
+        Ok(FieldKind {
             over,
             range: range.clone(),
             information: DVector::from_fn(order.len(), |k, _| eigen.eigenvalues[order[k]]),
-            groups: by.iter().zip(weights).map(turned).collect(),
+            groups: by.iter().zip(weights).map(turned).collect::<Result<_>>()?,
             directions,
-        }
+        })
     }
 
     /// Weighted score of the coefficients, Z' w r.
@@ -272,6 +285,7 @@ impl FieldKind {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::NoProgress;
 
     /// Groups of six residuals and one basis function with coefficient `amount`.
     fn synthetic_groups(amount: f64) -> Vec<WhitenedGroup> {
@@ -294,7 +308,7 @@ mod tests {
     }
 
     fn fitted_mixture(groups: &[WhitenedGroup]) -> FieldMixture {
-        FieldMixture::new(groups, &[(FieldInputs::Place, 0..1)])
+        FieldMixture::new(groups, &[(FieldInputs::Place, 0..1)], &NoProgress).unwrap()
     }
 
     /// Without discrepancy no field is most likely; with a strong one it is impossible.
@@ -385,7 +399,7 @@ mod tests {
     #[test]
     fn no_basis_means_no_field() {
         let groups = synthetic_groups(1.0);
-        let found = FieldMixture::new(&groups, &[]);
+        let found = FieldMixture::new(&groups, &[], &NoProgress).unwrap();
         let all = found.log_likelihoods(&groups, &residuals(&groups));
         let group_columns: f64 = groups.iter().map(|p| p.log_density(p.residual.norm_squared())).sum();
         assert_eq!(all, [group_columns]);

@@ -10,6 +10,7 @@ use super::config::PosteriorConfig;
 use super::log_likelihood::LogLikelihood;
 use super::models::{LikelihoodBuilder, fit_models};
 use super::prior::ParameterPrior;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::estimate::sampler::initial_points::initial_points;
 use crate::estimate::sampler::{ReferenceDensity, Target as _, log_densities};
@@ -77,18 +78,23 @@ impl TrialLikelihood {
     }
 
     /// Log likelihoods of points, independent of batching; minus infinity outside the prior's bounds or if the
-    /// simulation fails.
-    pub fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
-        Ok(log_densities(&self.likelihood, points, &mut 0)?
+    /// simulation fails. Ends early with `budget`.
+    pub fn log_likelihoods(&self, points: &[ParameterVector], budget: &dyn Budget) -> Result<Vec<f64>> {
+        Ok(log_densities(&self.likelihood, points, &mut 0, budget)?
             .into_iter()
             .map(|[_, likelihood]| likelihood)
             .collect())
     }
 
     /// Initial points for chains, near the fit and with finite density.
-    pub fn initial_points(&self, count: usize, seed: u64) -> Result<Vec<ParameterVector>> {
+    pub fn initial_points(
+        &self,
+        count: usize,
+        seed: u64,
+        budget: &dyn Budget,
+    ) -> Result<Vec<ParameterVector>> {
         let mut stream = rng::stream(seed, "starts");
-        let found = initial_points(&self.likelihood, &self.reference, count, &mut stream, &mut 0)?;
+        let found = initial_points(&self.likelihood, &self.reference, count, &mut stream, &mut 0, budget)?;
         Ok(found.into_iter().map(|(point, _)| point).collect())
     }
 

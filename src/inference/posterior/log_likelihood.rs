@@ -23,6 +23,7 @@ use super::basis_field::{BasisField, DiscrepancyModel};
 use super::conditional::{BlockIndex, ConditionalLikelihood};
 use super::discrepancy::DiscrepancyField;
 use super::sampled_field::{SCALE_MIXTURE_PRIOR, SampledField};
+use crate::budget::Budget;
 use crate::error::Result;
 use crate::estimate::discrepancy_forces::DiscrepancyForces;
 use crate::estimate::sampler::{
@@ -116,9 +117,10 @@ impl LogLikelihood {
                 c,
                 layout.parameters.len(),
                 (discrepancy_model, before),
+                data.progress,
             )
         };
-        let Some(at_fit) = new(&fit.components, None) else { return Ok(None) };
+        let Some(at_fit) = new(&fit.components, None)? else { return Ok(None) };
         let sampled_field = match discrepancy_model {
             DiscrepancyModel::Sampled(unnamed) => {
                 match SampledField::new(&at_fit.groups, unnamed, &fit.prior.precision) {
@@ -131,9 +133,11 @@ impl LogLikelihood {
         let mut objective = variance_components::ComponentLikelihood::new(&groups, &fit.components);
         let mut conditional = Vec::new();
         if objective.depends_on_components() {
-            let drawn = objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"));
-            conditional =
-                drawn.par_iter().filter_map(|c| Some(new(c, Some(&at_fit))?.drop_jacobians())).collect();
+            let drawn =
+                objective.sample(COMPONENT_DRAWS, &mut rng::stream(seed, "components"), data.progress)?;
+            let one = |c| Ok(new(c, Some(&at_fit))?.map(ConditionalLikelihood::drop_jacobians));
+            let all = drawn.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+            conditional = all.into_iter().flatten().collect();
         }
         if conditional.is_empty() {
             conditional.push(at_fit.drop_jacobians());
@@ -192,7 +196,11 @@ impl LogLikelihood {
     }
 
     /// By point and segment: prediction minus the prediction at the fit, with the sign of a residual, m.
-    fn prediction_deltas(&self, points: &[ParameterVector]) -> Result<Vec<Vec<DVector<f64>>>> {
+    fn prediction_deltas(
+        &self,
+        points: &[ParameterVector],
+        budget: &dyn Budget,
+    ) -> Result<Vec<Vec<DVector<f64>>>> {
         let simulated: Vec<usize> =
             (0..self.segments.len()).filter(|w| self.segments[*w].segment.kind.uses_engine()).collect();
         let integrated: Vec<usize> =
@@ -201,6 +209,7 @@ impl LogLikelihood {
         let mut physics = Vec::with_capacity(points.len() * simulated.len());
         // In segment order, so that a batch simulates the same scene.
         for w in &simulated {
+            budget.check()?;
             let window = &self.segments[*w].segment;
             let at = layouts.iter().zip(points);
             physics.extend(at.map(|(layout, p)| layout.effects_and_latents(p, window.setting, window.start)));
@@ -212,21 +221,22 @@ impl LogLikelihood {
             .enumerate()
             .map(|(i, physics)| of(i).segment.rollout(&of(i).scene, physics))
             .collect();
-        let by_engine = Simulator::new(self.engine).map(&rollouts, |i, path| {
+        let by_engine = Simulator::new(self.engine).budget(budget).map(&rollouts, |i, path| {
             let w = simulated[i / n];
             self.segments[w]
                 .prediction_delta(&model::positions_at_observations(&self.segments[w].segment, &path))
         })?;
-        let by_hand = |i: usize| {
+        let by_hand = |i: usize| -> Result<DVector<f64>> {
+            budget.check()?;
             let cached = &self.segments[integrated[i / n]];
             let state = FitState {
                 random_effects: cached.mode.iter().cloned().collect(),
                 ..FitState::new(points[i % n].clone(), vec![cached.nuisances.clone()])
             };
-            cached.prediction_delta(&model::predict_segment(&cached.segment, &layouts[i % n], &state))
+            Ok(cached.prediction_delta(&model::predict_segment(&cached.segment, &layouts[i % n], &state)))
         };
         let by_hand: Vec<DVector<f64>> =
-            (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
+            (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect::<Result<_>>()?;
         let mut out = vec![vec![DVector::zeros(0); self.segments.len()]; points.len()];
         for (of, all) in [(&simulated, by_engine), (&integrated, by_hand)] {
             for (i, deltas) in all.into_iter().enumerate() {
@@ -237,13 +247,14 @@ impl LogLikelihood {
     }
 
     /// Residuals of every group for the given prediction deltas, under each draw of the components.
-    fn residuals(&self, deltas: &[DVector<f64>]) -> Vec<Vec<DVector<f64>>> {
+    fn residuals(&self, deltas: &[DVector<f64>], budget: &dyn Budget) -> Result<Vec<Vec<DVector<f64>>>> {
         let of = |conditional: &ConditionalLikelihood| {
+            budget.check()?;
             let mut residuals = conditional.residuals();
             for ((cached, map), deltas) in self.segments.iter().zip(&conditional.maps).zip(deltas) {
                 residuals[cached.group] += map * deltas;
             }
-            residuals
+            Ok(residuals)
         };
         self.conditionals.iter().map(of).collect()
     }
@@ -252,29 +263,38 @@ impl LogLikelihood {
     fn map_points<T: Send>(
         &self,
         points: &[ParameterVector],
-        of: impl Fn(usize, &[Vec<DVector<f64>>]) -> T + Sync,
+        budget: &dyn Budget,
+        of: impl Fn(usize, &[Vec<DVector<f64>>]) -> Result<T> + Sync,
     ) -> Result<Vec<T>> {
         let mut out = Vec::with_capacity(points.len());
         for together in points.chunks(POINTS_PER_BATCH) {
-            let (first, deltas) = (out.len(), self.prediction_deltas(together)?);
-            out.par_extend(
-                deltas.par_iter().enumerate().map(|(i, deltas)| of(first + i, &self.residuals(deltas))),
-            );
+            let (first, deltas) = (out.len(), self.prediction_deltas(together, budget)?);
+            let one =
+                |(i, deltas): (usize, &Vec<DVector<f64>>)| of(first + i, &self.residuals(deltas, budget)?);
+            out.extend(deltas.par_iter().enumerate().map(one).collect::<Result<Vec<T>>>()?);
         }
         Ok(out)
     }
 
     /// Log likelihoods under each draw of the components and each field: `[components][field]`.
-    fn conditional_log_likelihoods(&self, residuals: &[Vec<DVector<f64>>]) -> Vec<Vec<f64>> {
-        self.conditionals
-            .iter()
-            .zip(residuals)
-            .map(|(conditional, residuals)| conditional.log_likelihoods(residuals))
-            .collect()
+    fn conditional_log_likelihoods(
+        &self,
+        residuals: &[Vec<DVector<f64>>],
+        budget: &dyn Budget,
+    ) -> Result<Vec<Vec<f64>>> {
+        let one = |(conditional, residuals): (&ConditionalLikelihood, &Vec<DVector<f64>>)| {
+            budget.check().map(|()| conditional.log_likelihoods(residuals))
+        };
+        self.conditionals.iter().zip(residuals).map(one).collect()
     }
 
     /// Posterior of the discrepancy, from draws of the parameters.
-    pub fn summarise_discrepancy(&self, points: &[ParameterVector], seed: u64) -> Result<DiscrepancySummary> {
+    pub fn summarise_discrepancy(
+        &self,
+        points: &[ParameterVector],
+        seed: u64,
+        budget: &dyn Budget,
+    ) -> Result<DiscrepancySummary> {
         if let Some(sampled_field) = &self.sampled_field {
             let none = DiscrepancyField { over: None, strength: 0.0 };
             let field = sampled_field.summary(points);
@@ -285,14 +305,14 @@ impl LogLikelihood {
             });
         }
         let of = |i: usize, residuals: &[Vec<DVector<f64>>]| {
-            let under_each = self.conditional_log_likelihoods(residuals);
+            let under_each = self.conditional_log_likelihoods(residuals, budget)?;
             let mut stream = rng::stream(rng::derive_seed(seed, "draw", i as u64), "field");
             let mixed: Vec<f64> = under_each.iter().map(|of| log_sum_exp(of.iter().copied())).collect();
             let k = sample_categorical(&mixed, &mut stream).unwrap_or(0);
             let drawn = self.conditionals[k].discrepancy.sample(&residuals[k], &under_each[k], &mut stream);
-            (marginal(&under_each), drawn)
+            Ok((marginal(&under_each), drawn))
         };
-        let (all, drawn): (Vec<_>, Vec<_>) = self.map_points(points, of)?.into_iter().unzip();
+        let (all, drawn): (Vec<_>, Vec<_>) = self.map_points(points, budget, of)?.into_iter().unzip();
         let carried = (0..self.kinds.len()).filter_map(|kind| self.field_draws(kind, &drawn)).collect();
         let discrepancy = &self.conditionals[0].discrepancy;
         let fields = discrepancy.fields().into_iter().zip(discrepancy.probabilities(&all)).collect();
@@ -322,6 +342,7 @@ fn cache_segments(
     for (p, part) in groups.iter().enumerate() {
         let mut row = 0;
         for block in &part.blocks {
+            data.progress.check_stop()?;
             let w = block.segment;
             let (window, look) = (&data.segments[w], &linearizations[w]);
             let moves = |k: usize| look.jacobian.column(k).amax() > 0.0;
@@ -368,9 +389,9 @@ impl Target for LogLikelihood {
         if self.sampled_field.is_some() { self.layout.parameters.len() } else { 0 }
     }
 
-    fn log_likelihoods(&self, points: &[ParameterVector]) -> Result<Vec<f64>> {
-        self.map_points(points, |_, residuals| {
-            log_sum_exp(marginal(&self.conditional_log_likelihoods(residuals)))
+    fn log_likelihoods(&self, points: &[ParameterVector], budget: &dyn Budget) -> Result<Vec<f64>> {
+        self.map_points(points, budget, |_, residuals| {
+            Ok(log_sum_exp(marginal(&self.conditional_log_likelihoods(residuals, budget)?)))
         })
     }
 }

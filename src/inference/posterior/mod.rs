@@ -44,6 +44,7 @@ use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
 pub use discrepancy::DiscrepancyField;
 pub use document::PosteriorDocument;
+pub use horizon::MAX_HORIZON;
 pub use likelihood::{LIKELIHOOD_FORMAT, TrialLikelihood};
 use log_likelihood::DiscrepancySummary;
 pub use log_likelihood::{FieldDraws, LogLikelihood};
@@ -105,8 +106,11 @@ pub fn posterior(
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);
-            let DiscrepancySummary { fields, draws: carried } = density
-                .summarise_discrepancy(&draws.points, rng::derive_seed(config.seed, "lacking", s as u64))?;
+            let DiscrepancySummary { fields, draws: carried } = density.summarise_discrepancy(
+                &draws.points,
+                rng::derive_seed(config.seed, "lacking", s as u64),
+                &progress,
+            )?;
             sets.push(ModelPosterior {
                 set: model.named_terms().iter().map(|t| t.effect.name.to_string()).collect(),
                 parameters: numbers,

@@ -162,7 +162,7 @@ fn per_trial(
         setting: trials[*trial].setting.as_ref().map(|_| names[data.settings[i]].clone()),
         sizes,
     };
-    let sizes = per_trial::trial_estimates(model, &groups, data.settings);
+    let sizes = per_trial::trial_estimates(model, &groups, data.settings, data.progress)?;
     let launches = sizes.into_iter().zip(used.iter().enumerate()).map(launch).collect();
     if !std::ptr::eq(model, checked) {
         let Some((others, _)) = fitter.groups(&checked.layout, &checked.state, &[])? else {

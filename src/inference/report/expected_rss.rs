@@ -1,9 +1,11 @@
 //! Expected residual sum of squares under noise alone, and the excess of a fit.
 
+use crate::error::Result;
 use crate::inference::data::noise::{Noise, expected_rss_moments};
 use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::segment::{Segment, SegmentKind};
 use crate::inference::statistics::{mean_and_error, t_survival};
+use crate::progress::Progress;
 
 /// Expected residual sum of squares by trial, and its variance, under noise alone; in units of the noise.
 pub struct ExpectedRss {
@@ -68,7 +70,13 @@ impl ExpectedRss {
 }
 
 /// Expected residual sums of squares of segments; `sd`: of each segment's residuals, m.
-pub fn expected_rss(segments: &[Segment], sd: &[f64], trials: usize, noise: &Noise) -> ExpectedRss {
+pub fn expected_rss(
+    segments: &[Segment],
+    sd: &[f64],
+    trials: usize,
+    noise: &Noise,
+    progress: &dyn Progress,
+) -> Result<ExpectedRss> {
     let mut out = ExpectedRss {
         mean: vec![0.0; trials],
         contacts: 0.0,
@@ -77,6 +85,7 @@ pub fn expected_rss(segments: &[Segment], sd: &[f64], trials: usize, noise: &Noi
         noise_variance_error: noise.relative_variance_error(),
     };
     for (w, _) in segments.iter().zip(sd).filter(|(_, sd)| sd.is_finite()) {
+        progress.check_stop()?;
         let n = w.observations.iter().filter(|p| p.weight > 0.0).count() as f64;
         let axes = w.smooth.as_ref().map_or(2.0, |s| s.axes);
         let (mean, variance) = match w.kind {
@@ -102,13 +111,14 @@ pub fn expected_rss(segments: &[Segment], sd: &[f64], trials: usize, noise: &Noi
         out.variance[w.trial] += variance;
         out.coordinates[w.trial] += axes * n;
     }
-    out
+    Ok(out)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::inference::testing::segments::{flights, multi_step_segments};
+    use crate::progress::NoProgress;
 
     fn noise() -> Noise {
         Noise { sd: 1e-3, rho: 0.0, degrees_of_freedom: 1e3 }
@@ -118,18 +128,18 @@ mod tests {
     #[test]
     fn expected_rss_excludes_nuisances() {
         let (segments, _) = flights([0.0, 0.0], 2);
-        let flown = expected_rss(&segments, &[1e-3, f64::INFINITY], 2, &noise());
+        let flown = expected_rss(&segments, &[1e-3, f64::INFINITY], 2, &noise(), &NoProgress).unwrap();
         assert!((flown.mean[0] - 36.0).abs() < 1e-9 && flown.coordinates == [40.0, 0.0], "{:?}", flown.mean);
         assert_eq!(flown.mean[1], 0.0, "unused segments have no residual");
         let (segments, _) = multi_step_segments();
-        assert_eq!(expected_rss(&segments, &[1e-3], 1, &noise()).total(), 16.0 - 10.0);
+        assert_eq!(expected_rss(&segments, &[1e-3], 1, &noise(), &NoProgress).unwrap().total(), 16.0 - 10.0);
     }
 
     /// Noise alone is no misfit; twice its square in every trial is an excess of 1.
     #[test]
     fn misfit_is_the_excess_over_the_expectation() {
         let (segments, _) = flights([0.0, 0.0], 8);
-        let expected = expected_rss(&segments, &[1e-3; 8], 8, &noise());
+        let expected = expected_rss(&segments, &[1e-3; 8], 8, &noise(), &NoProgress).unwrap();
         let (share, p) = expected.misfit(&expected.mean);
         assert!(share.abs() < 1e-12 && (p - 0.5).abs() < 1e-9);
         let (share, p) = expected.misfit(&[72.0; 8]);

@@ -89,7 +89,7 @@ mod tests {
             weight: 1.0,
         });
         let segment = Segment::new(SegmentKind::Flight, Scene::empty(), 0.0, points.collect());
-        Segment { smooth: Some(fit_polynomials(&rows)), ..segment }
+        Segment { smooth: Some(fit_polynomials(&rows, &NoProgress).unwrap()), ..segment }
     }
 
     #[test]
@@ -136,7 +136,7 @@ mod tests {
             (0..1001).map(|i| 2e-3 * f64::from(i)).map(|t| (t, [t, height(t)])).collect();
         let mut segment = flight(1001);
         segment.observations.iter_mut().zip(&rows).for_each(|(p, row)| (p.time, p.position) = *row);
-        segment.smooth = Some(fit_polynomials(&rows));
+        segment.smooth = Some(fit_polynomials(&rows, &NoProgress).unwrap());
         average_blocks(&mut segment);
         assert!(segment.observations.len() <= MAX_OBSERVATIONS);
         let off =

@@ -3,9 +3,11 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::definition::{MIN_FLIGHT_OBSERVATIONS, observed_position};
+use crate::error::Result;
 use crate::inference::data::noise::third_difference_noise;
 use crate::inference::data::smoothing::TimedPosition;
 use crate::inference::statistics::slope;
+use crate::progress::Progress;
 use crate::reality::Trial;
 
 /// Rows on each side used to test for support, and the share of gravity below which a body does not fall.
@@ -32,17 +34,28 @@ pub enum Obstacle {
 }
 
 /// Contact at each row: the gap has a low minimum where approach turns into departure, or stays low.
-pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Vec<Option<ContactEvent>> {
+pub fn detect_contacts(
+    trial: &Trial,
+    body: usize,
+    rows: &[TimedPosition],
+    progress: &dyn Progress,
+) -> Result<Vec<Option<ContactEvent>>> {
     let mut out = vec![None; rows.len()];
     let scene = &trial.scene;
-    let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
+    let Some(shape) = scene.bodies[body].shape.pieces() else { return Ok(out) };
+    let corners = scene.bodies[body].shape.corner_count();
     let extent = shape.disc_radius().unwrap_or_else(|| shape.half_size());
     let near = 0.15 * extent;
     let angles: Vec<f64> = rows.iter().map(|(t, _)| observed_angle(trial, body, *t).unwrap_or(0.0)).collect();
     for (f, fixed) in scene.statics.iter().enumerate() {
         let solid = fixed.placed();
         let gap = |p: [f64; 2], angle: f64| solid.signed_distance_to(&shape.placed(p, angle));
-        let gaps: Vec<f64> = rows.iter().zip(&angles).map(|((_, p), angle)| gap(*p, *angle)).collect();
+        let gaps = checked_gaps(
+            rows.iter().zip(&angles),
+            corners * fixed.shape.corner_count(),
+            progress,
+            |((_, p), angle)| gap(*p, *angle),
+        )?;
         let h = 1e-3 * extent;
         let normal = |i: usize| {
             let (p, a) = (rows[i].1, angles[i]);
@@ -54,9 +67,10 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
             if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
         };
         let supported = supported_rows(rows, &gaps, extent, |i| {
+            progress.check_stop()?;
             let n = normal(i);
-            [n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]]
-        });
+            Ok([n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]])
+        })?;
         let held = supported.iter().zip(&gaps).map(|(held, gap)| if *held { gap.min(0.0) } else { *gap });
         let gaps_held: Vec<f64> = held.collect();
         mark_contacts(&gaps_held, near, |i| {
@@ -67,22 +81,42 @@ pub fn detect_contacts(trial: &Trial, body: usize, rows: &[TimedPosition]) -> Ve
     }
     for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
         let Some(theirs) = scene.bodies[k].shape.pieces() else { continue };
-        let at = |t: f64| trial.observed.times.iter().position(|s| *s == t);
-        let gaps: Vec<f64> = rows
-            .iter()
-            .map(|(t, p)| match at(*t).and_then(|i| observed_position(other, i)) {
+        // The rows' times are among those of the trial, which increase.
+        let at = |t: f64| trial.observed.times.partition_point(|s| *s < t);
+        let gaps = checked_gaps(rows, corners * scene.bodies[k].shape.corner_count(), progress, |(t, p)| {
+            match observed_position(other, at(*t)) {
                 Some(q) => {
                     let [own, other] = [body, k].map(|b| observed_angle(trial, b, *t).unwrap_or(0.0));
                     shape.placed(*p, own).signed_distance_to(&theirs.placed(q, other))
                 }
                 None => f64::INFINITY,
-            })
-            .collect();
+            }
+        })?;
         mark_contacts(&gaps, near, |i| {
             out[i] = Some(ContactEvent { normal: [0.0, 1.0], level: 0.0, obstacle: Obstacle::Body(k) })
         });
     }
-    out
+    Ok(out)
+}
+
+/// Number of pairs of corners visited between two checks of the budget: about a millisecond.
+const CORNER_PAIRS_PER_CHECK: usize = 1 << 14;
+
+/// Applies `of`, which visits a number of pairs of corners, to rows; ends if the computation is cancelled.
+fn checked_gaps<I: IntoIterator>(
+    rows: I,
+    corner_pairs: usize,
+    progress: &dyn Progress,
+    of: impl Fn(I::Item) -> f64,
+) -> Result<Vec<f64>> {
+    let rows_per_check = (CORNER_PAIRS_PER_CHECK / corner_pairs.max(1)).max(1);
+    let one = |(i, row): (usize, I::Item)| {
+        if i.is_multiple_of(rows_per_check) {
+            progress.check_stop()?;
+        }
+        Ok(of(row))
+    };
+    rows.into_iter().enumerate().map(one).collect()
 }
 
 /// Angle of a body at the time of an observation, rad; `None` if it was not observed.
@@ -142,20 +176,20 @@ fn supported_rows(
     rows: &[TimedPosition],
     gaps: &[f64],
     extent: f64,
-    normal: impl Fn(usize) -> [f64; 3],
-) -> Vec<bool> {
+    normal: impl Fn(usize) -> Result<[f64; 3]>,
+) -> Result<Vec<bool>> {
     let n = rows.len();
     (0..n)
         .map(|i| {
             let about = i.saturating_sub(SUPPORT_ROWS)..(i + SUPPORT_ROWS + 1).min(n);
             if gaps[i] > extent || about.len() <= SUPPORT_ROWS || !about.clone().all(|k| gaps[k] <= extent) {
-                return false;
+                return Ok(false);
             }
-            let [nx, ny, pull] = normal(i);
+            let [nx, ny, pull] = normal(i)?;
             let heights = about.map(|k| (rows[k].0 - rows[i].0, rows[k].1[0] * nx + rows[k].1[1] * ny));
-            pull < 0.0
+            Ok(pull < 0.0
                 && curvature(&heights.collect::<Vec<_>>())
-                    .is_some_and(|a| a.abs() < MAX_SUPPORTED_ACCELERATION * pull.abs())
+                    .is_some_and(|a| a.abs() < MAX_SUPPORTED_ACCELERATION * pull.abs()))
         })
         .collect()
 }

@@ -26,7 +26,7 @@ mod single_body;
 mod sliding;
 mod unused_contacts;
 
-pub use block_averages::average_blocks;
+pub use block_averages::{MAX_OBSERVATIONS, average_blocks};
 pub use contact_geometry::contact_gap;
 #[cfg(test)]
 pub use contact_geometry::{ContactFeature, RoundedCorner, TurningVector};

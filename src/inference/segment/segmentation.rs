@@ -37,7 +37,7 @@ pub fn segment_trials(
     for (i, trial) in trials.iter().enumerate() {
         progress.report("segmenting trials", i as u64, trials.len() as u64)?;
         let placed = bare.with_setting(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
-        let (own, unused) = trial_segments(&placed, trial, most, run);
+        let (own, unused) = trial_segments(&placed, trial, most, run, progress)?;
         out.segments.extend(own.into_iter().map(|w| Segment { trial: i, setting: settings[i], ..w }));
         out.unused_contacts.extend(unused.into_iter().map(|reason| (i, reason)));
     }
@@ -47,14 +47,23 @@ pub fn segment_trials(
 /// Segments of a trial: one-step or initial segments of all bodies if the initial state is known; single-body
 /// segments if it is not, and for a single body in flight; and the reasons why contacts are in none. `placed` is the scene in the
 /// trial's setting.
-fn trial_segments(placed: &Scene, trial: &Trial, most: usize, longest: usize) -> (Vec<Segment>, Vec<String>) {
+fn trial_segments(
+    placed: &Scene,
+    trial: &Trial,
+    most: usize,
+    longest: usize,
+    progress: &dyn Progress,
+) -> Result<(Vec<Segment>, Vec<String>)> {
     let known = has_known_initial_state(placed, trial);
     let bodies = trial.scene.bodies.len();
     let mut out = if known { one_step_segments(trial, most) } else { Vec::new() };
     let mut unused = Vec::new();
     if out.is_empty() && (!known || bodies == 1) {
-        let observed: Vec<_> = (0..bodies).filter_map(|body| BodyObservations::of(trial, body)).collect();
-        out = observed.iter().flat_map(BodyObservations::segments).collect();
+        let observed = (0..bodies).filter_map(|body| BodyObservations::of(trial, body, progress).transpose());
+        let observed = observed.collect::<Result<Vec<_>>>()?;
+        for own in &observed {
+            out.extend(own.segments(progress)?);
+        }
         out.extend(collision_segments(&observed));
         unused = unused_contacts(&observed, &out);
     }
@@ -63,7 +72,7 @@ fn trial_segments(placed: &Scene, trial: &Trial, most: usize, longest: usize) ->
         unused.clear();
         out = initial_segment(trial, longest).into_iter().chain(multi_step_segments(trial)).collect();
     }
-    (out, unused)
+    Ok((out, unused))
 }
 
 /// Tolerance of a known initial position, m: rounding to single precision.

@@ -13,9 +13,11 @@ use super::definition::{
 use super::free_motion::AroundImpact;
 use super::holds::without_holds;
 use super::sliding::{Slide, slide};
+use crate::error::Result;
 use crate::inference::data::noise::third_difference_noise;
 use crate::inference::data::smoothing::{TimedPosition, fit_polynomials};
 use crate::inference::statistics::{median, slope};
+use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 
@@ -54,32 +56,36 @@ pub struct BodyObservations<'a> {
 
 impl<'a> BodyObservations<'a> {
     /// `None` if the body was observed fewer than three times.
-    pub fn of(trial: &'a Trial, body: usize) -> Option<BodyObservations<'a>> {
+    pub fn of(
+        trial: &'a Trial,
+        body: usize,
+        progress: &dyn Progress,
+    ) -> Result<Option<BodyObservations<'a>>> {
         let track = &trial.observed.bodies[body];
         let row = |(i, t): (usize, &f64)| Some((*t, observed_position(track, i)?));
         let rows: Vec<TimedPosition> = trial.observed.times.iter().enumerate().filter_map(row).collect();
         if rows.len() < 3 {
-            return None;
+            return Ok(None);
         }
-        let contacts = detect_contacts(trial, body, &rows);
+        let contacts = detect_contacts(trial, body, &rows, progress)?;
         let typical_interval = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
-        Some(BodyObservations { trial, body, rows, contacts, typical_interval })
+        Ok(Some(BodyObservations { trial, body, rows, contacts, typical_interval }))
     }
 
     /// Flights, bounces and rolling of the body.
-    pub fn segments(&self) -> Vec<Segment> {
+    pub fn segments(&self, progress: &dyn Progress) -> Result<Vec<Segment>> {
         let [gx, gy] = self.trial.scene.gravity;
         let of = |piece: (usize, usize)| without_holds(&self.rows, piece, gx.hypot(gy));
         let pieces: Vec<(usize, usize)> = self.flight_intervals().into_iter().map(of).collect();
-        let flights =
-            pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS).map(|piece| self.flight(*piece));
-        let contacts = pieces.windows(2).filter_map(|pair| self.contact(pair[0], pair[1]));
+        let flights = pieces.iter().filter(|(a, b)| b - a >= MIN_FLIGHT_OBSERVATIONS);
+        let flights = flights.map(|piece| self.flight(*piece, progress));
+        let contacts = pieces.windows(2).filter_map(|pair| self.contact(pair[0], pair[1])).map(Ok);
         let rolls = rolling_intervals(&self.contacts, &self.rows);
         let landings = pieces.iter().filter_map(|piece| self.landing(*piece, &rolls));
         flights
             .chain(contacts)
-            .chain(landings.collect::<Vec<_>>())
-            .chain(rolls.into_iter().filter_map(|roll| self.rolling(roll)))
+            .chain(landings.collect::<Vec<_>>().into_iter().map(Ok))
+            .chain(rolls.into_iter().filter_map(|roll| self.rolling(roll, progress).transpose()))
             .collect()
     }
 
@@ -105,14 +111,14 @@ impl<'a> BodyObservations<'a> {
         pieces
     }
 
-    fn flight(&self, (from, to): (usize, usize)) -> Segment {
+    fn flight(&self, (from, to): (usize, usize), progress: &dyn Progress) -> Result<Segment> {
         let rows = &self.rows[from..to];
         let scene = Scene { statics: Vec::new(), carriers: None, ..self.single_body_scene() };
-        let mut segment = with_smooth(rows, self.segment(rows, scene, SegmentKind::Flight));
+        let mut segment = with_smooth(rows, self.segment(rows, scene, SegmentKind::Flight), progress)?;
         segment.nuisances =
             initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], segment.scene.gravity)
                 .to_vec();
-        segment
+        Ok(segment)
     }
 
     /// Contact segment between two flight intervals; `None` unless a disc or a corner bounces once on a static.
@@ -176,17 +182,21 @@ impl<'a> BodyObservations<'a> {
         ([x, y, vx, vy, spin.unwrap_or(0.0)], held)
     }
 
-    fn rolling(&self, (from, to, contact): (usize, usize, ContactEvent)) -> Option<Segment> {
+    fn rolling(
+        &self,
+        (from, to, contact): (usize, usize, ContactEvent),
+        progress: &dyn Progress,
+    ) -> Result<Option<Segment>> {
         let rows = &self.rows[from..to];
-        let surface = self.surface(contact)?;
+        let Some(surface) = self.surface(contact) else { return Ok(None) };
         // A block that has landed hops and rocks.
         let landed = self.contacts[..from].iter().any(Option::is_none);
         if surface.inertia.is_infinite() && (landed || !self.keeps_angle(rows)) {
-            return None;
+            return Ok(None);
         }
         let slide = slide(rows, &surface, &self.trial.scene);
         let kind = if slide.is_some() { SegmentKind::Sliding } else { SegmentKind::Rolling };
-        let mut segment = with_smooth(rows, self.segment(rows, self.single_body_scene(), kind));
+        let mut segment = with_smooth(rows, self.segment(rows, self.single_body_scene(), kind), progress)?;
         let [_, _, vx, vy] = initial_state(&rows[..rows.len().min(INITIAL_STATE_OBSERVATIONS)], [0.0; 2]);
         segment.nuisances = vec![0.0, vx * contact.normal[1] - vy * contact.normal[0], 0.0, 0.0];
         if let Some(Slide { speed, slip }) = slide {
@@ -196,7 +206,7 @@ impl<'a> BodyObservations<'a> {
             }
         }
         segment.surface = Some(surface);
-        Some(segment)
+        Ok(Some(segment))
     }
 
     /// The trial's scene with this body alone.
@@ -332,13 +342,13 @@ impl<'a> BodyObservations<'a> {
 }
 
 /// Adds the polynomial fit; outliers get weight 0.
-fn with_smooth(rows: &[TimedPosition], mut segment: Segment) -> Segment {
-    let smooth = fit_polynomials(rows);
+fn with_smooth(rows: &[TimedPosition], mut segment: Segment, progress: &dyn Progress) -> Result<Segment> {
+    let smooth = fit_polynomials(rows, progress)?;
     for (point, used) in segment.observations.iter_mut().zip(&smooth.is_inlier) {
         point.weight = if *used { 1.0 } else { 0.0 };
     }
     segment.smooth = Some(smooth);
-    segment
+    Ok(segment)
 }
 
 /// Number of steps that cover a duration and 5 % more, since a sensor's clock may be fast.

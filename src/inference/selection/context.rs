@@ -19,7 +19,7 @@ use super::settings::SETTINGS;
 use crate::error::Result;
 use crate::inference::field;
 use crate::inference::mixed_model::fitted_model::FittedModel;
-use crate::inference::mixed_model::group_statistics::{CrossProducts, GroupStatistics, VarianceComponents};
+use crate::inference::mixed_model::group_statistics::{CrossProducts, VarianceComponents};
 use crate::inference::mixed_model::groups::Group;
 use crate::inference::mixed_model::model_fit::{ModelFitter, RecordingContext, acceleration_responses};
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
@@ -98,24 +98,22 @@ fn components(
     groups: Option<Vec<Group>>,
     broad: f64,
 ) -> Result<Option<VarianceComponents>> {
-    let mut fields: Vec<(Vec<Group>, f64)> =
-        field::groups_by_inputs(fitter, model)?.into_iter().map(|groups| (groups, FIELD_SD)).collect();
-    if let Some(groups) = groups {
-        if fields.is_empty() {
-            fields.push((groups.clone(), broad));
-        }
-        fields.push((groups, 1.0));
-    }
     let prior = fitter.prior(&model.layout, &model.state);
     let scales = ComponentScales::of(fitter);
     let start = scales.start();
-    let best = |(groups, broad): &(Vec<Group>, f64)| {
+    let best = |groups: &[Group], broad: f64| {
         let start = start.clone();
         let (cross_products, progress) = (HashMap::new(), fitter.data.progress);
-        ComponentObjective { groups, prior: &prior, broad: *broad, start, scales, cross_products, progress }
+        ComponentObjective { groups, prior: &prior, broad, start, scales, cross_products, progress }
             .maximise()
     };
-    let all = fields.iter().map(best).collect::<Result<Vec<_>>>()?;
+    let mut all = field::for_each_inputs(fitter, model, |groups| best(groups, FIELD_SD))?;
+    if let Some(groups) = groups {
+        if all.is_empty() {
+            all.push(best(&groups, broad)?);
+        }
+        all.push(best(&groups, 1.0)?);
+    }
     let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(best.map(|(_, components)| components))
 }
@@ -220,9 +218,11 @@ impl ComponentObjective<'_> {
                 free.insert(each.collect::<Result<_>>()?)
             }
         };
-        self.progress.check_stop()?;
-        let statistics = products.iter().zip(groups).map(|(w, p)| w.statistics(p, &columns, &components));
-        let statistics: Option<Vec<GroupStatistics>> = statistics.collect();
+        let progress = self.progress;
+        let one = |(w, p): (&CrossProducts, &Group)| {
+            progress.check_stop().map(|()| w.statistics(p, &columns, &components))
+        };
+        let statistics = products.iter().zip(groups).map(one).collect::<Result<Option<Vec<_>>>>()?;
         let evidence = statistics
             .and_then(|statistics| Some(at_scale(&statistics, self.prior, self.broad)?.log_evidence));
         Ok(evidence.map_or(f64::NEG_INFINITY, |e| e + self.scales.log_prior(&components)))

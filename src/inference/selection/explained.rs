@@ -24,6 +24,7 @@ use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::mixed_model::random_design::RandomEffect;
 use crate::inference::statistics::median;
+use crate::progress::Progress;
 use crate::rng;
 
 /// Multiple of the median squared residual above which the weight of a trial decreases.
@@ -71,11 +72,11 @@ pub fn explanation(
     let current = |group: &Group| DVector::zeros(group.blocks[0].jacobian.ncols());
     let (modes, broad) = match field::fit_broad(fitter, model, &groups, sd)? {
         Some((groups, step)) => {
-            let modes = random_modes(model, &groups, |_| step.clone());
+            let modes = random_modes(model, &groups, |_| step.clone(), fitter.data.progress)?;
             let left = squares_by_trial(model, &groups, &modes, |_| step.clone());
             (modes, Some(left))
         }
-        None => (random_modes(model, &groups, current), None),
+        None => (random_modes(model, &groups, current, fitter.data.progress)?, None),
     };
     let own = squares_by_trial(model, &groups, &modes, current);
     let mut out = nothing;
@@ -224,10 +225,16 @@ fn random_columns<'a>(
 }
 
 /// Conditional modes of the random effects but the scales after a step of the parameters.
-fn random_modes(model: &FittedModel, groups: &[Group], step: impl Fn(&Group) -> DVector<f64>) -> Modes {
+fn random_modes(
+    model: &FittedModel,
+    groups: &[Group],
+    step: impl Fn(&Group) -> DVector<f64>,
+    progress: &dyn Progress,
+) -> Result<Modes> {
     let mut out = Modes::new();
     let slow = model.components.discrepancy;
     for group in groups.iter().filter(|p| p.has_random_effects) {
+        progress.check_stop()?;
         // Unknowns: index of the column, and its segment if it is a segment-level effect.
         let mut unknowns: Vec<(usize, Option<usize>)> = Vec::new();
         let mut columns: Vec<(usize, usize, DVector<f64>)> = Vec::new();
@@ -261,7 +268,7 @@ fn random_modes(model: &FittedModel, groups: &[Group], step: impl Fn(&Group) -> 
             out.insert((group.blocks[*b].segment, own.is_none(), k), solved[*at]);
         }
     }
-    out
+    Ok(out)
 }
 
 /// Squared residuals by trial after a step of the parameters, random effects subtracted unless the trial has less without.

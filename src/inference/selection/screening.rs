@@ -36,7 +36,8 @@ pub fn screen(
     let mut components = fit.components.clone();
     components.discrepancy = components.discrepancy.min(MAX_SCREENING_SD);
     components.accelerations.iter_mut().for_each(|p| *p = p.min(MAX_SCREENING_SD));
-    let Some(tests) = group_statistics::group_statistics(&groups, &components) else { return Ok(None) };
+    let tests = group_statistics::group_statistics(&groups, &components, fitter.data.progress)?;
+    let Some(tests) = tests else { return Ok(None) };
     let (own, current) = (fitter.prior(&fit.layout, &fit.state), DVector::zeros(q + perturbations.len()));
     let before: f64 = tests.iter().map(|t| t.log_density_after(&current)).sum();
     let settings = fitter.data.settings;

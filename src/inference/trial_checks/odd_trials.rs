@@ -101,7 +101,8 @@ fn probability(
         step: DVector::zeros(model.layout.parameters.len()),
         covariance: model.covariance.clone(),
     };
-    let statistics = group_statistics::group_statistics(&groups, &model.components).unwrap_or_default();
+    let statistics = group_statistics::group_statistics(&groups, &model.components, data.progress)?;
+    let statistics = statistics.unwrap_or_default();
     let survival = |t: &group_statistics::GroupStatistics| {
         let (square, _) = t.predictive_distance(&others)?;
         Some(f_survival(square / t.count, t.count, SCALE_DOF))

@@ -12,6 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::error::Result;
 use crate::inference::mixed_model::fitted_model::FittedModel;
 use crate::inference::mixed_model::group_statistics::{
     self, GlsEstimate, GroupStatistics, VarianceComponents,
@@ -20,6 +21,7 @@ use crate::inference::mixed_model::groups::Group;
 use crate::inference::mixed_model::random_design::nuisance_accelerations;
 use crate::inference::model::{ParameterKind, Perturbation};
 use crate::inference::report::{TrialEffectEstimate, round_to_six_digits};
+use crate::progress::Progress;
 
 /// Estimates by trial of all amplitudes of its setting; empty if they cannot be computed. `settings`: by
 /// trial.
@@ -27,7 +29,8 @@ pub fn trial_estimates(
     model: &FittedModel,
     groups: &[Group],
     settings: &[usize],
-) -> Vec<Vec<TrialEffectEstimate>> {
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<TrialEffectEstimate>>> {
     let amplitude = |k: &usize| {
         matches!(model.layout.parameters[*k].kind, ParameterKind::EffectParameter(..))
             && !model.layout.is_shape(*k)
@@ -36,11 +39,8 @@ pub fn trial_estimates(
     let none = || vec![Vec::new(); settings.len()];
     let alike = without_amplitude_components(model);
     let prior = model.prior.clone();
-    let Some(statistics) =
-        group_statistics::group_statistics(groups, &alike).filter(|_| !amplitudes.is_empty())
-    else {
-        return none();
-    };
+    let statistics = group_statistics::group_statistics(groups, &alike, progress)?;
+    let Some(statistics) = statistics.filter(|_| !amplitudes.is_empty()) else { return Ok(none()) };
     // Latents and shapes have their common values.
     let current = DVector::zeros(model.layout.parameters.len());
     let of = |trial: usize| {
@@ -67,7 +67,8 @@ pub fn trial_estimates(
         };
         Some(chosen.iter().enumerate().filter_map(size).collect())
     };
-    (0..settings.len()).map(|trial| of(trial).unwrap_or_default()).collect()
+    let checked = |trial| progress.check_stop().map(|()| of(trial).unwrap_or_default());
+    (0..settings.len()).map(checked).collect()
 }
 
 /// Information and score of one trial, without random effects of amplitudes, and the covariance of these
@@ -177,6 +178,7 @@ fn means_and_sds(mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Vec<[f64; 2]
 mod tests {
     use super::*;
     use crate::inference::testing::throws;
+    use crate::progress::NoProgress;
 
     /// BLUP equals conditioning the explicit joint Gaussian of three trials with five observations and two
     /// parameters, of which the first varies between trials.
@@ -246,7 +248,7 @@ mod tests {
         let drags = [0.2, 0.5, 0.3, 0.6, 0.35, 0.25, 0.45, 0.55];
         throws::with_fit(&drags, &["linear_drag"], 5, |fitter, f| {
             let (_, groups) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
-            let found = trial_estimates(f, &groups, &[0; 8]);
+            let found = trial_estimates(f, &groups, &[0; 8], &NoProgress).unwrap();
             for (one, truth) in found.iter().zip(drags) {
                 let (one, [alone, sd]) = (&one[0], one[0].alone.unwrap());
                 assert!((one.value - truth).abs() < 4.0 * one.sd && one.sd < 0.05, "{truth}: {one:?}");
@@ -255,7 +257,10 @@ mod tests {
         });
         throws::with_fit(&[0.4; 8], &[], 5, |fitter, f| {
             let (_, groups) = fitter.groups(&f.layout, &f.state, &[]).unwrap().unwrap();
-            assert!(trial_estimates(f, &groups, &[0; 8]).iter().all(Vec::is_empty), "no effect has no size");
+            assert!(
+                trial_estimates(f, &groups, &[0; 8], &NoProgress).unwrap().iter().all(Vec::is_empty),
+                "no effect has no size"
+            );
         });
     }
 }

@@ -14,8 +14,7 @@ use crate::distribution::f_survival;
 use crate::error::Result;
 use crate::inference::mixed_model::cross_validation;
 use crate::inference::mixed_model::fitted_model::FittedModel;
-use crate::inference::mixed_model::group_statistics::{self, SCALE_DOF};
-use crate::inference::mixed_model::groups::Group;
+use crate::inference::mixed_model::group_statistics::{self, GroupStatistics, SCALE_DOF};
 use crate::inference::mixed_model::model_fit::ModelFitter;
 use crate::inference::model::Linearization;
 use crate::inference::report::{PredictiveCheck, TrialPredictiveCheck, round_to_six_digits};
@@ -33,20 +32,21 @@ pub fn predictive_check(
 ) -> Result<Option<PredictiveCheck>> {
     let groups = fitter.groups_with_discrepancy(&model.layout, &model.state, linearizations)?;
     fitter.data.progress.check_stop()?;
-    Ok(groups.and_then(|groups| check_groups(fitter, model, &groups, used)))
+    let Some(groups) = groups else { return Ok(None) };
+    let statistics = group_statistics::group_statistics(&groups, &model.components, fitter.data.progress)?;
+    Ok(statistics.and_then(|statistics| check_groups(fitter, model, &statistics, used)))
 }
 
 /// Predictive checks of the trials of some groups.
 fn check_groups(
     fitter: &ModelFitter,
     model: &FittedModel,
-    groups: &[Group],
+    statistics: &[GroupStatistics],
     used: &[usize],
 ) -> Option<PredictiveCheck> {
-    let statistics = group_statistics::group_statistics(groups, &model.components)?;
     let prior = model.prior.with_discrepancy(statistics.first()?.gram.ncols(), model.discrepancy_scale);
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); used.len()];
-    cross_validation::for_each_held_out(&statistics, &prior, &fitter.folds, |statistics, others| {
+    cross_validation::for_each_held_out(statistics, &prior, &fitter.folds, |statistics, others| {
         let Some((square, _)) = statistics.predictive_distance(others) else { return };
         let (all, squares, count) = &mut of[statistics.trial];
         all.push(f_survival(square / statistics.count, statistics.count, SCALE_DOF));
@@ -148,6 +148,7 @@ mod tests {
     use crate::inference::mixed_model::group_statistics::{GlsEstimate, VarianceComponents};
     use crate::inference::mixed_model::groups::{Group, SegmentBlock};
     use crate::inference::testing::throws;
+    use crate::progress::NoProgress;
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
     use rand_distr::{Distribution, StandardNormal};
@@ -184,8 +185,10 @@ mod tests {
                         log_det_noise: 0.0,
                     };
                     let group = Group { trial: 0, blocks: vec![block], has_random_effects: true };
-                    let statistics =
-                        group_statistics::group_statistics(&[group], &components).unwrap().remove(0);
+                    let statistics = group_statistics::group_statistics(&[group], &components, &NoProgress)
+                        .unwrap()
+                        .unwrap()
+                        .remove(0);
                     f_survival(
                         statistics.predictive_distance(&others).unwrap().0 / statistics.count,
                         statistics.count,

@@ -9,6 +9,7 @@ use super::floor::{
 use super::parse_options::{TrackParseOptions, is_pixel_size_missing};
 use super::pixel_scale::{pixel_size, turn_upwards, with_suggestion};
 use super::read::{self, TrackTable};
+use super::size::{MAX_FILES, check_cells};
 use super::strokes::free_stretches;
 use super::track_rows::{TrackRow, TrialPoints, assemble};
 use super::unit_checks::{DeclaredUnits, check_units};
@@ -54,6 +55,7 @@ pub fn load_tracks(
     budget: &dyn Budget,
 ) -> Result<LoadedTrials> {
     reading.validate()?;
+    check_files(files)?;
     let one = match of {
         Subject::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
         Subject::Ball(_) => Some(BALL),
@@ -106,6 +108,15 @@ pub fn load_tracks(
         trials.extend(assembled.map_err(|e| e.in_file(&table.file))?);
     }
     Ok(LoadedTrials { scene, trials, notes, own_format: own && reading.is_silent() })
+}
+
+/// Errors if there are too many files, or too many cells in them.
+fn check_files(files: &[TrackFile]) -> Result<()> {
+    if files.len() > MAX_FILES {
+        let allowed = format!("at most {MAX_FILES} files");
+        return Err(Error::input("trials", format!("{} files", files.len()), allowed));
+    }
+    check_cells(files.iter().map(|f| f.text.as_str()))
 }
 
 /// Reads each file of a ball; where they are in pixels, the size of a pixel and the direction of y may be found.

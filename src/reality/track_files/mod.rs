@@ -16,6 +16,7 @@ mod qualisys;
 mod read;
 mod repeated_frames;
 mod selection;
+mod size;
 mod strokes;
 #[cfg(test)]
 mod strokes_test;
@@ -30,4 +31,5 @@ mod xml;
 
 pub use load::{LoadedTrials, Subject, TrackFile, load_tracks};
 pub use parse_options::TrackParseOptions;
+pub use size::check_cells;
 pub use track_rows::{TrackRow, assemble, check_complete, invalid_value};

@@ -14,6 +14,7 @@ use super::formats::table;
 use super::parse_options::TrackParseOptions;
 use super::repeated_frames::{Picture, without_repeats};
 use super::selection::{MIN_LIKELIHOOD, SelectedRow, TrackSelection, choose};
+use super::size::MAX_COLUMNS;
 use super::table::Table;
 use super::times::{check_increasing, undo_rounding};
 use super::track_rows::{TrackRow, check_complete, invalid_value};
@@ -72,7 +73,17 @@ pub fn read(
         return own_format(&text, options, budget);
     }
     let mut runs = Vec::new();
-    for (run, table) in table(&text, options.columns.as_deref(), budget)?.by_run() {
+    let table = table(&text, options.columns.as_deref(), budget)?;
+    if table.columns.len() > MAX_COLUMNS {
+        let value = format!("{} columns", table.columns.len());
+        return Err(invalid_value(
+            table.header_line,
+            "header",
+            &value,
+            &format!("at most {MAX_COLUMNS} columns"),
+        ));
+    }
+    for (run, table) in table.by_run() {
         let name = run.as_deref().unwrap_or(trial);
         let mut read = read_table(&text, &table, name, body, options, budget)?;
         read.names_trials |= run.is_some();

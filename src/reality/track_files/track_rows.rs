@@ -2,10 +2,12 @@
 
 use std::collections::HashSet;
 
+use super::size::check_trials;
 use crate::budget::{Budget, checked};
 use crate::error::{Error, InvalidInput, Result};
 use crate::reality::Trial;
 use crate::task::Scene;
+use crate::task::limits::check_text_length;
 use crate::trajectory::{Track, Trajectory};
 
 /// Observation of one body at one time.
@@ -48,6 +50,7 @@ impl TrialPoints {
 pub fn assemble(rows: Vec<TrackRow>, scene: &Scene, budget: &dyn Budget) -> Result<Vec<Trial>> {
     let mut trials: Vec<Trial> = Vec::new();
     let bare = scene.without_settings();
+    check_trials(rows.chunk_by(|a, b| a.trial == b.trial).count(), scene)?;
     let mut finished = HashSet::new();
     for row in checked(rows, budget) {
         let row = row?;
@@ -55,6 +58,9 @@ pub fn assemble(rows: Vec<TrackRow>, scene: &Scene, budget: &dyn Budget) -> Resu
             if !finished.insert(row.trial.clone()) {
                 let allowed = "contiguous rows of a trial; this trial already ended above";
                 return Err(invalid_value(row.line, "trial", &format!("{:?}", row.trial), allowed));
+            }
+            for (field, name) in [("trial", Some(&row.trial)), ("setting", row.setting.as_ref())] {
+                check_text_length(field, name.map_or("", String::as_str)).map_err(|e| e.in_file(row.line))?;
             }
             let setting = row.setting.clone();
             let base = bare.with_setting(setting.as_ref().and_then(|s| scene.settings.get(s)));

@@ -12,10 +12,11 @@ use crate::budget::Budget;
 use crate::commands::{DiagnosisRequest, TrialFiles};
 use crate::error::{Error, Result};
 use crate::inference::report::plot_tables::plot_tables;
-use crate::inference::{DiagnosisConfig, diagnose};
+use crate::inference::{DiagnosisConfig, diagnose, memory};
 use crate::job::Work;
 use crate::json::parse;
-use crate::reality::{LoadedTrials, trials_from_csv, write_trials_csv};
+use crate::progress::Unreported;
+use crate::reality::{LoadedTrials, Trial, read_trials_csv, write_trials_csv};
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -44,18 +45,23 @@ fn begin(
     keep: RecordResponse<JobOut>,
 ) -> Result<JobOut> {
     let (job, seed) = (request.job.clone(), request.seed.unwrap_or(0));
-    let (scene, csv, count) = diagnosis_data(app, request)?;
+    let (scene, csv, trials) = diagnosis_data(app, request)?;
+    let estimate = memory::diagnosis(&scene, &trials, &Unreported(app.budget()))?;
+    app.shared().limits.request_limits().check_memory(estimate, FEWER_TRIALS)?;
     // The request without the data, which are large.
-    let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
+    let config = json!({ "job": job, "scene": scene.name, "trials": trials.len(), "seed": seed });
     let plan = DiagnosisInput { scene: scene.to_json(), trials: csv, seed };
     submit(app, KIND, &config, &plan, seed, keep)
 }
 
-/// The scene, the trials as CSV and their number, from the upload or from the job that measured them.
+/// Advice for data that need too much memory.
+pub(super) const FEWER_TRIALS: &str = "give fewer trials, or leave out observations";
+
+/// The scene and the trials, as CSV too, from the upload or from the job that measured them.
 pub(super) fn diagnosis_data(
     app: &RequestContext,
     request: DiagnosisRequest,
-) -> Result<(Scene, String, usize)> {
+) -> Result<(Scene, String, Vec<Trial>)> {
     let Some(id) = &request.job else { return uploaded_data(request, app.budget()) };
     if request.scene.is_some()
         || request.ball.is_some()
@@ -66,18 +72,18 @@ pub(super) fn diagnosis_data(
         return Err(Error::input("job", "given together with scene, ball, trials or reading", allowed));
     }
     let (scene, csv) = (trials::scene(app, id)?, trials::csv(app, id)?);
-    let count = trials_from_csv(&csv, &scene).map_err(|e| e.in_field("trials"))?.len();
-    Ok((scene, csv, count))
+    let trials = read_trials_csv(&csv, &scene, app.budget()).map_err(|e| e.in_field("trials"))?;
+    Ok((scene, csv, trials))
 }
 
-fn uploaded_data(request: DiagnosisRequest, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
+fn uploaded_data(request: DiagnosisRequest, budget: &dyn Budget) -> Result<(Scene, String, Vec<Trial>)> {
     let LoadedTrials { scene, trials, own_format, .. } = request.load(budget)?;
     let csv = match request.trials {
         // A single file in our own format is stored unchanged.
         Some(TrialFiles(mut files)) if own_format && files.len() == 1 => files.swap_remove(0).text,
         _ => write_trials_csv(&trials, budget)?,
     };
-    Ok((scene, csv, trials.len()))
+    Ok((scene, csv, trials))
 }
 
 /// The work of a diagnosis. After a restart it starts over and gives the same result.

@@ -138,8 +138,8 @@ fn collect_attempts(
     tasks: Vec<Task>,
 ) -> Result<Dataset> {
     let attempts = PersistedRollouts::new(base, context, world, &plan.world)?;
-    let drawn =
-        explore::draw_placeable(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
+    let mut stream = rng::stream(plan.setup.seed, "attempts");
+    let drawn = explore::draw_placeable(&tasks, plan.attempts, &mut stream, context)?;
     let mut rows = Vec::with_capacity(drawn.len());
     for (t, task) in tasks.iter().enumerate() {
         context.report("acting in the world", t as u64, tasks.len() as u64)?;

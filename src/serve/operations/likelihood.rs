@@ -1,7 +1,7 @@
 //! Likelihoods for external samplers: prepared as a job, then evaluated at any number of points.
 //!
 //! Prepared likelihoods are cached. After eviction or a restart the next request prepares the likelihood again, with the same
-//! bits; if that exceeds the deadline, preparation continues for later requests.
+//! bits; that ends with the request's deadline.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::inference::posterior::{PosteriorConfig, TrialLikelihood};
 use crate::job::Work;
 use crate::json::from_value;
-use crate::progress::{NoProgress, Progress};
+use crate::progress::{Progress, Unreported};
 use crate::serve::operation::{ACT, JsonBody, Operation, PathId, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -71,12 +71,12 @@ fn begin(
     let request = body.into_posterior();
     let config = request.config().map_err(with_request_field)?;
     let (job, seed) = (request.job.clone(), config.seed);
-    let (scene, trials, count) = posterior_data(app, request)?;
+    let (scene, csv, trials) = posterior_data(app, request)?;
     let shown = json!({
-        "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
+        "job": job, "scene": scene.name, "trials": trials.len(), "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,
     });
-    let given = DiagnosisInput { scene: scene.to_json(), trials, seed };
+    let given = DiagnosisInput { scene: scene.to_json(), trials: csv, seed };
     let key = digest(&SHA256, to_json(&(&given, &config))?.as_bytes());
     let key = key.as_ref().iter().map(|b| format!("{b:02x}")).collect();
     let plan = LikelihoodJob { given, config, key };
@@ -118,7 +118,7 @@ fn load_likelihood(app: &RequestContext, id: &str) -> Result<Arc<TrialLikelihood
             format!("{id} is {}; a likelihood can be evaluated once it has succeeded", row.state.name());
         return Err(Error::Refused { reason });
     }
-    prepare(&app.shared().core, &from_value(row.plan)?, &NoProgress)
+    prepare(&app.shared().core, &from_value(row.plan)?, &Unreported(app.budget()))
 }
 
 fn evaluate(
@@ -135,7 +135,7 @@ fn evaluate(
     let mut found = Vec::with_capacity(points.len());
     for together in points.chunks(POINTS_PER_CHUNK) {
         app.budget().check()?;
-        found.extend(likelihood.log_likelihoods(together)?);
+        found.extend(likelihood.log_likelihoods(together, app.budget())?);
         app.metrics.count_rollouts((together.len() * likelihood.segment_count()) as u64);
     }
     Ok(LogDensities::new(log_prior, Some(found)))
@@ -147,6 +147,6 @@ fn starts(
 ) -> Result<ChainStarts> {
     let count = body.count()?;
     let likelihood = load_likelihood(app, &id)?;
-    let points = likelihood.initial_points(count, body.seed.unwrap_or(0))?;
+    let points = likelihood.initial_points(count, body.seed.unwrap_or(0), app.budget())?;
     Ok(ChainStarts::new(likelihood.names(), &points))
 }

@@ -5,14 +5,17 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::diagnosis::diagnosis_data;
+use super::diagnosis::{FEWER_TRIALS, diagnosis_data};
 use super::diagnosis_input::DiagnosisInput;
 use super::job::{restartable, submit};
 use super::json::to_value;
 use crate::commands::{PosteriorRequest, set_calibrate};
 use crate::error::Result;
+use crate::inference::memory;
 use crate::inference::posterior::{PosteriorConfig, PosteriorDocument, posterior};
 use crate::job::Work;
+use crate::progress::Unreported;
+use crate::reality::Trial;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -50,21 +53,23 @@ fn begin(
 ) -> Result<JobOut> {
     let config = request.config()?;
     let (job, seed) = (request.job.clone(), config.seed);
-    let (scene, trials, count) = posterior_data(app, request)?;
-    let shown = json!({"job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "config": config, "seed": seed});
-    let plan = PosteriorJob { given: DiagnosisInput { scene: scene.to_json(), trials, seed }, config };
+    let (scene, csv, trials) = posterior_data(app, request)?;
+    let shown = json!({"job": job, "scene": scene.name, "trials": trials.len(), "calibrate": scene.calibrate, "config": config, "seed": seed});
+    let plan = PosteriorJob { given: DiagnosisInput { scene: scene.to_json(), trials: csv, seed }, config };
     submit(app, KIND, &shown, &plan, seed, keep)
 }
 
-/// The data of [`diagnosis_data`], with `calibrate` overriding the scene's latents to infer.
+/// The data of [`diagnosis_data`], with `calibrate` overriding the scene's latents to infer; fails if a posterior of them needs too much memory.
 pub(super) fn posterior_data(
     app: &RequestContext,
     mut request: PosteriorRequest,
-) -> Result<(Scene, String, usize)> {
+) -> Result<(Scene, String, Vec<Trial>)> {
     let calibrate = request.calibrate.take();
-    let (mut scene, trials, count) = diagnosis_data(app, request.into_data())?;
+    let (mut scene, csv, trials) = diagnosis_data(app, request.into_data())?;
     set_calibrate(&mut scene, calibrate)?;
-    Ok((scene, trials, count))
+    let estimate = memory::posterior(&scene, &trials, &Unreported(app.budget()))?;
+    app.shared().limits.request_limits().check_memory(estimate, FEWER_TRIALS)?;
+    Ok((scene, csv, trials))
 }
 
 /// The work of a posterior. After a restart it starts over and gives the same result.

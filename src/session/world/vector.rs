@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, Reality, measure_each};
 use crate::session::action::Action;
 use crate::session::catalogue::TaskContext;
-use crate::session::limits::RequestLimits;
+use crate::session::limits::{RequestLimits, rollout_work};
 use crate::session::observation::ObservationLayout;
 use crate::session::state::Phase;
 use crate::sync::lock;
@@ -138,9 +138,7 @@ impl PlannedStep<'_> {
     fn work(&self) -> u64 {
         match self {
             PlannedStep::Begin(_) => 0,
-            PlannedStep::Act { context, .. } => {
-                u64::from(context.task.scene.steps) * context.task.scene.bodies.len() as u64
-            }
+            PlannedStep::Act { context, .. } => rollout_work(&context.task.scene),
         }
     }
 

@@ -65,6 +65,10 @@ impl<S: AsRef<dyn ShapeGeometry> + From<Rectangle>> ShapeGeometry for Compound<S
         pieces.try_for_each(|(i, p)| p.validate(movable).map_err(|e| e.in_field(&format!("pieces[{i}]"))))
     }
 
+    fn corner_count(&self) -> usize {
+        self.pieces.iter().map(|p| p.shape.as_ref().corner_count()).sum()
+    }
+
     fn solid(&self) -> Solid {
         let bounded = |p: &CompoundPiece<S>| match p.shape.as_ref().solid().placed(p.position, p.angle) {
             Solid::Bounded(ConvexPieces(pieces)) => pieces,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::Result;
 use crate::task::limits::check_length;
-use crate::task::solid::{ConvexPieces, Solid};
+use crate::task::solid::{ConvexPieces, MIN_CORNERS_PER_PIECE, Solid};
 
 /// A disc about the origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +18,10 @@ pub struct Disc {
 impl ShapeGeometry for Disc {
     fn validate(&self, _: bool) -> Result<()> {
         check_length("radius", self.radius)
+    }
+
+    fn corner_count(&self) -> usize {
+        MIN_CORNERS_PER_PIECE
     }
 
     fn solid(&self) -> Solid {

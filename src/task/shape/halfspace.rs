@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::{Error, Result, check_range};
 use crate::task::limits::{MAX_LENGTH_M, check_vector};
-use crate::task::solid::Solid;
+use crate::task::solid::{MIN_CORNERS_PER_PIECE, Solid};
 
 /// The half space below the line `normal . p = offset`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +28,10 @@ impl ShapeGeometry for Halfspace {
             return Err(Error::input("normal", format!("{:?}", self.normal), "a vector of length 1"));
         }
         check_range("offset", self.offset, -MAX_LENGTH_M, MAX_LENGTH_M).map(drop)
+    }
+
+    fn corner_count(&self) -> usize {
+        MIN_CORNERS_PER_PIECE
     }
 
     fn solid(&self) -> Solid {

@@ -90,6 +90,11 @@ impl Shape {
         }
     }
 
+    /// Number of corners of all pieces, at least `MIN_CORNERS_PER_PIECE` each.
+    pub fn corner_count(&self) -> usize {
+        self.as_ref().corner_count()
+    }
+
     /// The axis-aligned bounding box, owner's frame; `None` for a half space.
     pub fn bounds(&self) -> Option<Aabb> {
         self.solid().bounds()

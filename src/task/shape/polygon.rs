@@ -6,7 +6,7 @@ use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::{Error, Result};
 use crate::task::geometry::signed_area;
 use crate::task::limits::{MAX_LENGTH_M, check_vector};
-use crate::task::solid::{ConvexPieces, Solid};
+use crate::task::solid::{ConvexPieces, MIN_CORNERS_PER_PIECE, Solid};
 
 /// A convex polygon, anywhere in its owner's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ impl ShapeGeometry for Polygon {
             return Err(Error::input("vertices", format!("{n} vertices"), allowed));
         }
         for (i, v) in vertices.iter().enumerate() {
-            check_vector(&format!("vertices[{i}]"), *v, MAX_LENGTH_M)?;
+            check_vector(format_args!("vertices[{i}]"), *v, MAX_LENGTH_M)?;
         }
         for i in 0..n {
             let (a, b) = (vertices[i], vertices[(i + 1) % n]);
@@ -42,6 +42,10 @@ impl ShapeGeometry for Polygon {
             }
         }
         Ok(())
+    }
+
+    fn corner_count(&self) -> usize {
+        self.vertices.len().max(MIN_CORNERS_PER_PIECE)
     }
 
     fn solid(&self) -> Solid {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::Result;
 use crate::task::limits::check_length;
-use crate::task::solid::{ConvexPieces, Solid};
+use crate::task::solid::{ConvexPieces, MIN_CORNERS_PER_PIECE, Solid};
 
 /// A box about the origin, with sides along the axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +21,10 @@ impl ShapeGeometry for Rectangle {
     fn validate(&self, _: bool) -> Result<()> {
         check_length("half_width", self.half_width)?;
         check_length("half_height", self.half_height)
+    }
+
+    fn corner_count(&self) -> usize {
+        MIN_CORNERS_PER_PIECE
     }
 
     fn solid(&self) -> Solid {

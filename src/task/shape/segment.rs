@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::shape_geometry::{Moments, ShapeGeometry};
 use crate::error::{Error, Result, check_range};
 use crate::task::limits::{MAX_LENGTH_M, MIN_LENGTH_M, check_length, check_vector};
-use crate::task::solid::{ConvexPieces, Solid};
+use crate::task::solid::{ConvexPieces, MIN_CORNERS_PER_PIECE, Solid};
 
 /// A line segment with rounded ends; a movable one needs a positive radius.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,6 +39,10 @@ impl ShapeGeometry for SegmentShape {
         } else {
             check_range("radius", self.radius, 0.0, MAX_LENGTH_M).map(drop)
         }
+    }
+
+    fn corner_count(&self) -> usize {
+        MIN_CORNERS_PER_PIECE
     }
 
     fn solid(&self) -> Solid {

@@ -9,6 +9,9 @@ pub trait ShapeGeometry {
     /// of a body.
     fn validate(&self, movable: bool) -> Result<()>;
 
+    /// Number of corners of all pieces, at least `MIN_CORNERS_PER_PIECE` each.
+    fn corner_count(&self) -> usize;
+
     /// The solid geometry.
     fn solid(&self) -> Solid;
 

@@ -17,9 +17,6 @@ use crate::world::effect::LANES;
 use crate::world::observe::ObservationSchedule;
 use crate::world::record::{self, CONTACT_GAP_STEPS, Recorder};
 
-/// Number of pairs, with all their lanes, between two checks of the budget: about a millisecond.
-const PAIRS_PER_CHECK: usize = 1 << 14;
-
 /// The code compiled for an instruction set. The functions own no data: unwinding code for every operation of
 /// such large functions would take the compiler minutes.
 pub trait Kernel {
@@ -32,13 +29,12 @@ pub trait Kernel {
 /// Integrates all rollouts of `source`, unless it is cancelled.
 pub fn run(source: &mut dyn RolloutSource, end_at_rest: bool, instructions: &dyn Kernel) {
     let Some(first) = source.next() else { return };
+    let steps_per_check = first.1.steps_per_check();
     let mut batch = LaneBatch::new(&first.1);
     let mut first = Some(first);
     for lane in 0..LANES {
         batch.refill(lane, source, first.take());
     }
-    let steps_per_check =
-        (PAIRS_PER_CHECK / (batch.state.pairs.len() + batch.state.near.len()).max(1)).max(1);
     let mut steps_since_check = 0;
     while batch.lanes.iter().any(Option::is_some) {
         steps_since_check += 1;
