@@ -40,6 +40,8 @@ pub struct Limits {
     pub actions: usize,
     /// Maximum number of sampled body states in a response. Beyond: 413 `too-large`.
     pub samples: u64,
+    /// Maximum memory of a diagnosis, posterior or likelihood, estimated before it starts, bytes. Beyond: 413 `too-large`.
+    pub memory_bytes: u64,
     /// Maximum number of worlds. Beyond: 429 `capacity`.
     pub worlds: usize,
     /// Maximum number of worlds of one token. Beyond: 429 `capacity`.
@@ -81,6 +83,7 @@ impl Default for Limits {
             body_steps: most.body_steps,
             actions: most.actions,
             samples: most.samples,
+            memory_bytes: most.memory_bytes,
             worlds: 4096,
             owner_worlds: 2048,
             world_idle_seconds: 1800.0,
@@ -138,6 +141,7 @@ impl Limits {
         check_count("body_steps", self.body_steps, 10_000, 10_000_000_000)?;
         check_count("actions", self.actions as u64, 1, 65_536)?;
         check_count("samples", self.samples, 10_000, 100_000_000)?;
+        check_count("memory_bytes", self.memory_bytes, 1 << 20, 1 << 50)?;
         check_count("worlds", self.worlds as u64, 4, 1_000_000)?;
         check_count("jobs_running", self.jobs_running as u64, 1, 64)?;
         check_count("jobs_waiting", self.jobs_waiting as u64, 1, 100_000)?;
@@ -154,7 +158,7 @@ impl Limits {
             actions: self.actions,
             samples: self.samples,
             body_steps: self.body_steps,
-            ..RequestLimits::STANDARD
+            memory_bytes: self.memory_bytes,
         }
     }
 

@@ -47,7 +47,7 @@ fn begin(
     let (job, seed) = (request.job.clone(), request.seed.unwrap_or(0));
     let (scene, csv, trials) = diagnosis_data(app, request)?;
     let estimate = memory::diagnosis(&scene, &trials, &Unreported(app.budget()))?;
-    app.shared().limits.request_limits().check_memory(estimate, FEWER_TRIALS)?;
+    app.shared().limits().request_limits().check_memory(estimate, FEWER_TRIALS)?;
     // The request without the data, which are large.
     let config = json!({ "job": job, "scene": scene.name, "trials": trials.len(), "seed": seed });
     let plan = DiagnosisInput { scene: scene.to_json(), trials: csv, seed };

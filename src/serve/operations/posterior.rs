@@ -68,7 +68,7 @@ pub(super) fn posterior_data(
     let (mut scene, csv, trials) = diagnosis_data(app, request.into_data())?;
     set_calibrate(&mut scene, calibrate)?;
     let estimate = memory::posterior(&scene, &trials, &Unreported(app.budget()))?;
-    app.shared().limits.request_limits().check_memory(estimate, FEWER_TRIALS)?;
+    app.shared().limits().request_limits().check_memory(estimate, FEWER_TRIALS)?;
     Ok((scene, csv, trials))
 }
 
