@@ -175,7 +175,7 @@ fn validate_line(goal: &Goal, height: Option<f64>, line: Option<[[f64; 2]; 2]>) 
     }
     height.map_or(Ok(0.0), |h| check_range("height", h, -MAX_LENGTH_M, MAX_LENGTH_M))?;
     for (i, point) in line.iter().flatten().enumerate() {
-        check_vector(&format!("line[{i}]"), *point, MAX_LENGTH_M)?;
+        check_vector(format_args!("line[{i}]"), *point, MAX_LENGTH_M)?;
     }
     if goal.line().is_none() {
         let allowed = "two points with different x, for a line that is not vertical";
