@@ -8,6 +8,7 @@
 # make damage truncates and flips bits of a data directory 1000 times each; the store must never return wrong data
 # make kill  kills a server at 100 random moments of a workload; no acknowledged write may be lost
 # make harden measures the server under floods, disconnects and slow clients
+# make attack measures what the dearest requests, jobs and floods cost the server and its other clients; fails if that is too much
 # make soak  runs a mixed load for an hour (MINUTES=60) and reports memory growth
 # make release builds and tests the published files: wheel, sources, licences, bill of materials, container image
 # make bench measures rollouts per second against Pymunk on the same scenes and against the machine's limits
@@ -22,7 +23,7 @@ endif
 # Tests run every instruction-set level of the batched kernel. All targets use one feature set, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test environments test-beside verify matrices test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
+.PHONY: run test environments test-beside verify matrices test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden attack soak fuzz \
 	test-openenv test-docs examples-extra docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
@@ -227,6 +228,10 @@ bench-hold: $(VENV)/.installed
 harden:
 	$(CARGO) build --release --locked --bin iplw
 	python3 benches/harden.py
+
+attack:
+	$(CARGO) build --release --locked --bin iplw
+	python3 benches/attack.py
 
 # A mixed load for MINUTES; reports memory growth.
 MINUTES := 60

@@ -22,6 +22,7 @@ import math
 import multiprocessing
 import os
 import resource
+import signal
 import socket
 import statistics
 import struct
@@ -44,7 +45,7 @@ START_SECONDS = 60.0
 
 DEADLINE = 0.5
 # A server that computes on for longer is replaced.
-PATIENCE = 10.0
+PATIENCE = 4.0
 # Processor time within a span that counts as idle, s: timers and the log.
 IDLE_SPAN, IDLE_USE = 0.3, 0.003
 # A body may have 16 MiB; the rest is left for the other fields.
@@ -87,17 +88,30 @@ FLOOR: Document = {"name": "floor", "shape": {"type": "halfspace", "normal": [0,
 BALL: Document = {"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": [0.0, 0.5]}
 
 
-def boxes() -> Document:
-    """Sixty boxes and a million steps."""
+def boxes(**fields: Any) -> Document:
+    """Sixty boxes that never come to rest."""
     heap = [
         {
             "name": f"b{i}",
             "shape": {"type": "box", "half_width": 0.2, "half_height": 0.2},
+            "friction": 0.0,
+            "restitution": 1.0,
             "position": [0.45 * (i % 10), 0.3 + 0.45 * (i // 10)],
+            "velocity": [7 * i % 5 - 2.0, 3 * i % 7 - 3.0],
         }
         for i in range(60)
     ]
-    return scene(heap, [FLOOR])
+    sides: list[tuple[list[int], int]] = [([0, 1], 0), ([0, -1], -6), ([1, 0], -1), ([-1, 0], -6)]
+    walls = [
+        {
+            "name": f"w{k}",
+            "shape": {"type": "halfspace", "normal": normal, "offset": offset},
+            "friction": 0.0,
+            "restitution": 1.0,
+        }
+        for k, (normal, offset) in enumerate(sides)
+    ]
+    return scene(heap, walls, gravity=[0, 0], **fields)
 
 
 def polygons() -> tuple[list[Document], list[Document]]:
@@ -113,7 +127,14 @@ def settings(count: int = 50_000) -> Document:
     return scene(bodies, statics, settings={f"s{i}": {} for i in range(count)})
 
 
-def compounds(statics: int = 160) -> Document:
+def overrides(count: int = 2000) -> Document:
+    """As many corners, and as many in settings, as a scene may have."""
+    bodies, statics = polygons()
+    other = {f"s{i}": {"bodies": {"b0": {"shape": regular(32, 0.31)}}} for i in range(count)}
+    return scene(bodies, statics[:63], steps=1400, settings={**other, **{f"t{i}": {} for i in range(25_000)}})
+
+
+def compounds(count: int = 64, statics: int = 160, corners: int = 32) -> Document:
     """Compounds along diagonals: all their boxes overlap, and no two of their pieces do."""
 
     def stripe(i: int, corners: int) -> Document:
@@ -122,16 +143,16 @@ def compounds(statics: int = 160) -> Document:
         ]
         return {"type": "compound", "pieces": pieces}
 
-    bodies = [{"name": f"b{i}", "shape": stripe(i, 32), "position": [0.0, 0.0]} for i in range(64)]
-    fixed = [{"name": f"s{i}", "shape": stripe(i + 64, 6), "position": [0.0, 0.0]} for i in range(statics)]
-    return scene(bodies, fixed, time_step=0.0001)
+    bodies = [{"name": f"b{i}", "shape": stripe(i, corners), "position": [0.0, 0.0]} for i in range(count)]
+    fixed = [{"name": f"s{i}", "shape": stripe(i + count, 6), "position": [0.0, 0.0]} for i in range(statics)]
+    return scene(bodies, fixed, time_step=0.0001, steps=2000, observe_every=1)
 
 
 def region(corners: int = 170_000) -> Document:
     """A goal region of many corners, which every step tests."""
     angles = (2 * math.pi * k / corners for k in range(corners))
-    ring = [[round(50 + 40 * math.cos(a), 5), round(40 * math.sin(a), 5)] for a in angles]
-    return scene([BALL], [FLOOR], goal={"type": "inside", "body": "ball", "region": ring})
+    ring = [[round(50_000 + 40 * math.cos(a), 5), round(40 * math.sin(a), 5)] for a in angles]
+    return scene([BALL], [FLOOR], gravity=[0, 0], goal={"type": "inside", "body": "ball", "region": ring})
 
 
 def carriers(count: int = 800_000) -> Document:
@@ -146,9 +167,14 @@ def listed(field: str, value: Any, count: int) -> Document:
 
 
 SCENES: dict[str, Callable[[], Document]] = {
-    "60 boxes, 10^6 steps": boxes,
+    "60 boxes, 800,000 steps": lambda: boxes(steps=800_000),
+    "60 boxes, 59 s": lambda: boxes(steps=5900, observe_every=1),
     "50,000 settings of 320 polygons": settings,
     "224 compounds of 32 pieces": compounds,
+    "16 compounds of 32 pieces": lambda: compounds(16, 0, 8),
+    "32 compounds of 32 pieces": lambda: compounds(32, 0, 4),
+    "2000 overrides in settings": overrides,
+    "a region of 4000 corners": lambda: region(4000),
     "a region of 170,000 corners": region,
     "800,000 carriers": carriers,
     "28,000 effects": lambda: listed("effects", {"name": "linear_drag", "parameters": {}}, 28_000),
@@ -246,7 +272,7 @@ def read_until(one: socket.socket, until: float, begun: bytes = b"") -> tuple[by
         except OSError:
             return bytes(begin), size, True
         size += len(part)
-        begin += part if len(begin) < 65536 else b""
+        begin += part if len(begin) < 1 << 24 else b""
         head, found, _ = bytes(begin[:8192]).partition(b"\r\n\r\n")
         if found and length is None:
             told = [line for line in head.lower().split(b"\r\n") if line.startswith(b"content-length:")]
@@ -286,7 +312,12 @@ class Stage:
 
     def made_once(self, name: str, make: Callable[[], Any]) -> Any:
         if name not in self.made:
-            self.made[name] = make()
+            try:
+                self.made[name] = make()
+            except (AssertionError, OSError, LookupError, TypeError, http.client.HTTPException) as e:
+                self.made[name] = e
+        if isinstance(self.made[name], Exception):
+            raise self.made[name]
         return self.made[name]
 
     def idle(self, patience: float = PATIENCE) -> tuple[float, bool]:
@@ -321,7 +352,7 @@ class Stage:
 
     # What the cases need.
 
-    def world(self, name: str = "60 boxes, 10^6 steps", **fields: Any) -> str:
+    def world(self, name: str = "60 boxes, 800,000 steps", **fields: Any) -> str:
         def make() -> str:
             status, made = self.ask("POST", "/v1/worlds", {"scene": SCENES[name](), **fields})
             assert status == 201, (name, str(made)[:300])
@@ -334,7 +365,7 @@ class Stage:
         def make() -> list[str]:
             status, made = self.ask("POST", "/v1/batch/worlds", {"count": count, "task": "bowling"})
             assert status == 201, made
-            ids = [row["id"] for row in made["worlds"]]
+            ids = [str(one) for one in made["worlds"]]
             assert self.ask("POST", "/v1/batch/reset", {"worlds": ids})[0] == 200
             return ids
 
@@ -366,10 +397,10 @@ class Stage:
         return {"columns": {row["name"]: [row["fit"] + 1e-6 * i for i in range(count)] for row in rows}}
 
     def diagnosis(self) -> str:
-        """With as many rows as a body takes; its work is cancelled."""
+        """With as many rows as one may have; its work is cancelled."""
 
         def make() -> str:
-            status, made = self.ask("POST", "/v1/diagnoses", measured(14.5))
+            status, made = self.ask("POST", "/v1/diagnoses", measured(0.9))
             assert status == 202, str(made)[:300]
             self.ask("DELETE", f"/v1/jobs/{made['id']}")
             return str(made["id"])
@@ -384,11 +415,11 @@ class Stage:
         return str(self.made_once(f"estimation {name}", lambda: self.job("/v1/iplw", body, ("waiting",)))["id"])
 
     def submitted(self) -> str:
-        """An estimation with 15 MB of submitted trials."""
+        """An estimation with 9 MB of submitted trials."""
 
         def make() -> str:
             job = self.estimation("submitted")
-            rows = proposal_rows(3, 15.0).encode()
+            rows = proposal_rows(3, 9.0).encode()
             answer = self.send(Request("POST", f"/v1/iplw/{job}/trials", rows, CSV))
             assert answer.status == 200, answer.begin[-300:]
             return job
@@ -458,10 +489,10 @@ def reading_cases() -> Iterator[Case]:
 
     yield Case("metrics", "among 2000 worlds", among_worlds("/metrics"))
     yield Case("list_worlds", "1000 of 2000 worlds", among_worlds("/v1/worlds?limit=1000"))
-    yield Case("get_world", "of compounds", lambda s: get(f"/v1/worlds/{s.world('224 compounds of 32 pieces')}"))
-    yield Case("watch_world", "of compounds", lambda s: get(f"/v1/worlds/{s.world('224 compounds of 32 pieces')}/events"))
-    yield Case("list_diagnosis_trials", "14 MB of tracks", lambda s: get(f"/v1/diagnoses/{s.diagnosis()}/trials?limit=1000"))
-    yield Case("get_job", "14 MB of tracks", lambda s: get(f"/v1/jobs/{s.diagnosis()}"))
+    yield Case("get_world", "of compounds", lambda s: get(f"/v1/worlds/{s.world('16 compounds of 32 pieces')}"))
+    yield Case("watch_world", "of compounds", lambda s: get(f"/v1/worlds/{s.world('16 compounds of 32 pieces')}/events"))
+    yield Case("list_diagnosis_trials", "0.9 MB of tracks", lambda s: get(f"/v1/diagnoses/{s.diagnosis()}/trials?limit=1000"))
+    yield Case("get_job", "0.9 MB of tracks", lambda s: get(f"/v1/jobs/{s.diagnosis()}"))
     yield Case("get_job_log", "of a diagnosis", lambda s: get(f"/v1/jobs/{s.diagnosis()}/log?limit=1000"))
     yield Case("follow_job", "of a diagnosis", lambda s: get(f"/v1/jobs/{s.diagnosis()}/events"))
 
@@ -474,7 +505,7 @@ def reading_cases() -> Iterator[Case]:
     yield Case("list_proposals", "four", lambda s: get(f"/v1/iplw/{s.submitted()}/proposals"))
     yield Case("list_rounds", "of an estimation", lambda s: get(f"/v1/iplw/{s.submitted()}/rounds?limit=1000"))
     for form in ("json", "csv", "scene"):
-        yield Case("list_trials", f"15 MB as {form}", lambda s, form=form: get(f"/v1/jobs/{s.submitted()}/trials?format={form}"))  # type: ignore[misc]
+        yield Case("list_trials", f"9 MB as {form}", lambda s, form=form: get(f"/v1/jobs/{s.submitted()}/trials?format={form}"))  # type: ignore[misc]
     yield Case("list_policies", "one", lambda s: get("/v1/policies?limit=1000"))
     yield Case("get_policy", "1 MB", lambda s: get(f"/v1/policies/{s.policy()}"))
     yield Case("download_weights", "1 MB", lambda s: get(f"/v1/policies/{s.policy()}/weights"))
@@ -482,11 +513,11 @@ def reading_cases() -> Iterator[Case]:
     yield Case("get_surface", "60 points", lambda s: get(f"/v1/surfaces/{s.surface()}"))
     yield Case("draw_surface", "60 points", lambda s: get(f"/v1/surfaces/{s.surface()}/picture"))
     for view in ("scene", "end", "filmstrip", "animation", "film"):
-        for name in ("60 boxes, 10^6 steps", "224 compounds of 32 pieces"):
+        for name in ("60 boxes, 800,000 steps", "60 boxes, 59 s", "16 compounds of 32 pieces"):
             for form in ("png", "svg"):
                 if (view == "animation") != (form == "svg") and view in ("animation", "film"):
                     continue
-                query = f"view={view}&width=4096&format={form}" + ("" if view == "scene" else "&action=0.5,0.5")
+                query = f"view={view}&width={400 if view == 'film' else 2048}&format={form}" + ("" if view == "scene" else "&action=0.5,0.5")
                 query += "&fps=60" if view == "film" else ""
                 yield Case(
                     "render_world", f"{view} as {form}, {name}",
@@ -496,7 +527,7 @@ def reading_cases() -> Iterator[Case]:
 
 def deleting_cases() -> Iterator[Case]:
     def deleted_world(s: Stage) -> Request:
-        made = s.ask("POST", "/v1/worlds", {"scene": compounds()})[1]
+        made = s.ask("POST", "/v1/worlds", {"scene": compounds(16, 0, 8)})[1]
         return Request("DELETE", f"/v1/worlds/{made.get('id')}")
 
     def deleted_worlds(s: Stage) -> Request:
@@ -525,7 +556,7 @@ def deleting_cases() -> Iterator[Case]:
 
     yield Case("delete_world", "of compounds", deleted_world)
     yield Case("delete_worlds", "2000", deleted_worlds)
-    yield Case("delete_job", "14 MB of tracks", deleted_job)
+    yield Case("delete_job", "0.9 MB of tracks", deleted_job)
     yield Case("delete_policy", "1 MB", deleted_policy)
     yield Case("delete_surface", "60 points", deleted_surface)
     yield Case("make_token", "a name of 16 MB", lambda s: post("/v1/tokens", {"name": "n" * WHOLE_BODY, "scope": "read"}))
@@ -535,6 +566,8 @@ def deleting_cases() -> Iterator[Case]:
 def scene_cases() -> Iterator[Case]:
     """Operations that take a scene, each with every dear scene."""
     for name, make in SCENES.items():
+        if name in ("60 boxes, 59 s", "16 compounds of 32 pieces"):
+            continue
         yield Case("create_world", name, lambda _, make=make: post("/v1/worlds", {"scene": make()}))  # type: ignore[misc]
         yield Case("simulate", name, lambda _, make=make: post("/v1/simulate", {"scene": make(), "action": [0.5, 0.5]}))  # type: ignore[misc]
         yield Case(
@@ -547,7 +580,7 @@ def scene_cases() -> Iterator[Case]:
         )
 
     def placed() -> Document:
-        made = compounds()
+        made = compounds(32, 0, 4)
         quantities = [(f"b{i}", quantity) for i in range(8) for quantity in ("x", "y")]
         components = [{"target": b, "set": q, "low": 0.0, "high": 0.001} for b, q in quantities]
         return {**made, "action": {"components": components}}
@@ -565,14 +598,14 @@ def scene_cases() -> Iterator[Case]:
     )
     yield Case(
         "simulate", "4*10^6 samples",
-        lambda _: post("/v1/simulate", {"scene": {**boxes(), "steps": 65_000, "observe_every": 1}, "action": [0.5, 0.5]}),
+        lambda _: post("/v1/simulate", {"scene": boxes(steps=65_000, observe_every=1), "action": [0.5, 0.5]}),
     )
     yield Case("create_world", "an unnamed field of 16 MB", lambda _: post("/v1/worlds", {"x" * WHOLE_BODY: 1}))
 
 
 def acting_cases() -> Iterator[Case]:
     """Operations on worlds."""
-    long, stripes, ring = "60 boxes, 10^6 steps", "224 compounds of 32 pieces", "a region of 170,000 corners"
+    long, stripes, ring = "60 boxes, 800,000 steps", "16 compounds of 32 pieces", "a region of 4000 corners"
     act = {"action": [0.5, 0.5]}
     for name in (long, stripes, ring):
         yield Case("step_world", name, lambda s, name=name: post(f"/v1/worlds/{s.world(name)}/step", act))  # type: ignore[misc]
@@ -583,7 +616,7 @@ def acting_cases() -> Iterator[Case]:
         yield Case("reset_world", name, lambda s, name=name: post(f"/v1/worlds/{s.world(name)}/reset", {"seed": 1}))  # type: ignore[misc]
         yield Case(
             "snapshot_world", f"late, {name}",
-            lambda s, name=name: post(f"/v1/worlds/{s.world(name)}/snapshot", {**act, "at": 90.0 if name == stripes else 9000.0}),  # type: ignore[misc]
+            lambda s, name=name: post(f"/v1/worlds/{s.world(name)}/snapshot", {**act, "at": 0.19 if name == stripes else 7000.0}),  # type: ignore[misc]
         )
         yield Case(
             "rollout_world", f"with trajectories, {name}",
@@ -601,9 +634,9 @@ def acting_cases() -> Iterator[Case]:
 
     def many_compounds(s: Stage, operation: str) -> Request:
         def make() -> list[str]:
-            status, made = s.ask("POST", "/v1/batch/worlds", {"scene": compounds(0), "count": 64})
+            status, made = s.ask("POST", "/v1/batch/worlds", {"scene": compounds(16, 0, 8), "count": 64})
             assert status == 201, str(made)[:300]
-            return [row["id"] for row in made["worlds"]]
+            return [str(one) for one in made["worlds"]]
 
         ids = s.made_once("many compounds", make)
         if operation == "reset_worlds":
@@ -619,8 +652,8 @@ def acting_cases() -> Iterator[Case]:
         for i in range(64)
     ]
     yield Case(
-        "rollout_world", "64 interventions and 4096 actions",
-        lambda _: post("/v1/worlds/bowling-sim/rollout", {**rollout, "interventions": [added]}),
+        "rollout_world", "64 interventions and 2000 actions",
+        lambda _: post("/v1/worlds/bowling-sim/rollout", {**rollout, "actions": [[0.5, 0.8, 0.3]] * 2000, "interventions": [added]}),
     )
     small = [[{"type": "impulse", "body": "green", "impulse": [1, 0], "at": 0.01}]] * 4096
     yield Case(
@@ -629,10 +662,10 @@ def acting_cases() -> Iterator[Case]:
     )
     yield Case(
         "rollout_world", "180,000 empty lists of interventions",
-        lambda _: post("/v1/worlds/bowling-sim/rollout", wide('{"actions":[0],"interventions":[', "[]", "]}", 180_000)),
+        lambda _: post("/v1/worlds/bowling-sim/rollout", wide('{"task":"bowling:000","actions":[0],"interventions":[', "[]", "]}", 180_000)),
     )
     yield Case(
-        "branch_world", "to the end of 10^6 steps",
+        "branch_world", "to the end of 800,000 steps",
         lambda s: post(f"/v1/worlds/{s.world()}/branch", {"snapshot": s.snapshot()}),
     )
     impulses = [{"type": "impulse", "body": "b0", "impulse": [1, 0], "at": 1.0 + i} for i in range(64)]
@@ -698,9 +731,10 @@ def learning_cases() -> Iterator[Case]:
     """Operations on measured trials, and those that design and plan."""
     for name, make in (
         ("14 MB of tracks", lambda: measured(14.5)),
-        ("1 MB of tracks", lambda: measured(1.0)),
-        ("50,000 settings of 320 polygons", lambda: {"scene": settings(), "trials": "trial,t,body,x,y\n0,0,b0,0,1\n0,1,b0,0,1\n"}),
-        ("compounds", lambda: {"scene": compounds(), "trials": "trial,t,body,x,y\n0,0,b0,0,0\n0,0.01,b0,0,1\n0,0.02,b0,0,1\n"}),
+        ("0.9 MB of tracks", lambda: measured(0.9)),
+        ("0.3 MB of tracks", lambda: measured(0.3)),
+        ("2000 overrides in settings", lambda: {"scene": overrides(), "trials": "trial,t,body,x,y\n0,0,b0,0,1\n0,1,b0,0,1\n"}),
+        ("32 compounds of 32 pieces", lambda: {"scene": compounds(32, 0, 4), "trials": "trial,t,body,x,y\n0,0,b0,0,0\n0,0.01,b0,0,1\n0,0.02,b0,0,1\n"}),
     ):
         effects = {"effects": ["linear_drag", "wind"]}
         sets = {"sets": [["linear_drag"], ["wind"], ["quadratic_drag"], []], "draws": 10_000, "method": "mcmc"}
@@ -708,7 +742,7 @@ def learning_cases() -> Iterator[Case]:
         yield Case("start_likelihood", name, lambda _, make=make: post("/v1/likelihoods", {**make(), **effects}), job=True)  # type: ignore[misc]
         yield Case("start_posterior", name, lambda _, make=make, sets=sets: post("/v1/posteriors", {**make(), **sets}), job=True)  # type: ignore[misc]
     yield Case(
-        "start_diagnosis", "the trials of an estimation, 15 MB", lambda s: post("/v1/diagnoses", {"job": s.submitted()}), job=True
+        "start_diagnosis", "the trials of an estimation, 9 MB", lambda s: post("/v1/diagnoses", {"job": s.submitted()}), job=True
     )
     yield Case(
         "start_posterior", "by SMC, 0.05 MB of tracks",
@@ -727,7 +761,7 @@ def learning_cases() -> Iterator[Case]:
 
         return make
 
-    for name in ("60 boxes, 10^6 steps", "224 compounds of 32 pieces", "50,000 settings of 320 polygons"):
+    for name in ("60 boxes, 800,000 steps", "32 compounds of 32 pieces", "2000 overrides in settings"):
         yield Case("start_iplw", name, explored(name), job=True)
     yield Case(
         "start_iplw", "100,000 samples, by information",
@@ -738,6 +772,10 @@ def learning_cases() -> Iterator[Case]:
     yield Case(
         "submit_trials", "16 MB as CSV",
         lambda s: Request("POST", f"/v1/iplw/{s.estimation('csv')}/trials?close=false", rows(16.0).encode(), CSV),
+    )
+    yield Case(
+        "submit_trials", "9 MB as CSV",
+        lambda s: Request("POST", f"/v1/iplw/{s.estimation('csv')}/trials?close=false&replace=true", rows(9.0).encode(), CSV),
     )
     yield Case(
         "submit_trials", "10^7 short rows",
@@ -784,7 +822,7 @@ class Busy:
     said: str = ""
 
 
-def given_up(s: Stage, request: Request, hang_up: bool) -> Busy:
+def given_up(s: Stage, request: Request, hang_up: bool, job: bool) -> Busy:
     """A request with a deadline, or whose client hangs up at that time."""
     whole = request.on_wire(s.token, None if hang_up else DEADLINE)
     before = s.running.processor_seconds()
@@ -799,11 +837,15 @@ def given_up(s: Stage, request: Request, hang_up: bool) -> Busy:
         # The answer is due now; whoever streams one may take a little longer.
         begin, _, _ = read_until(one, time.perf_counter() + 1.0, begin)
     one.close()
-    waited, idle = s.idle()
-    after = s.running.processor_seconds() - mark if not idle else max(0.0, waited)
-    if idle and not (finished or hang_up):
-        after = s.running.processor_seconds() - mark
-    return Busy(status_of(begin), mark - before, after, idle, begin[-200:].decode(errors="replace"))
+    status = status_of(begin)
+    if job and finished and status in (200, 202):
+        # It was in time, and what computes now is the job.
+        return Busy(status, mark - before, 0.0, True)
+    _, idle = s.idle()
+    after = s.running.processor_seconds() - mark
+    if job and not idle and s.ask("GET", "/v1/jobs?results=false&state=running")[1].get("jobs"):
+        begin = b'"detail":"yet its job was made, and runs"'
+    return Busy(status, mark - before, after, idle, begin[:4000].decode(errors="replace"))
 
 
 def cancelled(s: Stage, request: Request) -> Busy:
@@ -834,7 +876,7 @@ def deadline(binary: str, only: str) -> bool:
     print("|---|---|---|---|---|---|", flush=True)
     good, at, number = True, contextlib.ExitStack(), 0
     with at:
-        s = at.enter_context(stage(binary))
+        s = renew(at, binary)
         without = operations_of(s) - {case.operation for case in all_cases()}
         for name in sorted(without):
             print(f"| {name} | no case | | | | FAILS |")
@@ -846,8 +888,8 @@ def deadline(binary: str, only: str) -> bool:
                 try:
                     request = case.make(s)
                     s.idle()
-                    found = cancelled(s, request) if way == "cancel" else given_up(s, request, way == "hang up")
-                except (AssertionError, OSError, KeyError, ValueError, http.client.HTTPException) as e:
+                    found = cancelled(s, request) if way == "cancel" else given_up(s, request, way == "hang up", case.job)
+                except (AssertionError, OSError, LookupError, TypeError, ValueError, http.client.HTTPException) as e:
                     print(f"| {case.operation} | {case.what} | {way} | not measured: {type(e).__name__} {str(e)[:150]} | | FAILS |", flush=True)
                     good = False
                     s = renew(at, binary)
@@ -855,7 +897,7 @@ def deadline(binary: str, only: str) -> bool:
                 fails = found.after > BUSY_SECONDS or not found.idle
                 good &= not fails
                 shown = f"{found.after:.2f}" if found.idle else f"over {found.after:.1f}, still busy"
-                refused = "" if found.status in (0, 200, 201, 202, 204, 503) or "detail" not in found.said else f" {said(found.said)}"
+                refused = "" if (found.status in (0, 200, 201, 202, 204, 503) and "yet" not in found.said) or "detail" not in found.said else f" {said(found.said)}"
                 print(
                     f"| {case.operation} | {case.what} | {way} | {found.status or ''}{refused} | {found.within:.2f} | "
                     f"{shown}{' FAILS' if fails else ''} |",
@@ -878,7 +920,8 @@ def said(text: str) -> str:
 
 def renew(at: contextlib.ExitStack, binary: str) -> Stage:
     at.close()
-    return at.enter_context(stage(binary))
+    # The cases make many worlds, one after the other.
+    return at.enter_context(stage(binary, worlds=20_000, owner_worlds=20_000))
 
 
 # Memory.
@@ -912,7 +955,7 @@ def one_request(make: Make, watched: float = 0.0) -> Callable[[Stage], str]:
     return attack
 
 
-def many_at_once(make: Make, count: int) -> Callable[[Stage], str]:
+def many_at_once(make: Make, count: int, watched: float = 0.0) -> Callable[[Stage], str]:
     """The same request over several connections at once."""
 
     def attack(s: Stage) -> str:
@@ -930,6 +973,7 @@ def many_at_once(make: Make, count: int) -> Callable[[Stage], str]:
                 finally:
                     os._exit(code)
             pids.append(pid)
+        time.sleep(watched)
         statuses = sorted(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in pids)
         return "answers " + ", ".join(f"{statuses.count(n)} of {n}xx" for n in sorted(set(statuses)))
 
@@ -940,7 +984,7 @@ def named_worlds(s: Stage) -> str:
     told = set()
     for i in range(30):
         answer = s.send(post("/v1/worlds", {"scene": {**scene([BALL], [FLOOR]), "name": f"{i}" + "n" * 15_000_000}}))
-        told.add(f"{answer.status} {said(answer.begin.decode(errors='replace'))}")
+        told.add(f"{answer.status} {said(answer.begin.decode(errors='replace'))[:16]}")
     return "; ".join(sorted(told))
 
 
@@ -979,7 +1023,7 @@ def unfinished(s: Stage) -> str:
 
 
 def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
-    for size in (1, 4, 10, 15):
+    for size in (0.3, 0.9, 1, 4, 9, 10, 15):
         effects = {"effects": ["linear_drag", "wind"]}
         sets = {"sets": [["linear_drag"], ["wind"]]}
         for name, path, more in (
@@ -990,7 +1034,7 @@ def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
                 one_request(lambda _, path=path, size=size, more=more: post(path, measured(size, **more)), 15.0),  # type: ignore[misc]
             )
 
-        def estimated(s: Stage, size: int = size) -> str:
+        def estimated(s: Stage, size: float = size) -> str:
             job = s.estimation("memory")
             answer = s.send(Request("POST", f"/v1/iplw/{job}/trials", proposal_rows(4, size).encode(), CSV))
             until = time.perf_counter() + 15.0
@@ -1024,7 +1068,7 @@ def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
     yield "30 worlds with names of 15 MB", named_worlds
     for name in SCENES:
         yield f"world of {name}", one_request(lambda _, name=name: post("/v1/worlds", {"scene": SCENES[name]()}))  # type: ignore[misc]
-    yield "2000 worlds of 64 compounds", one_request(lambda _: post("/v1/batch/worlds", {"scene": compounds(0), "count": 2000}))
+    yield "2000 worlds of 16 compounds", one_request(lambda _: post("/v1/batch/worlds", {"scene": compounds(16, 0, 8), "count": 2000}))
     yield "60 unfinished messages of 16 MB by a reader", unfinished
     numbers = wide('{"task":"bowling:000","actions":[[', "0.5", "]]}")
     lists = wide('{"task":"bowling:000","actions":[', "[]", "]}", 200_000)
@@ -1035,7 +1079,8 @@ def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
     longer = wide('{"task":"bowling:000","actions":[[', "0.1234567890123", "]]}")
     yield "JSON of 16 MB, 8 at once", many_at_once(lambda _: post("/v1/place", longer), 8)
     yield "diagnoses of 10 MB, 8 at once", many_at_once(lambda _: post("/v1/diagnoses", measured(10)), 8)
-    samples = {"scene": {**boxes(), "steps": 65_000, "observe_every": 1}, "action": [0.5, 0.5]}
+    yield "diagnoses of 0.9 MB, 8 at once", many_at_once(lambda _: post("/v1/diagnoses", measured(0.9)), 8, 20.0)
+    samples = {"scene": boxes(steps=65_000, observe_every=1), "action": [0.5, 0.5]}
     yield "simulation of 4*10^6 samples", one_request(lambda _: post("/v1/simulate", samples))
     yield "8 of them at once", many_at_once(lambda _: post("/v1/simulate", samples), 8)
 
@@ -1052,7 +1097,7 @@ def memory(binary: str, only: str) -> bool:
             before = megabytes_of(s.running.pid, "VmRSS")
             try:
                 told, failed = attack(s), False
-            except (AssertionError, OSError, KeyError, http.client.HTTPException) as e:
+            except (AssertionError, OSError, LookupError, TypeError, ValueError, http.client.HTTPException) as e:
                 told, failed = f"{type(e).__name__} {str(e)[:150]}", True
             peak = megabytes_of(s.running.pid, "VmHWM") - before if s.running.process.poll() is None else math.inf
         failed |= peak > MEGABYTES
@@ -1119,12 +1164,19 @@ def send_unfinished(_: int, port: int, token: str, prepared: bytes) -> None:
             time.sleep(0.2)
 
 
+def compute_beside(_: int, __: int, ___: str, ____: bytes) -> None:
+    """For comparison: a process of its own that keeps a core busy, and sends nothing."""
+    while True:
+        sum(range(10_000))
+
+
 Flood = Callable[[int, int, str, bytes], None]
 
 
 def gently(flood: Flood, http_port: int, zmq_port: int, token: str, prepared: bytes) -> None:
     """The flood's own work should not compete with what is measured."""
-    os.nice(19)
+    if flood is not compute_beside:
+        os.nice(19)
     flood(http_port, zmq_port, token, prepared)
 
 
@@ -1172,6 +1224,7 @@ def floods(binary: str, only: str) -> bool:
         ("worlds up to its quota", send_worlds, json.dumps({"task": "bowling", "count": 512}).encode(), 1),
         ("unfinished messages over 16 connections", send_unfinished, bytes(1 << 20), 16),
         ("weights of 1 MB over 4 connections", send_weights, weights, 4),
+        ("nothing, but other processes keep all cores busy", compute_beside, b"", os.cpu_count() or 1),
     ]
     for what, flood, prepared, connections in kinds:
         if only not in what:
@@ -1191,8 +1244,9 @@ def floods(binary: str, only: str) -> bool:
                         s.forget_jobs()
         ratio = statistics.median(flooded / quiet for quiet, flooded in pairs)
         quiet, flooded = (1000 * statistics.median(each) for each in zip(*pairs))
-        good &= ratio <= P99_RATIO
-        print(f"| {what} | {quiet:.1f} | {flooded:.1f} | {ratio:.2f}{' FAILS' if ratio > P99_RATIO else ''} |", flush=True)
+        fails = ratio > P99_RATIO and flood is not compute_beside
+        good &= not fails
+        print(f"| {what} | {quiet:.1f} | {flooded:.1f} | {ratio:.2f}{' FAILS' if fails else ''} |", flush=True)
     if only in "job of another client":
         seconds = job_start(binary)
         fails = seconds > START_SECONDS
@@ -1233,6 +1287,8 @@ def main() -> None:
     arguments = parser.parse_args()
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    # Servers are stopped when this is.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(2))
     tables = {"deadline": deadline, "memory": memory, "floods": floods}
     results = [tables[name](arguments.binary, arguments.case) for name in arguments.only or list(tables)]
     sys.exit(0 if all(results) else 1)
