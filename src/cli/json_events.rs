@@ -13,7 +13,9 @@ use tracing_subscriber::registry::LookupSpan;
 /// Formats an event as `{"at", "level", "message"}`.
 pub struct JsonEvents;
 
-impl<S: Subscriber + for<'a> LookupSpan<'a>, N: for<'a> FormatFields<'a> + 'static> FormatEvent<S, N> for JsonEvents {
+impl<S: Subscriber + for<'a> LookupSpan<'a>, N: for<'a> FormatFields<'a> + 'static> FormatEvent<S, N>
+    for JsonEvents
+{
     fn format_event(&self, _: &FmtContext<S, N>, mut writer: Writer, event: &Event) -> fmt::Result {
         let mut message = EventMessage(String::new());
         event.record(&mut message);

@@ -12,8 +12,8 @@ use tracing::Level;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
-use super::json_events::JsonEvents;
 use super::common_options::{ThreadOptions, exit_with_stdin};
+use super::json_events::JsonEvents;
 use super::output;
 use super::task_sources::{COMMON_OPTIONS, TaskSources};
 

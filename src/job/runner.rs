@@ -59,7 +59,10 @@ impl Runner {
     pub fn note_scarce_memory(&self) -> Result<()> {
         let running: Vec<i64> = {
             let mut state = self.shared.state();
-            let new = state.jobs.values_mut().filter(|live| live.row.state == JobState::Running && !live.scarce_memory);
+            let new = state
+                .jobs
+                .values_mut()
+                .filter(|live| live.row.state == JobState::Running && !live.scarce_memory);
             new.map(|live| {
                 live.scarce_memory = true;
                 live.row.number
@@ -101,7 +104,11 @@ impl Runner {
             return Err(Error::Capacity { what: "waiting jobs", limit: config.queue, advice });
         }
         if state.queued(client) >= config.owner_queue {
-            return Err(Error::Capacity { what: "waiting jobs of one client", limit: config.owner_queue, advice });
+            return Err(Error::Capacity {
+                what: "waiting jobs of one client",
+                limit: config.owner_queue,
+                advice,
+            });
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
         let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
@@ -285,7 +292,8 @@ mod tests {
             }))
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
-        let config = RunnerConfig { running: 1, queue, owner_queue: queue, threads: 1, max_run_time: None, explain };
+        let config =
+            RunnerConfig { running: 1, queue, owner_queue: queue, threads: 1, max_run_time: None, explain };
         (
             Runner::start(
                 store.clone(),

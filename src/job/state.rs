@@ -326,7 +326,9 @@ impl RunnerState {
         match result {
             Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
-            Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config().explain)(&e))),
+            Err(e) => {
+                (live.row.state, live.row.error) = (JobState::Failed, Some((self.config().explain)(&e)))
+            }
         }
         match live.row.error.as_ref().map(|e| e["detail"].as_str().unwrap_or("unknown reason")) {
             Some(why) => self.store.note_line(number, LogLevel::Error, &format!("failed: {why}")),

@@ -19,7 +19,8 @@ fn resident_bytes() -> Option<u64> {
 
 /// Memory of the machine, or of the control group if it has less, bytes.
 fn available_bytes() -> Option<u64> {
-    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| status_kilobytes(&text, "MemTotal:"));
+    let machine =
+        fs::read_to_string("/proc/meminfo").ok().and_then(|text| status_kilobytes(&text, "MemTotal:"));
     [machine, control_group_bytes()].into_iter().flatten().min()
 }
 

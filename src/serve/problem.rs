@@ -94,8 +94,9 @@ impl Problem {
 
     /// The client, or all together, have too many bytes in unanswered requests.
     pub fn too_many_body_bytes() -> Problem {
-        let detail =
-            String::from("the bodies of the requests in progress are too large together; try again in a second");
+        let detail = String::from(
+            "the bodies of the requests in progress are too large together; try again in a second",
+        );
         Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many bytes in requests", detail)
     }
 

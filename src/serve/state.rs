@@ -109,7 +109,12 @@ impl AppState {
         });
         let log = config.log.clone();
         Ok(AppState {
-            jobs: Runner::start(store, work_factories(&core), runner_config(limits), Box::new(move |row| log.job(row)))?,
+            jobs: Runner::start(
+                store,
+                work_factories(&core),
+                runner_config(limits),
+                Box::new(move |row| log.job(row)),
+            )?,
             core,
             keyring,
             document,

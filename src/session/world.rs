@@ -364,7 +364,8 @@ fn hidden_config(config: &WorldConfig) -> Result<HiddenConfig> {
 
 /// The family whose default real world has the same hidden physics, if the client has not replaced all of it.
 fn copied_family(config: &WorldConfig) -> Option<&'static Family> {
-    let family = config.tasks.family.filter(|_| config.kind == WorldKind::Real && !has_own_physics(config))?;
+    let family =
+        config.tasks.family.filter(|_| config.kind == WorldKind::Real && !has_own_physics(config))?;
     let (own, default) = (real_world(family, config.seed), real_world(family, 0));
     (own.latents == default.latents && own.effects == default.effects).then_some(family)
 }

@@ -45,6 +45,7 @@ fn assert_cancels(name: &str, work: impl Fn(&dyn Progress) -> Result<()>) {
 
 #[test]
 fn jobs_end_at_the_check_that_cancels_them() {
+    let _alone = crate::memory::alone();
     let (scene, trials) = recordings::throws(12, 40, 1);
     let config = PosteriorConfig { sets: vec![vec!["linear_drag".into()]], ..PosteriorConfig::standard(0) };
     assert_cancels("diagnosis", |p| diagnose(&scene, &trials, &DiagnosisConfig::standard(0), p).map(drop));

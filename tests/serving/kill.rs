@@ -276,7 +276,10 @@ fn check_state(server: &Server, state: &mut Acknowledged) {
         if let Some(sent) = state.friction.get(id) {
             let friction = world["latents"]["friction"].as_f64().unwrap();
             let never_acknowledged = sent[0].is_nan();
-            assert!(never_acknowledged || sent.contains(&friction), "{id}: friction is {friction}, sent were {sent:?}");
+            assert!(
+                never_acknowledged || sent.contains(&friction),
+                "{id}: friction is {friction}, sent were {sent:?}"
+            );
         }
         // Counters of simulated worlds are written once per second.
         if kind == "real" {

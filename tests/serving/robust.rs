@@ -25,12 +25,8 @@ fn start(directory: &Path, limits: Limits) -> Running {
         let digest = digest(token(name).as_bytes());
         HashedToken { name: name.into(), scope, digest, made: 0, expires: None }
     };
-    let all = [
-        row("ann", Scope::Act),
-        row("bob", Scope::Act),
-        row("eve", Scope::Read),
-        row("root", Scope::Admin),
-    ];
+    let all =
+        [row("ann", Scope::Act), row("bob", Scope::Act), row("eve", Scope::Read), row("root", Scope::Admin)];
     TokenFile::of_directory(directory)
         .change(|tokens| {
             tokens.extend(all);
@@ -38,7 +34,8 @@ fn start(directory: &Path, limits: Limits) -> Running {
         })
         .unwrap();
     let zmq = Some("tcp://127.0.0.1:*".into());
-    Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, limits, ..ServeConfig::default() }).unwrap()
+    Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, limits, ..ServeConfig::default() })
+        .unwrap()
 }
 
 fn send(server: &Running, who: &str, method: Method, path: &str, body: &Value) -> Response {
@@ -79,7 +76,8 @@ fn attempts_in_a_copy_of_a_shared_real_world_count_there() {
         let response = send(&server, "ann", Method::POST, "/v1/worlds", &refused);
         assert_eq!(response.status(), 422, "{family}: physics of the family is hidden");
         // Complete, or with a part of its own: neither learns about the hidden rest for nothing.
-        for own in [json!({}), json!({"noise": 0.001, "budget": 1000}), json!({"latents": {"friction": 0.3}})] {
+        for own in [json!({}), json!({"noise": 0.001, "budget": 1000}), json!({"latents": {"friction": 0.3}})]
+        {
             let mut body = json!({"task": family, "kind": "real"});
             own.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
             let copy = post(&server, "ann", "/v1/worlds", &body)["id"].as_str().unwrap().to_string();
@@ -147,8 +145,12 @@ fn physics_of_a_clients_own_real_world_is_its_owners() {
     let job = post(&server, "ann", "/v1/iplw", &body);
     wait(&server, "ann", &job);
     let id = job["id"].as_str().unwrap();
-    let paths =
-        [format!("/v1/worlds/{world}"), "/v1/worlds?limit=1000".into(), format!("/v1/jobs/{id}"), "/v1/jobs".into()];
+    let paths = [
+        format!("/v1/worlds/{world}"),
+        "/v1/worlds?limit=1000".into(),
+        format!("/v1/jobs/{id}"),
+        "/v1/jobs".into(),
+    ];
     for path in &paths {
         let shown = |who: &str| get(&server, who, path).to_string();
         assert!(!shown("eve").contains("731264981") && !shown("eve").contains("123456789"), "{path}");
@@ -305,7 +307,11 @@ fn unfinished_messages_are_bounded_in_time_and_bytes() {
     }
     assert!(sent >= 1);
     let begun = Instant::now();
-    assert!(peers.into_iter().map(closed).any(|lived| lived < Duration::from_secs(5)), "{:?}", begun.elapsed());
+    assert!(
+        peers.into_iter().map(closed).any(|lived| lived < Duration::from_secs(5)),
+        "{:?}",
+        begun.elapsed()
+    );
     drop(server);
 }
 
@@ -356,4 +362,33 @@ fn hangup_reads_tokens_and_limits_anew() {
     assert_eq!(worlds(), 200);
     assert!(hang_up("{\"worlds\": 1}").contains("cannot be reloaded"));
     assert_eq!(worlds(), 200);
+}
+
+#[test]
+fn stored_bytes_of_one_owner_are_bounded() {
+    let place = tempfile::tempdir().unwrap();
+    let server = start(place.path(), Limits { owner_bytes: 1 << 20, ..Limits::default() });
+    let corners: Vec<[f64; 2]> = (0..32)
+        .map(|k| {
+            let angle = std::f64::consts::TAU * f64::from(k) / 32.0;
+            [0.1 * angle.cos(), 0.1 * angle.sin()]
+        })
+        .collect();
+    let fixed: Vec<Value> = (0..100)
+        .map(|i| {
+            let shape = json!({"type": "polygon", "vertices": corners});
+            json!({"name": format!("s{i}"), "shape": shape, "position": [f64::from(i), 0.0]})
+        })
+        .collect();
+    let scene = json!({"format": "iplw.scene/1", "statics": fixed, "time_step": 0.01, "steps": 10,
+        "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.1}}],
+        "goal": {"type": "above", "body": "ball", "height": 1.0},
+        "action": {"components": [{"target": "ball", "set": "x", "low": 0.0, "high": 9.0},
+            {"target": "ball", "set": "y", "low": 1.0, "high": 9.0}]}});
+    let make = |who: &str| send(&server, who, Method::POST, "/v1/worlds", &json!({"scene": scene}));
+    let first = make("ann");
+    assert_eq!(first.status(), 201, "{}", first.text().unwrap());
+    let refused = (0..100).map(|_| make("ann")).find(|made| made.status() != 201).expect("a quota");
+    problem(refused, 429, "capacity");
+    assert_eq!(make("bob").status(), 201);
 }

@@ -128,5 +128,8 @@ fn warns_of_an_expired_certificate() {
     let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
     let _server = Program(child);
     let warning = log.next().unwrap().unwrap();
-    assert!(warning.contains("clients will refuse the certificate") && warning.contains("expired"), "{warning}");
+    assert!(
+        warning.contains("clients will refuse the certificate") && warning.contains("expired"),
+        "{warning}"
+    );
 }

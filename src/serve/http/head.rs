@@ -16,7 +16,11 @@ pub fn check(request: &Request) -> HandlerResult<()> {
     }
     let tokens = count(headers, &header::AUTHORIZATION);
     if tokens > 1 {
-        return Err(refuse("Authorization", format!("given {tokens} times"), "at most one Authorization header"));
+        return Err(refuse(
+            "Authorization",
+            format!("given {tokens} times"),
+            "at most one Authorization header",
+        ));
     }
     let mut codings = headers.get_all(header::TRANSFER_ENCODING).iter();
     match codings.find(|coding| !coding.as_bytes().trim_ascii().eq_ignore_ascii_case(b"chunked")) {

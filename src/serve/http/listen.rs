@@ -86,7 +86,8 @@ async fn serve_connection<S>(
             response.map(|r| r.map(|body: Body| GuardedBody { body, _guard: busy }))
         }
     });
-    let connection = http1::Builder::new().max_buf_size(MAX_HEAD_BYTES).serve_connection(TokioIo::new(stream), service);
+    let connection =
+        http1::Builder::new().max_buf_size(MAX_HEAD_BYTES).serve_connection(TokioIo::new(stream), service);
     let mut connection = std::pin::pin!(connection);
     let mut stopping = shared.stopping.subscribe();
     tokio::select! {

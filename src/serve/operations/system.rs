@@ -31,7 +31,10 @@ pub fn operations() -> Vec<Operation> {
             .handler(metrics),
         get("get_limits", "/v1/limits", "system", READ)
             .about("Returns the server's limits.")
-            .classified_handler(|_, ()| ExecutionClass::Inline, |app, ()| Ok(Limits::clone(&app.shared().limits()))),
+            .classified_handler(
+                |_, ()| ExecutionClass::Inline,
+                |app, ()| Ok(Limits::clone(&app.shared().limits())),
+            ),
         get("openapi", "/openapi.json", "system", READ)
             .about("Returns this OpenAPI document.")
             .handler(|app, ()| Ok(OpenApiDocument(app.shared().document))),

@@ -158,7 +158,11 @@ impl Peer {
     }
 
     /// Runs the parsing of a message: of a large one on a blocking thread, with a permit.
-    async fn parse<T: Send + 'static>(&self, bytes: usize, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    async fn parse<T: Send + 'static>(
+        &self,
+        bytes: usize,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
         let work = || catch_unwind(AssertUnwindSafe(work)).ok();
         if bytes <= MAX_INLINE_BODY_BYTES {
             return work();
@@ -174,7 +178,8 @@ impl Peer {
             frames.remove(0);
         }
         let bytes = frames.iter().map(Vec::len).sum();
-        let unread = || (NIL.to_vec(), Err(Error::Failed("a bug in the program: a message was not parsed".into())));
+        let unread =
+            || (NIL.to_vec(), Err(Error::Failed("a bug in the program: a message was not parsed".into())));
         let (id, mut request) = self.parse(bytes, || message::read(frames)).await.unwrap_or_else(unread);
         let mut to = self.address(id, delimited);
         if let Ok(request) = &mut request {
@@ -190,7 +195,9 @@ impl Peer {
                 }
                 name => match operation(name) {
                     Err(problem) => self.answer(&to, "none", Err(problem)).await,
-                    Ok(operation) => self.start(operation, request, ReceivedBytes { bytes, byte_permit }, to).await,
+                    Ok(operation) => {
+                        self.start(operation, request, ReceivedBytes { bytes, byte_permit }, to).await
+                    }
                 },
             },
         }
@@ -224,8 +231,7 @@ impl Peer {
         let alone = self.permits.available_permits() == MAX_IN_FLIGHT_REQUESTS - 1;
         let (raw, names) = (request.operation_request.raw, request.operation_request.resource_ids());
         let context = app.clone();
-        let prepare =
-            move || operation.authorize(&context)?.prepare(&context, request.operation_request);
+        let prepare = move || operation.authorize(&context)?.prepare(&context, request.operation_request);
         let ready = self.parse(received.bytes, prepare).await;
         let call = match ready.unwrap_or_else(|| Err(Problem::internal())) {
             Ok(call) => call,
@@ -240,21 +246,9 @@ impl Peer {
             let answer = app.run_inline(guarded).await;
             return self.answer(&to, operation.name, answer).await;
         }
-        let (cancel, cancelled) = oneshot::channel();
-        let is_cancelled = Arc::new(AtomicBool::new(false));
-        let twice = {
-            let mut in_flight = lock(&self.in_flight);
-            let twice = in_flight.contains_key(&to.id);
-            if !twice {
-                let (cancelled_flag, deadline) = (is_cancelled.clone(), app.deadline().clone());
-                let flight = InFlightRequest { cancel: Some(cancel), is_cancelled: cancelled_flag, deadline };
-                in_flight.insert(to.id.clone(), flight);
-            }
-            twice
-        };
-        if twice {
+        let Some((cancelled, is_cancelled)) = self.register(&to.id, app.deadline()) else {
             return self.answer(&to, operation.name, Err(repeated_id())).await;
-        }
+        };
         let (before, turn) = self.queue(names);
         let peer = self.clone();
         tokio::spawn(async move {
@@ -283,6 +277,22 @@ impl Peer {
             peer.answer(&to, operation.name, answer).await;
             drop(permit);
         });
+    }
+
+    /// Registers a request in flight: the signal and the flag of its cancellation; `None` if the id is in use.
+    fn register(
+        &self,
+        id: &[u8],
+        deadline: &Arc<RequestDeadline>,
+    ) -> Option<(oneshot::Receiver<()>, Arc<AtomicBool>)> {
+        let mut in_flight = lock(&self.in_flight);
+        if in_flight.contains_key(id) {
+            return None;
+        }
+        let ((cancel, cancelled), is_cancelled) = (oneshot::channel(), Arc::new(AtomicBool::new(false)));
+        let (flag, deadline) = (is_cancelled.clone(), deadline.clone());
+        in_flight.insert(id.to_vec(), InFlightRequest { cancel: Some(cancel), is_cancelled: flag, deadline });
+        Some((cancelled, is_cancelled))
     }
 
     /// Queues a request behind those of the same resources: receivers to wait for, and the sender to drop when it ends.

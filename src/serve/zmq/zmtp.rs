@@ -51,8 +51,11 @@ where
     R: AsyncRead + Unpin,
     W: AsyncWrite + Unpin,
 {
-    let mut receiver =
-        Receiver { from: BufReader::with_capacity(CHUNK_BYTES, from), max_bytes: MAX_MESSAGE_BYTES, permit: None };
+    let mut receiver = Receiver {
+        from: BufReader::with_capacity(CHUNK_BYTES, from),
+        max_bytes: MAX_MESSAGE_BYTES,
+        permit: None,
+    };
     to.write_all(&greeting()).await?;
     let mut theirs = [0; 64];
     // Other protocols are detected by the first byte.

@@ -1552,7 +1552,7 @@ export interface components {
         };
         /** @description Whether the server answers. */
         Health: {
-            /** @description `ok`, `ready` or `stopping`. */
+            /** @description `ok`, `ready`, `stopping`, or `disk` if the disk takes no writes. */
             status: string;
             /** @description Version of the program. */
             version: string;
@@ -1773,6 +1773,11 @@ export interface components {
              */
             actions: number;
             /**
+             * @description Maximum size of all request bodies that the server holds at a time, bytes. Beyond: 429 `busy`.
+             * @default 536870912
+             */
+            body_bytes: number;
+            /**
              * Format: double
              * @description Maximum time to receive a body, s. Beyond: 408 `slow`.
              * @default 60
@@ -1783,6 +1788,11 @@ export interface components {
              * @default 100000000
              */
             body_steps: number;
+            /**
+             * @description Maximum size of the request bodies of one client that the server holds at a time, bytes. Beyond: 429 `busy`.
+             * @default 134217728
+             */
+            client_body_bytes: number;
             /**
              * @description Maximum connections of one client (its token, or its address without a token) over HTTP, and as many over ZeroMQ. Beyond:
              *     its connection that has been idle longest is closed; if all are busy, or over ZeroMQ, the new one.
@@ -1819,7 +1829,8 @@ export interface components {
              */
             job_seconds: number | null;
             /**
-             * @description Number of jobs that run at a time; the others wait.
+             * @description Number of jobs that run at a time; the others wait. A client's first job does not wait for those of other clients: it runs
+             *     beside them and shares the cores, up to 16 jobs in all.
              * @default 2
              */
             jobs_running: number;
@@ -1828,6 +1839,26 @@ export interface components {
              * @default 64
              */
             jobs_waiting: number;
+            /**
+             * @description Maximum memory of a diagnosis, posterior or likelihood, estimated before it starts, bytes. Beyond: 413 `too-large`.
+             * @default 536870912
+             */
+            memory_bytes: number;
+            /**
+             * @description Maximum size of what is stored for one token (worlds, jobs, policies), bytes. Beyond: 429 `capacity`.
+             * @default 2147483648
+             */
+            owner_bytes: number;
+            /**
+             * @description Maximum number of waiting jobs of one client. Beyond: 429 `capacity`.
+             * @default 48
+             */
+            owner_jobs: number;
+            /**
+             * @description Maximum number of worlds of one token. Beyond: 429 `capacity`.
+             * @default 2048
+             */
+            owner_worlds: number;
             /**
              * Format: double
              * @description Maximum duration of a request, s; a client may choose less (`X-Deadline`, over ZeroMQ `deadline`). Beyond: 503 `deadline`.
@@ -2719,7 +2750,7 @@ export interface components {
         WorldOut: {
             action_space: components["schemas"]["ActionSpaceOut"];
             budget?: number | null;
-            /** @description `null` if sealed. */
+            /** @description As `latents`. */
             effects?: components["schemas"]["EffectIn"][] | null;
             engine: string;
             id: string;
@@ -2955,7 +2986,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The server is stopping */
+            /** @description The server is stopping, or its disk takes no writes */
             503: {
                 headers: {
                     [name: string]: unknown;
