@@ -1237,6 +1237,30 @@ def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
     yield "2000 worlds of 16 compounds", one_request(
         lambda _: post("/v1/batch/worlds", {"scene": compounds(16, 0, 8), "count": 2000})
     )
+    jobs: list[tuple[str, str, Document]] = [
+        ("surface of 50,000 actions", "/v1/surfaces", {"task": "bowling", "points": 5000, "actions": 50_000}),
+        ("surface of policies", "/v1/surfaces", {"task": "bowling", "points": 5000, "actions": 50_000, "route": "dqn"}),
+        ("plan of 100,000 actions", "/v1/plans", {"task": "bowling:000", "actions": 100_000, "draws": 1000}),
+        ("training", "/v1/policies", {"task": "bowling", "batches": 100_000, "batch_size": 4096}),
+        (
+            "learning from 100,000 attempts",
+            "/v1/policies/untrained/learn",
+            {"world": "bowling-sim", "attempts": 100_000, "batches": 100_000, "batch_size": 4096},
+        ),
+        ("estimation of 100,000 samples", "/v1/iplw", {"task": "bowling", "samples": 100_000, "actions": 100}),
+        (
+            "ranking of 100,000 actions",
+            "/v1/policies/ranked/evaluate",
+            {"world": "bowling-sim", "ranking": [{"task": "bowling:000", "actions": [[0.1, 0.2, 0.3]] * 100_000}]},
+        ),
+        (
+            "design",
+            "/v1/designs",
+            {"task": "basketball", "question": "success", "candidates": 2000, "worlds": 256, "shortlist": 100},
+        ),
+    ]
+    for what, path, job in jobs:
+        yield f"job: {what}", one_request(lambda _, path=path, job=job: post(path, job), 15.0)  # type: ignore[misc]
     yield "60 unfinished messages of 16 MB by a reader", unfinished
     numbers = wide('{"task":"bowling:000","actions":[[', "0.5", "]]}")
     lists = wide('{"task":"bowling:000","actions":[', "[]", "]}", 200_000)
