@@ -31,7 +31,7 @@ HEADER_SECONDS = 3
 
 
 def long_world(connection: http.client.HTTPConnection) -> str:
-    """A world of sixty boxes and a million steps, reset."""
+    """A world of sixty boxes and 800,000 steps, reset."""
     bodies: list[dict[str, object]] = [
         {
             "name": f"b{i}",
@@ -50,7 +50,7 @@ def long_world(connection: http.client.HTTPConnection) -> str:
         "goal": {"type": "contact", "bodies": ["ball", "b59"], "hold_s": 3.0},
         "gravity": [0, -9.8],
         "time_step": 0.01,
-        "steps": 1_000_000,
+        "steps": 800_000,
         "observe_every": 10_000,
         "action": {"components": place},
     }

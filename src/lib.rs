@@ -64,5 +64,6 @@ pub mod session;
 pub mod store;
 pub mod sync;
 pub mod task;
+mod thread_priority;
 pub mod trajectory;
 pub mod world;

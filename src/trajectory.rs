@@ -144,10 +144,11 @@ impl Track {
 
     /// Keeps only the first samples.
     pub fn truncate(&mut self, samples: usize) {
-        for column in [&mut self.x, &mut self.y, &mut self.angle, &mut self.vx, &mut self.vy, &mut self.omega]
-        {
-            column.truncate(samples);
-        }
+        self.columns().into_iter().for_each(|column| column.truncate(samples));
+    }
+
+    fn columns(&mut self) -> [&mut Vec<f64>; 6] {
+        [&mut self.x, &mut self.y, &mut self.angle, &mut self.vx, &mut self.vy, &mut self.omega]
     }
 
     /// Number of samples.
@@ -167,8 +168,47 @@ impl Trajectory {
         self.bodies.iter().find(|t| t.name == name)
     }
 
+    /// Every k-th sample and the last, with the least k that leaves at most `states` sampled states of bodies, or twice that.
+    pub fn thinned(mut self, states: usize) -> Trajectory {
+        let (samples, every) =
+            (self.times.len(), (self.times.len() * self.bodies.len()).div_ceil(states.max(1)));
+        if every > 1 {
+            let thin = |column: &mut Vec<f64>| {
+                let mut sample = 0..;
+                column.retain(|_| {
+                    sample.next().is_some_and(|i: usize| i.is_multiple_of(every) || i + 1 == samples)
+                });
+            };
+            thin(&mut self.times);
+            for track in &mut self.bodies {
+                track.columns().into_iter().for_each(thin);
+            }
+        }
+        self
+    }
+
     /// Whether the goal was reached (a scene without a goal is never solved).
     pub fn solved(&self) -> bool {
         self.outcome.solved == Some(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thins_to_every_kth_sample_and_the_last() {
+        let mut track = Track::with_capacity("ball", 10);
+        (0..10).for_each(|i| track.push([f64::from(i), 0.0], 0.0, [0.0, 0.0], 0.0));
+        let whole = Trajectory {
+            times: (0..10).map(f64::from).collect(),
+            bodies: vec![track],
+            ..Trajectory::default()
+        };
+        let thinned = whole.clone().thinned(3);
+        assert_eq!(thinned.times, [0.0, 4.0, 8.0, 9.0]);
+        assert_eq!(thinned.bodies[0].x, thinned.times);
+        assert_eq!(whole.clone().thinned(10), whole);
     }
 }

@@ -8,6 +8,7 @@ use ring::rand::{SecureRandom, SystemRandom};
 
 use super::scope::Scope;
 use crate::error::{Error, Result};
+use crate::store::LOCAL_AGENT;
 
 /// SHA-256 of a token.
 #[derive(Clone, Copy, Debug)]
@@ -85,13 +86,16 @@ impl HashedToken {
     pub fn check_name(field: &str, name: &str) -> Result<()> {
         let first = name.chars().next().is_some_and(|c| c.is_ascii_alphanumeric());
         if first
+            && name != LOCAL_AGENT
             && name.len() <= MAX_NAME_BYTES
             && name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))
         {
             return Ok(());
         }
-        let allowed =
-            format!("1 to {MAX_NAME_BYTES} letters, digits, `.`, `_` or `-`, the first a letter or digit");
+        let allowed = format!(
+            "1 to {MAX_NAME_BYTES} letters, digits, `.`, `_` or `-`, the first a letter or digit; not {LOCAL_AGENT}, which is the local \
+             agent without a token"
+        );
         Err(Error::input(field, format!("{name:?}"), allowed))
     }
 

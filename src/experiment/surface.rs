@@ -36,7 +36,7 @@ use crate::progress::Progress;
 use crate::reality::HiddenConfig;
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Family, LabelCounts, Scene, Split, Task, split};
+use crate::task::{Family, LabelCounts, Placement, Scene, Split, Task, ValidAction, split};
 use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
 /// Configuration of a surface computation.
@@ -104,7 +104,7 @@ impl SurfaceConfig {
         }
         check_range("related", self.related.len() as f64, 1.0, 20.0)?;
         check_range("actions", self.actions as f64, 1.0, 50_000.0)?;
-        check_range("labels", self.labels as f64, 1.0, 50_000.0)?;
+        check_range("labels", self.labels as f64, 1.0, 10_000.0)?;
         check_range("candidates", self.candidates as f64, 1.0, 1e6)?;
         for (i, related) in self.related.iter().enumerate() {
             let field = format!("related[{i}]");
@@ -162,6 +162,18 @@ pub fn surface(
     .fit()
 }
 
+/// Scenes that are placed at a time, which bounds the memory of a computation with many actions.
+const SCENES_AT_ONCE: usize = 4096;
+
+/// The scenes of placeable actions.
+fn placed(task: &Task, actions: &[ValidAction]) -> Vec<Scene> {
+    let scene = |action| match task.place(action) {
+        Placement::Valid(scene) => Some(*scene),
+        Placement::Invalid(_) => None,
+    };
+    actions.iter().filter_map(scene).collect()
+}
+
 /// Points by the ideal method, and the number of tasks that are informative in at least one environment.
 fn ideal_points(
     tasks: &[Task],
@@ -169,7 +181,7 @@ fn ideal_points(
     config: &SurfaceConfig,
     progress: &dyn Progress,
 ) -> Result<(Vec<SurfacePoint>, usize)> {
-    let mut samples: Vec<Vec<Box<Scene>>> = Vec::with_capacity(tasks.len());
+    let mut samples: Vec<Vec<ValidAction>> = Vec::with_capacity(tasks.len());
     for task in tasks {
         let seed = rng::derive_seed(config.seed, &task.id, 0);
         let drawn = draw_placeable(
@@ -178,19 +190,26 @@ fn ideal_points(
             &mut rng::stream(seed, "surface actions"),
             progress,
         )?;
-        samples.push(drawn.into_iter().map(|(_, _, scene)| scene).collect());
+        samples.push(drawn.into_iter().map(|(_, action, _)| action).collect());
     }
     let total = (places.len() + config.related.len()) as u64;
     let mut done = 0;
     let mut solving = |latents: [f64; 3], effects: &[EffectTerm]| -> Result<Vec<Vec<bool>>> {
         let mut of_task = Vec::with_capacity(samples.len());
-        for scenes in &samples {
+        for (task, actions) in tasks.iter().zip(&samples) {
             progress.report("trying actions", done, total)?;
-            let rollouts: Vec<Rollout> = scenes
-                .iter()
-                .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
-                .collect();
-            of_task.push(Simulator::new(config.engine).budget(&progress).map(&rollouts, |_, t| t.solved())?);
+            let mut solved = Vec::with_capacity(actions.len());
+            for part in actions.chunks(SCENES_AT_ONCE) {
+                let scenes = placed(task, part);
+                let rollouts: Vec<Rollout> = scenes
+                    .iter()
+                    .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
+                    .collect();
+                solved.extend(
+                    Simulator::new(config.engine).budget(&progress).map(&rollouts, |_, t| t.solved())?,
+                );
+            }
+            of_task.push(solved);
         }
         done += 1;
         Ok(of_task)

@@ -15,6 +15,7 @@ use super::work::{JobContext, JobReporter, Work, WorkFactories, WorkOutcome};
 use crate::error::{Error, Result};
 use crate::store::{JobRow, JobState, LogLevel, Store};
 use crate::sync::lock;
+use crate::thread_priority::lower;
 
 /// Limits of a runner, and its error format.
 #[derive(Clone, Copy)]
@@ -235,11 +236,12 @@ impl RunnerState {
             some => some,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let result = match pool.thread_name(move |t| format!("job-{number}-{t}")).build() {
-            Ok(pool) => catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
-                .unwrap_or_else(|_| Err(Error::Failed("a bug in the program: the work panicked".into()))),
-            Err(e) => Err(Error::Failed(format!("the job's threads cannot be started: {e}"))),
-        };
+        let result =
+            match pool.thread_name(move |t| format!("job-{number}-{t}")).start_handler(|_| lower()).build() {
+                Ok(pool) => catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
+                    .unwrap_or_else(|_| Err(Error::Failed("a bug in the program: the work panicked".into()))),
+                Err(e) => Err(Error::Failed(format!("the job's threads cannot be started: {e}"))),
+            };
         let mut state = self.state();
         match result {
             Ok(WorkOutcome::Waiting) => self.wait_for_results(&mut state, number),

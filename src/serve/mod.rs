@@ -73,6 +73,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 
 use crate::error::{Error, Result};
+use crate::thread_priority::lower;
 pub use config::{Clock, ServeConfig};
 pub use limits::Limits;
 pub use log::{AccessLog, LogFormat, LogSink};
@@ -96,6 +97,8 @@ pub struct Server {
 /// Serves until SIGINT or SIGTERM. Once it listens, it prints `listening on http://HOST:PORT` to standard output, and with
 /// ZeroMQ a second line `listening on tcp://HOST:PORT` (or `ipc://PATH`).
 pub async fn serve(config: ServeConfig) -> Result<()> {
+    // An error means that the pool exists already, with another number of threads.
+    let _ = rayon::ThreadPoolBuilder::new().start_handler(|_| lower()).build_global();
     let signal = stop_signal()?;
     let server = Server::bind(config).await?;
     use std::io::Write;

@@ -23,6 +23,7 @@ use crate::job::{DeleteOutcome, Job, JobSpec, Watcher};
 use crate::session::{ListedWorld, Registry, World, WorldConfig, WorldDescription, WorldKind, WorldList};
 use crate::store::{JobList, LogRow, PolicyRow, Store, StoredResponse};
 use crate::sync::lock;
+use crate::thread_priority::lower;
 
 /// Time after its deadline at which a request is answered although its work has not ended.
 const DEADLINE_GRACE: Duration = Duration::from_millis(50);
@@ -90,8 +91,9 @@ impl RequestContext {
         if physics_visible { description } else { description.without_physics() }
     }
 
-    /// Errors if this many further bytes would exceed what may be stored for the caller.
+    /// Errors if this many further bytes would exceed what may be stored for the caller, or if the request was answered already.
     fn check_stored_bytes(&self, further: usize) -> Result<()> {
+        self.budget().check()?;
         let limit = self.shared.limits().owner_bytes;
         let stored = self.shared.core.store.owner_usage(self.owner())?.bytes;
         if stored + further as u64 <= limit {
@@ -195,6 +197,7 @@ impl RequestContext {
         }
         let app = self.clone();
         let work = move || {
+            lower();
             // Held until the work ends, even after the client disconnected.
             let _admission = peer;
             work(&app, permits)
@@ -277,13 +280,13 @@ impl WorldAccess<'_> {
     /// See [`Registry::make_many`]; the caller becomes the owner.
     pub fn make_many(
         &self,
-        ids: &[String],
+        ids_and_seeds: &[(String, u64)],
         config: &WorldConfig,
-        seeds: &[u64],
         answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
     ) -> Result<Vec<ListedWorld>> {
         self.0.check_stored_bytes(0)?;
-        self.all().make_many(ids, config, seeds, self.0.principal.owner(), self.0.now(), answered)
+        let owner = self.0.principal.owner();
+        self.all().make_many(ids_and_seeds, config, owner, self.0.now(), answered, self.0.budget())
     }
 
     /// See [`Registry::remove`]; shared worlds need scope `admin`.

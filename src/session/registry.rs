@@ -15,6 +15,7 @@ use super::limits::RequestLimits;
 use super::saved::SavedWorld;
 use super::world::World;
 
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{Store, StoredResponse, WorldRow};
@@ -140,17 +141,18 @@ impl Registry {
     /// Creates worlds that differ only in their seeds, all or none; otherwise as [`Registry::make`].
     pub fn make_many(
         &self,
-        ids: &[String],
+        ids_and_seeds: &[(String, u64)],
         config: &WorldConfig,
-        seeds: &[u64],
         owner: Option<&str>,
         now: Duration,
         answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
+        budget: &dyn Budget,
     ) -> Result<Vec<ListedWorld>> {
         self.sweep(now)?;
-        self.check_capacity(owner, ids.len())?;
-        let (mut rows, mut made) = (Vec::with_capacity(ids.len()), Vec::with_capacity(ids.len()));
-        for (id, seed) in ids.iter().zip(seeds) {
+        self.check_capacity(owner, ids_and_seeds.len())?;
+        let (mut rows, mut made) = (Vec::new(), Vec::new());
+        for (id, seed) in ids_and_seeds {
+            budget.check()?;
             let config = WorldConfig { seed: *seed, ..config.clone() };
             rows.push((id.as_str(), to_json(&SavedWorld::of(&config))?));
             let world = self.count_copies(World::with_limits(self.config().request, config)?);

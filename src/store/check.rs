@@ -114,13 +114,17 @@ pub fn has_owned_records(directory: &Path) -> Result<bool> {
     has_owners(&reader.connection, version).map_err(|e| failed(&name, &e))
 }
 
+/// Owner of what a local agent makes without a token (`iplw mcp`); no token has this name.
+pub const LOCAL_AGENT: &str = "agent";
+
 fn has_owners(c: &Connection, version: i64) -> rusqlite::Result<bool> {
     if version < schema::FIRST_OWNER_VERSION {
         return Ok(false);
     }
-    let owned = |table: &str| format!("EXISTS (SELECT 1 FROM main.{table} WHERE owner IS NOT NULL)");
+    // NULL is not unequal.
+    let owned = |table: &str| format!("EXISTS (SELECT 1 FROM main.{table} WHERE owner <> ?1)");
     let select = format!("SELECT {}", ["job", "policy", "world"].map(owned).join(" OR "));
-    c.query_row(&select, [], |r| r.get(0))
+    c.query_row(&select, [LOCAL_AGENT], |r| r.get(0))
 }
 
 /// SQLite's own integrity check: pages, order, indexes, types.

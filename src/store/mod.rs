@@ -49,7 +49,7 @@ pub use atomic_write::{write_private, write_whole};
 pub use backup::{backup, restore};
 use blobs::Blobs;
 use check::WeightsCheck;
-pub use check::{CheckReport, DamagedRecord, check, has_owned_records};
+pub use check::{CheckReport, DamagedRecord, LOCAL_AGENT, check, has_owned_records};
 pub use checksum::sha256;
 pub use data_directory::refuse_foreign_files;
 use data_directory::{DataDirectory, DirectoryLock, lock_directory};

@@ -18,6 +18,8 @@ pub const MAX_CORNERS: usize = 4096;
 /// Largest number of corners of the objects that the settings of a scene override, counted once for each setting. Each such object is
 /// validated again.
 pub const MAX_SETTING_CORNERS: usize = 65_536;
+/// Corners that a setting counts as, whatever it overrides.
+const CORNERS_PER_SETTING: usize = 16;
 
 impl Scene {
     /// Number of corners of the objects, interventions included, and of the goal region.
@@ -46,6 +48,8 @@ impl Scene {
         let mut corners = 0;
         for (setting, overrides) in &self.settings {
             check_name_length("settings", setting)?;
+            corners += CORNERS_PER_SETTING;
+            check_setting_corners(corners)?;
             for (name, own) in &overrides.bodies {
                 let Some(body) = bodies.get(name.as_str()) else {
                     return self.check_name(&format!("settings.{setting}.bodies"), name, false);

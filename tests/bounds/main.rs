@@ -132,7 +132,7 @@ fn scenes_are_valid_up_to_the_limits() {
         bodies: [("b0".to_string(), BodyOverride { angle: Some(0.1), ..BodyOverride::default() })].into(),
         ..Setting::default()
     };
-    let count = MAX_SETTING_CORNERS / 1024;
+    let count = MAX_SETTING_CORNERS / (1024 + 16);
     settings.settings = (0..count).map(|k| (format!("s{k}"), moved.clone())).collect();
     for scene in [&full, &settings] {
         assert!(scene.corner_count() <= MAX_CORNERS);

@@ -10,10 +10,11 @@ const MAX_FUNCTION_LINES: usize = 70;
 const EXEMPT: [&str; 1] = ["src/inference/mixed_model/groups.rs"];
 
 /// Layers, lowest first: each may use itself and those before it.
-const LAYERS: [&str; 28] = [
+const LAYERS: [&str; 29] = [
     "error",
     "names",
     "sync",
+    "thread_priority",
     "json",
     "rng",
     "budget",
@@ -44,7 +45,7 @@ const LAYERS: [&str; 28] = [
 const TOP: &str = "serve";
 
 /// A crate and the only layers that may name it.
-const CRATE_LAYERS: [(&str, &[&str]); 23] = [
+const CRATE_LAYERS: [(&str, &[&str]); 24] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["neural", "policy"]),
     ("safetensors", &["policy"]),
@@ -74,6 +75,7 @@ const CRATE_LAYERS: [(&str, &[&str]); 23] = [
     ("rustls", &["serve"]),
     ("hyper", &["serve"]),
     ("libc", &["serve", "store"]),
+    ("rustix", &["thread_priority"]),
     ("hyper_util", &["serve"]),
     ("rmcp", &["serve"]),
     ("prometheus_client", &["serve"]),

@@ -42,7 +42,7 @@ fn long(bodies: usize, steps: u32) -> Value {
 
 /// A world with such a scene, reset.
 fn world(server: &Running, kind: &str) -> String {
-    let made = server.post("/v1/worlds", &json!({"scene": long(60, 1_000_000), "kind": kind}), 201);
+    let made = server.post("/v1/worlds", &json!({"scene": long(60, 800_000), "kind": kind}), 201);
     let id = made["id"].as_str().unwrap().to_string();
     server.post(&format!("/v1/worlds/{id}/reset"), &json!({}), 200);
     id
@@ -154,7 +154,7 @@ fn rejects_expensive_requests_stating_the_limit() {
         server.send(Method::POST, "/v1/worlds", json!({"scene": long(60, 1_000), "kind": "sim"}).to_string());
     let refused = problem(refused, 413, "too-large");
     let detail = refused["detail"].as_str().unwrap();
-    assert!(detail.contains("61000 requested, at most 50000"), "{detail}");
+    assert!(detail.contains("120000 requested, at most 50000"), "{detail}");
     let many = json!({"task": "bowling:000", "actions": [1, 2, 3, 4]}).to_string();
     let refused =
         problem(server.send(Method::POST, "/v1/worlds/bowling-sim/rollout", many), 413, "too-large");
@@ -169,7 +169,7 @@ fn rejects_expensive_requests_stating_the_limit() {
     let path = format!("/v1/worlds/{world}/rollout");
     let refused = problem(small.send(Method::POST, &path, two.to_string()), 413, "too-large");
     let how = refused["detail"].as_str().unwrap();
-    assert!(how.contains("90000 requested, at most 50000") && how.contains("ranked/evaluate"), "{how}");
+    assert!(how.contains("100000 requested, at most 50000") && how.contains("ranked/evaluate"), "{how}");
     let tried = json!({"world": world, "ranking": [{"task": task, "actions": two["actions"]}]});
     let job = small.finish(&small.post("/v1/policies/ranked/evaluate", &tried, 202));
     assert_eq!(job["state"], "succeeded", "{job}");

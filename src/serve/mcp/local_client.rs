@@ -13,6 +13,7 @@ use crate::serve::operation::{Operation, OperationRequest, OperationResponse, Pa
 use crate::serve::problem::{HandlerResult, Problem};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::AppState;
+use crate::store::LOCAL_AGENT;
 
 /// In-process client with a fixed identity.
 pub struct LocalClient {
@@ -22,9 +23,6 @@ pub struct LocalClient {
     scope: Scope,
     peer: Client,
 }
-
-/// Owner of an agent's resources without authentication.
-const AGENT: &str = "agent";
 
 impl LocalClient {
     /// Fails if authentication is enabled and the token is invalid.
@@ -41,7 +39,7 @@ impl LocalClient {
     /// The current principal; checked per call, since the token can expire.
     fn principal(&self) -> HandlerResult<Principal> {
         if !self.shared.keyring.requires_token() {
-            return Ok(Principal { name: Some(AGENT.into()), scope: self.scope });
+            return Ok(Principal { name: Some(LOCAL_AGENT.into()), scope: self.scope });
         }
         let principal =
             self.shared.keyring.authenticate(self.token.as_ref(), now()).map_err(Problem::unauthorized)?;

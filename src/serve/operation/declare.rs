@@ -231,7 +231,17 @@ impl Declaration {
     /// Handler that creates a resource. It accepts an `Idempotency-Key`: `work` receives a function that builds the response to
     /// be stored in the same transaction, and a repeated request gets the stored response.
     pub fn create_handler<I: Extractor, T: Serialize + BinaryArrays + ToSchema + 'static>(
+        self,
+        status: u16,
+        location: Option<Location<T>>,
+        work: impl Fn(&RequestContext, I, RecordResponse<T>) -> Result<T> + Copy + Send + Sync + 'static,
+    ) -> Operation {
+        self.create_in_class(ExecutionClass::Blocking, status, location, work)
+    }
+
+    fn create_in_class<I: Extractor, T: Serialize + BinaryArrays + ToSchema + 'static>(
         mut self,
+        class: ExecutionClass,
         status: u16,
         location: Option<Location<T>>,
         work: impl Fn(&RequestContext, I, RecordResponse<T>) -> Result<T> + Copy + Send + Sync + 'static,
@@ -244,7 +254,7 @@ impl Declaration {
         }
         let place = location.map(|l| l.path);
         self.operation(true, move |_, input: I, by| PreparedCall {
-            class: ExecutionClass::Blocking,
+            class,
             work: Box::new(move |app| {
                 let (made, replayed) =
                     idempotent(app, by, status, place, |app, keep| work(app, input, keep))?;
@@ -269,7 +279,9 @@ impl Declaration {
         self.doc.problem(429, "Too many jobs are waiting");
         self.doc.links.push(ResponseLink { status: 202, path: "/v1/jobs/{id}", id: "/id" });
         let place = location("Path of the job", |job: &JobOut| format!("/v1/jobs/{}", job.id));
-        Operation { job: Some((kind, work)), ..self.create_handler(202, place, begin) }
+        // Its validation may take long, and much memory.
+        let operation = self.create_in_class(ExecutionClass::Compute, 202, place, begin);
+        Operation { job: Some((kind, work)), ..operation }
     }
 
     fn operation<I: Extractor>(

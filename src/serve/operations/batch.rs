@@ -47,12 +47,13 @@ fn create(
 ) -> Result<CreatedWorlds> {
     let (world, seeds) = body.parts()?;
     let config = world.config(&app.catalogue)?;
-    let ids: Vec<String> = seeds.iter().map(|_| app.worlds().new_id()).collect();
+    let ids_and_seeds: Vec<(String, u64)> =
+        seeds.into_iter().map(|seed| (app.worlds().new_id(), seed)).collect();
     let out = |made: &[ListedWorld]| CreatedWorlds {
-        worlds: ids.clone(),
+        worlds: ids_and_seeds.iter().map(|(id, _)| id.clone()).collect(),
         world: WorldOut::of(&made[0], app.describe(&made[0]), made[0].used),
     };
-    let made = app.worlds().make_many(&ids, &config, &seeds, &|made| keep(&out(made)))?;
+    let made = app.worlds().make_many(&ids_and_seeds, &config, &|made| keep(&out(made)))?;
     Ok(out(&made))
 }
 

@@ -57,6 +57,9 @@ enum ImageFormat {
     Svg,
 }
 
+/// Sampled states of bodies that are drawn, in about 0.1 s; of more, every second, third, ... sample is.
+const MAX_DRAWN_STATES: usize = 20_000;
+
 /// Content of the image.
 #[derive(Clone, Copy, PartialEq)]
 enum RenderView {
@@ -184,9 +187,15 @@ fn render(app: &RequestContext, (PathId(id), picture): (PathId, RenderQuery)) ->
                 let bytes = animation_png(app.budget(), &scene, &trajectory, &style, picture.fps)?;
                 return Ok(MediaBody { kind: "image/apng", bytes });
             }
-            RenderView::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
-            RenderView::Animation => animation_svg(&scene, &trajectory, &style),
-            RenderView::End | RenderView::Scene => final_frame_svg(&scene, &trajectory, &style),
+            view => {
+                let trajectory = trajectory.thinned(MAX_DRAWN_STATES);
+                app.budget().check()?;
+                match view {
+                    RenderView::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
+                    RenderView::Animation => animation_svg(&scene, &trajectory, &style),
+                    _ => final_frame_svg(&scene, &trajectory, &style),
+                }
+            }
         }
     };
     if picture.form == ImageFormat::Svg {

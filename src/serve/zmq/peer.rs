@@ -27,6 +27,7 @@ use crate::serve::problem::{HandlerResult, Problem};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::AppState;
 use crate::sync::lock;
+use crate::thread_priority::lower;
 
 /// Maximum requests of one client in flight; more are answered with 429.
 const MAX_IN_FLIGHT_REQUESTS: usize = 128;
@@ -168,6 +169,10 @@ impl Peer {
             return work();
         }
         let _permit = self.shared.scheduler.compute.acquire(&self.client()).await;
+        let work = || {
+            lower();
+            work()
+        };
         tokio::task::spawn_blocking(work).await.ok().flatten()
     }
 
