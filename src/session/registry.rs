@@ -35,6 +35,9 @@ pub struct RegistryConfig {
     pub request: RequestLimits,
 }
 
+/// Maximum size of the worlds that one request makes, bytes: they are written in one transaction, which does not ask the budget.
+const MAX_CREATED_BYTES: u64 = 32 << 20;
+
 /// All worlds of a server.
 pub struct Registry {
     config: RwLock<RegistryConfig>,
@@ -150,11 +153,18 @@ impl Registry {
     ) -> Result<Vec<ListedWorld>> {
         self.sweep(now)?;
         self.check_capacity(owner, ids_and_seeds.len())?;
-        let (mut rows, mut made) = (Vec::new(), Vec::new());
+        let (mut rows, mut made, mut bytes) = (Vec::new(), Vec::new(), 0);
         for (id, seed) in ids_and_seeds {
             budget.check()?;
             let config = WorldConfig { seed: *seed, ..config.clone() };
-            rows.push((id.as_str(), to_json(&SavedWorld::of(&config))?));
+            let saved = to_json(&SavedWorld::of(&config))?;
+            bytes += saved.len() as u64;
+            if bytes > MAX_CREATED_BYTES {
+                let (what, limit, advice) =
+                    ("bytes of worlds", MAX_CREATED_BYTES, "make fewer worlds at a time");
+                return Err(Error::TooLarge { what, asked: bytes, limit, advice });
+            }
+            rows.push((id.as_str(), saved));
             let world = self.count_copies(World::with_limits(self.config().request, config)?);
             let world = Arc::new(world.with_account(self.store.clone(), id));
             made.push(ListedWorld { id: id.clone(), world, owner: owner.map(String::from), used: now });

@@ -182,20 +182,16 @@ fn render(app: &RequestContext, (PathId(id), picture): (PathId, RenderQuery)) ->
         scene_svg(&world.scene(picture.task.as_deref(), picture.action.as_ref())?, &style)
     } else {
         let (scene, trajectory) = trajectory_to_draw(app, &world, &picture)?;
+        let trajectory = trajectory.thinned(MAX_DRAWN_STATES);
+        app.budget().check()?;
         match picture.view {
             RenderView::Film => {
                 let bytes = animation_png(app.budget(), &scene, &trajectory, &style, picture.fps)?;
                 return Ok(MediaBody { kind: "image/apng", bytes });
             }
-            view => {
-                let trajectory = trajectory.thinned(MAX_DRAWN_STATES);
-                app.budget().check()?;
-                match view {
-                    RenderView::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
-                    RenderView::Animation => animation_svg(&scene, &trajectory, &style),
-                    _ => final_frame_svg(&scene, &trajectory, &style),
-                }
-            }
+            RenderView::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
+            RenderView::Animation => animation_svg(&scene, &trajectory, &style),
+            RenderView::End | RenderView::Scene => final_frame_svg(&scene, &trajectory, &style),
         }
     };
     if picture.form == ImageFormat::Svg {
