@@ -3,9 +3,9 @@
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_count};
 use crate::estimate::surface::{EvaluationMethod, SurfaceAxis};
-use crate::experiment::surface::SurfaceConfig;
+use crate::experiment::surface::{MAX_LABELS, SurfaceConfig};
 use crate::task::{DEFAULT_FAMILY, Family};
 
 /// A performance surface to compute.
@@ -51,7 +51,13 @@ impl SurfaceRequest {
         }
         config.points = self.points.map_or(config.points, |n| n as usize);
         if let Some(actions) = self.actions {
-            (config.actions, config.labels) = (actions as usize, actions as usize);
+            match config.route {
+                EvaluationMethod::Ideal => config.actions = actions as usize,
+                EvaluationMethod::Dqn => {
+                    check_count("actions", Some(actions), 1, MAX_LABELS)?;
+                    config.labels = actions as usize;
+                }
+            }
         }
         config.seed = self.seed.unwrap_or(0);
         config.validate()?;

@@ -39,6 +39,9 @@ use crate::task::scene::EffectTerm;
 use crate::task::{Family, LabelCounts, Placement, Scene, Split, Task, ValidAction, split};
 use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
+/// Maximum number of actions labelled for a training task, which are in memory together.
+pub const MAX_LABELS: u64 = 10_000;
+
 /// Configuration of a surface computation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -104,7 +107,7 @@ impl SurfaceConfig {
         }
         check_range("related", self.related.len() as f64, 1.0, 20.0)?;
         check_range("actions", self.actions as f64, 1.0, 50_000.0)?;
-        check_range("labels", self.labels as f64, 1.0, 10_000.0)?;
+        check_range("labels", self.labels as f64, 1.0, MAX_LABELS as f64)?;
         check_range("candidates", self.candidates as f64, 1.0, 1e6)?;
         for (i, related) in self.related.iter().enumerate() {
             let field = format!("related[{i}]");
