@@ -1239,7 +1239,7 @@ def memory_cases() -> Iterator[tuple[str, Callable[[Stage], str]]]:
     )
     jobs: list[tuple[str, str, Document]] = [
         ("surface of 50,000 actions", "/v1/surfaces", {"task": "bowling", "points": 5000, "actions": 50_000}),
-        ("surface of policies", "/v1/surfaces", {"task": "bowling", "points": 5000, "actions": 50_000, "route": "dqn"}),
+        ("surface of policies", "/v1/surfaces", {"task": "bowling", "points": 5000, "actions": 3_000, "route": "dqn"}),
         ("plan of 100,000 actions", "/v1/plans", {"task": "bowling:000", "actions": 100_000, "draws": 1000}),
         ("training", "/v1/policies", {"task": "bowling", "batches": 100_000, "batch_size": 4096}),
         (

@@ -40,7 +40,7 @@ use crate::task::{Family, LabelCounts, Placement, Scene, Split, Task, ValidActio
 use crate::world::{Engine, Latents, Rollout, Simulator, effect};
 
 /// Maximum number of actions labelled for a training task, which are in memory together.
-pub const MAX_LABELS: u64 = 10_000;
+pub const MAX_LABELS: u64 = 3_000;
 
 /// Configuration of a surface computation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,7 +84,7 @@ impl SurfaceConfig {
                 .map(|kept| RelatedEnvironment { latents: base, effects: vec![effect::damping(kept)] })
                 .to_vec(),
             actions: family.surface_actions,
-            labels: family.learning.labels.per_task,
+            labels: family.learning.labels.per_task.min(MAX_LABELS as usize),
             train: TrainConfig::preset(&family.learning),
             candidates: 5000,
             engine: Engine::Auto,
