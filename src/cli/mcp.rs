@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<()> {
         None => AccessLog::default(),
         Some(form) => AccessLog::new(LogFormat::from_name("--log", form)?, Arc::new(to_stderr)),
     };
-    init_logging(false);
+    init_logging(args.log.as_deref() == Some("json"));
     mcp_blocking(McpConfig {
         data_dir: args.data_dir.clone(),
         token_file: args.token_file.clone(),

@@ -11,7 +11,6 @@ use utoipa::ToSchema;
 
 use crate::error::{Error, Result, check_count, check_range};
 use crate::json;
-use crate::serve::byte_limiter::ByteCapacity;
 use crate::serve::wire::BinaryArrays;
 use crate::session::RequestLimits;
 
@@ -160,11 +159,6 @@ impl Limits {
             body_steps: self.body_steps,
             memory_bytes: self.memory_bytes,
         }
-    }
-
-    /// Limits of the bytes of request bodies.
-    pub fn byte_capacity(&self) -> ByteCapacity {
-        ByteCapacity { total: self.body_bytes, per_client: self.client_body_bytes }
     }
 
     /// As a duration; [`Limits::validate`] has checked the range.

@@ -9,7 +9,7 @@ use super::client::Client;
 use super::config::ServeConfig;
 use super::limits::Limits;
 use super::memory;
-use super::memory_pressure::is_memory_scarce;
+use super::memory_pressure::{available_bytes, is_memory_scarce};
 use super::operations;
 use super::request_context::RequestContext;
 use super::state::AppState;
@@ -133,13 +133,17 @@ async fn refresh_tokens(shared: Arc<AppState>) {
     }
 }
 
-/// Ten times a second: notes in the store which jobs run while memory is scarce, before the system ends the process.
+/// Ten times a second while jobs run: notes in the store which do while memory is scarce, before the system ends the process.
 async fn watch_memory(shared: Arc<AppState>) {
+    let Some(available) = available_bytes() else { return };
     loop {
         tokio::time::sleep(Duration::from_millis(100)).await;
+        if !shared.jobs.is_running() {
+            continue;
+        }
         let shared = shared.clone();
         let watch = move || {
-            if is_memory_scarce()
+            if is_memory_scarce(available)
                 && let Err(e) = shared.jobs.note_scarce_memory()
             {
                 tracing::error!("the jobs that run while memory is scarce could not be noted: {e}");

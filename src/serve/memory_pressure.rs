@@ -6,10 +6,9 @@ use std::path::Path;
 /// Fraction of the available memory above which it is scarce.
 const SCARCE_FRACTION: f64 = 0.7;
 
-/// Whether the process uses most of the memory it may use; false where this cannot be found out.
-pub fn is_memory_scarce() -> bool {
-    let used = resident_bytes().unwrap_or(0);
-    available_bytes().is_some_and(|available| used as f64 > SCARCE_FRACTION * available as f64)
+/// Whether the process uses most of the available memory, bytes; false where this cannot be found out.
+pub fn is_memory_scarce(available: u64) -> bool {
+    resident_bytes().is_some_and(|used| used as f64 > SCARCE_FRACTION * available as f64)
 }
 
 /// Resident memory of the process, bytes.
@@ -17,8 +16,8 @@ fn resident_bytes() -> Option<u64> {
     status_kilobytes(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
 }
 
-/// Memory of the machine, or of the control group if it has less, bytes.
-fn available_bytes() -> Option<u64> {
+/// Memory of the machine, or of the control group if it has less, bytes; `None` where this cannot be found out.
+pub fn available_bytes() -> Option<u64> {
     let machine =
         fs::read_to_string("/proc/meminfo").ok().and_then(|text| status_kilobytes(&text, "MemTotal:"));
     [machine, control_group_bytes()].into_iter().flatten().min()
@@ -49,6 +48,7 @@ mod tests {
         if cfg!(target_os = "linux") {
             let (used, available) = (resident_bytes().unwrap(), available_bytes().unwrap());
             assert!(used > 0 && used < available);
+            assert!(is_memory_scarce(used) && !is_memory_scarce(2 * used));
         }
     }
 }

@@ -11,7 +11,7 @@
 //! | `problem` | errors as RFC 9457 problem details |
 //! | `state` `request_context` | application state; the view that one request has of it; work off the async threads |
 //! | `maintenance` `reload` | startup, periodic tasks, shutdown; SIGHUP |
-//! | `client` `scheduler` `fair_semaphore` `client_limiter` `byte_limiter` `execution_class` | fair sharing of the server between clients |
+//! | `client` `scheduler` `fair_semaphore` `client_limiter` `execution_class` | fair sharing of the server between clients |
 //! | `concealment` | hidden physics that only its owner sees |
 //! | `bind_policy` | which addresses need tokens and encryption |
 //! | `deadline` | a request's deadline and cancellation |
@@ -33,7 +33,6 @@
 #![allow(clippy::result_large_err)]
 
 mod bind_policy;
-mod byte_limiter;
 mod cache;
 mod client;
 mod client_limiter;

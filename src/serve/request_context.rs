@@ -7,8 +7,8 @@ use std::ops::Deref;
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
-use super::byte_limiter::BytePermit;
 use super::client::Client;
+use super::client_limiter::LimiterPermit;
 use super::concealment::{conceal_job, may_see_physics};
 use super::deadline::RequestDeadline;
 use super::execution_class::ExecutionClass;
@@ -69,8 +69,8 @@ impl RequestContext {
     }
 
     /// A permit for the bytes of the request's body.
-    pub fn byte_permit(&self) -> BytePermit {
-        self.shared.body_bytes.permit(&self.client, self.shared.limits().byte_capacity())
+    pub fn byte_permit(&self) -> LimiterPermit {
+        self.shared.body_bytes.empty_permit(&self.client)
     }
 
     /// The deadline as the budget of a computation.
@@ -91,8 +91,9 @@ impl RequestContext {
         if physics_visible { description } else { description.without_physics() }
     }
 
-    /// Errors if this many further bytes would exceed what may be stored for the caller, or if the request was answered already.
-    fn check_stored_bytes(&self, further: usize) -> Result<()> {
+    /// Errors unless the request may create something: it was not given up, and this many further bytes may be stored for the
+    /// caller.
+    fn check_creation(&self, further: usize) -> Result<()> {
         self.budget().check()?;
         let limit = self.shared.limits().owner_bytes;
         let stored = self.shared.core.store.owner_usage(self.owner())?.bytes;
@@ -273,7 +274,7 @@ impl WorldAccess<'_> {
         config: WorldConfig,
         answered: &dyn Fn(&World) -> Option<StoredResponse>,
     ) -> Result<Arc<World>> {
-        self.0.check_stored_bytes(0)?;
+        self.0.check_creation(0)?;
         self.all().make(id, config, self.0.principal.owner(), self.0.now(), answered)
     }
 
@@ -284,7 +285,7 @@ impl WorldAccess<'_> {
         config: &WorldConfig,
         answered: &dyn Fn(&[ListedWorld]) -> Option<StoredResponse>,
     ) -> Result<Vec<ListedWorld>> {
-        self.0.check_stored_bytes(0)?;
+        self.0.check_creation(0)?;
         let owner = self.0.principal.owner();
         self.all().make_many(ids_and_seeds, config, owner, self.0.now(), answered, self.0.budget())
     }
@@ -340,7 +341,7 @@ impl JobAccess<'_> {
 
     /// See [`crate::job::Runner::submit`]; the caller becomes the owner.
     pub fn submit(&self, new: JobSpec, answered: &dyn Fn(Job) -> Option<StoredResponse>) -> Result<Job> {
-        self.0.check_stored_bytes(0)?;
+        self.0.check_creation(0)?;
         self.0.shared.jobs.submit(new, self.0.principal.owner(), self.0.client.name(), answered)
     }
 
@@ -391,7 +392,7 @@ impl PolicyAccess<'_> {
 
     /// See [`Store::put_policy`]; the caller becomes the owner of a new one.
     pub fn put(&self, row: PolicyRow, weights: &[u8]) -> Result<(PolicyRow, bool)> {
-        self.0.check_stored_bytes(weights.len())?;
+        self.0.check_creation(weights.len())?;
         let row = PolicyRow { owner: self.0.principal.owner().map(String::from), ..row };
         let new = self.all().put_policy(&row, weights, self.0.principal.visible_owner())?;
         Ok((row, new))

@@ -3,10 +3,9 @@
 use std::collections::HashSet;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::byte_limiter::ByteLimiter;
 use super::cache::{BoundedCache, CacheLimits};
 use super::client_limiter::{ClientLimiter, LimiterCapacity};
 use super::config::{Clock, LimitsReader, ServeConfig};
@@ -22,6 +21,7 @@ use crate::inference::posterior::TrialLikelihood;
 use crate::job::{Runner, RunnerConfig, WorkFactories};
 use crate::session::{Catalogue, Registry, RegistryConfig};
 use crate::store::Store;
+use crate::sync::lock;
 
 /// State without an owner.
 pub struct CommonState {
@@ -54,14 +54,14 @@ pub struct AppState {
     /// Fair sharing between clients.
     pub scheduler: FairScheduler,
     /// Bytes of request bodies.
-    pub body_bytes: Arc<ByteLimiter>,
+    pub body_bytes: Arc<ClientLimiter>,
     /// Whether the disk takes writes.
     pub disk: DiskProbe,
     /// HTTP connections.
     pub http_connections: Arc<ClientLimiter>,
     /// ZeroMQ connections.
     pub zmq_connections: Arc<ClientLimiter>,
-    limits: RwLock<Arc<Limits>>,
+    limits: Mutex<Arc<Limits>>,
     read_limits: Option<LimitsReader>,
     pub log: AccessLog,
     /// Distinguishes this server's ids from those of earlier ones.
@@ -122,11 +122,11 @@ impl AppState {
             submission_lock: Mutex::default(),
             keys_in_progress: Mutex::default(),
             scheduler: FairScheduler::new(),
-            body_bytes: Arc::default(),
+            body_bytes: ClientLimiter::new(body_capacity(limits)),
             disk: DiskProbe::default(),
             http_connections: ClientLimiter::new(connection_capacity(limits, limits.connections)),
             zmq_connections: ClientLimiter::new(connection_capacity(limits, MAX_ZMQ_CONNECTIONS)),
-            limits: RwLock::new(Arc::new(config.limits.clone())),
+            limits: Mutex::new(Arc::new(config.limits.clone())),
             read_limits: config.read_limits.clone(),
             log: config.log.clone(),
             nonce: nonce(),
@@ -137,7 +137,7 @@ impl AppState {
 
     /// The limits in force.
     pub fn limits(&self) -> Arc<Limits> {
-        self.limits.read().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.limits).clone()
     }
 
     /// Reads tokens and limits again; on an error the previous ones stay in force. Limits of one request apply to worlds made
@@ -148,9 +148,10 @@ impl AppState {
         let limits = read_limits()?;
         self.http_connections.set_capacity(connection_capacity(&limits, limits.connections));
         self.zmq_connections.set_capacity(connection_capacity(&limits, MAX_ZMQ_CONNECTIONS));
+        self.body_bytes.set_capacity(body_capacity(&limits));
         self.core.worlds.set_config(registry_config(&limits));
         self.jobs.set_config(runner_config(&limits));
-        *self.limits.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(limits);
+        *lock(&self.limits) = Arc::new(limits);
         Ok(())
     }
 
@@ -183,6 +184,14 @@ fn runner_config(limits: &Limits) -> RunnerConfig {
         threads: 0,
         max_run_time: limits.job_seconds.map(Limits::duration),
         explain,
+    }
+}
+
+fn body_capacity(limits: &Limits) -> LimiterCapacity {
+    LimiterCapacity {
+        total: limits.body_bytes as usize,
+        per_client: limits.client_body_bytes as usize,
+        reserved_per_client: 0,
     }
 }
 

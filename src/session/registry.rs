@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Bound;
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::catalogue::Catalogue;
@@ -40,7 +40,7 @@ const MAX_CREATED_BYTES: u64 = 32 << 20;
 
 /// All worlds of a server.
 pub struct Registry {
-    config: RwLock<RegistryConfig>,
+    config: Mutex<RegistryConfig>,
     store: Arc<Store>,
     worlds: Mutex<BTreeMap<String, RegistryEntry>>,
 }
@@ -81,7 +81,7 @@ impl Registry {
     /// Loads the store's worlds and adds the default ones, a simulated and a real world per family: `bowling-sim`,
     /// `bowling-real`, ...
     pub fn new(config: RegistryConfig, catalogue: &Catalogue, store: Arc<Store>) -> Result<Registry> {
-        let registry = Registry { config: RwLock::new(config), store, worlds: Mutex::default() };
+        let registry = Registry { config: Mutex::new(config), store, worlds: Mutex::default() };
         let (defaults, clients): (Vec<WorldRow>, Vec<WorldRow>) =
             registry.store.worlds()?.into_iter().partition(|row| is_default_id(&row.id));
         defaults.iter().for_each(|row| registry.insert_stored(row, catalogue));
@@ -314,11 +314,11 @@ impl Registry {
 
     /// Replaces the limits; those of one request apply to worlds made afterwards.
     pub fn set_config(&self, config: RegistryConfig) {
-        *self.config.write().unwrap_or_else(PoisonError::into_inner) = config;
+        *lock(&self.config) = config;
     }
 
     fn config(&self) -> RegistryConfig {
-        *self.config.read().unwrap_or_else(PoisonError::into_inner)
+        *lock(&self.config)
     }
 
     /// Errors unless there is room for this many further worlds of an owner.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use iplw::access::{HashedToken, Scope, TokenFile, digest};
+use iplw::access::{Scope, TokenFile};
 use iplw::serve::ServeConfig;
 use reqwest::Method;
 use reqwest::blocking::Response;
@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::http::{Running, ok, problem};
 use crate::peer::Peer;
+use crate::tokens::{self, stored_token, token};
 
 /// An operation of the OpenAPI document.
 struct Operation {
@@ -42,14 +43,6 @@ fn operations() -> Vec<Operation> {
 /// Operations that are not available over ZeroMQ.
 const ONLY_HTTP: [&str; 3] = ["metrics", "follow_job", "watch_world"];
 
-fn stored_token(name: &str, scope: Scope, expires: Option<u64>) -> HashedToken {
-    HashedToken { name: name.into(), scope, digest: digest(token(name).as_bytes()), made: 0, expires }
-}
-
-fn token(name: &str) -> String {
-    format!("iplw_of-{name}")
-}
-
 /// Tokens: ann and bob have `act`, eve `read`, root `admin`; old's has expired.
 fn start_with_tokens(directory: &Path) -> Running {
     let all = [
@@ -59,14 +52,7 @@ fn start_with_tokens(directory: &Path) -> Running {
         stored_token("root", Scope::Admin, None),
         stored_token("old", Scope::Admin, Some(1)),
     ];
-    TokenFile::of_directory(directory)
-        .change(|tokens| {
-            tokens.extend(all);
-            Ok(())
-        })
-        .unwrap();
-    let zmq = Some("tcp://127.0.0.1:*".into());
-    Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, ..ServeConfig::default() }).unwrap()
+    tokens::start_with(directory, all.into(), ServeConfig::default())
 }
 
 impl Running {

@@ -4,30 +4,20 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use iplw::access::{HashedToken, Scope, TokenFile, digest};
+use iplw::access::{Scope, digest};
 use iplw::serve::ServeConfig;
 use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::http::{Running, ok};
 use crate::peer::Peer;
-
-fn token(name: &str) -> String {
-    format!("iplw_of-{name}")
-}
+use crate::tokens::{self, stored_token, token};
 
 /// Tokens: ann and bob have `act`, root `admin`.
 fn start_with_tokens(directory: &Path) -> Running {
-    let kept = |name: &str, scope| {
-        let digest = digest(token(name).as_bytes());
-        HashedToken { name: name.into(), scope, digest, made: 0, expires: None }
-    };
-    let file = TokenFile::of_directory(directory);
-    for (name, scope) in [("ann", Scope::Act), ("bob", Scope::Act), ("root", Scope::Admin)] {
-        file.add(&kept(name, scope)).unwrap();
-    }
-    let zmq = Some("tcp://127.0.0.1:*".into());
-    Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, ..ServeConfig::default() }).unwrap()
+    let all = [("ann", Scope::Act), ("bob", Scope::Act), ("root", Scope::Admin)];
+    let all = all.map(|(name, scope)| stored_token(name, scope, None));
+    tokens::start_with(directory, all.into(), ServeConfig::default())
 }
 
 /// Work of at least a fraction of a second.

@@ -174,16 +174,18 @@ fn make_world(
     Some(true)
 }
 
+/// One of the client's worlds.
+fn pick(own: &[String], which: usize) -> Option<&String> {
+    own.get(which.checked_rem(own.len())?)
+}
+
 fn attempt(
     transport: &mut ClientKind,
     own: &[String],
     which: usize,
     state: &Mutex<Acknowledged>,
 ) -> Option<bool> {
-    if own.is_empty() {
-        return Some(false);
-    }
-    let id = &own[which % own.len()];
+    let Some(id) = pick(own, which) else { return Some(false) };
     let action = {
         let mut state = state.lock().unwrap();
         state.worlds.get_mut(id).unwrap().2 += 1;
@@ -204,10 +206,7 @@ fn set_latents(
     which: usize,
     state: &Mutex<Acknowledged>,
 ) -> Option<bool> {
-    if own.is_empty() {
-        return Some(false);
-    }
-    let id = &own[which % own.len()];
+    let Some(id) = pick(own, which) else { return Some(false) };
     let friction = 0.001 * (1 + which) as f64;
     {
         let mut state = state.lock().unwrap();

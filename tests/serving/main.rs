@@ -20,5 +20,6 @@ mod peer;
 mod robust;
 mod survive;
 mod tls;
+mod tokens;
 mod transports;
 mod watch;

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use iplw::access::{HashedToken, Scope, TokenFile, digest};
+use iplw::access::{Scope, TokenFile};
 use iplw::serve::{Limits, ServeConfig};
 use iplw::task::families;
 use reqwest::Method;
@@ -14,28 +14,13 @@ use reqwest::blocking::Response;
 use serde_json::{Value, json};
 
 use crate::http::{Running, ok, problem};
-
-fn token(name: &str) -> String {
-    format!("iplw_of-{name}")
-}
+use crate::tokens::{self, stored_token, token};
 
 /// ann and bob may act, eve may read, root is admin.
 fn start(directory: &Path, limits: Limits) -> Running {
-    let row = |name: &str, scope| {
-        let digest = digest(token(name).as_bytes());
-        HashedToken { name: name.into(), scope, digest, made: 0, expires: None }
-    };
-    let all =
-        [row("ann", Scope::Act), row("bob", Scope::Act), row("eve", Scope::Read), row("root", Scope::Admin)];
-    TokenFile::of_directory(directory)
-        .change(|tokens| {
-            tokens.extend(all);
-            Ok(())
-        })
-        .unwrap();
-    let zmq = Some("tcp://127.0.0.1:*".into());
-    Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, limits, ..ServeConfig::default() })
-        .unwrap()
+    let all = [("ann", Scope::Act), ("bob", Scope::Act), ("eve", Scope::Read), ("root", Scope::Admin)];
+    let all = all.map(|(name, scope)| stored_token(name, scope, None));
+    tokens::start_with(directory, all.into(), ServeConfig { limits, ..ServeConfig::default() })
 }
 
 fn send(server: &Running, who: &str, method: Method, path: &str, body: &Value) -> Response {

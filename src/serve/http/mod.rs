@@ -65,7 +65,7 @@ pub fn service(shared: Arc<AppState>, operations: &'static [Operation], origins:
         .merge(docs)
         .merge(page::routes())
         .fallback(no_route)
-        .method_not_allowed_fallback(no_method)
+        .method_not_allowed_fallback(route::no_method)
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::from_fn_with_state(guard, auth::authenticate))
         .layer(middleware::from_fn_with_state((shared.clone(), origins, operations), observe))
@@ -77,10 +77,6 @@ type LayerState = (Arc<AppState>, Arc<OriginPolicy>, &'static [Operation]);
 
 async fn no_route(request: Request) -> Problem {
     Problem::no_route(request.uri().path())
-}
-
-async fn no_method(request: Request) -> Problem {
-    Problem::no_method(request.method().as_str(), request.uri().path())
 }
 
 fn panicked(_: Box<dyn Any + Send>) -> Response<Body> {

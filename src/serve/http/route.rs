@@ -51,10 +51,11 @@ pub fn method_router(operation: &'static Operation) -> MethodRouter<Arc<AppState
     };
     let route = on(method, handler);
     // Otherwise axum would serve HEAD by GET, and HEAD on a picture of an action would spend an attempt without a log line.
-    if method == MethodFilter::GET { route.on(MethodFilter::HEAD, no_head) } else { route }
+    if method == MethodFilter::GET { route.on(MethodFilter::HEAD, no_method) } else { route }
 }
 
-async fn no_head(request: Request) -> Problem {
+/// The response to a method that is no operation.
+pub async fn no_method(request: Request) -> Problem {
     Problem::no_method(request.method().as_str(), request.uri().path())
 }
 

@@ -1,7 +1,7 @@
 //! TLS by rustls; certificate and key can be reloaded.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, Mutex};
 
 use rustls::client::WebPkiServerVerifier;
 use rustls::client::danger::ServerCertVerifier;
@@ -12,35 +12,40 @@ use rustls::{CertificateError, RootCertStore, ServerConfig};
 use tokio_rustls::TlsAcceptor;
 
 use crate::error::{Error, Result};
+use crate::sync::lock;
 
 /// TLS configuration of a server.
 pub struct Tls {
     certificate: PathBuf,
     key: PathBuf,
-    now: RwLock<Arc<ServerConfig>>,
+    now: Mutex<LoadedTls>,
+}
+
+/// The contents of both files.
+#[derive(Clone)]
+struct LoadedTls {
+    config: Arc<ServerConfig>,
     /// The server's own certificate.
-    own: RwLock<CertificateDer<'static>>,
+    own: CertificateDer<'static>,
 }
 
 impl Tls {
     /// Reads a PEM chain of certificates, the server's first, and its PEM private key.
     pub fn read(certificate: &Path, key: &Path) -> Result<Tls> {
-        let (config, own) = config(certificate, key)?;
-        let (now, own) = (RwLock::new(config), RwLock::new(own));
-        Ok(Tls { certificate: certificate.into(), key: key.into(), now, own })
+        let now = Mutex::new(load(certificate, key)?);
+        Ok(Tls { certificate: certificate.into(), key: key.into(), now })
     }
 
     /// Reads both files again; on an error the previous ones stay in use.
     pub fn reload(&self) -> Result<()> {
-        let (config, own) = config(&self.certificate, &self.key)?;
-        *self.now.write().unwrap_or_else(PoisonError::into_inner) = config;
-        *self.own.write().unwrap_or_else(PoisonError::into_inner) = own;
+        let loaded = load(&self.certificate, &self.key)?;
+        *lock(&self.now) = loaded;
         Ok(())
     }
 
     /// Why the server's certificate is not valid at this moment: it has expired, or is not valid yet.
     pub fn invalid_now(&self) -> Option<String> {
-        let own = self.own.read().unwrap_or_else(PoisonError::into_inner).clone();
+        let own = lock(&self.now).own.clone();
         let mut roots = RootCertStore::empty();
         roots.add(own.clone()).ok()?;
         let provider = Arc::new(default_provider());
@@ -60,12 +65,11 @@ impl Tls {
 
     /// Acceptor for new connections.
     pub fn acceptor(&self) -> TlsAcceptor {
-        self.now.read().unwrap_or_else(PoisonError::into_inner).clone().into()
+        lock(&self.now).config.clone().into()
     }
 }
 
-/// The configuration, and the server's own certificate.
-fn config(certificate: &Path, key: &Path) -> Result<(Arc<ServerConfig>, CertificateDer<'static>)> {
+fn load(certificate: &Path, key: &Path) -> Result<LoadedTls> {
     let refuse = |option: &str, path: &Path, e: &dyn std::fmt::Display, allowed: &str| {
         Error::input(option, format!("{} ({e})", path.display()), allowed)
     };
@@ -85,5 +89,5 @@ fn config(certificate: &Path, key: &Path) -> Result<(Arc<ServerConfig>, Certific
             refuse("--tls-key", key, &e, "the private key of the first certificate of --tls-cert")
         })?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok((Arc::new(config), own))
+    Ok(LoadedTls { config: Arc::new(config), own })
 }

@@ -15,8 +15,8 @@ use super::message::{self, NIL, ZmqRequest, ZmqResponse, serialize};
 use super::zmtp::{self, MAX_FRAMES, MAX_MESSAGE_BYTES, Received, Receiver};
 use crate::access::{Digest, Principal, Scope, now};
 use crate::error::Error;
-use crate::serve::byte_limiter::BytePermit;
 use crate::serve::client::Client;
+use crate::serve::client_limiter::LimiterPermit;
 use crate::serve::deadline::RequestDeadline;
 use crate::serve::execution_class::{ExecutionClass, MAX_INLINE_BODY_BYTES};
 use crate::serve::limits::Limits;
@@ -108,7 +108,7 @@ struct Peer {
 /// Size of a message, and its permit until it is answered.
 struct ReceivedBytes {
     bytes: usize,
-    byte_permit: Option<BytePermit>,
+    byte_permit: Option<LimiterPermit>,
 }
 
 /// A request in flight.
@@ -154,8 +154,8 @@ impl Peer {
         self.who().map_or_else(|_| self.at.clone(), |who| Client::identify(&who, &self.at))
     }
 
-    fn byte_permit(&self) -> BytePermit {
-        self.shared.body_bytes.permit(&self.client(), self.shared.limits().byte_capacity())
+    fn byte_permit(&self) -> LimiterPermit {
+        self.shared.body_bytes.empty_permit(&self.client())
     }
 
     /// Runs the parsing of a message: of a large one on a blocking thread, with a permit.
@@ -177,7 +177,7 @@ impl Peer {
     }
 
     /// Handles a message: answers it at once, or starts a task that does. The permit for its bytes is dropped with the answer.
-    async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>, byte_permit: Option<BytePermit>) {
+    async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>, byte_permit: Option<LimiterPermit>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
         if delimited {
             frames.remove(0);

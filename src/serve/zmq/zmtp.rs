@@ -12,7 +12,7 @@
 
 use std::io::{self, ErrorKind};
 
-use crate::serve::byte_limiter::BytePermit;
+use crate::serve::client_limiter::LimiterPermit;
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 
 /// Maximum size of a message, bytes.
@@ -28,7 +28,7 @@ pub struct Receiver<R> {
     /// Maximum size of an accepted message, bytes.
     max_bytes: usize,
     /// Grows with the bytes of the message that is arriving.
-    permit: Option<BytePermit>,
+    permit: Option<LimiterPermit>,
 }
 
 /// Data received from a peer.
@@ -126,12 +126,12 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
     }
 
     /// The bytes of the next message are counted by this permit.
-    pub fn set_permit(&mut self, permit: BytePermit) {
+    pub fn set_permit(&mut self, permit: LimiterPermit) {
         self.permit = Some(permit);
     }
 
     /// The permit of the message that was received.
-    pub fn take_permit(&mut self) -> Option<BytePermit> {
+    pub fn take_permit(&mut self) -> Option<LimiterPermit> {
         self.permit.take()
     }
 
@@ -230,7 +230,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
             if part.is_empty() {
                 return Err(ErrorKind::UnexpectedEof.into());
             }
-            if self.permit.as_mut().is_some_and(|permit| !permit.grow(part.len())) {
+            if self.permit.as_mut().is_some_and(|permit| permit.grow(part.len()).is_err()) {
                 return Err(protocol_error("too many bytes in messages that are not answered yet"));
             }
             body.extend_from_slice(part);
