@@ -10,7 +10,7 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::registry::LookupSpan;
 
-/// Formats an event as `{"at", "level", "message"}`.
+/// Formats an event as `{"time", "event": "log", "level", "message"}`, like the lines of requests and jobs.
 pub struct JsonEvents;
 
 impl<S: Subscriber + for<'a> LookupSpan<'a>, N: for<'a> FormatFields<'a> + 'static> FormatEvent<S, N>
@@ -20,7 +20,8 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>, N: for<'a> FormatFields<'a> + 'stat
         let mut message = EventMessage(String::new());
         event.record(&mut message);
         let level = event.metadata().level().as_str().to_ascii_lowercase();
-        writeln!(writer, "{}", json!({"at": format_time(now()), "level": level, "message": message.0}))
+        let line = json!({"time": format_time(now()), "event": "log", "level": level, "message": message.0});
+        writeln!(writer, "{line}")
     }
 }
 

@@ -339,7 +339,7 @@ fn hangup_reads_tokens_and_limits_anew() {
             // Every line is JSON, those of the program's events, too.
             serde_json::from_str::<Value>(&line.unwrap()).unwrap()
         });
-        let event = events.find(|event| event["message"].is_string()).unwrap();
+        let event = events.find(|event| event["event"] == "log").unwrap();
         event["message"].as_str().unwrap().to_string()
     };
     assert_eq!(worlds(), 100);
