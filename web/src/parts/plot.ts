@@ -6,7 +6,7 @@ import { h, put, s } from "../dom";
 export interface PlotSeries {
   name: string;
   look: "dots" | "line" | "band";
-  /** A CSS variable of style.css: `--sim`. */
+  /** A CSS variable of tokens.css: `--simulated`. */
   colour: string;
   x: readonly number[];
   y: readonly number[];

@@ -34,8 +34,8 @@ export function parameterPlots(report: Report, signal: AbortSignal): HTMLElement
         low: shared.map((s) => s.p!.value - (s.p!.spread ?? 0)),
         high: shared.map((s) => s.p!.value + (s.p!.spread ?? 0)),
       },
-      intervals("trial alone, 95 %", "--real", separate.map((s) => [s.launch.trial, s.alone![0], Z_95 * s.alone![1]]), true),
-      intervals("given the other trials, 95 %", "--sim", estimates.map((s) => [s.launch.trial + TRIAL_OFFSET, s.value, Z_95 * s.sd]), false),
+      intervals("trial alone, 95 %", "--simulated", separate.map((s) => [s.launch.trial, s.alone![0], Z_95 * s.alone![1]]), true),
+      intervals("given the other trials, 95 %", "--extended", estimates.map((s) => [s.launch.trial + TRIAL_OFFSET, s.value, Z_95 * s.sd]), false),
     ];
     const unit = effect.parameters.find((p) => p.name === name)?.unit;
     const note = "Alone: least squares. Given the other trials: best linear unbiased prediction (BLUP).";
@@ -74,8 +74,8 @@ function residual(points: Table, abscissa: string, axis: "x" | "y", signal: Abor
   const curve = means(x, before.map((v, i) => v - after[i]!));
   const informative = curve.y.some((v) => v !== 0) ? [{ name: "removed by the extension, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
   const series: PlotSeries[] = [
-    { name: "before", look: "dots", colour: "--real", dashed: true, x, y: before },
-    { name: "after", look: "dots", colour: "--sim", x, y: after },
+    { name: "before", look: "dots", colour: "--simulated", dashed: true, x, y: before },
+    { name: "after", look: "dots", colour: "--extended", x, y: after },
     ...informative,
   ];
   return plot({ title: `Residual in ${axis} over ${abscissa}`, x: label, y: `measured - simulated ${axis}, m` }, series, signal);
@@ -84,7 +84,7 @@ function residual(points: Table, abscissa: string, axis: "x" | "y", signal: Abor
 function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
   const { points, settings } = evidence;
   const [estimates, speed, bx, by] = [columnOf(points, "setting"), speeds(points), columnOf(points, "before_x"), columnOf(points, "before_y")];
-  const colours = ["--real", "--sim", "--good", "--bad", "--warn", "--soft"];
+  const colours = ["--simulated", "--extended", "--good", "--bad", "--warn", "--soft"];
   const series = settings.slice(0, colours.length).map((name, k): PlotSeries => {
     const rows = estimates.flatMap((v, i) => (v === k ? [i] : []));
     return { name: name || "all trials", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: rows.map((i) => speed[i]!), y: rows.map((i) => Math.hypot(bx[i]!, by[i]!)) };
@@ -98,11 +98,11 @@ function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | n
   const speed = columnOf(pushes, "speed");
   const report = (axis: string): PlotSeries[] => {
     const y = columnOf(pushes, `found_${axis}`);
-    return y.some((v) => v !== 0) ? [{ name: `${axis} by the extension, mean`, look: "line", colour: axis === "ax" ? "--real" : "--sim", ...means(speed, y) }] : [];
+    return y.some((v) => v !== 0) ? [{ name: `${axis} by the extension, mean`, look: "line", colour: axis === "ax" ? "--simulated" : "--extended", ...means(speed, y) }] : [];
   };
   const series: PlotSeries[] = [
-    { name: "ax", look: "dots", colour: "--real", dashed: true, x: speed, y: columnOf(pushes, "ax") },
-    { name: "ay", look: "dots", colour: "--sim", x: speed, y: columnOf(pushes, "ay") },
+    { name: "ax", look: "dots", colour: "--simulated", dashed: true, x: speed, y: columnOf(pushes, "ax") },
+    { name: "ay", look: "dots", colour: "--extended", x: speed, y: columnOf(pushes, "ay") },
     ...report("ax"),
     ...report("ay"),
   ];
@@ -117,7 +117,7 @@ export function bounces(report: Report, signal: AbortSignal): HTMLElement[] {
   const approaches = ["seen", "base", "extended"].map((sources) => all.columns.indexOf(`${sources}_approach`));
   const informative: Table = { columns: all.columns, rows: all.rows.filter((row) => approaches.every((i) => (row[i] ?? 0) > MIN_APPROACH_SHARE * largest)) };
   if (!informative.rows.length) return [];
-  const who = [["measured", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
+  const who = [["measured", "--ink", false], ["base model", "--simulated", true], ["extended model", "--extended", false]] as const;
   const of = (k: number, name: string): number[] => columnOf(informative, `${["seen", "base", "extended"][k]}_${name}`);
   const bouncePlot = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
     plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): PlotSeries => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
@@ -137,7 +137,7 @@ export function predictivePlot(report: NonNullable<Report["predictive"]>, signal
   const x = report.sorted.map((_, k) => (k + 1) / (n + 1));
   const series: PlotSeries[] = [
     { name: "expected range, 95 %", look: "line", colour: "--soft", x, y: x, low: report.sorted.map((s) => s[1]), high: report.sorted.map((s) => s[2]) },
-    { name: "trials", look: "dots", colour: "--sim", x, y: report.sorted.map((s) => s[0]) },
+    { name: "trials", look: "dots", colour: "--extended", x, y: report.sorted.map((s) => s[0]) },
   ];
   const note = "Points below the band: outliers. A flat curve: predictions too cautious.";
   return plot({ title: "p-values of the trials, sorted", x: "share of trials", y: "p-value", note }, series, signal);
@@ -149,8 +149,8 @@ export function correlation(report: Report, signal: AbortSignal): HTMLElement[] 
   if (!both) return [];
   const x = both[0].map((_, lag) => lag);
   const series: PlotSeries[] = [
-    { name: "before", look: "line", colour: "--real", dashed: true, x, y: both[0] },
-    { name: "after", look: "line", colour: "--sim", x, y: both[1] },
+    { name: "before", look: "line", colour: "--simulated", dashed: true, x, y: both[0] },
+    { name: "after", look: "line", colour: "--extended", x, y: both[1] },
   ];
   return [plot({ title: "Autocorrelation of residuals", x: "lag, observations", y: "correlation", note: "White noise has none beyond lag 0." }, series, signal)];
 }

@@ -94,7 +94,7 @@ function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal)
       { name, look: "dots", colour, dashed, x: trajectory.t, y: model.residual.map((p) => p[axis]) },
     ];
   };
-  const series = [...of("base model", "--real", trajectory.before, true), ...of("extended model", "--sim", trajectory.after, false)];
+  const series = [...of("base model", "--simulated", trajectory.before, true), ...of("extended model", "--extended", trajectory.after, false)];
   return plot({ title: `Trial ${trajectory.trial}: residual in ${letter}`, x: "t, s", y: `measured - simulated ${letter}, m` }, series, signal);
 }
 
