@@ -1,127 +1,186 @@
-// The film over the scene: bodies, trajectories, contacts, simulated and real, and their distance.
+// The films over the scene: simulated, real and compared, with their distances and the controls of the view.
 
 import { h, put, s, set } from "../../dom";
-import { timePlot } from "../../parts/timePlot";
 import { player } from "../../parts/player";
-import { short } from "../../parts/slider";
-import { colours } from "../../scene/colour";
-import { line, picture, type Picture } from "../../scene/draw";
-import { posesAt, type Contact, distanceOverTime, filmLength, type Film, pathUntil } from "../../scene/film";
 import { applyAction } from "../../scene/action";
-import type { Box, Point, Scene } from "../../scene/types";
+import { colours } from "../../scene/colour";
+import { picture, type Picture } from "../../scene/draw";
+import { sceneExtent, withPath } from "../../scene/extent";
+import { filmLength, posesAt, type Film } from "../../scene/film";
+import type { Box, Point, Pose, Scene } from "../../scene/types";
+import { viewKeys, viewButtons, scaleBar, wheelInput } from "../../scene/viewControls";
+import { viewport, type Viewport } from "../../scene/viewport";
 import type { Context } from "../../view";
+import { arrows, type ArrowScale } from "./arrows";
+import { comparisonCanvas } from "./comparisonCanvas";
+import { distanceFigure } from "./distance";
+import { keysHelp } from "./keys";
+import { legend } from "./legend";
+import { outcomeRow, type Outcome } from "./outcome";
+import { overlaySwitches } from "./overlays";
+import { pointerInput } from "./pointer";
+import { contactList, contactRings, dots, trails } from "./trails";
 
-/** Radius of a contact ring, share of the picture's width; scaled by the impact speed. */
-const CONTACT_RING_SHARE = 0.008;
 /** Time for which a contact is highlighted, s. */
 const CONTACT_HIGHLIGHT_S = 0.2;
+/** Range of the aspect ratio of the canvas. */
+const [MIN_ASPECT, MAX_ASPECT] = [0.8, 2.2];
+/** Every how many samples of a film the view includes. */
+const PATH_STRIDE = 5;
+const NOTHING: Outcome = { film: null, solved: null, reached: null };
 
 export interface FilmStage {
   element: HTMLElement;
   picture: Picture;
+  view: Viewport;
+  /** The path of invalid positions; call `redraw` after a change. */
+  shade: SVGPathElement;
   /** Shows the initial state, without a film. */
   place: (action: readonly number[], reason: string | null) => void;
-  simulated: (film: Film | null, solved: boolean | null) => void;
+  /** `solved`: null if unknown; `extended`: whether it has effects. */
+  simulated: (film: Film | null, solved: boolean | null, extended?: boolean) => void;
+  /** The time at which the simulation reaches the goal, s. */
+  reached: (time: number | null) => void;
   real: (film: Film | null, solved: boolean | null) => void;
+  compared: (title: string, film: Film | null) => void;
   restart: () => void;
 }
 
-/** The stage of a scene. */
-export function filmStage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
-  const drawing = picture(scene, label, box);
-  set(drawing.svg, { tabindex: 0, role: "application" });
-  const trails = s("g");
-  const rings = s("g");
-  drawing.over.append(trails, rings);
-  const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
-  let contactRings: { t: number; ring: SVGCircleElement }[] = [];
-  const distancePlot = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
-  const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
-  const distanceFigure = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), distancePlot.svg);
-  const contacts = h("details", { hidden: true });
-  const verdicts = h("div", { class: "row verdicts", role: "status" });
-  const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
-  const play = player((time) => {
-    if (films.sim) drawing.pose("solid", posesAt(films.sim, time));
-    drawing.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
-    for (const { t, ring } of contactRings) ring.classList.toggle("lit", time >= t && time < t + CONTACT_HIGHLIGHT_S);
-    distancePlot.at(time);
+/** The stage of a scene; `box` is the fitted view. `controls` are displayed beside the overlay switches; without them nothing is
+ * placed in it, and the pointer moves the view. */
+export function filmStage(scene: Scene, label: string, context: Context, box?: Box, controls?: HTMLElement): FilmStage {
+  const fitted = box ?? sceneExtent(scene, actionCorners(scene));
+  const drawing = picture(scene, label, fitted);
+  const marks = { trails: s("g"), dots: s("g"), rings: s("g") };
+  const arrowLayer = arrows();
+  const shade = s("path", { class: "shade" });
+  drawing.under.append(shade);
+  drawing.over.append(marks.trails, marks.dots, marks.rings, arrowLayer.group);
+  let [simulated, real, compared, extended, fresh]: [Outcome, Outcome, Film | null, boolean, boolean] = [NOTHING, NOTHING, null, false, true];
+  let [rings, scales]: [{ t: number; ring: SVGCircleElement }[], ArrowScale[]] = [[], []];
+  const bar = scaleBar();
+  const view = viewport(drawing, fitted, () => {
+    bar.show(view.pixel());
+    second.frame(view.box());
+    drawMarks();
+    drawTime(play.time());
   }, context.signal);
-  const draw = (): void => {
-    const bodyColours = colours(scene);
-    const width = drawing.box[2] - drawing.box[0];
-    put(trails, ...(films.sim ? paths(films.sim, bodyColours, "trail") : []), ...(films.real ? [...paths(films.real, bodyColours, "trail real"), ...dots(films.real, bodyColours, width)] : []));
-    contactRings = films.sim ? films.sim.contacts.flatMap((c) => contactRing(films.sim!, c, width)) : [];
-    put(rings, ...contactRings.map((l) => l.ring));
-    put(contacts, ...contactList(films.sim?.contacts ?? []));
-    contacts.hidden = !films.sim?.contacts.length;
-    distanceFigure.hidden = !(films.sim && films.real);
-    if (films.sim && films.real) {
-      const { t, bodies } = distanceOverTime(films.sim, films.real);
-      const lines = [...bodies].map(([name, y]) => ({ name, colour: bodyColours.get(name) ?? "currentColor", x: t, y }));
-      distancePlot.draw(lines, films.sim.contacts.map((c) => c.t));
+  const second = comparisonCanvas(scene, view);
+  const [outcomes, key] = [outcomeRow(scene), legend(scene)];
+  const overlay = overlaySwitches(() => draw());
+  const contacts = h("details", { hidden: true });
+  const toReal = distanceFigure("Distance between simulation and reality", scene, (x) => play.seek(x));
+  const toCompared = distanceFigure("Distance between the two simulations", scene, (x) => play.seek(x));
+  const drawTime = (time: number): void => {
+    const at = (film: Film | null): Map<string, Pose> => (film ? posesAt(film, time) : new Map());
+    if (simulated.film) drawing.pose("solid", at(simulated.film));
+    drawing.pose("ghost", at(real.film));
+    drawing.pose("other", at(compared));
+    second.pose(at(compared));
+    for (const { t, ring } of rings) ring.classList.toggle("lit", time >= t && time < t + CONTACT_HIGHLIGHT_S);
+    arrowLayer.draw(time, view.pixel());
+    for (const figure of [toReal, toCompared]) figure.at(time);
+  };
+  const drawMarks = (): void => {
+    put(marks.dots, ...(real.film ? dots(real.film, view.pixel()) : []));
+    rings = simulated.film ? contactRings(simulated.film, view.pixel(), overlay.overlays.impact) : [];
+    put(marks.rings, ...rings.map((r) => r.ring));
+  };
+  const play = player(drawTime, context.signal);
+  const describe = (): void => {
+    outcomes.show(simulated, real);
+    const forbidden = Boolean(shade.getAttribute("d"));
+    const some = { simulated: Boolean(simulated.film), real: Boolean(real.film), compared: Boolean(compared) };
+    const worlds = some.real || some.compared;
+    key.show({ ...some, forbidden, contacts: rings.length > 0, impact: overlay.overlays.impact, worlds, extended: extended || some.compared, scales });
+    for (const element of [drawing.svg, key.element]) {
+      element.classList.toggle("worlds", worlds);
+      element.classList.toggle("extended", extended || some.compared);
     }
-    play.load(Math.max(films.sim ? filmLength(films.sim) : 0, films.real ? filmLength(films.real) : 0));
-    put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
+  };
+  const draw = (): void => {
+    const colourOf = colours(scene);
+    const path = (film: Film | null, look: string): SVGElement[] => (film ? trails(film, look, (name) => colourOf.get(name) ?? "currentColor") : []);
+    put(marks.trails, ...path(compared, "trail other"), ...path(simulated.film, "trail"), ...path(real.film, "trail real"));
+    scales = arrowLayer.load(simulated.film, overlay.overlays);
+    drawMarks();
+    const listed = simulated.film?.contacts ?? [];
+    put(contacts, ...contactList(listed));
+    contacts.hidden = !listed.length;
+    toReal.show(simulated.film, real.film);
+    toCompared.show(simulated.film, compared);
+    play.load(Math.max(0, ...[simulated.film, real.film, compared].map((film) => (film ? filmLength(film) : 0))));
+    describe();
     drawing.svg.dataset.film = String(Number(drawing.svg.dataset.film ?? 0) + 1);
   };
-  const showFilm = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
-    films[which] = film;
-    verdict[which] = film === null ? null : solved === null ? "no goal" : solved ? "solved" : "not solved";
-    draw();
-  };
   const place = (action: readonly number[], reason: string | null): void => {
-    drawing.redraw(applyAction(scene, action));
-    if (reason) drawing.pose("refused", starts(applyAction(scene, action)));
+    const placed = applyAction(scene, action);
+    drawing.redraw(placed);
+    second.redraw(placed);
+    if (reason) drawing.pose("refused", starts(placed));
+    drawTime(play.time());
   };
+  const fitToFilm = (film: Film): void => {
+    if (box || scene.action?.bounds) return;
+    view.fitTo(withPath(fitted, pathPoints(film)), fresh);
+    fresh = false;
+  };
+  set(drawing.svg, { tabindex: 0, role: "application" });
   put(drawing.svg, s("title", {}, label), ...drawing.svg.childNodes);
+  const width = fitted[2] - fitted[0];
+  const aspect = Math.min(MAX_ASPECT, Math.max(MIN_ASPECT, width / (fitted[3] - fitted[1])));
+  for (const svg of [drawing.svg, second.svg]) svg.style.aspectRatio = String(aspect);
+  wheelInput(drawing, view);
+  viewKeys(drawing.svg, view);
+  if (!controls) pointerInput(drawing, view, null);
+  new MutationObserver(describe).observe(shade, { attributes: true });
+  const tools = h("div", { class: "canvas-tools" }, viewButtons(view), keysHelp());
+  const canvas = h("div", { class: "stage canvas" }, drawing.svg, tools, bar.element, second.caption);
+  const controlRow = h("div", { class: "row stage-controls" }, overlay.element, controls ?? "");
   return {
-    element: h("div", { class: "stage" }, drawing.svg, play.element, verdicts, distanceFigure, contacts),
+    element: h("div", { class: "films" }, outcomes.element, h("div", { class: "canvases" }, canvas, second.element), play.element, key.element, controlRow, toCompared.element, toReal.element, contacts),
     picture: drawing,
+    view,
+    shade,
     place,
-    simulated: showFilm("sim"),
-    real: showFilm("real"),
+    simulated: (film, solved, effects = false) => {
+      [simulated, extended] = [{ film, solved, reached: null }, effects];
+      if (film) fitToFilm(film);
+      draw();
+    },
+    reached: (time) => {
+      simulated = { ...simulated, reached: time };
+      describe();
+    },
+    real: (film, solved) => {
+      // A film of the real world ends when the goal is reached.
+      real = { film, solved, reached: film && solved ? filmLength(film) : null };
+      draw();
+    },
+    compared: (title, film) => {
+      compared = film;
+      second.show(film ? title : null);
+      draw();
+    },
     restart: play.restart,
   };
 }
 
-/** A legend line of a colour. */
-function key(colour: string): SVGElement {
-  return s("svg", { width: 18, height: 10, "aria-hidden": "true" }, s("line", { x1: 0, x2: 18, y1: 5, y2: 5, stroke: colour, "stroke-width": 3 }));
+/** Corners of the area in which an action places objects. */
+function actionCorners(scene: Scene): Point[] {
+  const components = scene.action?.components ?? [];
+  return components.flatMap((x) => {
+    const y = x.set === "x" ? components.find((c) => c.target === x.target && c.set === "y") : undefined;
+    return y ? [[x.low, y.low], [x.high, y.high]] as Point[] : [];
+  });
 }
 
-function starts(scene: Scene): Map<string, { x: number; y: number; angle: number }> {
+function pathPoints(film: Film): Point[] {
+  const points = Object.values(film.bodies).flatMap((track) => track.x.map((x, k): Point => [x, track.y[k]!]).filter((_, k) => k % PATH_STRIDE === 0));
+  return points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y));
+}
+
+function starts(scene: Scene): Map<string, Pose> {
   const placed = scene.bodies.filter((b) => b.position && scene.action?.components.some((c) => c.target === b.name));
   return new Map(placed.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }]));
-}
-
-function paths(film: Film, bodyColours: Map<string, string>, look: string): SVGElement[] {
-  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: bodyColours.get(name) ?? "currentColor" }));
-}
-
-/** Observed positions of real bodies. */
-function dots(film: Film, bodyColours: Map<string, string>, width: number): SVGElement[] {
-  return Object.entries(film.bodies).flatMap(([name, track]) =>
-    film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: bodyColours.get(name) ?? "currentColor" })),
-  );
-}
-
-function contactRing(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
-  const poses = posesAt(film, contact.t);
-  const points = contact.between.map((name) => poses.get(name)).filter((p) => p !== undefined);
-  if (!points.length) return [];
-  const [x, y]: Point = [points.reduce((sum, p) => sum + p.x, 0) / points.length, points.reduce((sum, p) => sum + p.y, 0) / points.length];
-  const r = width * CONTACT_RING_SHARE * (0.5 + Math.min(2, Math.sqrt(contact.speed) / 3));
-  return [{ t: contact.t, ring: s("circle", { class: "contact", cx: x, cy: y, r, "vector-effect": "non-scaling-stroke" }) }];
-}
-
-/** List of the first contacts. */
-function contactList(contacts: readonly Contact[]): HTMLElement[] {
-  const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
-  return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
-}
-
-function badge(name: string, which: string, verdict: string | null): HTMLElement | null {
-  if (verdict === null) return null;
-  return h("span", { class: `badge ${which}`, "data-verdict": verdict }, `${name}: ${verdict}`);
 }
