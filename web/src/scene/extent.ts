@@ -36,12 +36,15 @@ export function sceneExtent(scene: Scene, also: readonly Point[] = []): Box {
   return [box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad];
 }
 
-/** A box that also contains points, as far as they are not many times its size away. */
-export function withPath(box: Box, path: readonly Point[]): Box {
+/** The corners of a path's bounding box with a margin, m, as far as the path is not many times the size of `box` away from it. */
+export function pathCorners(path: readonly Point[], margin: number, box: Box): Point[] {
   const size = MAX_PATH_SHARE * Math.max(box[2] - box[0], box[3] - box[1]);
   const clamp = (v: number, low: number, high: number): number => Math.min(high + size, Math.max(low - size, v));
-  const reached = around(path.map(([x, y]): Point => [clamp(x, box[0], box[2]), clamp(y, box[1], box[3])]));
-  return reached ? join(box, reached) : box;
+  const reached = around(path.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y)));
+  if (!reached) return [];
+  const [left, bottom, right, top] = reached;
+  const corner = (x: number, y: number): Point => [clamp(x, box[0], box[2]), clamp(y, box[1], box[3])];
+  return [corner(left - margin, bottom - margin), corner(right + margin, top + margin)];
 }
 
 /** A box enlarged about its centre to an aspect ratio, width to height. */
@@ -119,7 +122,7 @@ function floors(scene: Scene, body: Body): Point[] {
 }
 
 /** The smaller side of a body's bounding box, m. */
-function bodyThickness(body: Body): number {
+export function bodyThickness(body: Body): number {
   const box = around(corners(body.shape, [0, 0], 0));
   return box ? Math.min(box[2] - box[0], box[3] - box[1]) : 0;
 }

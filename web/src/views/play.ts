@@ -7,7 +7,7 @@ import { storedScene, storedExtent } from "../scene/handoff";
 import type { Context, View } from "../view";
 import { realWorld } from "./play/realWorld";
 import { taskSession, type TaskSession } from "./play/session";
-import { taskPicker, type Task } from "./play/taskPicker";
+import { customTask, taskPicker, type Task } from "./play/taskPicker";
 import "./play.css";
 
 export const play: View = {
@@ -26,7 +26,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   let session: TaskSession | null = null;
   const actionParameter = context.query.get("action");
   const request = actionParameter ? { task: context.rest[0], action: actionParameter.split(",").map(Number) } : null;
-  const real = realWorld(() => session?.action() ?? [], (onRan) => session?.onRan(onRan.film, onRan.solved), context);
+  const real = realWorld(() => session?.action() ?? [], (onRan) => session?.onRan(onRan.film, onRan.solved), (id) => void task.pick(id).catch(context.fail), context);
   const [front, side] = [h("div", { class: "front" }), h("div", { class: "side" })];
   const show = (task: Task): void => {
     context.fail(null);
@@ -42,7 +42,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   put(place, h("div", { class: "play-head" }, h("div", { class: "card" }, task.element), real.element), h("div", { class: "play-body" }, front, side));
   const [first] = context.rest;
   const scene = first === "scene" ? storedScene() : null;
-  const box = storedExtent();
-  if (scene) show({ id: `custom:${scene.name || "scene"}`, family: null, scene, ...(box ? { box } : {}) });
+  if (first === "scene") task.name(scene ? scene.name || "scene without a name" : "");
+  if (scene) show(customTask(scene, storedExtent()));
   else await task.pick(first && first !== "scene" ? first : `${families[0]?.name}:000`);
 }

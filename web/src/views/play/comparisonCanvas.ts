@@ -2,18 +2,20 @@
 
 import { h, put } from "../../dom";
 import { picture } from "../../scene/draw";
+import type { Film } from "../../scene/film";
 import type { Box, Pose, Scene } from "../../scene/types";
 import { wheelInput } from "../../scene/viewControls";
 import type { Viewport } from "../../scene/viewport";
 import { pointerInput } from "./pointer";
+import { trails } from "./trails";
 
 export interface ComparisonCanvas {
   element: HTMLElement;
   svg: SVGSVGElement;
   /** Caption of the main canvas, displayed while there are two. */
   caption: HTMLElement;
-  /** Shows the canvas with a title; `null` hides it. */
-  show: (title: string | null) => void;
+  /** Shows the canvas with a title and the trajectories of a film; `null` hides it. */
+  show: (title: string | null, film: Film | null) => void;
   frame: (box: Box) => void;
   redraw: (scene: Scene) => void;
   pose: (poses: ReadonlyMap<string, Pose>) => void;
@@ -24,19 +26,25 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
   const drawing = picture(scene, "The simulation compared with");
   const title = h("span", { class: "canvas-title" });
   const caption = h("span", { class: "canvas-title", hidden: true }, "As set");
-  const element = h("div", { class: "stage canvas second", hidden: true }, drawing.svg, title);
+  const element = h("div", { class: "canvas second", hidden: true }, drawing.svg, title);
+  let current = scene;
   wheelInput(drawing, view);
   pointerInput(drawing, view, null);
   return {
     element,
     svg: drawing.svg,
     caption,
-    show: (text) => {
+    show: (text, film) => {
+      if (element.hidden && text !== null) drawing.redraw(current);
       element.hidden = caption.hidden = text === null;
+      put(drawing.over, ...(film ? trails(film, "trail other", () => "currentColor") : []));
       put(title, text);
     },
     frame: drawing.frame,
-    redraw: drawing.redraw,
+    redraw: (now) => {
+      current = now;
+      if (!element.hidden) drawing.redraw(now);
+    },
     pose: (poses) => drawing.pose("solid", poses),
   };
 }

@@ -1,7 +1,6 @@
 // The legend of a scene: a row of what is visible, which unfolds into explanations.
 
 import { h, put, s } from "../../dom";
-import { short } from "../../parts/slider";
 import type { Scene } from "../../scene/types";
 import type { ArrowScale } from "./arrows";
 
@@ -71,7 +70,7 @@ function motionEntries({ simulated, real, compared, worlds, extended }: Visible)
 function markEntries({ forbidden, contacts, impact, scales }: Visible): Entry[] {
   const size = impact ? "Its size is the speed of approach." : "Switch on Impact speed to see how fast.";
   const entries: (Entry | false)[] = [
-    contacts && { label: "contact", about: `A ring where two objects begin to touch; red at that moment. ${size}`, sample: [s("circle", { class: "contact", cx: 13, cy: 8, r: impact ? 7 : 5 })] },
+    contacts && { label: "contact", about: `A ring at a body where it begins to touch something; red at that moment. ${size}`, sample: [s("circle", { class: "contact", cx: 13, cy: 8, r: impact ? 7 : 5 })] },
     forbidden && { label: "forbidden", about: "Positions at which the object cannot be placed: it would overlap something or leave the bounds.", sample: [s("rect", { class: "shade", x: 1, y: 1, width: 24, height: 14 })] },
   ];
   return [...entries.filter((e) => e !== false), ...scales.map(arrowEntry)];
@@ -79,10 +78,11 @@ function markEntries({ forbidden, contacts, impact, scales }: Visible): Entry[] 
 
 function arrowEntry({ kind, value, length, unit }: ArrowScale): Entry {
   const end = length + 1;
+  const figure = `${Number(value.toPrecision(2))} ${unit}`;
   const name = kind === "velocity" ? "velocity" : "force per mass";
   const sample = s("path", { class: `arrow ${kind}`, d: `M1 8H${end}M${end - 8} 4L${end} 8L${end - 8} 12` });
   const about = kind === "velocity" ? "Velocity of each body." : "Net force per mass, which is the acceleration; jumps at contacts are left out.";
-  return { label: `${name}: ${short(value, unit)}`, about: `${about} An arrow as long as this one is ${short(value, unit)}.`, sample: [sample], width: Math.ceil(end + 2) };
+  return { label: `${name}: ${figure}`, about: `${about} An arrow as long as this one is ${figure}.`, sample: [sample], width: Math.ceil(end + 2) };
 }
 
 function swatch({ sample, width = WIDTH }: Entry): SVGElement {

@@ -5,7 +5,7 @@ import { uniqueId, h, put } from "../../dom";
 import { short, slider } from "../../parts/slider";
 import type { Scene } from "../../scene/types";
 import { withHelp } from "./help";
-import { isEmpirical } from "./sceneEffects";
+import { isEmpirical, superscripts } from "./sceneEffects";
 
 export type Latents = { density?: number; friction?: number; restitution?: number };
 export type EffectTerm = { name: string; parameters: Record<string, number> };
@@ -53,7 +53,7 @@ export function effects(library: Schema<"EffectOut">[], onChange: (terms: Effect
   const equation = h("p", { class: "help" });
   const add = h("button", { type: "button" }, "Add");
   const notify = (): void => onChange([...terms.keys()]);
-  const about = (): void => void put(equation, library.find((e) => e.name === select.value)?.equation);
+  const about = (): void => void put(equation, superscripts(library.find((e) => e.name === select.value)?.equation ?? ""));
   select.addEventListener("change", about);
   about();
   add.addEventListener("click", () => {
@@ -63,7 +63,7 @@ export function effects(library: Schema<"EffectOut">[], onChange: (terms: Effect
     const remove = h("button", { type: "button", class: "quiet" }, "Remove");
     const head = h("div", { class: "row between" }, h("strong", {}, effect.name.replaceAll("_", " ")), remove);
     const rows = effect.parameters.map((p, i) => parameter(effect.name, p, i === 0, term, notify));
-    const card = h("fieldset", { class: "effect" }, h("legend", { class: "unseen" }, effect.name), head, h("p", { class: "soft" }, effect.equation), ...rows);
+    const card = h("fieldset", { class: "effect" }, h("legend", { class: "unseen" }, effect.name), head, h("p", { class: "help" }, superscripts(effect.equation)), ...rows);
     remove.addEventListener("click", () => (terms.delete(term), card.remove(), notify()));
     terms.set(term, card);
     list.append(card);
@@ -88,7 +88,7 @@ function parameter(effect: string, p: Schema<"EffectParameterOut">, first: boole
   // A new effect starts with a visible value.
   const start = first ? (high > p.neutral ? 0.6 : 0.4) : 0.5;
   term.parameters[p.name] = of(start);
-  return slider(`${effect.replaceAll("_", " ")} ${p.name}`, start, (share) => short(of(share), p.unit), (share) => {
+  return slider(`${effect.replaceAll("_", " ")} ${p.name}`, start, (share) => short(of(share), p.unit === "1" ? "" : superscripts(p.unit)), (share) => {
     term.parameters[p.name] = of(share);
     notify();
   }).element;

@@ -2,7 +2,6 @@
 
 import type { Schema } from "../../api/client";
 import { h } from "../../dom";
-import { short } from "../../parts/slider";
 import type { Scene } from "../../scene/types";
 
 /** Terms of empirical force fields and formulas, which a diagnosis writes; they are switched together and never added by hand. */
@@ -76,10 +75,15 @@ function title(name: string): string {
   return name.replaceAll("_", " ");
 }
 
-/** "a = -c v, c = 0.8 1/s". */
+/** Powers as superscripts: "m/s^2" is "m/s²". */
+export function superscripts(text: string): string {
+  return text.replace(/\^([23])(?![\d.])/g, (_, digit: string) => (digit === "2" ? "²" : "³"));
+}
+
+/** "a = -c v; c = 0.8 1/s". */
 function detail(name: string, parameters: Record<string, number>, library: Library): string {
   const effect = library.find((e) => e.name === name);
   const units = new Map(effect?.parameters.map((p) => [p.name, p.unit === "1" ? "" : p.unit]));
-  const values = Object.entries(parameters).map(([key, value]) => `${key} = ${short(value, units.get(key) ?? "")}`);
-  return [effect?.equation ?? "", ...values].filter(Boolean).join(", ");
+  const values = Object.entries(parameters).map(([key, value]) => `${key} = ${Number(value.toPrecision(3))} ${units.get(key) ?? ""}`.trim());
+  return superscripts([effect?.equation ?? "", values.join(", ")].filter(Boolean).join("; "));
 }

@@ -77,7 +77,7 @@ export function taskSession(task: Task, library: Schema<"EffectOut">[], first: r
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card", "aria-label": title }, h("h2", {}, title), ...content);
   return {
     stage: stage.element,
-    controls: h("div", { class: "stack" }, part("Action", placement.element), part("Simulated latents", sliders), part("Effects of the scene", switches), part("Simulated effects", added)),
+    controls: h("div", { class: "stack" }, part("Action", placement.element), part("Simulated latents", sliders), part("Effects of the scene", switches), part("Further effects", added)),
     action: placement.action,
     onRan: (film, solved) => {
       stage.real(film, solved);

@@ -5,7 +5,7 @@ import { player } from "../../parts/player";
 import { applyAction } from "../../scene/action";
 import { colours } from "../../scene/colour";
 import { picture, type Picture } from "../../scene/draw";
-import { sceneExtent, withPath } from "../../scene/extent";
+import { bodyThickness, pathCorners, sceneExtent } from "../../scene/extent";
 import { filmLength, posesAt, type Film } from "../../scene/film";
 import type { Box, Point, Pose, Scene } from "../../scene/types";
 import { viewKeys, viewButtons, scaleBar, wheelInput } from "../../scene/viewControls";
@@ -24,9 +24,7 @@ import { contactList, contactRings, dots, trails } from "./trails";
 /** Time for which a contact is highlighted, s. */
 const CONTACT_HIGHLIGHT_S = 0.2;
 /** Range of the aspect ratio of the canvas. */
-const [MIN_ASPECT, MAX_ASPECT] = [0.8, 2.2];
-/** Every how many samples of a film the view includes. */
-const PATH_STRIDE = 5;
+const [MIN_ASPECT, MAX_ASPECT] = [0.8, 2];
 const NOTHING: Outcome = { film: null, solved: null, reached: null };
 
 export interface FilmStage {
@@ -120,16 +118,20 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
     if (reason) drawing.pose("refused", starts(placed));
     drawTime(play.time());
   };
-  const fitToFilm = (film: Film): void => {
+  // Scenes without bounds are fitted to their films; the view follows the first film only, so that it is still while dragging.
+  const fitToFilms = (follow: boolean): void => {
     if (box || scene.action?.bounds) return;
-    view.fitTo(withPath(fitted, pathPoints(film)), fresh);
-    fresh = false;
+    const now = filmExtent(scene, [simulated.film, compared], fitted);
+    if (follow) shape(now);
+    view.fitTo(now, follow);
   };
   set(drawing.svg, { tabindex: 0, role: "application" });
   put(drawing.svg, s("title", {}, label), ...drawing.svg.childNodes);
-  const width = fitted[2] - fitted[0];
-  const aspect = Math.min(MAX_ASPECT, Math.max(MIN_ASPECT, width / (fitted[3] - fitted[1])));
-  for (const svg of [drawing.svg, second.svg]) svg.style.aspectRatio = String(aspect);
+  const shape = ([left, bottom, right, top]: Box): void => {
+    const aspect = Math.min(MAX_ASPECT, Math.max(MIN_ASPECT, (right - left) / (top - bottom)));
+    for (const svg of [drawing.svg, second.svg]) svg.style.aspectRatio = String(aspect);
+  };
+  shape(fitted);
   wheelInput(drawing, view);
   viewKeys(drawing.svg, view);
   if (!controls) pointerInput(drawing, view, null);
@@ -145,7 +147,10 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
     place,
     simulated: (film, solved, effects = false) => {
       [simulated, extended] = [{ film, solved, reached: null }, effects];
-      if (film) fitToFilm(film);
+      if (film) {
+        fitToFilms(fresh);
+        fresh = false;
+      }
       draw();
     },
     reached: (time) => {
@@ -158,8 +163,11 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
       draw();
     },
     compared: (title, film) => {
+      const begins = film !== null && compared === null;
+      if (film === null && compared === null) return;
       compared = film;
-      second.show(film ? title : null);
+      second.show(film ? title : null, film);
+      fitToFilms(begins);
       draw();
     },
     restart: play.restart,
@@ -175,9 +183,15 @@ function actionCorners(scene: Scene): Point[] {
   });
 }
 
-function pathPoints(film: Film): Point[] {
-  const points = Object.values(film.bodies).flatMap((track) => track.x.map((x, k): Point => [x, track.y[k]!]).filter((_, k) => k % PATH_STRIDE === 0));
-  return points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y));
+/** The extent of a scene with the films of its bodies. */
+function filmExtent(scene: Scene, films: readonly (Film | null)[], near: Box): Box {
+  const corners = films.flatMap((film) =>
+    scene.bodies.flatMap((body) => {
+      const track = film?.bodies[body.name];
+      return track ? pathCorners(track.x.map((x, k): Point => [x, track.y[k]!]), bodyThickness(body) / 2, near) : [];
+    }),
+  );
+  return sceneExtent(scene, [...actionCorners(scene), ...corners]);
 }
 
 function starts(scene: Scene): Map<string, Pose> {
