@@ -287,7 +287,7 @@ def test_two_simulations_are_compared(serve: Callable[..., Any], new_page: Calla
     choice.select_option("base")
     expect(second).to_be_visible()
     expect(second).to_contain_text("Without effects")
-    distance = page.locator(".gap", has_text="between the two simulations")
+    distance = page.locator(".gap-simulated")
     expect(distance).to_contain_text("At most")
     other = page.locator(".stage .trail.other").get_attribute("points")
     assert other != page.locator(".stage .trail:not(.other)").get_attribute("points")

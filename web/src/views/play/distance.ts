@@ -14,13 +14,13 @@ export interface DistanceFigure {
   at: (time: number) => void;
 }
 
-/** A figure that plots the distance; `seek` is called with a time picked in it. */
-export function distanceFigure(title: string, scene: Scene, seek: (time: number) => void): DistanceFigure {
+/** A figure that plots the distance, of class `look`; `seek` is called with a time picked in it. */
+export function distanceFigure(title: string, look: string, scene: Scene, seek: (time: number) => void): DistanceFigure {
   const bodyColours = colours(scene);
   const plot = timePlot({ about: `${title}, m over s`, x: "s", y: "m apart" }, seek);
   const largest = h("span", { class: "soft" });
   const legend = scene.bodies.map((b) => h("span", { class: "key" }, swatch(bodyColours.get(b.name)!), b.name));
-  const element = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, title, ...legend, largest), plot.svg);
+  const element = h("figure", { class: look, hidden: true }, h("figcaption", { class: "row" }, title, ...legend, largest), plot.svg);
   return {
     element,
     show: (film, from) => {

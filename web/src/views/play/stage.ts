@@ -67,8 +67,8 @@ export function filmStage(scene: Scene, label: string, context: Context, box?: B
   const [outcomes, key] = [outcomeRow(scene), legend(scene)];
   const overlay = overlaySwitches(() => draw());
   const contacts = h("details", { hidden: true });
-  const toReal = distanceFigure("Distance between simulation and reality", scene, (x) => play.seek(x));
-  const toCompared = distanceFigure("Distance between the two simulations", scene, (x) => play.seek(x));
+  const toReal = distanceFigure("Distance between simulation and reality", "gap", scene, (x) => play.seek(x));
+  const toCompared = distanceFigure("Distance between the two simulations", "gap-simulated", scene, (x) => play.seek(x));
   const drawTime = (time: number): void => {
     const at = (film: Film | null): Map<string, Pose> => (film ? posesAt(film, time) : new Map());
     if (simulated.film) drawing.pose("solid", at(simulated.film));
