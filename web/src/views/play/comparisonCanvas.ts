@@ -2,8 +2,8 @@
 
 import { h, put } from "../../dom";
 import { picture } from "../../scene/draw";
-import type { Film } from "../../scene/film";
-import type { Box, Pose, Scene } from "../../scene/types";
+import { posesAt, type Film } from "../../scene/film";
+import type { Box, Scene } from "../../scene/types";
 import { wheelInput } from "../../scene/viewControls";
 import type { Viewport } from "../../scene/viewport";
 import { pointerInput } from "./pointer";
@@ -18,7 +18,8 @@ export interface ComparisonCanvas {
   show: (title: string | null, film: Film | null) => void;
   frame: (box: Box) => void;
   redraw: (scene: Scene) => void;
-  pose: (poses: ReadonlyMap<string, Pose>) => void;
+  /** Moves the bodies to a time of the film, s. */
+  pose: (time: number) => void;
 }
 
 /** A second canvas with the view of the first. */
@@ -27,7 +28,7 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
   const title = h("span", { class: "canvas-title" });
   const caption = h("span", { class: "canvas-title", hidden: true }, "As set");
   const element = h("div", { class: "canvas second", hidden: true }, drawing.svg, title);
-  let current = scene;
+  let [current, shown]: [Scene, Film | null] = [scene, null];
   wheelInput(drawing, view);
   pointerInput(drawing, view, null);
   return {
@@ -35,6 +36,7 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
     svg: drawing.svg,
     caption,
     show: (text, film) => {
+      shown = film;
       if (element.hidden && text !== null) drawing.redraw(current);
       element.hidden = caption.hidden = text === null;
       put(drawing.over, ...(film ? trails(film, "trail other", () => "currentColor") : []));
@@ -45,6 +47,8 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
       current = now;
       if (!element.hidden) drawing.redraw(now);
     },
-    pose: (poses) => drawing.pose("solid", poses),
+    pose: (time) => {
+      if (shown) drawing.pose("solid", posesAt(shown, time));
+    },
   };
 }
