@@ -45,7 +45,7 @@ export function sceneView(scene: Scene, label: string, box: Box | undefined, pla
   wheelInput(drawing, view);
   viewKeys(drawing.svg, view);
   if (!placeable) pointerInput(drawing, view, null);
-  const tools = h("div", { class: "canvas-tools" }, viewButtons(view), keysHelp(placeable));
+  const tools = h("div", { class: "canvas-tools" }, viewButtons(view), keysHelp(placeable && Boolean(scene.action?.components.length)));
   return {
     element: h("div", { class: "canvases" }, h("div", { class: "stage canvas" }, drawing.svg, tools, bar.element, second.caption), second.element),
     picture: drawing,
