@@ -17,7 +17,7 @@ export function trails(film: Film, look: string, colour: (name: string) => strin
 
 /** Measured positions. */
 export function dots(film: Film, pixel: number): SVGElement[] {
-  return Object.values(film.bodies).flatMap((track) => film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: DOT_PX * pixel })));
+  return Object.values(film.bodies).flatMap((track) => film.t.map((_, k) => s("circle", { class: "dot", cx: track.x[k]!, cy: track.y[k]!, r: DOT_PX * pixel })));
 }
 
 /** A ring where each contact begins; with `scaled`, as large as the speed of approach. */
