@@ -30,9 +30,7 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
   const count = h("strong", { class: "count" });
   const budgetText = h("span", { class: "soft" });
   const button = h("button", { type: "button", class: "main" }, "Run in the real world");
-  const example = h("button", { type: "button" }, `Open ${EXAMPLE}`);
-  example.addEventListener("click", () => open(EXAMPLE));
-  const none = h("div", { class: "row" }, h("span", { class: "soft" }, "There is no real world for this scene, so only the simulation runs. A task has one:"), example);
+  const none = emptyState(open);
   const some = h("div", { class: "row" }, h("label", { for: id }, "Real world"), choice, button);
   const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", budgetText);
   const selectedWorld = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
@@ -99,4 +97,11 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
       show();
     },
   };
+}
+
+/** What is shown where there is no real world, with a task that has one. */
+function emptyState(open: (task: string) => void): HTMLElement {
+  const example = h("button", { type: "button" }, `Open ${EXAMPLE}`);
+  example.addEventListener("click", () => open(EXAMPLE));
+  return h("div", { class: "row" }, h("span", { class: "soft" }, "There is no real world for this scene, so only the simulation runs. A task has one:"), example);
 }
