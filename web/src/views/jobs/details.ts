@@ -3,7 +3,7 @@
 import { type Child, h, put } from "../../dom";
 import { flatten } from "./flatten";
 import { type Job, kindOf, viewOf } from "./job";
-import { moment, runtimeOf } from "./times";
+import { date, runtimeOf } from "./times";
 
 /** Maximum number of rows of a request; the JSON has all. */
 const MAX_ROWS = 60;
@@ -34,7 +34,7 @@ export function details(): Details {
 }
 
 function facts(job: Job): [string, Child][] {
-  const time = (at: number | null | undefined): Child => (at == null ? null : moment(at));
+  const time = (at: number | null | undefined): Child => (at == null ? null : date(at));
   const all: [string, Child][] = [
     ["job", job.id],
     ["kind", viewOf(job) ? h("a", { href: viewOf(job) }, kindOf(job)) : kindOf(job)],

@@ -9,6 +9,8 @@ import type { Job } from "./job";
 
 /** Maximum number of scalars of a result. */
 const MAX_FACTS = 16;
+/** Fields of results that repeat the request or the job. */
+const REPEATED = ["config", "seed", "version", "strategy", "format"];
 
 /** The section of a succeeded job. */
 export function resultSection(job: Job, context: Context): HTMLElement {
@@ -33,6 +35,8 @@ function scalars(job: Job): HTMLElement {
 /** Names and texts of the scalars of a result; estimates with their interval. */
 export function resultScalars(job: Job): [string, string][] {
   return Object.entries((job.result ?? {}) as Record<string, unknown>).flatMap(([name, value]): [string, string][] => {
+    // What was requested is among the settings.
+    if (REPEATED.includes(name) || name in job.config) return [];
     const label = name.replaceAll("_", " ");
     const estimates = Array.isArray(value) ? value.map(estimateText).filter((e) => e !== null) : [];
     if (estimates.length) return estimates;

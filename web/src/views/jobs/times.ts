@@ -23,6 +23,11 @@ export function moment(at: number, now = Date.now() / 1e3): HTMLElement {
   return h("time", { datetime: new Date(at * 1e3).toISOString(), title: `${day(at)} ${clock(at)}` }, text);
 }
 
+/** Date and time of a moment, Unix time in s. */
+export function date(at: number): HTMLElement {
+  return h("time", { datetime: new Date(at * 1e3).toISOString() }, `${day(at)} ${clock(at)}`);
+}
+
 /** When a job started, or that it waits. */
 export function startOf(job: Job): HTMLElement | string {
   if (job.started != null) return moment(job.started);
