@@ -39,6 +39,6 @@ export async function playExample(world: World, signal: AbortSignal): Promise<vo
 /** A solving action of the first task of a world; `null` if none is known, as for scenes of one's own. */
 async function solutionOf(world: World, signal: AbortSignal): Promise<{ task: string; action: number[] } | null> {
   const [family = "", number = "0"] = world.task.split(":");
-  const { data } = await api.GET("/v1/tasks/{family}/{number}", { params: { path: { family, number: Number(number) } }, signal });
+  const { data } = await api.GET("/v1/tasks/{family}/{number}", { params: { path: { family, number } }, signal });
   return data?.certificate ? { task: data.id, action: data.certificate.action } : null;
 }
