@@ -8,6 +8,8 @@ const TASK = "bowling:000";
 const EPISODES = 24;
 /** Time between two episodes, so that they can be watched, ms. */
 const PAUSE_MS = 600;
+/** Tries of an episode to place an action. */
+const MAX_TRIES = 10;
 /** Greatest distance from the solution in the first episode, in units of the action's range. */
 const FIRST_SPREAD = 0.3;
 
@@ -29,9 +31,13 @@ export async function playExample(world: World, signal: AbortSignal): Promise<vo
   const centre = solution?.action ?? Array.from({ length: world.action_space.dimension }, () => 0.5);
   for (let i = 0; i < EPISODES && !signal.aborted; i++) {
     const spread = solution ? FIRST_SPREAD * (1 - i / EPISODES) ** 2 : 0.5;
-    const action = centre.map((v) => Math.min(1, Math.max(0, v + spread * (2 * Math.random() - 1))));
     await ok(api.POST("/v1/worlds/{id}/reset", { params: { path }, body: solution ? { task: solution.task } : {}, signal }));
-    await ok(api.POST("/v1/worlds/{id}/step", { params: { path }, body: { action }, signal }));
+    // An action that cannot be placed does not end the episode.
+    for (let tries = 0; tries < MAX_TRIES; tries++) {
+      const action = centre.map((v) => Math.min(1, Math.max(0, v + spread * (2 * Math.random() - 1))));
+      const step = await ok(api.POST("/v1/worlds/{id}/step", { params: { path }, body: { action }, signal }));
+      if (step.info.valid) break;
+    }
     await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
   }
 }

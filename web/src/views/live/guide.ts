@@ -19,7 +19,7 @@ export function guide(target: GuideTarget | null, button: HTMLElement | null): H
     "div",
     { class: "guide stack" },
     h("p", {}, intro),
-    h("div", { class: "snippets" }, snippet("Python", target ? pythonOf(target) : GYMNASIUM()), snippet("curl", curlOf(target))),
+    h("div", { class: "snippets" }, snippet("Python", target ? pythonOf(target) : gymnasium()), snippet("curl", curlOf(target))),
     button ? h("div", { class: "row" }, button, h("span", { class: "soft" }, target ? "24 episodes, with actions that approach a solution" : "a simulated world, and 24 episodes with actions that approach a solution")) : null,
   );
 }
@@ -35,7 +35,8 @@ function snippet(name: string, text: string): HTMLElement {
   return h("figure", { class: "snippet" }, h("figcaption", { class: "row between" }, h("strong", {}, name), copy), h("pre", { tabindex: 0, role: "region", "aria-label": `${name} example` }, h("code", {}, text)));
 }
 
-const GYMNASIUM = (): string => `import gymnasium
+function gymnasium(): string {
+  return `import gymnasium
 import iplw  # registers the environments
 
 env = gymnasium.make("iplw/Bowling-v0", world="sim",
@@ -43,6 +44,7 @@ env = gymnasium.make("iplw/Bowling-v0", world="sim",
 for episode in range(50):
     env.reset()
     env.step(env.action_space.sample())`;
+}
 
 function pythonOf({ id, dimension }: GuideTarget): string {
   return `import iplw
