@@ -81,7 +81,7 @@ def test_ten_thousand_jobs_are_paginated(serve: Callable[..., Any], new_page: Ca
     expect(page.locator("tbody tr")).to_have_count(100)
     page.get_by_role("button", name="Newer").click()
     page.wait_for_function(f"() => document.querySelector('tbody tr')?.dataset.job === '{newest}'")
-    page.get_by_label("Show").select_option("failed")
+    page.get_by_label("State", exact=True).select_option("failed")
     expect(page.get_by_text("No job is failed.")).to_be_visible()
 
 

@@ -25,7 +25,7 @@ export function filters(context: Context): Filters {
   const orders = COLUMNS.map((by) => [orderKey({ by, descending: startsDescending(by) }), COLUMN_NAMES[by].toLowerCase()] as const);
   const order = select(orders, orderKey(orderOf(context)));
   const field = (label: string, input: HTMLElement, look = ""): HTMLElement => h("div", { class: `filter ${look}` }, h("label", { for: input.id }, label), input);
-  const elements = [field("Search", text, "wide-filter"), field("Show", state), field("Kind", kind), field("Sort by", order, "narrow-only")];
+  const elements = [field("Search", text, "wide-filter"), field("State", state), field("Kind", kind), field("Sort by", order, "narrow-only")];
   return { elements, text, state, kind, order };
 }
 
