@@ -1,0 +1,104 @@
+// The source of the worlds in which actions are simulated: the prior, a posterior, an estimation, a scene's effects, or a file.
+// The address of the job repeats it, so that its view can simulate in the same worlds.
+
+import { FileError } from "../../api/problem";
+import { h, put } from "../../dom";
+import { choiceField, type RequestField } from "../../parts/requestField";
+import { type Job, jobById, newestJobs } from "./kind";
+import { estimatePhysics, type ParameterSamples, type Physics, physicsOf, priorPhysics, samplesOf } from "./physics";
+
+/** The part of a request that describes the worlds. */
+export interface WorldsIn {
+  posterior?: Record<string, never>;
+  latents?: Physics["latents"];
+  effects?: Physics["effects"];
+}
+
+export interface SampleSource {
+  element: HTMLElement;
+  field: RequestField<HTMLSelectElement>;
+  request: () => Promise<WorldsIn>;
+  /** For the address of the job. */
+  query: () => Record<string, string>;
+}
+
+const [PRIOR, FILE, SCENE] = ["prior", "file", "scene"];
+
+/** The field; `singleWorlds`: the effects of another view's scene (or none) where a single world is possible, else `null`. */
+export async function sampleSource(query: URLSearchParams, singleWorlds: Physics["effects"] | null, signal: AbortSignal): Promise<SampleSource> {
+  const [posteriors, estimations] = await Promise.all([newestJobs("posterior", signal, "succeeded"), singleWorlds ? newestJobs("iplw", signal, "succeeded") : []]);
+  const effects = singleWorlds ?? [];
+  const options: [string, string][] = [
+    [PRIOR, "the family's prior: nothing measured yet"],
+    ...(effects.length ? [[SCENE, `the scene's effects: ${effects.map((e) => e.name.replaceAll("_", " ")).join(", ")}`] as [string, string]] : []),
+    ...posteriors.map((job): [string, string] => [job.id, `${job.id}, posterior of ${sourceText(job)}`]),
+    ...estimations.map((job): [string, string] => [job.id, `${job.id}, estimate of ${sourceText(job)} (one world)`]),
+    [FILE, "a posterior in a file (iplw.posterior/2)…"],
+  ];
+  const first = query.get("posterior") ?? query.get("estimation") ?? (effects.length ? SCENE : PRIOR);
+  const help = singleWorlds ? "The worlds to simulate in. A posterior holds what your trials allow; an estimate is a single world." : "The worlds that are still possible. A posterior holds what your trials allow; the prior is what is known before any trial.";
+  const field = choiceField("Parameter samples", "posterior", options, first, { help });
+  const file = fileInput();
+  const show = (): void => void (file.element.hidden = field.input.value !== FILE);
+  field.input.addEventListener("change", show);
+  show();
+  const isPosterior = (id: string): boolean => posteriors.some((job) => job.id === id);
+  const request = async (): Promise<WorldsIn> => {
+    const id = field.input.value;
+    if (id === PRIOR) return {};
+    if (id === SCENE) return { effects };
+    if (id === FILE) return { posterior: (await file.samples()) as never };
+    return isPosterior(id) ? { posterior: samplesOf((await jobById(id, signal)).result) as never } : estimatePhysics(id, signal);
+  };
+  const address = (): Record<string, string> => {
+    const id = field.input.value;
+    if (id === PRIOR || id === FILE) return {};
+    return id === SCENE ? { effects: JSON.stringify(effects) } : { [isPosterior(id) ? "posterior" : "estimation"]: id };
+  };
+  return { element: h("div", { class: "stack" }, field.element, file.element), field, request, query: address };
+}
+
+/** The worlds of a job's address: a typical one and, of a posterior, its samples. */
+export interface Worlds {
+  physics: Physics;
+  /** "the mean of the samples of job-8". */
+  name: string;
+  samples: ParameterSamples | null;
+}
+
+/** Reads the worlds from the address of a job; without any, the prior means of the family. `source`: that of the result. */
+export async function worldsOf(query: URLSearchParams, family: string, source: string, signal: AbortSignal): Promise<Worlds> {
+  const [posterior, estimation, effects] = ["posterior", "estimation", "effects"].map((name) => query.get(name));
+  if (posterior) {
+    const samples = samplesOf((await jobById(posterior, signal)).result);
+    return { physics: physicsOf(samples, null), name: `the mean of the samples of ${posterior}`, samples };
+  }
+  if (estimation) return { physics: await estimatePhysics(estimation, signal), name: `the estimate of ${estimation}`, samples: null };
+  const prior = await priorPhysics(family, signal);
+  if (effects) return { physics: { ...prior, effects: JSON.parse(effects) as Physics["effects"] }, name: "the prior means, with the scene's effects", samples: null };
+  const name = source === "prior" ? "the prior means" : `the prior means, because the address does not name the ${source === "point" ? "world" : "posterior"} of this job`;
+  return { physics: prior, name, samples: null };
+}
+
+function sourceText(job: Job): string {
+  const { scene, task, trials } = job.config as { scene?: string; task?: string; trials?: number };
+  return [job.name || (scene ?? task ?? "a scene"), trials === undefined ? "" : `${trials} trials`].filter(Boolean).join(", ");
+}
+
+function fileInput(): { element: HTMLElement; samples: () => Promise<ParameterSamples> } {
+  const input = h("input", { type: "file", accept: ".json,application/json", "aria-label": "Posterior file" });
+  const error = h("span", { class: "field-error", role: "alert" });
+  input.addEventListener("change", () => put(error));
+  const samples = async (): Promise<ParameterSamples> => {
+    const file = input.files?.[0];
+    if (!file) {
+      put(error, "Choose a file.");
+      input.focus();
+      throw new FileError("Posterior file", "none is chosen");
+    }
+    const document: unknown = JSON.parse(await file.text().catch(() => "null"));
+    if ((document as { format?: string } | null)?.format !== "iplw.posterior/2") throw new FileError(file.name, "it is not an iplw.posterior/2 document");
+    return samplesOf(document);
+  };
+  return { element: h("div", { class: "request-field" }, input, error), samples };
+}
