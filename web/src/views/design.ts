@@ -8,12 +8,13 @@ import { type Context, link, type View } from "../view";
 import { effectSets } from "./analysis/effectSets";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
-import { sampleSource, worldsOf } from "./analysis/sampleSource";
+import { sampleSource } from "./analysis/sampleSource";
 import { startPage } from "./analysis/startPage";
 import { taskField } from "./analysis/taskField";
 import { tryPanel } from "./analysis/tryPanel";
+import { worldsOf } from "./analysis/worlds";
 import { experimentCards } from "./design/cards";
-import { type Design, headline } from "./design/result";
+import { type Design, headline, nats } from "./design/result";
 import "./analysis.css";
 
 const KIND: AnalysisKind = { view: "design", kind: "design", title: "Design", subject: "The design" };
@@ -84,7 +85,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   }, context);
   const { question, batch, candidates, seed, noise } = design.config;
   const source = Object.fromEntries(query);
-  const information = `${design.together.information.toFixed(2)} ± ${design.together.standard_error.toFixed(2)} nats`;
+  const information = `${design.together.information.toFixed(1)} ± ${nats(design.together.standard_error)}`;
   return {
     headline: headline(design),
     notes: [

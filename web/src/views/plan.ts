@@ -9,10 +9,11 @@ import { type Context, link, type View } from "../view";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { type Physics, physicsText } from "./analysis/physics";
-import { sampleSource, worldsOf } from "./analysis/sampleSource";
+import { sampleSource } from "./analysis/sampleSource";
 import { startPage } from "./analysis/startPage";
 import { taskField } from "./analysis/taskField";
 import { tryPanel } from "./analysis/tryPanel";
+import { worldsOf } from "./analysis/worlds";
 import { headline, isUncertain, methodText, type Plan } from "./plan/result";
 import { topActions } from "./plan/topActions";
 import { loadTask } from "./play/taskPicker";
@@ -89,8 +90,11 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const family = plan.task.split(":")[0]!;
   const [worlds, { scene }] = await Promise.all([worldsOf(query, family, plan.posterior.source, signal), loadTask(plan.task, signal)]);
   const panel = tryPanel(worlds, context);
-  const list = topActions(plan, scene, (action, name) => panel.show(plan.task, action, name));
-  // The first action is displayed at once.
+  const list = topActions(plan, scene, (action, name) => {
+    panel.show(plan.task, action, name);
+    panel.element.scrollIntoView({ block: "nearest" });
+  });
+  // The first action is displayed at once; the panel is not yet in the page, so nothing scrolls.
   list.querySelector("button")?.click();
   const source = Object.fromEntries(query);
   const { actions, draws, seed, exact, perturb } = plan.config;

@@ -4,7 +4,7 @@ import { api, ok } from "../api/client";
 import { h } from "../dom";
 import { choiceField, numberField, numberOf, type RequestField } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
-import { enumeration } from "./analysis/actionText";
+import { capital, enumeration } from "./analysis/actionText";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { startPage } from "./analysis/startPage";
@@ -64,7 +64,7 @@ async function result(job: Job): Promise<ResultPage> {
   const factors = sensitivities.map((s) => s.factor);
   return {
     headline: headline(task, sensitivities),
-    notes: [h("p", { class: "soft" }, `${enumeration(factors)} varied over their ranges, ${pointsText(config.points, factors.length)} Stored as ${surface}.`)],
+    notes: [h("p", { class: "soft" }, `${capital(enumeration(factors))} were varied over their ranges, at ${pointsText(config.points, factors.length)} Stored as ${surface}.`)],
     steps: [h("a", { class: "button main", href: link("calibrate", [], { task, strategy: "informative", surface }) }, "Use it for an estimation")],
     parts: [sensitivityBars(sensitivities)],
     request: { task, factors: factors.join(","), points: String(config.points), seed: String(config.seed), ...(actions === undefined ? {} : { actions: String(actions) }), route: config.route },

@@ -8,6 +8,8 @@ import { jobById } from "./kind";
 export interface Physics {
   latents: Record<string, number>;
   effects: { name: string; parameters: Record<string, number> }[];
+  /** A force field without a name, as effects. */
+  field?: Physics["effects"];
 }
 
 /** What plans and designs read of a posterior. */
@@ -15,7 +17,15 @@ export interface ParameterSamples {
   format: string;
   columns: Record<string, (number | null)[]>;
   effects: Physics["effects"];
-  discrepancy: unknown[];
+  discrepancy: ForceField[];
+}
+
+/** A sampled force field without a name: effects without their first two parameters, the amplitudes, which each sample has. */
+interface ForceField {
+  effects: Physics["effects"];
+  /** Samples that have it, and the amplitudes of each, two for an effect. */
+  draws: number[];
+  amplitudes: number[][];
 }
 
 const LATENTS = ["density", "friction", "restitution"];
@@ -30,15 +40,28 @@ export function sampleCount(samples: ParameterSamples): number {
   return Object.values(samples.columns)[0]?.length ?? 0;
 }
 
-/** The world of one sample; without an index, the world of the means. */
-export function physicsOf(samples: ParameterSamples, index: number | null): Physics {
+/** The world of one sample; without an index, the world of the means, which has no force field. */
+export function physicsOf(samples: ParameterSamples, index: number | null, library: readonly Schema<"EffectOut">[]): Physics {
   const value = (column: (number | null)[]): number | null => {
     if (index !== null) return column[index] ?? null;
     const values = column.filter((v) => v !== null);
     // An effect that most samples lack is not part of the typical world.
     return values.length * 2 > column.length ? values.reduce((a, b) => a + b, 0) / values.length : null;
   };
-  return physicsFrom(Object.entries(samples.columns).map(([name, column]) => [name, value(column)]), samples.effects);
+  const physics = physicsFrom(Object.entries(samples.columns).map(([name, column]) => [name, value(column)]), samples.effects);
+  return index === null ? physics : { ...physics, field: forceField(samples.discrepancy, index, library) };
+}
+
+/** The force field of a sample as effects. */
+function forceField(fields: readonly ForceField[], index: number, library: readonly Schema<"EffectOut">[]): Physics["effects"] {
+  return fields.flatMap((field) => {
+    const amplitudes = field.amplitudes[field.draws.indexOf(index)];
+    if (!amplitudes) return [];
+    return field.effects.map(({ name, parameters }, k) => {
+      const [first, second] = library.find((e) => e.name === name)?.parameters ?? [];
+      return { name, parameters: { ...(first ? { [first.name]: amplitudes[2 * k] ?? 0 } : {}), ...(second ? { [second.name]: amplitudes[2 * k + 1] ?? 0 } : {}), ...parameters } };
+    });
+  });
 }
 
 /** Values by name: of a latent, or of an effect's parameter (`linear_drag.c`). */
@@ -77,12 +100,13 @@ const SAMPLE_INTERVAL_S = 1 / 60;
 /** Simulates an action of a task. */
 export function simulateAction(task: string, scene: Scene, action: readonly number[], physics: Physics, signal: AbortSignal): Promise<Schema<"SimulationOut">> {
   const observe_every = Math.max(1, Math.round(SAMPLE_INTERVAL_S / (scene.time_step ?? 1 / 240)));
-  const body = { task, action: [...action], latents: physics.latents, effects: physics.effects, observe_every, stop: false };
+  const body = { task, action: [...action], latents: physics.latents, effects: [...physics.effects, ...(physics.field ?? [])], observe_every, stop: false };
   return ok(api.POST("/v1/simulate", { body, signal }));
 }
 
 /** The physics in words. */
-export function physicsText({ latents, effects }: Physics): string {
+export function physicsText({ latents, effects, field }: Physics): string {
   const terms = effects.map((e) => `${e.name.replaceAll("_", " ")} (${Object.entries(e.parameters).map(([name, v]) => `${name} ${short(v)}`).join(", ")})`);
-  return [...Object.entries(latents).map(([name, v]) => `${name} ${short(v)}`), ...terms].join(", ") || "the scene's own values";
+  const unnamed = field?.length ? ["an unnamed force field"] : [];
+  return [...Object.entries(latents).map(([name, v]) => `${name} ${short(v)}`), ...terms, ...unnamed].join(", ") || "the scene's own values";
 }

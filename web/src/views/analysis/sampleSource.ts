@@ -5,7 +5,7 @@ import { FileError } from "../../api/problem";
 import { h, put } from "../../dom";
 import { choiceField, type RequestField } from "../../parts/requestField";
 import { type Job, jobById, newestJobs } from "./kind";
-import { estimatePhysics, type ParameterSamples, type Physics, physicsOf, priorPhysics, samplesOf } from "./physics";
+import { estimatePhysics, type ParameterSamples, type Physics, samplesOf } from "./physics";
 
 /** The part of a request that describes the worlds. */
 export interface WorldsIn {
@@ -56,28 +56,6 @@ export async function sampleSource(query: URLSearchParams, singleWorlds: Physics
     return id === SCENE ? { effects: JSON.stringify(effects) } : { [isPosterior(id) ? "posterior" : "estimation"]: id };
   };
   return { element: h("div", { class: "stack" }, field.element, file.element), field, request, query: address };
-}
-
-/** The worlds of a job's address: a typical one and, of a posterior, its samples. */
-export interface Worlds {
-  physics: Physics;
-  /** "the mean of the samples of job-8". */
-  name: string;
-  samples: ParameterSamples | null;
-}
-
-/** Reads the worlds from the address of a job; without any, the prior means of the family. `source`: that of the result. */
-export async function worldsOf(query: URLSearchParams, family: string, source: string, signal: AbortSignal): Promise<Worlds> {
-  const [posterior, estimation, effects] = ["posterior", "estimation", "effects"].map((name) => query.get(name));
-  if (posterior) {
-    const samples = samplesOf((await jobById(posterior, signal)).result);
-    return { physics: physicsOf(samples, null), name: `the mean of the samples of ${posterior}`, samples };
-  }
-  if (estimation) return { physics: await estimatePhysics(estimation, signal), name: `the estimate of ${estimation}`, samples: null };
-  const prior = await priorPhysics(family, signal);
-  if (effects) return { physics: { ...prior, effects: JSON.parse(effects) as Physics["effects"] }, name: "the prior means, with the scene's effects", samples: null };
-  const name = source === "prior" ? "the prior means" : `the prior means, because the address does not name the ${source === "point" ? "world" : "posterior"} of this job`;
-  return { physics: prior, name, samples: null };
 }
 
 function sourceText(job: Job): string {

@@ -41,7 +41,7 @@ export async function startPage(place: HTMLElement, page: StartPage, context: Co
 function startForm(page: StartPage, context: Context): HTMLElement {
   const button = h("button", { type: "submit", class: "main" }, page.submit);
   const more = h("details", { class: "more" }, h("summary", {}, "More"), h("div", { class: "request-fields" }, ...page.more));
-  const form = h("form", { class: "card stack", novalidate: true, "aria-label": page.submit }, h("h2", {}, page.submit), h("div", { class: "request-fields" }, ...page.main), more, h("div", { class: "row" }, button));
+  const form = h("form", { class: "card stack", novalidate: true, "aria-label": page.submit }, h("h2", {}, `New ${page.kind.title.toLowerCase()}`), h("div", { class: "request-fields" }, ...page.main), more, h("div", { class: "row" }, button));
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     context.fail(null);

@@ -6,8 +6,8 @@ import { type Context, link } from "../../view";
 import { realWorld } from "../play/realWorld";
 import { filmStage } from "../play/stage";
 import { loadTask } from "../play/taskPicker";
-import { type Physics, physicsOf, physicsText, sampleCount, simulateAction } from "./physics";
-import type { Worlds } from "./sampleSource";
+import { physicsText, simulateAction } from "./physics";
+import type { World, Worlds } from "./worlds";
 
 export interface TryPanel {
   element: HTMLElement;
@@ -24,8 +24,7 @@ interface Attempt {
   task: string;
   action: readonly number[];
   name: string;
-  physics: Physics;
-  world: string;
+  world: World;
 }
 
 /** A panel without an action; `worlds` are those of the analysis. */
@@ -42,27 +41,26 @@ export function tryPanel(worlds: Worlds, context: Context): TryPanel {
   });
   /** The same action in another sample. */
   const next = (attempt: Attempt): (() => void) | null => {
-    const { samples } = worlds;
-    if (!samples) return null;
+    const { sample, count } = worlds;
+    if (!sample) return null;
     return () => {
       // A stride through the samples, which are ordered by run.
-      number += Math.max(1, Math.round(sampleCount(samples) * 0.382));
-      const index = number % sampleCount(samples);
-      run({ ...attempt, physics: physicsOf(samples, index), world: `sample ${index + 1} of ${sampleCount(samples)}` });
+      number = (number + Math.max(1, Math.round(count * 0.382))) % count;
+      run({ ...attempt, world: sample(number) });
     };
   };
   const show = (task: string, action: readonly number[], name: string): void => {
     put(heading, `${name} in ${task}`);
-    run({ task, action, name, physics: worlds.physics, world: worlds.name });
+    run({ task, action, name, world: worlds });
   };
   return { element, show };
 }
 
 /** The film of an attempt, with a button for the real world. */
 async function film(place: HTMLElement, attempt: Attempt, another: (() => void) | null, context: Context): Promise<void> {
-  const { task, action, physics } = attempt;
+  const { task, action, world } = attempt;
   const loaded = await loadTask(task, context.signal);
-  const answer = await simulateAction(task, loaded.scene, action, physics, context.signal);
+  const answer = await simulateAction(task, loaded.scene, action, world.physics, context.signal);
   const stage = filmStage(loaded.scene, `${attempt.name} in ${task}`, context, loaded.box);
   // Nothing is placed here, unlike in Play.
   set(stage.picture.svg, { tabindex: null, role: "img" });
@@ -71,11 +69,11 @@ async function film(place: HTMLElement, attempt: Attempt, another: (() => void) 
   if (answer.valid) stage.simulated({ t: answer.t, bodies: answer.bodies, contacts: answer.contacts }, answer.solved ?? null);
   const again = another ? h("button", { type: "button" }, "Another sample") : null;
   again?.addEventListener("click", () => another?.());
-  const world = h("p", { class: "soft", "data-world": attempt.world }, `Simulated with ${attempt.world}: ${physicsText(physics)}.`);
+  const physics = h("p", { class: "soft simulated-world" }, `Simulated with ${world.name}: ${physicsText(world.physics)}.`);
   const play = h("a", { href: playLink(task, action) }, "Open in Play");
   const cost = h("p", { class: "soft" }, "The simulation is free. Each run in a real world costs one interaction.");
   const reason = answer.valid ? null : h("p", { class: "field-error" }, `This action cannot be placed: ${answer.reason ?? "no reason stated"}.`);
-  put(place, stage.element, reason, world, h("div", { class: "row" }, again, play), cost, real.element);
+  put(place, stage.element, reason, physics, h("div", { class: "row" }, again, play), cost, real.element);
   stage.restart();
   context.say(`${attempt.name}: ${answer.solved ? "solves the task" : "does not solve the task"} in simulation.`);
   await real.about(loaded);

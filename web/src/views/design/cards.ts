@@ -8,7 +8,7 @@ import type { Context } from "../../view";
 import { actionText, capital, enumeration, percent } from "../analysis/actionText";
 import { playLink } from "../analysis/tryPanel";
 import { loadTask } from "../play/taskPicker";
-import { type Experiment, narrowingTexts, parameterName, unchangedText } from "./result";
+import { type Experiment, narrowingTexts, nats, parameterName, unchangedText } from "./result";
 
 /** Cards of experiments in their order; `onTry` gets the experiment of a button. */
 export async function experimentCards(experiments: readonly Experiment[], onTry: (experiment: Experiment, name: string) => void, context: Context): Promise<HTMLElement> {
@@ -22,10 +22,10 @@ async function card(experiment: Experiment, index: number, onTry: (experiment: E
   const drawing = picture(applyAction(scene, experiment.action), `${name} in ${experiment.task}, before the start`);
   const button = h("button", { type: "button", "aria-label": `Try ${name.toLowerCase()}` }, "Try");
   button.addEventListener("click", () => onTry(experiment, name));
-  const play = h("a", { href: playLink(experiment.task, experiment.action), "aria-label": `Try ${name.toLowerCase()} in Play` }, "Try in Play");
+  const play = h("a", { href: playLink(experiment.task, experiment.action), "aria-label": `Try in Play: ${name.toLowerCase()}` }, "Try in Play");
   const effect = narrowingTexts(experiment);
   const why = effect.length ? `${capital(enumeration(effect))}.` : "No single parameter becomes much more precise; combinations of them do.";
-  const nats = h("p", {}, h("strong", {}, `${short(experiment.information)} ± ${short(experiment.standard_error)} nats`), " of information", index > 0 && experiment.adds !== null ? `, of which ${short(Math.max(0, experiment.adds))} beyond the experiments before it.` : ".");
+  const information = h("p", {}, h("strong", {}, `${experiment.information.toFixed(1)} ± ${nats(experiment.standard_error)}`), " of information", index > 0 && experiment.adds !== null ? `, of which ${nats(experiment.adds)} beyond the experiments before it.` : ".");
   const right = experiment.right ? h("p", {}, `Chance of the right answer: ${percent(experiment.right[0])} now, ${percent(experiment.right[1])} afterwards.`) : null;
   return h(
     "section",
@@ -33,7 +33,7 @@ async function card(experiment: Experiment, index: number, onTry: (experiment: E
     h("h3", {}, name, h("span", { class: "soft" }, ` ${experiment.task}`)),
     drawing.svg,
     h("p", {}, why, " ", unchangedText(experiment)),
-    nats,
+    information,
     right,
     h("p", { class: "soft" }, actionText(scene, experiment.action)),
     h("p", { class: "soft" }, ...motionText(experiment)),
@@ -43,7 +43,7 @@ async function card(experiment: Experiment, index: number, onTry: (experiment: E
 }
 
 function motionText({ collisions, rolling_s }: Experiment): Child[] {
-  return [`On average ${short(collisions)} ${collisions === 1 ? "collision" : "collisions"} between bodies and ${short(rolling_s, "s")} on surfaces, summed over the bodies.`];
+  return [`On average ${Number(collisions.toFixed(1))} ${collisions === 1 ? "collision" : "collisions"} between bodies, and ${rolling_s.toFixed(0)} s on surfaces, summed over the bodies.`];
 }
 
 /** Uncertainty of each parameter before and after. */

@@ -1,7 +1,6 @@
 // The displayed part of `iplw.design/1` (docs/reference/formats.md), in words.
 
 import { enumeration, percent } from "../analysis/actionText";
-import { short } from "../../parts/slider";
 
 export interface ExpectedSd {
   name: string;
@@ -74,9 +73,14 @@ export function headline(design: Design): string {
   const count = design.experiments.length;
   const subject = count === 1 ? "The best next experiment" : `The best ${count} experiments together`;
   if (right) return `${subject} ${count === 1 ? "is" : "are"} expected to raise the chance of the right answer from ${percent(right[0])} to ${percent(right[1])}.`;
-  const best = count === 1 ? narrowingTexts(first).slice(0, 2) : [];
-  if (best.length) return `${subject} ${enumeration(best)}.`;
-  return `${subject} ${count === 1 ? "is" : "are"} expected to give ${short(design.together.information)} nats of information.`;
+  const best = enumeration(narrowingTexts(first).slice(0, 2));
+  if (best) return count === 1 ? `${subject} ${best}.` : `The first of ${count} experiments ${best}.`;
+  return `${subject} ${count === 1 ? "is" : "are"} expected to give ${nats(design.together.information)} of information.`;
+}
+
+/** An amount of information. */
+export function nats(information: number): string {
+  return `${Math.max(0, information).toFixed(1)} nats`;
 }
 
 /** How far parameters stay unknown after an experiment, if at all. */

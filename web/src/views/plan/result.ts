@@ -27,10 +27,10 @@ export function successProbability(action: RankedAction): number {
   return action.probability ?? action.share;
 }
 
-/** "94 % ± 6 %", with the standard error. */
+/** "94 ± 6 %", with the standard error. */
 export function probabilityText(action: RankedAction): string {
-  const error = action.standard_error === null ? "" : ` ± ${percent(action.standard_error)}`;
-  return `${percent(successProbability(action))}${error}`;
+  if (action.standard_error === null) return percent(successProbability(action));
+  return `${Math.round(100 * successProbability(action))} ± ${percent(action.standard_error)}`;
 }
 
 const SOURCES: Record<string, string> = { prior: "the prior", posterior: "the posterior", point: "the chosen world" };

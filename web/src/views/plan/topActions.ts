@@ -2,7 +2,7 @@
 
 import { h, set } from "../../dom";
 import type { Scene } from "../../scene/types";
-import { actionText, percent } from "../analysis/actionText";
+import { actionText } from "../analysis/actionText";
 import { playLink } from "../analysis/tryPanel";
 import { type Plan, probabilityText, type RankedAction, successProbability } from "./result";
 
@@ -28,6 +28,6 @@ export function topActions(plan: Plan, scene: Scene, onTry: (action: readonly nu
 
 function bar(action: RankedAction): HTMLElement {
   const fill = h("span", { class: "fill" });
-  fill.style.width = percent(successProbability(action));
+  fill.style.width = `${100 * successProbability(action)}%`;
   return h("span", { class: "probability" }, h("span", { class: "bar-track", "aria-hidden": "true" }, fill), h("strong", {}, probabilityText(action)));
 }

@@ -1,7 +1,7 @@
 // The displayed part of `iplw.posterior/2` (docs/reference/formats.md), in words.
 
 import { short } from "../../parts/slider";
-import { capital, enumeration } from "../analysis/actionText";
+import { capital, enumeration, percent } from "../analysis/actionText";
 
 export interface PosteriorParameter {
   name: string;
@@ -69,6 +69,7 @@ export function intervalText({ quantiles, sd }: PosteriorParameter): string {
 /** How much narrower than before the trials. */
 export function gainText({ left }: PosteriorParameter): string {
   if (left >= 0.95) return "as wide as before";
+  if (left > 0.6) return `${percent(1 - left)} narrower`;
   const factor = 1 / left;
   return factor < 10 ? `${short(factor)} times narrower` : `${Math.round(factor)} times narrower`;
 }
