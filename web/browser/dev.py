@@ -70,7 +70,7 @@ class Handler(BaseHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
         """Disabled: the browser lists requests."""
 
-    do_GET = do_POST = do_PUT = do_DELETE = handle_request
+    do_GET = do_POST = do_PUT = do_PATCH = do_DELETE = handle_request
 
 
 def dist_proxy(upstream: str, port: int = 0) -> ThreadingHTTPServer:

@@ -4,6 +4,7 @@ import { api, ok, type Schema } from "../api/client";
 import { follow } from "../api/events";
 import { type Child, h, put } from "../dom";
 import { type Context, link } from "../view";
+import { codeText } from "./codeText";
 import { duration } from "./time";
 
 type Job = Schema<"JobOut">;
@@ -90,7 +91,7 @@ function failureText(job: Job): HTMLElement[] {
   if (job.state !== "failed") return [];
   const detail = job.error?.detail ?? "It failed without a message.";
   const text = detail.charAt(0).toUpperCase() + detail.slice(1);
-  return [h("p", { class: "why" }, /[.!?]$/.test(text) ? text : `${text}.`)];
+  return [h("p", { class: "why" }, ...codeText(/[.!?]$/.test(text) ? text : `${text}.`))];
 }
 
 /** Whether a job has ended, for any reason. */

@@ -28,16 +28,11 @@ const MAX_LISTED = 12;
 async function start(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const template = context.query.get("like");
-  const [of, runs, before] = await Promise.all([loadChoices(signal), estimations(signal), template ? loadRequest(template, signal) : requestOfAddress(context.query)]);
+  const [of, runs, before] = await Promise.all([loadChoices(signal), estimations(signal), template ? loadRequest(template, signal) : {}]);
   const form = startForm(of, before, (job) => (location.hash = link("calibrate", [job.id])), context);
   const rows = runs.slice(0, MAX_LISTED).map((job) => h("li", {}, h("a", { href: link("calibrate", [job.id]) }, job.id), h("span", {}, estimationTitle(job)), h("span", { class: `state ${job.state}` }, job.state)));
   const list = rows.length ? h("ul", { class: "runs" }, ...rows) : h("p", { class: "soft" }, "None yet.");
   put(place, h("div", { class: "calibrate-start" }, form, h("section", { class: "card stack", "aria-label": "Estimations" }, h("h2", {}, "Estimations"), list, runs.length > MAX_LISTED ? h("p", { class: "soft" }, "Older ones: ", h("a", { href: link("jobs") }, "Jobs"), ".") : null)));
-}
-
-/** Fields of the form that the address names: the task, and the strategy with its surface. */
-function requestOfAddress(query: URLSearchParams): EstimationRequest {
-  return Object.fromEntries(["task", "strategy", "surface"].flatMap((name) => (query.has(name) ? [[name, query.get(name)]] : []))) as EstimationRequest;
 }
 
 /** Estimations, newest first. */

@@ -101,7 +101,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const uncertain = isUncertain(plan);
   const design = link("design", [], { task: plan.task, ...(query.has("posterior") ? { posterior: query.get("posterior")! } : {}) });
   return {
-    headline: headline(plan),
+    headline: headline(plan, query.has("effects")),
     notes: [
       h("p", { class: "soft" }, methodText(plan)),
       uncertain ? h("p", {}, "No action is safe yet: the worlds still differ too much. An experiment that narrows them may help more than an attempt.") : null,

@@ -3,6 +3,7 @@
 
 import { all, api, ok } from "../api/client";
 import { h, put } from "../dom";
+import { codeText } from "../parts/codeText";
 import { checkField, choiceField, numberField, numberOf } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
 import { effectSets } from "./analysis/effectSets";
@@ -12,7 +13,7 @@ import { samplesOf } from "./analysis/physics";
 import { startPage } from "./analysis/startPage";
 import { startExample } from "./posterior/example";
 import { parameterTable } from "./posterior/parameterTable";
-import { convergenceText, headline, type Posterior, warningText } from "./posterior/result";
+import { convergenceText, headline, lacksForce, type Posterior, warningText } from "./posterior/result";
 import { trialSource } from "./posterior/trialSource";
 import "./analysis.css";
 
@@ -68,12 +69,14 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const family = families.find((f) => f.name === config.scene?.split(":")[0])?.name ?? null;
   const query = { posterior: job.id, ...(family ? { task: `${family}:003` } : {}) };
   const effects = [...new Set(posterior.sets.flatMap((set) => set.effects))].join(",");
+  const request = { ...(config.job ? { job: config.job } : {}), ...(effects ? { effects } : {}), draws: String(Object.values(posterior.columns)[0]?.length ?? 1024), seed: String(posterior.seed) };
   const [used, all] = posterior.trials;
   return {
     headline: headline(posterior),
     notes: [
       h("p", {}, h("span", { class: `mark ${posterior.converged ? "yes" : "no"}` }, posterior.converged ? "converged" : "not converged"), " ", convergenceText(posterior)),
-      ...posterior.warnings.map((warning) => h("p", { class: "warning" }, warningText(warning))),
+      ...posterior.warnings.map((warning) => h("p", { class: "warning" }, ...codeText(warningText(warning)))),
+      lacksForce(posterior) ? h("p", {}, h("a", { href: link("diagnose") }, "Search for the missing effect in Diagnose"), ", then infer it here; or ", h("a", { href: link("posterior", [], { ...request, sample_discrepancy: "1" }) }, "sample an unknown force field"), ".") : null,
       h("p", { class: "soft" }, `${used === all ? `${all} trials` : `${used} of ${all} trials`} used; noise of a measured coordinate ${(posterior.noise_m * 1e3).toPrecision(2)} mm.`),
     ],
     steps: [
@@ -82,7 +85,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
       family ? trainButton(job, family, context) : null,
     ],
     parts: [parameterTable(posterior)],
-    request: { ...(config.job ? { job: config.job } : {}), ...(effects ? { effects } : {}), draws: String(Object.values(posterior.columns)[0]?.length ?? 1024), seed: String(posterior.seed) },
+    request,
   };
 }
 

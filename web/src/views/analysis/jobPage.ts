@@ -3,8 +3,8 @@
 import { ProblemError } from "../../api/problem";
 import { type Child, h, put } from "../../dom";
 import { followJob } from "../../parts/jobProgress";
-import { reportHtml, reportView } from "../../parts/reportView";
-import { saveFile } from "../../parts/saveFile";
+import { reportView } from "../../parts/reportView";
+import { shareButtons } from "../../parts/share";
 import { type Context, link } from "../../view";
 import { type AnalysisKind, type Job, jobById, jobTitle } from "./kind";
 
@@ -37,12 +37,6 @@ export async function jobPage(place: HTMLElement, kind: AnalysisKind, id: string
 }
 
 function head(kind: AnalysisKind, job: Job, page: ResultPage, context: Context): HTMLElement {
-  const json = h("button", { type: "button", class: "quiet" }, "Save as JSON");
-  json.addEventListener("click", () => saveFile(`${kind.view}.json`, JSON.stringify(job.result, null, 1), "application/json"));
-  const saveReport = h("button", { type: "button", class: "quiet" }, "Save the report");
-  saveReport.addEventListener("click", () => {
-    reportHtml(job.id, context.signal).then((html) => saveFile(`${job.id}.html`, html, "text/html")).catch(context.fail);
-  });
   const links = [h("a", { href: link(kind.view, [], page.request) }, "Change and run again"), h("a", { href: link("jobs", [job.id]) }, "Details of the job")];
   return h(
     "section",
@@ -51,7 +45,7 @@ function head(kind: AnalysisKind, job: Job, page: ResultPage, context: Context):
     h("h2", {}, page.headline),
     ...page.notes,
     page.steps.length ? h("div", { class: "row steps" }, ...page.steps) : null,
-    h("div", { class: "row minor" }, ...links, json, saveReport),
+    h("div", { class: "row minor" }, ...links, shareButtons(job, context.signal)),
   );
 }
 

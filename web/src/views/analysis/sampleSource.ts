@@ -30,7 +30,7 @@ export async function sampleSource(query: URLSearchParams, singleWorlds: Physics
   const effects = singleWorlds ?? [];
   const options: [string, string][] = [
     [PRIOR, "the family's prior: nothing measured yet"],
-    ...(effects.length ? [[SCENE, `the scene's effects: ${effects.map((e) => e.name.replaceAll("_", " ")).join(", ")}`] as [string, string]] : []),
+    ...(effects.length ? [[SCENE, `the family's prior, with the scene's effects: ${effects.map((e) => e.name.replaceAll("_", " ")).join(", ")}`] as [string, string]] : []),
     ...posteriors.map((job): [string, string] => [job.id, `${job.id}, posterior of ${sourceText(job)}`]),
     ...estimations.map((job): [string, string] => [job.id, `${job.id}, estimate of ${sourceText(job)} (one world)`]),
     [FILE, "a posterior in a file (iplw.posterior/2)…"],

@@ -24,7 +24,7 @@ export async function worldsOf(query: URLSearchParams, family: string, source: s
   const single = (physics: Physics, name: string): Worlds => ({ physics, name, sample: null, count: 1 });
   if (estimation) return single(await estimatePhysics(estimation, signal), `the estimate of ${estimation}`);
   const prior = await priorPhysics(family, signal);
-  if (effects) return single({ ...prior, effects: JSON.parse(effects) as Physics["effects"] }, "the prior means, with the scene's effects");
+  if (effects) return single({ ...prior, effects: JSON.parse(effects) as Physics["effects"] }, "the prior means and the scene's effects");
   return single(prior, source === "prior" ? "the prior means" : `the prior means, because the address does not name the ${source === "point" ? "world" : "posterior"} of this job`);
 }
 

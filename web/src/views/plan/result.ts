@@ -35,12 +35,12 @@ export function probabilityText(action: RankedAction): string {
 
 const SOURCES: Record<string, string> = { prior: "the prior", posterior: "the posterior", point: "the chosen world" };
 
-/** The plan in a sentence. */
-export function headline(plan: Plan): string {
+/** The plan in a sentence; `withEffects`: whether the effects of a scene were added to the prior. */
+export function headline(plan: Plan, withEffects: boolean): string {
   const [first] = plan.actions;
   if (!first) return `No action can be placed in ${plan.task}.`;
   const source = SOURCES[plan.posterior.source] ?? plan.posterior.source;
-  return `The action ranked first solves ${plan.task} with a probability of ${percent(successProbability(first))} under ${source}.`;
+  return `The action ranked first solves ${plan.task} with a probability of ${percent(successProbability(first))} under ${source}${withEffects ? " with the scene's effects" : ""}.`;
 }
 
 /** Probability below which more knowledge is worth more than an attempt. */

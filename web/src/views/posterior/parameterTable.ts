@@ -12,10 +12,10 @@ export function parameterTable(posterior: Posterior): HTMLElement {
       h("td", { "data-label": "Identified" }, h("span", { class: `mark ${p.identifiable ? "yes" : "no"}` }, p.identifiable ? "identified" : "not identified")),
       h("td", { "data-label": "Mean ± sd" }, valueText(p)),
       h("td", { "data-label": "95 % interval" }, intervalText(p)),
-      h("td", { "data-label": "Interval, compared with the prior" }, gainText(p)),
+      h("td", { "data-label": "Width" }, gainText(p)),
     ),
   );
-  const heads = ["Parameter", "Identified", "Mean ± sd", "95 % interval", "Interval, compared with the prior"].map((text) => h("th", { scope: "col" }, text));
+  const heads = ["Parameter", "Identified", "Mean ± sd", "95 % interval", "Width"].map((text) => h("th", { scope: "col" }, text));
   const table = h("table", { class: "parameters" }, h("thead", {}, h("tr", {}, ...heads)), h("tbody", {}, ...rows));
   return h("section", { class: "card stack", "aria-label": "Parameters" }, h("h2", {}, "Parameters"), table);
 }

@@ -54,6 +54,11 @@ export function warningText(warning: string): string {
   return /[.!?]$/.test(text) ? text : `${text}.`;
 }
 
+/** Whether the model lacks a force that the trials share. */
+export function lacksForce({ warnings }: Posterior): boolean {
+  return warnings.some((warning) => warning.includes("share a force"));
+}
+
 /** A mean with the digits that its standard deviation justifies. */
 export function valueText({ mean, sd, unit }: PosteriorParameter): string {
   const decimals = sd > 0 ? Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(sd)))) : 3;
@@ -68,10 +73,10 @@ export function intervalText({ quantiles, sd }: PosteriorParameter): string {
 
 /** How much narrower than before the trials. */
 export function gainText({ left }: PosteriorParameter): string {
-  if (left >= 0.95) return "as wide as before";
-  if (left > 0.6) return `${percent(1 - left)} narrower`;
+  if (left >= 0.95) return "as wide as the prior";
+  if (left > 0.6) return `${percent(1 - left)} narrower than the prior`;
   const factor = 1 / left;
-  return factor < 10 ? `${short(factor)} times narrower` : `${Math.round(factor)} times narrower`;
+  return factor < 10 ? `${short(factor)} times narrower than the prior` : `${Math.round(factor)} times narrower than the prior`;
 }
 
 function unitText(unit: string): string {
