@@ -81,7 +81,6 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const cards = await experimentCards(design.experiments, (experiment, name) => {
     panel.element.hidden = false;
     panel.show(experiment.task, experiment.action, name);
-    panel.element.scrollIntoView({ block: "nearest", behavior: "smooth" });
   }, context);
   const { question, batch, candidates, seed, noise } = design.config;
   const source = Object.fromEntries(query);

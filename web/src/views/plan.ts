@@ -90,11 +90,8 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const family = plan.task.split(":")[0]!;
   const [worlds, { scene }] = await Promise.all([worldsOf(query, family, plan.posterior.source, signal), loadTask(plan.task, signal)]);
   const panel = tryPanel(worlds, context);
-  const list = topActions(plan, scene, (action, name) => {
-    panel.show(plan.task, action, name);
-    panel.element.scrollIntoView({ block: "nearest" });
-  });
-  // The first action is displayed at once; the panel is not yet in the page, so nothing scrolls.
+  const list = topActions(plan, scene, (action, name) => panel.show(plan.task, action, name));
+  // The first action is displayed at once.
   list.querySelector("button")?.click();
   const source = Object.fromEntries(query);
   const { actions, draws, seed, exact, perturb } = plan.config;

@@ -25,6 +25,8 @@ interface Attempt {
   action: readonly number[];
   name: string;
   world: World;
+  /** Whether to scroll to it. */
+  reveal: boolean;
 }
 
 /** A panel without an action; `worlds` are those of the analysis. */
@@ -38,6 +40,7 @@ export function tryPanel(worlds: Worlds, context: Context): TryPanel {
     session = new AbortController();
     const inner: Context = { ...context, signal: AbortSignal.any([context.signal, session.signal]) };
     await film(place, attempt, next(attempt), inner).catch(context.fail);
+    if (attempt.reveal) reveal(element);
   });
   /** The same action in another sample. */
   const next = (attempt: Attempt): (() => void) | null => {
@@ -46,14 +49,20 @@ export function tryPanel(worlds: Worlds, context: Context): TryPanel {
     return () => {
       // A stride through the samples, which are ordered by run.
       number = (number + Math.max(1, Math.round(count * 0.382))) % count;
-      run({ ...attempt, world: sample(number) });
+      run({ ...attempt, world: sample(number), reveal: false });
     };
   };
   const show = (task: string, action: readonly number[], name: string): void => {
     put(heading, `${name} in ${task}`);
-    run({ task, action, name, world: worlds });
+    run({ task, action, name, world: worlds, reveal: element.isConnected });
   };
   return { element, show };
+}
+
+/** Scrolls to an element unless its upper part is in sight. */
+function reveal(element: HTMLElement): void {
+  const { top } = element.getBoundingClientRect();
+  if (top < 0 || top > innerHeight / 2) element.scrollIntoView({ block: "start" });
 }
 
 /** The film of an attempt, with a button for the real world. */
