@@ -149,6 +149,24 @@ def test_the_effects_of_a_scene_of_another_view_are_planned_with(serve: Callable
     expect(section(page, "Try").locator(".simulated-world")).to_contain_text("the prior means and the scene's effects: density 1.00, friction 1.00, restitution 0.500, linear drag (c 0.350)")
 
 
+def test_a_calibrated_scene_of_a_task_is_a_world_to_plan_in(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    server = serve()
+    page = new_page(server).open("#/posterior")
+    scene = server.request("GET", "/v1/tasks/bowling/5")["scene"]
+    for body in scene["bodies"]:
+        body |= {"friction": 0.7, "restitution": 0.45}
+    page.evaluate("([scene]) => sessionStorage.setItem('iplw-scene', scene)", [json.dumps({**scene, "name": "bowling, calibrated"})])
+    page.goto(f"{server.page}/#/plan/scene")
+    expect(page.get_by_role("note")).to_contain_text("planned in the world of “bowling, calibrated”: density 1.00, friction 0.700, restitution 0.450")
+    fill(page, PLAN)
+    page.get_by_role("button", name="Plan", exact=True).click()
+    expect(section(page, "Result").locator("h2")).to_contain_text("under the chosen world")
+    expect(section(page, "Try").locator(".simulated-world")).to_contain_text("the scene's world: density 1.00, friction 0.700")
+    # Another run has the same world.
+    page.get_by_role("link", name="Change and run again").click()
+    expect(page.get_by_label("Parameter samples").locator("option:checked")).to_contain_text("friction 0.700")
+
+
 def test_the_trials_of_a_diagnosis_and_files_are_inferred_from(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
     trials = csv(launches(6, 30))

@@ -39,7 +39,7 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const { query, signal } = context;
   const [{ families }, source, library] = await Promise.all([
     ok(api.GET("/v1/tasks", { signal })),
-    sampleSource(query, null, signal),
+    sampleSource(query, false, null, signal),
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   const task = taskField(families, query.get("task") ?? EXAMPLE_TASK, "The task to experiment with, or a family: then its training tasks are compared.", context);

@@ -4,17 +4,16 @@
 import { api, ok } from "../api/client";
 import { h } from "../dom";
 import { numberField, numberOf } from "../parts/requestField";
-import { storedScene } from "../scene/handoff";
 import { type Context, link, type View } from "../view";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
-import { type Physics, physicsText } from "./analysis/physics";
 import { sampleSource } from "./analysis/sampleSource";
 import { startPage } from "./analysis/startPage";
 import { taskField } from "./analysis/taskField";
 import { tryPanel } from "./analysis/tryPanel";
 import { worldsOf } from "./analysis/worlds";
 import { headline, isUncertain, methodText, type Plan } from "./plan/result";
+import { sceneWorld } from "./plan/sceneWorld";
 import { topActions } from "./plan/topActions";
 import { loadTask } from "./play/taskPicker";
 import "./analysis.css";
@@ -37,9 +36,10 @@ const EXAMPLE_TASK = "bowling:003";
 
 async function start(place: HTMLElement, context: Context): Promise<void> {
   const { query, signal } = context;
-  const effects = effectsOf(context);
-  const [{ families }, source] = await Promise.all([ok(api.GET("/v1/tasks", { signal })), sampleSource(query, effects, signal)]);
-  const task = taskField(families, query.get("task") ?? EXAMPLE_TASK, "The task to solve. Choose it by its picture, or enter its id.", context);
+  const { families } = await ok(api.GET("/v1/tasks", { signal }));
+  const world = sceneWorld(families, context);
+  const source = await sampleSource(query, true, world?.physics ?? null, signal);
+  const task = taskField(families, query.get("task") ?? (world?.family ? `${world.family}:003` : EXAMPLE_TASK), "The task to solve. Choose it by its picture, or enter its id.", context);
   const number = (label: string, name: string, placeholder: string, help: string): ReturnType<typeof numberField> => numberField(label, name, query.get(name), { help, placeholder });
   const actions = number("Candidate actions", "actions", "10000", "More candidates find better actions and take longer, in proportion.");
   const draws = number("Worlds per action", "draws", "64", "In how many worlds the promising actions are simulated. More give more precise probabilities.");
@@ -60,28 +60,8 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
     about: "2,000 actions under the prior; takes a few seconds.",
     start: async (): Promise<string> => link("plan", [(await ok(api.POST("/v1/plans", { body: { task: EXAMPLE_TASK, actions: 2000, draws: 32, seed: 1 }, signal }))).id]),
   };
-  const page = { kind: KIND, purpose: PURPOSE, example, notice: sceneNotice(context, effects), main: [task.element, source.element, actions.element, seed.element], more: [draws, exact, perturb, seconds, rollouts].map((f) => f.element) };
+  const page = { kind: KIND, purpose: PURPOSE, example, notice: world?.notice ?? null, main: [task.element, source.element, actions.element, seed.element], more: [draws, exact, perturb, seconds, rollouts].map((f) => f.element) };
   await startPage(place, { ...page, fields: [task.field, source.field, ...numbers], submit: "Plan", start: startJob }, context);
-}
-
-/** The effects in the address, or those of the scene that another view stored. */
-function effectsOf(context: Context): Physics["effects"] {
-  const text = context.query.get("effects");
-  if (text) return JSON.parse(text) as Physics["effects"];
-  return context.rest[0] === "scene" ? ((storedScene()?.effects as Physics["effects"] | undefined) ?? []) : [];
-}
-
-/** What a scene of another view contributes to a plan, which needs a task of a family. */
-function sceneNotice(context: Context, effects: Physics["effects"]): HTMLElement | null {
-  if (context.rest[0] !== "scene") return null;
-  const scene = storedScene();
-  const name = scene?.name ? `“${scene.name}”` : "the scene";
-  const text = !scene
-    ? "No scene is stored. Open one from Diagnose or Make."
-    : effects.length
-      ? `A plan needs a task of a family: a goal and actions to choose from. Choose one below; it is simulated with the effects of ${name}: ${physicsText({ latents: {}, effects })}.`
-      : `A plan needs a task of a family, and ${name} has no effects to add to one. Try its actions in Play, or choose a task below.`;
-  return h("div", { class: "card notice", role: "note" }, h("p", {}, text), scene ? h("p", {}, h("a", { href: link("play", ["scene"]) }, "Open the scene itself in Play")) : null);
 }
 
 async function result(job: Job, context: Context): Promise<ResultPage> {
@@ -98,7 +78,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
   const uncertain = isUncertain(plan);
   const design = link("design", [], { task: plan.task, ...(query.has("posterior") ? { posterior: query.get("posterior")! } : {}) });
   return {
-    headline: headline(plan, query.has("effects")),
+    headline: headline(plan, plan.posterior.source === "prior" && query.has("world")),
     notes: [
       h("p", { class: "soft" }, methodText(plan)),
       uncertain ? h("p", {}, "No action is safe yet: the worlds still differ too much. An experiment that narrows them may help more than an attempt.") : null,

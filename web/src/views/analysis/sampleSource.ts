@@ -5,7 +5,7 @@ import { FileError } from "../../api/problem";
 import { h, put } from "../../dom";
 import { choiceField, type RequestField } from "../../parts/requestField";
 import { type Job, jobById, newestJobs } from "./kind";
-import { estimatePhysics, type ParameterSamples, type Physics, samplesOf } from "./physics";
+import { estimatePhysics, type ParameterSamples, type Physics, physicsText, samplesOf } from "./physics";
 
 /** The part of a request that describes the worlds. */
 export interface WorldsIn {
@@ -24,18 +24,18 @@ export interface SampleSource {
 
 const [PRIOR, FILE, SCENE] = ["prior", "file", "scene"];
 
-/** The field; `singleWorlds`: the effects of another view's scene (or none) where a single world is possible, else `null`. */
-export async function sampleSource(query: URLSearchParams, singleWorlds: Physics["effects"] | null, signal: AbortSignal): Promise<SampleSource> {
+/** The field; `singleWorlds`: whether a single world is possible, `scene`: that of a scene of another view. */
+export async function sampleSource(query: URLSearchParams, singleWorlds: boolean, scene: Physics | null, signal: AbortSignal): Promise<SampleSource> {
   const [posteriors, estimations] = await Promise.all([newestJobs("posterior", signal, "succeeded"), singleWorlds ? newestJobs("iplw", signal, "succeeded") : []]);
-  const effects = singleWorlds ?? [];
+  const world = singleWorlds ? (worldOfAddress(query) ?? scene) : null;
   const options: [string, string][] = [
     [PRIOR, "the family's prior: nothing measured yet"],
-    ...(effects.length ? [[SCENE, `the family's prior, with the scene's effects: ${effects.map((e) => e.name.replaceAll("_", " ")).join(", ")}`] as [string, string]] : []),
+    ...(world ? [[SCENE, sceneText(world)] as [string, string]] : []),
     ...posteriors.map((job): [string, string] => [job.id, `${job.id}, posterior of ${sourceText(job)}`]),
     ...estimations.map((job): [string, string] => [job.id, `${job.id}, estimate of ${sourceText(job)} (one world)`]),
     [FILE, "a posterior in a file (iplw.posterior/2)…"],
   ];
-  const first = query.get("posterior") ?? query.get("estimation") ?? (effects.length ? SCENE : PRIOR);
+  const first = query.get("posterior") ?? query.get("estimation") ?? (world ? SCENE : PRIOR);
   const help = singleWorlds ? "The worlds to simulate in. A posterior holds what your trials allow; an estimate is a single world." : "The worlds that are still possible. A posterior holds what your trials allow; the prior is what is known before any trial.";
   const field = choiceField("Parameter samples", "posterior", options, first, { help });
   const file = fileInput();
@@ -46,16 +46,35 @@ export async function sampleSource(query: URLSearchParams, singleWorlds: Physics
   const request = async (): Promise<WorldsIn> => {
     const id = field.input.value;
     if (id === PRIOR) return {};
-    if (id === SCENE) return { effects };
+    if (id === SCENE) return world ? sceneRequest(world) : {};
     if (id === FILE) return { posterior: (await file.samples()) as never };
     return isPosterior(id) ? { posterior: samplesOf((await jobById(id, signal)).result) as never } : estimatePhysics(id, signal);
   };
   const address = (): Record<string, string> => {
     const id = field.input.value;
     if (id === PRIOR || id === FILE) return {};
-    return id === SCENE ? { effects: JSON.stringify(effects) } : { [isPosterior(id) ? "posterior" : "estimation"]: id };
+    return id === SCENE ? { world: JSON.stringify(world) } : { [isPosterior(id) ? "posterior" : "estimation"]: id };
   };
   return { element: h("div", { class: "stack" }, field.element, file.element), field, request, query: address };
+}
+
+/** The world of a scene in an address. */
+export function worldOfAddress(query: URLSearchParams): Physics | null {
+  const text = query.get("world");
+  return text ? (JSON.parse(text) as Physics) : null;
+}
+
+/** Whether a scene's world has latents: then it is a single world, else the prior's worlds get its effects. */
+function hasLatents({ latents }: Physics): boolean {
+  return Object.keys(latents).length > 0;
+}
+
+function sceneText(world: Physics): string {
+  return hasLatents(world) ? `the scene's world: ${physicsText(world)}` : `the family's prior, with the scene's effects: ${world.effects.map((e) => e.name.replaceAll("_", " ")).join(", ")}`;
+}
+
+function sceneRequest(world: Physics): WorldsIn {
+  return hasLatents(world) ? world : { effects: world.effects };
 }
 
 function sourceText(job: Job): string {

@@ -3,6 +3,7 @@
 import { all, api, ok } from "../../api/client";
 import { jobById } from "./kind";
 import { estimatePhysics, type ParameterSamples, type Physics, physicsOf, priorPhysics, sampleCount, samplesOf } from "./physics";
+import { worldOfAddress } from "./sampleSource";
 
 /** A world to simulate in, and how to describe it. */
 export interface World {
@@ -19,12 +20,14 @@ export interface Worlds extends World {
 
 /** Reads the worlds from the address of a job; without any, the prior means of the family. `source`: that of the result. */
 export async function worldsOf(query: URLSearchParams, family: string, source: string, signal: AbortSignal): Promise<Worlds> {
-  const [posterior, estimation, effects] = ["posterior", "estimation", "effects"].map((name) => query.get(name));
+  const [posterior, estimation] = ["posterior", "estimation"].map((name) => query.get(name));
   if (posterior) return posteriorWorlds(posterior, samplesOf((await jobById(posterior, signal)).result), signal);
   const single = (physics: Physics, name: string): Worlds => ({ physics, name, sample: null, count: 1 });
   if (estimation) return single(await estimatePhysics(estimation, signal), `the estimate of ${estimation}`);
   const prior = await priorPhysics(family, signal);
-  if (effects) return single({ ...prior, effects: JSON.parse(effects) as Physics["effects"] }, "the prior means and the scene's effects");
+  const scene = worldOfAddress(query);
+  if (scene && source === "point") return single(scene, "the scene's world");
+  if (scene) return single({ ...prior, effects: scene.effects }, "the prior means and the scene's effects");
   return single(prior, source === "prior" ? "the prior means" : `the prior means, because the address does not name the ${source === "point" ? "world" : "posterior"} of this job`);
 }
 
