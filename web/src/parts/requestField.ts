@@ -15,7 +15,7 @@ export interface RequestField<E extends Input = Input> {
 }
 
 export interface FieldText {
-  /** What the value means and which one to choose, in a sentence. */
+  /** A sentence on the meaning of the value, and which one to choose. */
   help: Child;
   unit?: string;
   /** The server's default, displayed while the field is empty. */

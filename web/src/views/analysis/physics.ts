@@ -12,7 +12,7 @@ export interface Physics {
   field?: Physics["effects"];
 }
 
-/** What plans and designs read of a posterior. */
+/** The part of a posterior that plans and designs read. */
 export interface ParameterSamples {
   format: string;
   columns: Record<string, (number | null)[]>;

@@ -37,7 +37,7 @@ export function headline(family: string, sensitivities: readonly Sensitivity[]):
   return `${capital(first.factor)} and ${second.factor} matter about equally for ${family}.`;
 }
 
-/** What an error of a latent costs. */
+/** The effect of an error of a latent on the score. */
 export function stakeText({ factor, stake, sd }: Sensitivity): string {
   const size = sd === undefined ? "one prior standard deviation" : `one prior standard deviation (${short(sd)})`;
   if (stake < RELEVANT_STAKE) return `An error of ${size} in ${factor} hardly changes the score.`;
