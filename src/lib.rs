@@ -57,6 +57,7 @@ pub mod plan;
 pub mod policy;
 pub mod progress;
 pub mod reality;
+pub mod report;
 pub mod residual;
 pub mod rng;
 pub mod serve;

@@ -6,6 +6,7 @@ use iplw::commands::{DesignRequest, design_experiments};
 use iplw::design::{DesignDocument, rounded_cost};
 use iplw::error::Result;
 use iplw::estimate::ParameterSamples;
+use iplw::report;
 
 use super::compact_json::compact_json;
 use super::{output, parse};
@@ -22,7 +23,7 @@ pub struct Args {
     /// Posterior samples (iplw.posterior/2) [default: the family's prior]
     #[arg(long, value_name = "FILE", conflicts_with = "sets")]
     posterior: Option<PathBuf>,
-    /// Output directory for design.json [default: none]
+    /// Output directory for design.json and report.html [default: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the result as JSON.
@@ -58,6 +59,8 @@ pub fn run(args: &Args) -> Result<()> {
     let text = compact_json(&document)? + "\n";
     if let Some(out) = &args.out {
         output::write_whole(&out.join("design.json"), text.as_bytes())?;
+        let page = report::design::report(&document).to_html();
+        output::write_whole(&out.join("report.html"), page.as_bytes())?;
     }
     output::print(&if args.json { text } else { summary(&document, args.out.as_deref()) })
 }

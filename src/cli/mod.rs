@@ -20,7 +20,6 @@ mod parse;
 mod plan;
 mod plan_report;
 mod posterior;
-mod residual_plots;
 mod rollout;
 mod serve;
 mod surface;
@@ -29,8 +28,6 @@ mod tasks;
 mod token;
 mod track_options;
 mod train;
-mod trajectory_plots;
-mod trial_plots;
 
 use std::process::ExitCode;
 

@@ -13,6 +13,7 @@ use iplw::experiment::planning::{
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
 use iplw::reality::HiddenWorld;
+use iplw::report;
 use iplw::task::{Family, Split, Task, split};
 use iplw::world::Latents;
 use serde::Serialize;
@@ -82,11 +83,13 @@ fn plan_task(args: &Args, task: &Task, config: &PlanConfig) -> Result<()> {
     let found = plan(task, &samples, config, &TimeLimit::new(args.request.seconds, &Unlimited), &bar)?;
     bar.clear();
     let seconds = started.elapsed().as_secs_f64();
-    let document = document(&found, config, &samples);
+    let document = document(task, &found, config, &samples);
     let text = output::pretty_json(&document)?;
     if let Some(out) = &args.out {
         output::write_whole(&out.join("plan.json"), text.as_bytes())?;
-        for (i, svg) in plan_svgs(task, &found).iter().enumerate() {
+        let page = report::plan::report(&document, Some(task)).to_html();
+        output::write_whole(&out.join("report.html"), page.as_bytes())?;
+        for (i, svg) in plan_svgs(task, &document).iter().enumerate() {
             let name = if i == 0 { "map.svg".to_string() } else { format!("map_{}.svg", i + 1) };
             output::write_whole(&out.join(name), svg.as_bytes())?;
         }

@@ -26,20 +26,20 @@ pub fn page(family: &str, tasks: usize, rows: &[(&str, &PlanningScore)]) -> Stri
         rows: rows.iter().map(row).collect(),
         note: note.into(),
     };
-    let mut sections = vec![Section { heading: "Evaluation of plans".into(), blocks: vec![table] }];
+    let mut sections = vec![Section::new("Evaluation of plans", vec![table])];
     let curves: Vec<(&str, &Calibration)> =
         rows.iter().map(|(name, s)| (*name, &s.calibration)).filter(|(_, c)| !c.bins.is_empty()).collect();
     if !curves.is_empty() {
         let caption = "Actions of all predicted probabilities, each executed once in the hidden world; binned by prediction, with 95 % \
                        intervals (Wilson). Calibrated probabilities are on the diagonal.";
         let block = Block::Svg { svg: curve(&curves), caption: caption.into() };
-        sections.push(Section { heading: "Calibration of predicted success".into(), blocks: vec![block] });
+        sections.push(Section::new("Calibration of predicted success", vec![block]));
     }
     let lead = format!(
         "The actions of {tasks} test tasks are ranked by their probability of success over parameter samples and executed in the hidden \
          world in that order."
     );
-    HtmlReport { title: format!("Plans: {family}"), lead, sections }.to_html()
+    HtmlReport { title: format!("Plans: {family}"), lead, sections, ..HtmlReport::default() }.to_html()
 }
 
 /// Calibration curves, and the diagonal.
@@ -47,10 +47,11 @@ fn curve(rows: &[(&str, &Calibration)]) -> String {
     let series = |(name, calibration): &(&str, &Calibration)| {
         let points = calibration.bins.iter().map(|b| (b.predicted, b.real)).collect();
         let band = calibration.bins.iter().map(|b| wilson(b.real, b.count)).collect();
-        Series { name: name.to_string(), points, band: Some(band) }
+        Series { name: name.to_string(), points, band: Some(band), ..Series::default() }
     };
     let series: Vec<Series> = rows.iter().map(series).collect();
-    let diagonal = Series { name: "calibrated".into(), points: vec![(0.0, 0.0), (1.0, 1.0)], band: None };
+    let diagonal =
+        Series { name: "calibrated".into(), points: vec![(0.0, 0.0), (1.0, 1.0)], ..Series::default() };
     plot::scatter_with(
         "Calibration of predicted success",
         "predicted probability",

@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use iplw::commands::{PosteriorRequest, set_calibrate};
 use iplw::error::Result;
-use iplw::inference::posterior::{PosteriorDocument, posterior};
-use iplw::picture::plot::{Heatmap, heatmaps};
-use iplw::picture::report::{Block, HtmlReport, Section};
+use iplw::inference::posterior::{self as sampling, PosteriorDocument};
 use iplw::reality::LoadedTrials;
+use iplw::report::posterior;
 
 use super::compact_json::compact_json;
 use super::{output, track_options};
@@ -48,7 +47,7 @@ pub fn run(args: &Args) -> Result<()> {
     set_calibrate(&mut scene, args.request.calibrate.clone())?;
     output::prepare_directory("--out", &args.out)?;
     let bar = output::TerminalProgress::new();
-    let document = PosteriorDocument::new(&posterior(&scene, &trials, &config, &bar)?, &config);
+    let document = PosteriorDocument::new(&sampling::posterior(&scene, &trials, &config, &bar)?, &config);
     bar.clear();
     write(&args.out, &document)?;
     if args.json {
@@ -61,7 +60,7 @@ pub fn run(args: &Args) -> Result<()> {
 pub fn write(out: &Path, document: &PosteriorDocument) -> Result<()> {
     output::prepare_directory("--out", out)?;
     output::write_whole(&out.join("posterior.json"), (compact_json(document)? + "\n").as_bytes())?;
-    output::write_whole(&out.join("report.html"), report(document).to_html().as_bytes())
+    output::write_whole(&out.join("report.html"), posterior::report(document).to_html().as_bytes())
 }
 
 /// Summary of a posterior, and its path.
@@ -121,62 +120,4 @@ fn summary(d: &PosteriorDocument) -> String {
 
 fn set_name(set: &[String]) -> String {
     if set.is_empty() { "the scene without additional effects".into() } else { set.join(" + ") }
-}
-
-/// The page: a table and pair plots.
-fn report(d: &PosteriorDocument) -> HtmlReport {
-    let pairs = pairs(d);
-    let rows = pairs
-        .chunks(PLOTS_PER_ROW)
-        .map(|maps| Block::Svg { svg: heatmaps("Joint density of samples", maps), caption: String::new() });
-    let table = Section { heading: "Posterior".into(), blocks: vec![Block::Code(summary(d))] };
-    let pictures = Section { heading: "Pair plots".into(), blocks: rows.collect() };
-    let sections = if pairs.is_empty() { vec![table] } else { vec![table, pictures] };
-    let lead = match d.warnings.as_slice() {
-        [] => "Posterior samples of latents and effect parameters, given the trials.".to_string(),
-        all => all.join("\n\n"),
-    };
-    HtmlReport { title: "Posterior".into(), lead, sections }
-}
-
-/// Cells of a pair plot along an axis.
-const CELLS_PER_AXIS: usize = 24;
-/// Maximal number of pair plots, and number of plots in a row.
-const MAX_PAIR_PLOTS: usize = 15;
-const PLOTS_PER_ROW: usize = 3;
-
-/// Two-dimensional histograms of all pairs of parameters.
-fn pairs(d: &PosteriorDocument) -> Vec<Heatmap> {
-    let columns: Vec<(&String, &Vec<Option<f64>>)> = d.columns.iter().collect();
-    let pairs = (0..columns.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
-    pairs.take(MAX_PAIR_PLOTS).map(|(i, j)| map(columns[i], columns[j])).collect()
-}
-
-fn map(x: (&String, &Vec<Option<f64>>), y: (&String, &Vec<Option<f64>>)) -> Heatmap {
-    let both: Vec<[f64; 2]> = x.1.iter().zip(y.1).filter_map(|(x, y)| Some([(*x)?, (*y)?])).collect();
-    let ends = |k: usize| {
-        let all = || both.iter().map(|p| p[k]);
-        let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-        [low, if high > low { high } else { low + 1e-9 }]
-    };
-    let (ex, ey) = (ends(0), ends(1));
-    let cell = |v: f64, [low, high]: [f64; 2]| {
-        (((v - low) / (high - low) * CELLS_PER_AXIS as f64) as usize).min(CELLS_PER_AXIS - 1)
-    };
-    let mut values = vec![vec![0.0; CELLS_PER_AXIS]; CELLS_PER_AXIS];
-    both.iter().for_each(|[x, y]| values[cell(*y, ey)][cell(*x, ex)] += 1.0);
-    let centres = |[low, high]: [f64; 2]| {
-        (0..CELLS_PER_AXIS)
-            .map(|i| low + (high - low) * (i as f64 + 0.5) / CELLS_PER_AXIS as f64)
-            .collect::<Vec<f64>>()
-    };
-    Heatmap {
-        x_label: x.0.clone(),
-        y_label: y.0.clone(),
-        x: centres(ex),
-        y: centres(ey),
-        values,
-        value_label: "samples".into(),
-        ..Heatmap::default()
-    }
 }

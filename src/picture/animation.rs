@@ -9,6 +9,7 @@ use super::scene::{
     BodyStyle, Style, Viewport, body_colour, document, draw_body, draw_statics, scene_svg, title,
 };
 use super::svg::{decimals, px};
+use super::theme::light;
 use crate::task::Scene;
 use crate::task::geometry::sub;
 use crate::trajectory::{Track, Trajectory, hermite};
@@ -52,13 +53,15 @@ pub fn filmstrip_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> S
         }
         let _ = writeln!(
             body,
-            "<rect width=\"{w}\" height=\"{h}\" fill=\"none\" stroke=\"#C5CAD0\" stroke-width=\"{}\"/></svg>\n\
+            "<rect width=\"{w}\" height=\"{h}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\"/></svg>\n\
              <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"{}\" \
-             fill=\"#333333\">{} s</text>",
+             fill=\"{}\">{} s</text>",
+            light("line"),
             px(line),
             px(x + view.width / 2.0),
             px(y + view.height + caption * 1.15),
             px(caption),
+            light("ink"),
             decimals(trajectory.times[*sample], 2)
         );
     }

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::scene::{Style, document, scene_elements};
 use super::svg::{escape, px};
+use super::theme::light;
 use crate::task::Scene;
 
 /// Number of columns.
@@ -30,8 +31,9 @@ pub fn contact_sheet_svg(title: &str, cells: &[(String, Scene)]) -> String {
             let _ = write!(
                 body,
                 "<svg x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\">\n{picture}</svg>\n\
-                 <text x=\"{x}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{TEXT_HEIGHT_PX}\" fill=\"#333333\">{}</text>\n",
+                 <text x=\"{x}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{TEXT_HEIGHT_PX}\" fill=\"{}\">{}</text>\n",
                 px(top + tallest + 1.2 * TEXT_HEIGHT_PX),
+                light("ink"),
                 escape(caption)
             );
         }

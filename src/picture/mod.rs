@@ -4,12 +4,14 @@
 //! Pictures of scenes contain no text unless [`Style::names`] is set.
 //!
 //! [`scene_svg`] draws a scene; [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it; [`animation_png`] an animated
-//! PNG; [`final_frame_svg`] its last frame; [`contact_sheet_svg`] a contact sheet; [`plan_svgs`] plans; [`plot`] plots data;
+//! PNG; [`final_frame_svg`] its last frame; [`contact_sheet_svg`] a contact sheet; [`overlay_svg`] measured over simulated trajectories; [`plan_svgs`] plans; [`plot`] plots data;
 //! [`surface`] draws performance surfaces; [`svg_to_png`] rasterises any of them, and [`HtmlReport`] is a page.
 
 pub mod animation;
 pub mod apng;
 pub mod contact_sheet;
+pub mod intervals;
+pub mod overlay;
 mod plan;
 pub mod plot;
 pub mod png;
@@ -18,10 +20,13 @@ pub mod scene;
 mod success_map;
 pub mod surface;
 mod svg;
+pub mod theme;
 
 pub use animation::{animation_svg, filmstrip_svg, trails_svg};
 pub use apng::{animation_png, final_frame_svg};
 pub use contact_sheet::contact_sheet_svg;
+pub use intervals::{IntervalRow, intervals_svg};
+pub use overlay::{OverlayPanel, overlay_svg};
 pub use plan::plan_svgs;
 pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
 pub use report::{Block, HtmlReport, Section};

@@ -8,12 +8,14 @@ mod bars;
 mod frame;
 mod heatmap;
 mod lines;
+mod panels;
 mod quiver;
 mod scale;
 
 pub use bars::{Bar, BarGroup, bars};
 pub use heatmap::{Heatmap, heatmap, heatmaps};
-pub use lines::{Series, lines, scatter, scatter_with};
+pub use lines::{Series, XyPlot, lines, scatter, scatter_with};
+pub use panels::panels;
 pub use quiver::{Arrows, quiver};
 pub(super) use scale::heat_colour;
 
@@ -27,7 +29,7 @@ mod tests {
     use crate::picture::scene::tests::check_svg;
 
     fn series(name: &str, points: &[(f64, f64)]) -> Series {
-        Series { name: name.into(), points: points.to_vec(), band: None }
+        Series { name: name.into(), points: points.to_vec(), ..Series::default() }
     }
     fn group(name: &str, values: &[f64]) -> BarGroup {
         let bar = |(i, v): (usize, &f64)| Bar {

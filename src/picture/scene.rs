@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::svg::{colour, darker, escape, is_light, points, px};
+use super::theme::light;
 use crate::task::geometry::{Aabb, Convex, union_box};
 use crate::task::scene::Goal;
 use crate::task::solid::Solid;
@@ -133,8 +134,9 @@ pub(super) fn document(width: f64, height: f64, title: &str, body: &str) -> Stri
     let (w, h) = (px(width), px(height));
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
-         role=\"img\">\n<title>{}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#FFFFFF\"/>\n{body}</svg>\n",
-        escape(title)
+         role=\"img\">\n<title>{}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"{}\"/>\n{body}</svg>\n",
+        escape(title),
+        light("scene")
     )
 }
 
@@ -145,12 +147,14 @@ pub(super) fn title(scene: &Scene) -> String {
 
 /// Statics, the goal's region and the bounds an action must keep to.
 pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &Viewport) {
+    let green = light("goal");
     for fixed in &scene.statics {
         let _ = write!(out, "<g><title>{}</title>", escape(&fixed.name));
         let wanted = goal_names(scene).contains(&fixed.name.as_str());
-        let (stroke, pen) = if wanted { ("#111111", 2.5) } else { ("#7A818A", 0.8) };
-        let paint = format!("fill=\"#A9B0B8\" stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
-        draw_solid(out, &fixed.placed(), view, &paint, "#A9B0B8");
+        let fill = light("static");
+        let (stroke, pen) = if wanted { (light("ink"), 2.5) } else { (light("static-edge"), 0.8) };
+        let paint = format!("fill=\"{fill}\" stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
+        draw_solid(out, &fixed.placed(), view, &paint, fill);
         out.push_str("</g>\n");
     }
     if let Some((normal, offset)) = scene.goal.as_ref().and_then(Goal::line) {
@@ -158,12 +162,12 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &Viewport) {
         let above = Solid::HalfPlane { normal: normal.map(|v| -v), offset: -offset };
         let dash = px(view.pen(5.0));
         let paint = format!(
-            "fill=\"#2FA04A\" fill-opacity=\"0.12\" stroke=\"#1E7A35\" stroke-width=\"{}\" \
+            "fill=\"{green}\" fill-opacity=\"0.12\" stroke=\"{green}\" stroke-width=\"{}\" \
              stroke-dasharray=\"{dash} {dash}\"",
             px(view.pen(1.5))
         );
         out.push_str("<g><title>goal</title>");
-        draw_solid(out, &above, view, &paint, "#2FA04A");
+        draw_solid(out, &above, view, &paint, green);
         out.push_str("</g>\n");
     }
     if let Some(Goal::Inside { region, .. }) = &scene.goal {
@@ -171,7 +175,7 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &Viewport) {
         let dash = px(view.pen(5.0));
         let _ = writeln!(
             out,
-            "<polygon points=\"{}\" fill=\"#2FA04A\" fill-opacity=\"0.22\" stroke=\"#1E7A35\" \
+            "<polygon points=\"{}\" fill=\"{green}\" fill-opacity=\"0.22\" stroke=\"{green}\" \
              stroke-width=\"{}\" stroke-dasharray=\"{dash} {dash}\"><title>goal</title></polygon>",
             points(&corners),
             px(view.pen(1.5))
@@ -202,7 +206,7 @@ pub(super) fn draw_body(
     let fill = body_colour(scene, index);
     let wanted = goal_names(scene).contains(&body.name.as_str());
     let (stroke, pen) = match (look, wanted) {
-        (BodyStyle::Solid, true) => ("#111111".to_string(), 2.5),
+        (BodyStyle::Solid, true) => (light("ink").to_string(), 2.5),
         (BodyStyle::Solid, false) => (darker(fill), 1.2),
         (BodyStyle::Ghost, _) => (fill.to_string(), 1.2),
     };
@@ -319,10 +323,11 @@ fn draw_names(out: &mut String, scene: &Scene, view: &Viewport) {
         let _ = writeln!(
             out,
             "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"{}\" \
-             fill=\"#222222\">{}</text>",
+             fill=\"{}\">{}</text>",
             px(p[0]),
             px((p[1] - size * 0.4).max(size)),
             px(size),
+            light("ink"),
             escape(&b.name)
         );
     }
@@ -514,9 +519,9 @@ pub(super) mod tests {
         check([7.2, 7.1], crate::picture::svg::PALETTE[0]);
         check([2.2, 3.0], crate::picture::svg::PALETTE[1]);
         check([7.0, 4.0], crate::picture::svg::PALETTE[2]);
-        check([5.0, -0.15], "#A9B0B8");
-        check([10.0, 8.0], "#A9B0B8");
-        check([5.0, 8.0], "#FFFFFF");
+        check([5.0, -0.15], light("static"));
+        check([10.0, 8.0], light("static"));
+        check([5.0, 8.0], light("scene"));
         // On the line that shows the angle.
         check([3.0 + 0.5 * 0.6f64.cos(), 7.0 + 0.5 * 0.6f64.sin()], "#FFFFFF");
     }

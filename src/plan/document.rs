@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::estimate::ParameterSamples;
 use crate::estimate::parameter_samples::SampleSource;
+use crate::task::Task;
 
+use super::action_map::{ActionMap, action_maps};
 use super::config::PlanConfig;
 use super::ranked::{Plan, RankedAction};
 
@@ -33,6 +35,9 @@ pub struct PlanDocument {
     pub complete: bool,
     /// Best first, at most [`MAX_ROWS`].
     pub actions: Vec<ActionRow>,
+    /// Success rates over the action space, of all ranked actions.
+    #[serde(default)]
+    pub maps: Vec<ActionMap>,
 }
 
 /// The parameter samples that a plan is based on.
@@ -61,18 +66,19 @@ pub struct ActionRow {
 }
 
 /// A plan as a document.
-pub fn document(plan: &Plan, config: &PlanConfig, belief: &ParameterSamples) -> PlanDocument {
+pub fn document(task: &Task, plan: &Plan, config: &PlanConfig, samples: &ParameterSamples) -> PlanDocument {
     PlanDocument {
         format: PLAN_FORMAT.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         task: plan.task.clone(),
         config: config.clone(),
-        posterior: SamplesSummary { source: belief.source(), draws: belief.draws().len() },
+        posterior: SamplesSummary { source: samples.source(), draws: samples.draws().len() },
         candidates: plan.ranked.len() + plan.invalid,
         invalid: plan.invalid,
         rollouts: plan.rollouts,
         complete: plan.complete,
         actions: plan.ranked.iter().take(MAX_ROWS).map(row).collect(),
+        maps: action_maps(task, plan),
     }
 }
 

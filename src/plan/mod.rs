@@ -19,8 +19,10 @@
 //! | `ranked` | the result |
 //! | `planner` | plans as a policy |
 //! | `calibration` | calibration of predicted success probabilities |
+//! | `action_map` | success rates over the action space |
 //! | `document` | `iplw.plan/1` |
 
+mod action_map;
 mod calibration;
 mod config;
 mod document;
@@ -32,6 +34,7 @@ mod successive_elimination;
 #[cfg(test)]
 mod tests;
 
+pub use action_map::ActionMap;
 pub use calibration::{Calibration, CalibrationBin, calibration};
 pub use config::PlanConfig;
 pub use document::{ActionRow, MAX_ROWS, PLAN_FORMAT, PlanDocument, SamplesSummary, document};

@@ -105,7 +105,7 @@ def test_an_estimation_is_cancelled_and_two_are_compared(serve: Callable[..., An
     # A running job is opened from the list of jobs and cancelled; its config fills the form again.
     long = server.request("POST", "/v1/iplw", LONG)["id"]
     page.get_by_role("link", name="Jobs", exact=True).click()
-    page.locator(f"tr[data-job={long}]").get_by_role("link", name="Estimation").click()
+    page.locator(f"tr[data-job={long}]").get_by_role("link", name="Estimation", exact=True).click()
     state = page.locator(".calibrate-head .state")
     expect(state).to_have_text("running")
     page.get_by_role("button", name="Cancel").press("Enter")

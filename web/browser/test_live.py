@@ -62,6 +62,46 @@ def test_a_program_is_displayed_step_by_step(serve: Callable[..., Any], new_page
     expect(page.get_by_text("The world was deleted")).to_be_visible()
 
 
+def test_success_and_return_are_curves(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    server = serve()
+    solves = server.request("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
+    world = server.request("POST", "/v1/worlds", {"task": "bowling", "max_attempts": 3})["id"]
+    page = new_page(server).open(f"#/live/{world}")
+    expect_connected(page)
+    curve = page.get_by_role("region", name="Success and return")
+    expect(curve).to_contain_text("The curve begins with the next episode that ends")
+    fails = [0.5, 0.9, 0.2]
+    rewards = []
+    # Solved at the first attempt, at the second, not at all, abandoned.
+    for actions in ([solves], [fails, solves], [fails] * 3, [fails]):
+        server.request("POST", f"/v1/worlds/{world}/reset", {"task": "bowling:000"})
+        steps = [server.request("POST", f"/v1/worlds/{world}/step", {"action": action}) for action in actions]
+        rewards.append(sum(step["reward"] for step in steps))
+    server.request("POST", f"/v1/worlds/{world}/reset", {})
+    expect(curve.locator("[data-series=return]")).to_have_attribute("data-points", "4")
+    expect(curve).to_contain_text("50 % of the last 4 solved")
+    heights = curve.locator("[data-series=return] circle").evaluate_all("all => all.map((c) => Number(c.getAttribute('cy')))")
+    top, bottom = min(heights), max(heights)
+    assert [round((bottom - y) / (bottom - top), 2) for y in heights] == [round(reward, 2) for reward in rewards]
+
+
+def test_an_example_shows_how_a_world_gets_here(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    server = serve()
+    page = new_page(server).open("#/live")
+    expect(page.get_by_role("region", name="Python example")).to_contain_text('gymnasium.make("iplw/Bowling-v0"')
+    expect(page.get_by_role("region", name="curl example")).to_contain_text(f"curl {server.page}/v1/worlds ")
+    page.get_by_role("button", name="Start an example world").click()
+    expect(page.locator(".live-curve [data-series=success]")).to_be_attached()
+    expect(page).not_to_have_url(re.compile("example"))
+    # A world in which nothing has happened explains itself; real interactions are not spent by an example.
+    page.goto(f"{server.page}/#/live/bowling-real")
+    help = page.get_by_role("region", name="Act in this world")
+    expect(help).to_contain_text('client.world("bowling-real")')
+    expect(help.get_by_role("button", name="Play an example")).to_have_count(0)
+    act(server, "bowling-real", [0])
+    expect(help).to_be_hidden()
+
+
 def test_a_world_view_continues_after_a_restart(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     server = serve()
     page = new_page(server).open("#/live/bowling-sim")

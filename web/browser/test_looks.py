@@ -40,6 +40,14 @@ def prepare_job(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
 
 
+def prepare_pair(page: Page, server: Any) -> None:
+    """Two estimations beside each other."""
+    if len(server.request("GET", "/v1/jobs")["jobs"]) < 2:
+        server.wait_for_job(server.request("POST", "/v1/iplw", {**SHORT, "rounds": 2, "seed": 3})["id"])
+    page.evaluate("location.hash = '#/jobs?compare=job-1,job-2'")
+    page.locator("circle.second").first.wait_for()
+
+
 def prepare_tracks(page: Page, server: Any) -> None:
     """Tracks over a floor, as parsed."""
     drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
@@ -164,6 +172,7 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "train": ("#/train/job-2", prepare_comparison),
     "jobs": ("#/jobs", prepare_jobs),
     "job": ("#/jobs/job-1", prepare_job),
+    "jobs-compare": ("#/jobs", prepare_pair),
     "live": ("#/live", prepare_worlds),
     "live-world": ("#/live/bowling-real", prepare_world),
 }

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ago, clock, day, duration } from "../src/parts/time";
+import { auccessOf, episodeLog, successShares } from "../src/views/live/episodes";
 import { applyEvent, type WorldEvent, eventText, type World } from "../src/views/live/messages";
 
 const world = { id: "w", budget: 3, remaining: 3, interactions: 0, state: { task: null, phase: "new", episodes: 0 } } as unknown as World;
@@ -32,4 +33,26 @@ test("events are formatted in one line", () => {
   assert.equal(eventText(event({ action: [0.5], valid: true, solved: false, end: "diverged" })), "Step at 0.500: diverged");
   assert.equal(eventText(event({ what: "attempts", task: "t", attempts: { tried: 1, valid: 1, solved: 0 } })), "1 attempt on t: 1 placed, 0 solved");
   assert.equal(eventText(event({ what: "gone" })), "The world was deleted");
+});
+
+test("episodes are counted from events", () => {
+  const log = episodeLog(3);
+  const step = (solved: boolean, valid = true): boolean => log.add(event({ valid, solved }));
+  log.add(event({ what: "reset" }));
+  assert.deepEqual([step(false, false), step(false), step(true)], [false, false, true]);
+  // Steps after the end belong to no episode; an abandoned episode is not solved.
+  assert.equal(step(true), false);
+  log.add(event({ what: "reset" }));
+  step(false);
+  assert.equal(log.add(event({ what: "reset" })), true);
+  assert.deepEqual([step(false), step(false), step(false)], [false, false, true]);
+  assert.deepEqual(log.episodes().map((e) => e.solved), [true, false, false]);
+  assert.deepEqual(log.episodes().map((e) => e.return), [auccessOf(2, 3), 0, 0]);
+  assert.ok(Math.abs(auccessOf(2, 3) - 0.5) < 1e-12);
+});
+
+test("the share of successes is over the last 20 episodes", () => {
+  const episodes = Array.from({ length: 30 }, (_, i) => ({ number: i + 1, solved: i >= 10, return: 0 }));
+  const shares = successShares(episodes);
+  assert.deepEqual([shares[0], shares[9], shares[19], shares[29]], [0, 0, 0.5, 1]);
 });

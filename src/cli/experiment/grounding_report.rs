@@ -157,7 +157,7 @@ pub fn page(family: &str, set: &[String], rows: &[GroundingRow]) -> String {
             let own = groups.iter().filter(|g| g.way == **way);
             let points = own.filter_map(|g| Some((g.interactions as f64, of(g)?)));
             let points = start.map(|y| (0.0, y)).into_iter().chain(points);
-            Series { name: way.to_string(), points: points.collect(), band: None }
+            Series { name: way.to_string(), points: points.collect(), ..Series::default() }
         };
         ways.iter().map(series).collect()
     };
@@ -165,7 +165,8 @@ pub fn page(family: &str, set: &[String], rows: &[GroundingRow]) -> String {
     let at = |way: &str| groups.iter().find(|g| g.way == way).map(mean);
     let mut solved = through(at("prior"), &|g| Some(mean(g)));
     let most = groups.iter().map(|g| g.interactions).max().unwrap_or(0) as f64;
-    let flat = |y: f64| Series { name: "truth".into(), points: vec![(0.0, y), (most, y)], band: None };
+    let flat =
+        |y: f64| Series { name: "truth".into(), points: vec![(0.0, y), (most, y)], ..Series::default() };
     solved.extend(at("truth").map(flat));
     let told = through(Some(0.0), &|g| g.information());
     let interactions = "real interactions";
@@ -192,6 +193,7 @@ pub fn page(family: &str, set: &[String], rows: &[GroundingRow]) -> String {
                         note: note.into(),
                     },
                 ],
+                ..Section::default()
             },
             Section {
                 heading: "Information gain".into(),
@@ -201,8 +203,10 @@ pub fn page(family: &str, set: &[String], rows: &[GroundingRow]) -> String {
                     &told,
                     "For all parameters jointly, from the covariance of samples; not available for point estimates.",
                 )],
+                ..Section::default()
             },
         ],
+        ..HtmlReport::default()
     };
     report.to_html()
 }

@@ -95,7 +95,7 @@ fn story_page(reports: &[QuickstartReport]) -> String {
         reports.iter().map(|r| Block::Text(format!("{0}: {0}/report.html", r.config.family))).collect();
     let note = "Mean AUCCESS on test tasks +- standard error over seeds; PHYRE's score, in which early successes have more weight.";
     let table = Block::Table { columns, rows, note: note.into() };
-    let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
+    let section = |heading: &str, blocks: Vec<Block>| Section::new(heading, blocks);
     HtmlReport {
         title: "From hidden worlds to policies".into(),
         lead: "How well policies and plans do in worlds whose physics is hidden, by what is known of it."
@@ -105,6 +105,7 @@ fn story_page(reports: &[QuickstartReport]) -> String {
             section("Learned, and not learned", lines),
             section("Each family in detail", links),
         ],
+        ..HtmlReport::default()
     }
     .to_html()
 }
@@ -178,8 +179,8 @@ fn write_family(
     output::write_whole(&out.join("trials.csv"), trials_to_csv(&artifacts.trials).as_bytes())?;
     output::write_whole(&out.join("result.json"), json.as_bytes())?;
     output::write_whole(&out.join("solved.svg"), solved_plot.as_bytes())?;
-    if let Some((scene, finding)) = &artifacts.diagnosed {
-        write_report(&out.join("diagnosis"), scene, finding)?;
+    if let Some((_, finding)) = &artifacts.diagnosed {
+        write_report(&out.join("diagnosis"), finding)?;
     }
     if let Some(weights) = artifacts.policy().to_safetensors() {
         output::write_whole(&out.join("policy.safetensors"), &weights)?;
@@ -195,6 +196,7 @@ fn solved_plot(report: &QuickstartReport) -> String {
             name: row.method.title().trim().into(),
             points: row.curve.iter().enumerate().map(|(k, s)| ((k + 1) as f64, 100.0 * s)).collect(),
             band: None,
+            ..Series::default()
         })
         .collect();
     plot::lines("Test tasks solved in the hidden world", "attempts per task", "tasks solved, %", &series)
@@ -207,7 +209,7 @@ fn html(
     hidden: &HiddenConfig,
     solved_plot: &str,
 ) -> Result<String> {
-    let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
+    let section = |heading: &str, blocks: Vec<Block>| Section::new(heading, blocks);
     let page = HtmlReport {
         title: format!("From a hidden world to a policy: {}", report.config.family),
         lead: conclusions(std::slice::from_ref(report)).join(" "),
@@ -219,6 +221,7 @@ fn html(
             section("Exploration trials", explored_blocks(artifacts)),
             section("Configuration", setup_blocks(report)?),
         ],
+        ..HtmlReport::default()
     };
     Ok(page.to_html())
 }
@@ -295,6 +298,7 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
                 name: format!("{}, seed {seed}", FACTORS[i].name),
                 points: e.estimates.iter().enumerate().map(|(r, v)| ((r + 1) as f64, v[i])).collect(),
                 band: None,
+                ..Series::default()
             })
         })
         .collect();

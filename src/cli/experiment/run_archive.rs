@@ -6,6 +6,7 @@ use iplw::experiment::quickstart::{QuickstartArtifacts, QuickstartReport, Traine
 use iplw::experiment::{EstimateConfig, PendingRound, Round};
 use iplw::job::id;
 use iplw::reality::trials_to_csv;
+use iplw::report::diagnosis::DiagnosisDocument;
 use iplw::store::{JobState, LogLevel, MeasuredOutcomes, PolicyRow, Store};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -62,8 +63,7 @@ impl RunArchive<'_> {
         let config = json!({"job": estimation, "scene": scene.name, "trials": trials, "seed": self.seed});
         let csv = trials_to_csv(&artifacts.trials);
         let plan = json!({"scene": scene.to_json(), "trials": csv, "seed": self.seed});
-        let mut result = value(&finding.diagnosis)?;
-        result["extended_scene"] = value(&finding.extended)?;
+        let result = value(&DiagnosisDocument::new(finding))?;
         self.job("diagnose", config, plan, result, &|_| Ok(())).map(drop)
     }
 

@@ -200,6 +200,7 @@ fn plot_of(config: &StrategiesConfig, rows: &[ErrorRow], nature: WorldVariant, f
                 name: arm.name.clone(),
                 points: mine.iter().map(|r| (r.interactions, r.error)).collect(),
                 band: Some(band.collect()),
+                ..Series::default()
             }
         })
         .collect();
@@ -217,7 +218,7 @@ fn html(
     seconds: &[f64],
 ) -> Result<String> {
     let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![claims_table(claims, None)] }];
+    let mut sections = vec![Section::new("Claims", vec![claims_table(claims, None)])];
     for nature in &config.natures {
         let table = config.arms.iter().filter_map(|arm| {
             let [Some(friction), Some(restitution)] =
@@ -246,9 +247,13 @@ fn html(
                 .filter(|(name, _)| name.contains(mine))
                 .map(|(_, svg)| Block::Svg { svg: svg.clone(), caption: String::new() }),
         );
-        sections.push(Section { heading: format!("Hidden world: {}", nature.title()), blocks });
+        sections.push(Section {
+            heading: format!("Hidden world: {}", nature.title()),
+            blocks,
+            ..Section::default()
+        });
     }
-    sections.push(Section { heading: "Chosen actions".into(), blocks: vec![chosen(config, cells)] });
+    sections.push(Section::new("Chosen actions", vec![chosen(config, cells)]));
     sections.push(Section {
         heading: "Configuration".into(),
         blocks: vec![
@@ -265,11 +270,13 @@ fn html(
                 )],
             },
         ],
+        ..Section::default()
     });
     let page = HtmlReport {
         title: format!("Exploration strategies: {}", family.name),
         lead: "Error of the latent factors against real interactions, for every exploration strategy.".into(),
         sections,
+        ..HtmlReport::default()
     };
     Ok(page.to_html())
 }

@@ -266,6 +266,7 @@ fn plots(study: &Study, rows: &[StudyRow]) -> Vec<StudyFigure> {
                 name: title(r),
                 points: r.curve.iter().map(|(b, s)| (*b as f64, s.mean)).collect(),
                 band: Some(r.curve.iter().map(|(_, s)| band(s)).collect()),
+                ..Series::default()
             })
             .collect();
         let svg = plot::lines(
@@ -282,6 +283,7 @@ fn plots(study: &Study, rows: &[StudyRow]) -> Vec<StudyFigure> {
             name: r.name.clone(),
             points: vec![(0.0, r.jump_start.mean), (most, r.jump_start.mean)],
             band: None,
+            ..Series::default()
         });
         let arms = study.arms.iter().map(|arm| {
             let mine: Vec<&StudyRow> =
@@ -290,6 +292,7 @@ fn plots(study: &Study, rows: &[StudyRow]) -> Vec<StudyFigure> {
                 name: arm.name.clone(),
                 points: mine.iter().map(|r| (r.interactions, r.jump_start.mean)).collect(),
                 band: Some(mine.iter().map(|r| band(&r.jump_start)).collect()),
+                ..Series::default()
             }
         });
         let svg = plot::lines(
@@ -411,13 +414,18 @@ fn html(
         Section {
             heading: "Claims".into(),
             blocks: vec![claims_table(claims, Some(MIN_RELEVANT_AUCCESS_DIFFERENCE))],
+            ..Section::default()
         },
-        Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
-        Section { heading: "Estimates".into(), blocks: vec![estimate_table::block(study, estimates)] },
+        Section::new("Jump start", plots.iter().map(svg).chain([table]).collect()),
+        Section::new("Estimates", vec![estimate_table::block(study, estimates)]),
     ];
     if !pictures.is_empty() {
         let blocks = pictures.iter().map(svg).collect();
-        sections.push(Section { heading: "Actions of the learned policy".into(), blocks });
+        sections.push(Section {
+            heading: "Actions of the learned policy".into(),
+            blocks,
+            ..Section::default()
+        });
     }
     sections.push(Section {
         heading: "Run".into(),
@@ -430,11 +438,13 @@ fn html(
                 )],
             },
         ],
+        ..Section::default()
     });
     let page = HtmlReport {
         title: format!("Transfer: {} on {}", study.name, study.family),
         lead: "Performance of policies on unseen tasks of a hidden world, by training environment.".into(),
         sections,
+        ..HtmlReport::default()
     };
     Ok(page.to_html())
 }

@@ -43,7 +43,7 @@ use crate::rng;
 use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
 pub use discrepancy::DiscrepancyField;
-pub use document::PosteriorDocument;
+pub use document::{ParameterSummary, PosteriorDocument, SetSummary};
 pub use horizon::MAX_HORIZON;
 pub use likelihood::{LIKELIHOOD_FORMAT, TrialLikelihood};
 use log_likelihood::DiscrepancySummary;

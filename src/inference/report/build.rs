@@ -16,8 +16,7 @@ use crate::inference::report::residual_map;
 use crate::inference::report::text::{self, reason, residual_summary};
 use crate::inference::report::trajectory_residuals;
 use crate::inference::report::{
-    self, Diagnosis, PredictionGain, PredictiveCheck, RecommendedExperiment, TrialEffectEstimate,
-    TrialEffects, Verdict,
+    self, Diagnosis, PredictiveCheck, RecommendedExperiment, TrialEffectEstimate, TrialEffects, Verdict,
 };
 use crate::inference::residual_law::{FittedLaw, LawProblem};
 use crate::inference::selection::Decision;
@@ -103,7 +102,7 @@ pub fn build_report(
     let described =
         residual_law.as_ref().map_or(String::new(), text::law_text) + &between_trial_variation::text(&unlike);
     let diagnosis = Diagnosis {
-        format: report::FORMAT,
+        format: report::FORMAT.into(),
         verdict,
         reason: reason(&found, decision, &remainder, used.len()) + &described,
         effects: effect_estimates(model, names, |name| decision.inclusion_probability(&found, name)),
@@ -199,34 +198,17 @@ pub fn insufficient_data_report(
     config: &DiagnosisConfig,
 ) -> DiagnosisResult {
     let diagnosis = Diagnosis {
-        format: report::FORMAT,
+        format: report::FORMAT.into(),
         verdict: Verdict::InsufficientData,
         reason: lack.reason.clone(),
-        effects: Vec::new(),
-        rivals: Vec::new(),
-        calibrated: Vec::new(),
-        residual: None,
-        gain: PredictionGain::default(),
-        unexplained_share: None,
-        residual_law: None,
-        remainder: None,
-        odd_trials: Vec::new(),
-        surface_offsets: Vec::new(),
-        unused_contacts: Vec::new(),
-        failed: Vec::new(),
         next_experiment: Some(RecommendedExperiment {
             why: lack.reason.clone(),
             action: lack.action.into(),
             separates: Vec::new(),
             scene: None,
         }),
-        scores: Vec::new(),
-        launches: Vec::new(),
-        unlike: Vec::new(),
-        predictive: None,
-        field: None,
-        paths: Default::default(),
         seed: config.seed,
+        ..Diagnosis::default()
     };
     let mut extended = scene.clone();
     if let Some(trial) = trials.first() {

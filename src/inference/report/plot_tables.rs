@@ -1,6 +1,6 @@
 //! Evidence as tables with a bounded number of rows, for plots.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::inference::report::evidence::{Evidence, EvidencePoint, ImpactRecord};
 use crate::inference::report::round_to_six_digits;
@@ -11,7 +11,7 @@ const MAX_ROWS: usize = 1500;
 const MAX_LAG: usize = 12;
 
 /// Plot data of a diagnosis.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlotTables {
     /// Names of settings, indexed by the columns `setting`.
     pub settings: Vec<String>,
@@ -28,9 +28,9 @@ pub struct PlotTables {
 }
 
 /// Rows of numbers.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlotTable {
-    pub columns: &'static [&'static str],
+    pub columns: Vec<String>,
     pub rows: Vec<Vec<Option<f64>>>,
 }
 
@@ -74,11 +74,11 @@ pub fn plot_tables(evidence: &Evidence) -> PlotTables {
 }
 
 /// A table, thinned evenly to the maximum number of rows.
-fn table<T>(columns: &'static [&'static str], of: &[T], row: impl Fn(&T) -> Vec<f64>) -> PlotTable {
+fn table<T>(columns: &[&str], of: &[T], row: impl Fn(&T) -> Vec<f64>) -> PlotTable {
     let number = |v: f64| v.is_finite().then(|| round_to_six_digits(v));
     let stride = of.len().div_ceil(MAX_ROWS).max(1);
     let rows = of.iter().step_by(stride).map(|one| row(one).into_iter().map(number).collect());
-    PlotTable { columns, rows: rows.collect() }
+    PlotTable { columns: columns.iter().map(|c| c.to_string()).collect(), rows: rows.collect() }
 }
 
 /// Mean autocorrelation of residuals within segments and bodies, by lag.

@@ -35,7 +35,7 @@ pub fn residual_field(
             [mean(0), mean(1), acceleration[0], acceleration[1], sd[0], sd[1]].map(round_to_six_digits)
         });
     let rows: Vec<[f64; 6]> = rows.collect();
-    let columns = &["x", "y", "ax", "ay", "sd_ax", "sd_ay"];
+    let columns = ["x", "y", "ax", "ay", "sd_ax", "sd_ay"].map(String::from).to_vec();
     Ok((!rows.is_empty()).then_some(ResidualField { columns, rows }))
 }
 

@@ -13,7 +13,7 @@ use crate::task::scene::EffectTerm;
 pub const FORMAT: &str = "iplw.diagnosis/2";
 
 /// Verdict of a diagnosis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The base model explains the data down to the noise.
@@ -25,6 +25,7 @@ pub enum Verdict {
     /// There is discrepancy, but no set of library effects explains it.
     Unknown,
     /// The data are insufficient.
+    #[default]
     InsufficientData,
 }
 
@@ -32,9 +33,9 @@ names!(Verdict: None = "none", Named = "named", Ambiguous = "ambiguous", Unknown
     InsufficientData = "insufficient_data");
 
 /// A diagnosis.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
-    pub format: &'static str,
+    pub format: String,
     pub verdict: Verdict,
     /// Explanation for readers.
     pub reason: String,
@@ -77,7 +78,7 @@ pub struct Diagnosis {
 }
 
 /// Contacts that are not used, for one reason.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnusedContacts {
     /// The kind of contact and why it is not used.
     pub reason: String,
@@ -110,7 +111,7 @@ pub struct ParameterEstimate {
 }
 
 /// A random acceleration per trial, larger than the tolerated variation.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BetweenTrialVariation {
     /// Name of the effect.
     pub effect: String,
@@ -121,7 +122,7 @@ pub struct BetweenTrialVariation {
 }
 
 /// Empirical law of the acceleration that the effects do not explain.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResidualLaw {
     /// Formula in SI units, or a description of a fitted force field.
     pub formula: String,
@@ -134,7 +135,7 @@ pub struct ResidualLaw {
 }
 
 /// A term of an empirical law.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawTerm {
     /// The term as a scene's effect.
     pub term: EffectTerm,
@@ -143,7 +144,7 @@ pub struct LawTerm {
 }
 
 /// A calibrated latent.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibratedLatent {
     pub name: String,
     pub value: f64,
@@ -152,7 +153,7 @@ pub struct CalibratedLatent {
 }
 
 /// Misfit of the base model.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaseMisfit {
     /// m
     pub base_rmse: f64,
@@ -167,14 +168,14 @@ pub struct BaseMisfit {
 }
 
 /// Prediction gain of the extension.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictionGain {
     pub held_out: Option<HeldOutError>,
     pub extrapolation: Option<HeldOutError>,
 }
 
 /// Errors on held-out trials.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutError {
     pub trials: usize,
     /// m
@@ -204,7 +205,7 @@ pub struct RecommendedExperiment {
 }
 
 /// Comparison of a set with the best one.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelScore {
     pub effects: Vec<String>,
     /// Log posterior probability relative to the most probable set, nats.
@@ -216,7 +217,7 @@ pub struct ModelScore {
 }
 
 /// Residual summary of the reported model.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResidualSummary {
     /// Systematic error of a coordinate with the base model, m: root mean square, over all observations, of the smooth part of the
     /// residuals beyond that expected from noise.
@@ -235,7 +236,7 @@ pub struct ResidualSummary {
 }
 
 /// Estimates for one trial.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialEffects {
     /// Index of the trial, from 0.
     pub trial: usize,
@@ -246,7 +247,7 @@ pub struct TrialEffects {
 }
 
 /// Amplitude estimate of an effect in one trial.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialEffectEstimate {
     pub effect: String,
     pub parameter: String,
@@ -259,7 +260,7 @@ pub struct TrialEffectEstimate {
 }
 
 /// Leave-one-trial-out predictive checks.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PredictiveCheck {
     pub launches: Vec<TrialPredictiveCheck>,
     /// Share of trials outside their 95 % predictive interval; 0.05 if predictions are calibrated.
@@ -275,7 +276,7 @@ pub struct PredictiveCheck {
 }
 
 /// Predictive check of one trial.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialPredictiveCheck {
     /// Index of the trial, from 0.
     pub trial: usize,
@@ -288,7 +289,7 @@ pub struct TrialPredictiveCheck {
 }
 
 /// A trial that is unlike the others.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OddTrial {
     /// Index of the trial, from 0.
     pub trial: usize,
@@ -298,7 +299,7 @@ pub struct OddTrial {
 }
 
 /// Where a surface is, relative to where the scene has it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceOffset {
     /// Name of the static.
     pub name: String,
@@ -311,24 +312,24 @@ pub struct SurfaceOffset {
 }
 
 /// Residual force field of the reported model.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResidualField {
     /// Names of the columns; m, m/s^2.
-    pub columns: &'static [&'static str],
+    pub columns: Vec<String>,
     /// One row per cell of the plane: mean position, mean acceleration and its standard deviations.
     pub rows: Vec<[f64; 6]>,
 }
 
 /// Residuals along trials, thinned for plots.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryResiduals {
     /// Names of the columns.
-    pub columns: &'static [&'static str],
+    pub columns: Vec<String>,
     pub launches: Vec<TrialResiduals>,
 }
 
 /// Rows of one trial; `null` for a missing value.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialResiduals {
     /// Index of the trial, from 0.
     pub trial: usize,

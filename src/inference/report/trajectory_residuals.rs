@@ -31,7 +31,10 @@ pub fn trajectory_residuals(evidence: &Evidence, used: &[usize]) -> TrajectoryRe
         let rows = own.iter().step_by(own.len().div_ceil(MAX_ROWS).max(1)).map(|p| row(p, first)).collect();
         TrialResiduals { trial: *trial, rows }
     };
-    TrajectoryResiduals { columns: &COLUMNS, launches: used.iter().enumerate().map(launch).collect() }
+    TrajectoryResiduals {
+        columns: COLUMNS.map(String::from).to_vec(),
+        launches: used.iter().enumerate().map(launch).collect(),
+    }
 }
 
 fn row(p: &EvidencePoint, first: usize) -> Vec<Option<f64>> {

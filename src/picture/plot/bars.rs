@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::frame::{
-    Area, Chart, DrawResult, GRID, INK, empty, error_bar, plot_svg, pos, subpixels, text, truncate,
+    Area, Chart, DrawResult, empty, error_bar, ink, plot_svg, pos, subpixels, text, token_colour, truncate,
 };
 use super::scale::{finite_pair, is_drawable, label_width, range, series_colour, tick};
 use crate::picture::svg::cleaned;
@@ -55,11 +55,11 @@ pub fn bars(title: &str, y_label: &str, groups: &[BarGroup]) -> String {
     plot_svg(title, &shown, |area| {
         let mut chart = frame(area, groups.len().max(1), &y, y_label)?;
         for (g, group) in groups.iter().enumerate() {
-            let colour = |name: &str| legend.iter().find(|(n, _)| n == name).map_or(INK, |(_, c)| *c);
+            let colour = |name: &str| legend.iter().find(|(n, _)| n == name).map_or(ink(), |(_, c)| *c);
             draw_group(&mut chart, g, group, &colour)?;
         }
         let count = groups.len().max(1) as f64;
-        let ground = PathElement::new(vec![(0.0, 0.0), (count, 0.0)], INK.stroke_width(subpixels(1)));
+        let ground = PathElement::new(vec![(0.0, 0.0), (count, 0.0)], ink().stroke_width(subpixels(1)));
         chart.draw_series([ground])?;
         write_names(area, &chart, groups, y.start)
     })
@@ -82,10 +82,10 @@ fn frame<'a, 'b>(
         .configure_mesh()
         .disable_x_mesh()
         .disable_x_axis()
-        .bold_line_style(ShapeStyle::from(&GRID).stroke_width(subpixels(1)))
+        .bold_line_style(ShapeStyle::from(&token_colour("line")).stroke_width(subpixels(1)))
         .set_all_tick_mark_size(subpixels(4))
         .light_line_style(TRANSPARENT)
-        .axis_style(ShapeStyle::from(&INK).stroke_width(subpixels(1)))
+        .axis_style(ShapeStyle::from(&ink()).stroke_width(subpixels(1)))
         .y_labels(6)
         .y_label_formatter(&|v: &f64| tick(*v))
         .label_style(text(12))
@@ -111,7 +111,7 @@ fn draw_group(
             colour(&bar.name).filled(),
         )])?;
         if let Some((low, high)) = finite_pair(bar.interval) {
-            error_bar(chart, left + width / 2.0, low, high, INK)?;
+            error_bar(chart, left + width / 2.0, low, high, ink())?;
         }
     }
     Ok(())
@@ -125,7 +125,7 @@ fn write_names(area: &Area, chart: &Chart, groups: &[BarGroup], bottom: f64) -> 
     let (left, top) = area.get_base_pixel();
     for (g, group) in groups.iter().enumerate() {
         let (x, y) = chart.backend_coord(&(g as f64 + 0.5, bottom));
-        let style = text(12).pos(pos(HPos::Center, VPos::Top)).color(&INK);
+        let style = text(12).pos(pos(HPos::Center, VPos::Top));
         for (row, part) in wrap(&group.name, most.max(3)).iter().enumerate() {
             let down = (subpixels(6) + subpixels(15) * row as u32) as i32;
             area.draw_text(part, &style, (x - left, y - top + down))?;

@@ -9,13 +9,23 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{label_width, tick};
 use crate::picture::svg::{cleaned, escape};
+use crate::picture::theme::{light, rgb};
 
 /// Size of a plot, px.
 pub(super) const PLOT_SIZE_PX: (u32, u32) = (720, 440);
 /// Supersampling: plotters rounds to whole pixels, so plots are drawn this many times as large and scaled down.
 pub(super) const SUPERSAMPLING: u32 = 4;
-pub(super) const INK: RGBColor = RGBColor(0x33, 0x37, 0x3D);
-pub(super) const GRID: RGBColor = RGBColor(0xE3, 0xE6, 0xEA);
+/// Colour of text and axes.
+pub(super) fn ink() -> RGBColor {
+    token_colour("ink")
+}
+
+/// A token's colour on a light ground.
+pub(super) fn token_colour(token: &str) -> RGBColor {
+    let [r, g, b] = rgb(token);
+    RGBColor(r, g, b)
+}
+
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub(super) type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 pub(super) type DrawResult = Result<(), Box<dyn std::error::Error>>;
@@ -40,8 +50,8 @@ pub(super) fn plot_svg_sized(
     let drawn = (|| -> DrawResult {
         let root = SVGBackend::with_string(&mut svg, (size.0 * SUPERSAMPLING, size.1 * SUPERSAMPLING))
             .into_drawing_area();
-        root.fill(&WHITE)?;
-        let heading = text(16).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+        root.fill(&token_colour("scene"))?;
+        let heading = text(16).pos(pos(HPos::Left, VPos::Center));
         root.draw_text(
             &truncate(title, (size.0 * 84 / PLOT_SIZE_PX.0) as usize),
             &heading,
@@ -81,7 +91,7 @@ pub(super) fn draw_legend(
             [(left, middle - half), (left + 2 * half, middle + half)],
             colour.filled(),
         ))?;
-        let style = text(12).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+        let style = text(12).pos(pos(HPos::Left, VPos::Center));
         root.draw_text(name, &style, (left + subpixels(16) as i32, middle))?;
         x += wide;
     }
@@ -112,17 +122,21 @@ pub(super) fn notice(title: &str, sentence: &str) -> String {
     let (w, h) = PLOT_SIZE_PX;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
-         role=\"img\">\n<title>{t}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#FFFFFF\"/>\n\
-         <rect x=\"14\" y=\"34\" width=\"{}\" height=\"{}\" fill=\"none\" stroke=\"#C5CAD0\"/>\n\
-         <text x=\"14\" y=\"23\" font-family=\"sans-serif\" font-size=\"16\" fill=\"#33373D\">{t}</text>\n\
+         role=\"img\">\n<title>{t}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"{scene}\"/>\n\
+         <rect x=\"14\" y=\"34\" width=\"{}\" height=\"{}\" fill=\"none\" stroke=\"{line}\"/>\n\
+         <text x=\"14\" y=\"23\" font-family=\"sans-serif\" font-size=\"16\" fill=\"{ink}\">{t}</text>\n\
          <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"14\" \
-         fill=\"#666C75\">{}</text>\n</svg>\n",
+         fill=\"{soft}\">{}</text>\n</svg>\n",
         w - 28,
         h - 48,
         w / 2,
         h / 2,
         escape(sentence),
         t = escape(&truncate(title, 84)),
+        scene = light("scene"),
+        line = light("line"),
+        ink = light("ink"),
+        soft = light("soft"),
     )
 }
 
@@ -142,7 +156,8 @@ pub(super) fn chart_with_grid<'a, 'b>(
         .set_label_area_size(LabelAreaPosition::Bottom, subpixels(44))
         .build_cartesian_2d(x.clone(), y.clone())?;
     let mut mesh = chart.configure_mesh();
-    mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(subpixels(1))).light_line_style(TRANSPARENT);
+    mesh.bold_line_style(ShapeStyle::from(&token_colour("line")).stroke_width(subpixels(1)))
+        .light_line_style(TRANSPARENT);
     finish_axes(&mut mesh, x_label, y_label)?;
     drop(mesh);
     Ok(chart)
@@ -153,7 +168,7 @@ pub(super) fn finish_axes(
     x_label: &str,
     y_label: &str,
 ) -> DrawResult {
-    mesh.axis_style(ShapeStyle::from(&INK).stroke_width(subpixels(1)))
+    mesh.axis_style(ShapeStyle::from(&ink()).stroke_width(subpixels(1)))
         .set_all_tick_mark_size(subpixels(4))
         .x_labels(8)
         .y_labels(6)
@@ -185,7 +200,7 @@ pub(super) fn subpixels(px: u32) -> u32 {
 
 /// Text of `px` height; plotters draws a font of size s at s / 1.24.
 pub(super) fn text(px: u32) -> TextStyle<'static> {
-    ("sans-serif", f64::from(subpixels(px)) * 1.24).into_font().color(&INK)
+    ("sans-serif", f64::from(subpixels(px)) * 1.24).into_font().color(&ink())
 }
 
 pub(super) fn pos(h: HPos, v: VPos) -> Pos {

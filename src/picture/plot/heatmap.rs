@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::frame::{
-    Area, Chart, DrawResult, INK, PLOT_SIZE_PX, empty, finish_axes, plot_svg_sized, pos, subpixels, text,
+    Area, Chart, DrawResult, PLOT_SIZE_PX, empty, finish_axes, ink, plot_svg_sized, pos, subpixels, text,
     truncate,
 };
 use super::scale::{extend, heat, is_drawable, label_width, range, tick};
@@ -57,7 +57,7 @@ pub fn heatmaps(title: &str, maps: &[Heatmap]) -> String {
     plot_svg_sized(size, title, &legend, |area| {
         for (panel, map) in area.split_evenly((1, maps.len())).iter().zip(maps) {
             let inside = if maps.len() > 1 {
-                let style = text(13).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+                let style = text(13).pos(pos(HPos::Left, VPos::Center));
                 panel.draw_text(
                     &truncate(&map.title, 50),
                     &style,
@@ -146,7 +146,7 @@ fn draw_places(chart: &mut Chart, map: &Heatmap) -> DrawResult {
     let disc =
         |at: (f64, f64), size: u32, colour: RGBColor| Circle::new(at, subpixels(size), colour.filled());
     for dot in map.dots.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)) {
-        chart.draw_series([disc(*dot, 3, WHITE), disc(*dot, 2, INK)])?;
+        chart.draw_series([disc(*dot, 3, WHITE), disc(*dot, 2, ink())])?;
     }
     for (i, (mx, my, _)) in map.marks.iter().enumerate() {
         if x.contains(mx) && y.contains(my) {
@@ -180,7 +180,7 @@ fn draw_scale(area: &Area, map: &Heatmap, colours: &Range<f64>, ticks: &[f64]) -
     bar.configure_mesh()
         .disable_mesh()
         .disable_x_axis()
-        .axis_style(ShapeStyle::from(&INK).stroke_width(subpixels(1)))
+        .axis_style(ShapeStyle::from(&ink()).stroke_width(subpixels(1)))
         .set_all_tick_mark_size(subpixels(4))
         .y_labels(6)
         .y_label_formatter(&|v: &f64| tick(*v))

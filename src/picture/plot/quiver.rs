@@ -2,8 +2,9 @@
 
 use plotters::prelude::*;
 
-use super::frame::{Chart, DrawResult, INK, chart_with_grid, empty, plot_svg, subpixels};
-use super::scale::{extend, is_drawable, legend, range, series_colour, tick};
+use super::frame::{Chart, DrawResult, chart_with_grid, empty, ink, plot_svg_sized, subpixels};
+use super::scale::{extend, is_drawable, meaning_colour, range, series_colour, tick};
+use crate::picture::theme::Meaning;
 
 /// Arrows of one colour.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -12,6 +13,8 @@ pub struct Arrows {
     pub name: String,
     /// Origin and vector of each arrow.
     pub arrows: Vec<([f64; 2], [f64; 2])>,
+    /// Whose acceleration they show, which determines their colour.
+    pub meaning: Option<Meaning>,
 }
 
 /// Length of the longest arrow, px, and the padding of the x and y ranges that makes room for it.
@@ -21,7 +24,13 @@ const RANGE_PADDING: [f64; 2] = [0.12, 0.25];
 const HEAD_SHARE: f64 = 0.3;
 
 /// Arrows in the vectors' directions, independently of the axes' scales; the title gives the longest vector's length in `unit`.
-pub fn quiver(title: &str, x_label: &str, y_label: &str, unit: &str, series: &[Arrows]) -> String {
+pub fn quiver(
+    title: &str,
+    [x_label, y_label]: [&str; 2],
+    unit: &str,
+    series: &[Arrows],
+    size: (u32, u32),
+) -> String {
     let fine = |(at, to): &([f64; 2], [f64; 2])| at.iter().chain(to).all(|v| is_drawable(*v));
     let clean = || series.iter().map(|s| s.arrows.iter().filter(|a| fine(a)));
     let length = |to: &[f64; 2]| to[0].hypot(to[1]);
@@ -30,24 +39,21 @@ pub fn quiver(title: &str, x_label: &str, y_label: &str, unit: &str, series: &[A
     let (Some(x), Some(y)) = (span(0), span(1)) else { return empty(title) };
     // Room for the longest arrow on every side.
     let (x, y) = (extend(x, RANGE_PADDING[0]), extend(y, RANGE_PADDING[1]));
-    let legend = legend(series.iter().map(|s| &s.name));
+    let colour = |i: usize| series[i].meaning.map_or(series_colour(i), meaning_colour);
+    let legend: Vec<(String, RGBColor)> =
+        series.iter().enumerate().map(|(i, s)| (s.name.clone(), colour(i))).collect();
     let title = format!("{title} (longest arrow {} {unit})", tick(longest));
-    plot_svg(&title, &legend, |area| {
+    plot_svg_sized(size, &title, &legend, |area| {
         let mut chart = chart_with_grid(area, &x, &y, x_label, y_label)?;
         for (i, arrows) in clean().enumerate() {
             // Wider than the later ones, which are drawn on top.
             let width = if i + 1 < series.len() { subpixels(4) } else { subpixels(2) };
             for (at, to) in arrows.filter(|(_, to)| length(to) > 0.0) {
-                arrow(
-                    &mut chart,
-                    *at,
-                    to.map(|v| v / longest),
-                    series_colour(i).mix(0.85).stroke_width(width),
-                )?;
+                arrow(&mut chart, *at, to.map(|v| v / longest), colour(i).mix(0.85).stroke_width(width))?;
             }
         }
         chart.draw_series(
-            clean().flatten().map(|(at, _)| Circle::new((at[0], at[1]), subpixels(1), INK.filled())),
+            clean().flatten().map(|(at, _)| Circle::new((at[0], at[1]), subpixels(1), ink().filled())),
         )?;
         Ok(())
     })
@@ -79,13 +85,13 @@ mod tests {
     #[test]
     fn draws_arrows_of_any_size() {
         let arrows = vec![([0.0, 0.0], [1.0, 0.0]), ([2.0, 1.0], [0.0, -4.0]), ([1.0, f64::NAN], [1.0, 1.0])];
-        let one = Arrows { name: "seen & fitted".into(), arrows };
-        let svg = quiver("Push", "x, m", "y, m", "m/s^2", &[one]);
+        let one = Arrows { name: "seen & fitted".into(), arrows, meaning: Some(Meaning::Extended) };
+        let draw = |arrows: Arrows| quiver("Push", ["x, m", "y, m"], "m/s^2", &[arrows], (720, 440));
+        let svg = draw(one);
         assert!(svg.contains("longest arrow 4 m/s^2") && svg.contains("seen &amp; fitted"), "{svg}");
         assert!(!svg.contains("NaN"));
-        let none = quiver("Push", "x", "y", "m/s^2", &[Arrows::default()]);
-        assert!(none.contains("no data to plot"));
-        let still = Arrows { name: "still".into(), arrows: vec![([0.0, 0.0], [0.0, 0.0])] };
-        assert!(!quiver("Push", "x", "y", "m/s^2", &[still]).contains("NaN"));
+        assert!(draw(Arrows::default()).contains("no data to plot"));
+        let still = Arrows { name: "still".into(), arrows: vec![([0.0; 2], [0.0; 2])], meaning: None };
+        assert!(!draw(still).contains("NaN"));
     }
 }

@@ -6,6 +6,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::RGBColor;
 
 use crate::picture::svg::{PALETTE, channels, decimals};
+use crate::picture::theme::Meaning;
 
 /// Whether a value can be drawn; beyond 1e100 the arithmetic of axes overflows.
 pub(super) fn is_drawable(v: f64) -> bool {
@@ -75,9 +76,10 @@ pub(super) fn series_colour(index: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
-/// Legend of series with these names, in the palette's colours.
-pub(super) fn legend<'a>(names: impl Iterator<Item = &'a String>) -> Vec<(String, RGBColor)> {
-    names.enumerate().map(|(i, name)| (name.clone(), series_colour(i))).collect()
+/// The colour of a meaning.
+pub(super) fn meaning_colour(meaning: Meaning) -> RGBColor {
+    let [r, g, b] = channels(meaning.colour());
+    RGBColor(r, g, b)
 }
 
 /// The heat scale's colour for a share from 0 to 1, as `#RRGGBB`.

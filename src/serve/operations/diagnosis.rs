@@ -11,12 +11,11 @@ use super::trials;
 use crate::budget::Budget;
 use crate::commands::{DiagnosisRequest, TrialFiles};
 use crate::error::{Error, Result};
-use crate::inference::report::plot_tables::plot_tables;
 use crate::inference::{DiagnosisConfig, diagnose, memory};
 use crate::job::Work;
-use crate::json::parse;
 use crate::progress::Unreported;
 use crate::reality::{LoadedTrials, Trial, read_trials_csv, write_trials_csv};
+use crate::report::diagnosis::DiagnosisDocument;
 use crate::serve::operation::{ACT, JsonBody, Operation, RecordResponse, post};
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
@@ -91,14 +90,6 @@ fn work(base: &Arc<CoreState>, plan: &Value) -> Result<Work> {
     restartable(base, plan, |_, context, given: &DiagnosisInput| {
         let (scene, trials) = given.read(context)?;
         let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(given.seed), context)?;
-        let mut result = to_value(&found.diagnosis)?;
-        if let Some(fields) = result.as_object_mut() {
-            fields.insert("extended_scene".into(), parse(&found.extended.to_json())?);
-            let next = found.diagnosis.next_experiment.as_ref().and_then(|n| n.scene.as_ref());
-            let next: Option<Value> = next.map(|scene| parse(&scene.to_json())).transpose()?;
-            fields.insert("next_scene".into(), next.into());
-            fields.insert("evidence".into(), to_value(&plot_tables(&found.evidence))?);
-        }
-        Ok(result)
+        to_value(&DiagnosisDocument::new(&found))
     })
 }

@@ -23,6 +23,7 @@ mod policy;
 mod policy_store;
 mod posterior;
 mod render;
+mod report;
 mod rollouts;
 mod rounds;
 mod surface;
@@ -42,7 +43,7 @@ use crate::error::Error;
 use crate::job::{WorkFactories, WorkFactory};
 
 /// The operations of each file.
-const OPERATION_LISTS: [fn() -> Vec<Operation>; 25] = [
+const OPERATION_LISTS: [fn() -> Vec<Operation>; 26] = [
     ask_tell::operations,
     batch::operations,
     branch::operations,
@@ -60,6 +61,7 @@ const OPERATION_LISTS: [fn() -> Vec<Operation>; 25] = [
     policy::operations,
     posterior::operations,
     render::operations,
+    report::operations,
     adhoc::operations,
     surface::operations,
     system::operations,

@@ -71,6 +71,6 @@ fn work(base: &Arc<CoreState>, job: &Value) -> Result<Work> {
         let samples = job.parameter_source.samples(&job.task, &job.setup)?;
         let found = plan(&task, &samples, &job.setup, &TimeLimit::new(job.seconds, context), context)?;
         base.metrics.count_rollouts(found.rollouts as u64);
-        to_value(&document(&found, &job.setup, &samples))
+        to_value(&document(&task, &found, &job.setup, &samples))
     })
 }

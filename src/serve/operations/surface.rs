@@ -183,6 +183,11 @@ fn row(store: &Store, id: &str) -> Result<SurfaceRow> {
     found.ok_or_else(|| unknown(id))
 }
 
+/// The surface called `id`.
+pub fn stored(store: &Store, id: &str) -> Result<PerformanceSurface> {
+    PerformanceSurface::from_json(&row(store, id)?.body)
+}
+
 fn unknown(id: &str) -> Error {
     Error::NotFound { kind: "surface", id: id.to_string(), known: Vec::new() }
 }

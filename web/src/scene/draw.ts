@@ -5,8 +5,12 @@ import { colours } from "./colour";
 import type { Body, Box, Point, Pose, Scene, Shape } from "./types";
 import { halfPlane, goalLine, sceneExtent } from "./extent";
 
-/** Styles of movable bodies. */
-export type Look = "solid" | "ghost" | "refused";
+/** Styles of movable bodies: simulated, measured, of the simulation compared with, and where they cannot be placed. */
+export type Look = "solid" | "ghost" | "other" | "refused";
+
+const LOOKS: readonly Look[] = ["other", "ghost", "solid", "refused"];
+/** Half planes are drawn beyond the box by this many times its size: the element may be wider than the box. */
+const HALF_PLANE_SHARE = 2;
 
 /** A picture of a scene with groups for additional elements. */
 export interface Picture {
@@ -16,7 +20,7 @@ export interface Picture {
   /** Group above the bodies. */
   over: SVGGElement;
   box: Box;
-  /** Shows another part of the world; call `redraw` to extend half planes to its edge. */
+  /** Shows another part of the world. */
   frame: (box: Box) => void;
   /** Moves bodies; bodies without a pose are hidden. */
   pose: (look: Look, poses: ReadonlyMap<string, Pose>) => void;
@@ -31,24 +35,27 @@ export function picture(scene: Scene, label: string, box: Box = sceneExtent(scen
   const world = s("g", { transform: "scale(1 -1)" });
   const svg = s("svg", { class: "scene", role: "img", "aria-label": label }, world);
   const [fixed, under, over] = [s("g"), s("g"), s("g")];
-  const layers: Record<Look, SVGGElement> = { ghost: s("g"), solid: s("g"), refused: s("g") };
-  put(world, fixed, under, layers.ghost, layers.solid, layers.refused, over);
+  const layers: Record<Look, SVGGElement> = { other: s("g"), ghost: s("g"), solid: s("g"), refused: s("g") };
+  put(world, fixed, under, ...LOOKS.map((look) => layers[look]), over);
   const bodies = new Map<Look, Map<string, SVGGElement>>();
+  let current = scene;
+  const still = (): void => void put(fixed, ...statics(current, beyond(drawing.box)), goal(current, beyond(drawing.box)));
   const frame = (now: Box): void => {
     drawing.box = now;
+    if (isUnbounded(current)) still();
     set(svg, { viewBox: `${now[0]} ${-now[3]} ${now[2] - now[0]} ${now[3] - now[1]}` });
   };
   const redraw = (now: Scene): void => {
-    put(fixed, ...statics(now, drawing.box), goal(now, drawing.box));
-    for (const look of ["ghost", "solid", "refused"] as const) {
+    current = now;
+    still();
+    for (const look of LOOKS) {
       const movable = movables(now, look);
       bodies.set(look, movable);
       put(layers[look], ...movable.values());
     }
     const starts = now.bodies.filter((b) => b.position);
     pose("solid", new Map(starts.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }])));
-    pose("ghost", new Map());
-    pose("refused", new Map());
+    for (const look of LOOKS) if (look !== "solid") pose(look, new Map());
   };
   const pose = (look: Look, poses: ReadonlyMap<string, Pose>): void => {
     for (const [name, element] of bodies.get(look) ?? []) {
@@ -73,6 +80,16 @@ export function picture(scene: Scene, label: string, box: Box = sceneExtent(scen
 export function line(points: readonly Point[], attributes: Attributes): SVGPolylineElement {
   const text = points.map((p) => `${round(p[0])},${round(p[1])}`).join(" ");
   return s("polyline", { points: text, fill: "none", "vector-effect": "non-scaling-stroke", ...attributes });
+}
+
+/** Whether a part of the scene reaches to the edge of any box. */
+function isUnbounded(scene: Scene): boolean {
+  return scene.goal?.type === "above" || (scene.statics ?? []).some((object) => object.shape.type === "halfspace");
+}
+
+function beyond([left, bottom, right, top]: Box): Box {
+  const more = HALF_PLANE_SHARE * Math.max(right - left, top - bottom);
+  return [left - more, bottom - more, right + more, top + more];
 }
 
 function statics(scene: Scene, box: Box): SVGElement[] {

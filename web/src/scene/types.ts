@@ -56,6 +56,8 @@ export interface Scene {
   damping?: number;
   stop?: boolean;
   carriers?: string[];
+  effects?: { name: string; parameters?: Record<string, number> }[];
+  contact_rules?: { restitution_threshold?: number; [more: string]: unknown };
   [more: string]: unknown;
 }
 

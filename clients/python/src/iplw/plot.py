@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .display.theme import colour
 from .results import Diagnosis, Estimate, Score, Training
 from .results import weighted as weighted
 from .rollout import Rollout, Rollouts
@@ -120,7 +121,7 @@ def latents(
     for name, value in (truth or {}).items():
         if name in names:
             ax.plot(
-                [value], [names.index(name)], "k|", ms=16, label="truth" if name == next(iter(truth or {})) else None
+                [value], [names.index(name)], "|", color=colour("truth"), ms=16, mew=2, label="truth" if name == next(iter(truth or {})) else None
             )
     ax.set_yticks(range(len(names)), names)
     ax.set(xlabel="value, with 95 % interval", ylim=(len(names) - 0.5, -0.5))
@@ -144,7 +145,7 @@ def rounds(history: Rounds | pandas.DataFrame, name: str, *, truth: float | None
     ends = np.abs(rows[["low", "high"]].to_numpy(dtype=float).T - rows["value"].to_numpy(dtype=float))
     ax.errorbar(rows["interactions"], rows["value"], yerr=np.nan_to_num(ends), fmt="o-", ms=4, capsize=3)
     if truth is not None:
-        ax.axhline(truth, color="k", lw=1, ls="--", label="truth")
+        ax.axhline(truth, color=colour("truth"), lw=1, ls="--", label="truth")
         ax.legend(frameon=False, fontsize="small")
     ax.set(xlabel="real interactions", ylabel=name)
     return ax
@@ -174,7 +175,7 @@ def rivals(diagnosis: Diagnosis | pandas.DataFrame, *, max_rows: int = 10, ax: A
     ax = _axes(ax)
     frame = (diagnosis.scores() if isinstance(diagnosis, Diagnosis) else diagnosis).head(max_rows)
     nats_below = -frame["score"].to_numpy(dtype=float)
-    colours = np.where(frame["rival"].to_numpy(dtype=bool), "tab:orange", "lightgrey")
+    colours = np.where(frame["rival"].to_numpy(dtype=bool), colour("extended"), colour("line"))
     ax.barh(np.arange(len(frame)), np.maximum(nats_below, 0.0), color=colours)
     ax.plot(np.zeros(len(frame)), np.arange(len(frame)), "|", color="0.4", ms=8)
     ax.set_yticks(range(len(frame)), list(frame["effects"]))
@@ -193,8 +194,8 @@ def residuals(diagnosis: Diagnosis | pandas.DataFrame, *, axis: str = "y", ax: A
         raise ValueError(f"axis is {axis!r}; allowed: x, y")
     ax = _axes(ax)
     frame = diagnosis.points() if isinstance(diagnosis, Diagnosis) else diagnosis
-    for phase, label, colour in (("before", "base model", "tab:red"), ("after", "extended model", "tab:blue")):
-        ax.plot(frame["t"], 1e3 * frame[f"{phase}_{axis}"], ".", ms=3, color=colour, alpha=0.6, label=label)
+    for phase, label, shade in (("before", "base model", colour("simulated")), ("after", "extended model", colour("extended"))):
+        ax.plot(frame["t"], 1e3 * frame[f"{phase}_{axis}"], ".", ms=3, color=shade, alpha=0.6, label=label)
     ax.axhline(0.0, color="0.5", lw=0.8)
     ax.set(xlabel="t (s)", ylabel=f"measured - simulated, {axis} (mm)")
     ax.legend(frameon=False, fontsize="small", markerscale=3)

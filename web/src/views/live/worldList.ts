@@ -5,6 +5,8 @@ import { poll } from "../../parts/poll";
 import { ago } from "../../parts/time";
 import { uniqueId, h, put } from "../../dom";
 import { type Context, link } from "../../view";
+import { createExample } from "./example";
+import { guide } from "./guide";
 import type { World } from "./messages";
 
 /** Rows in one page. */
@@ -20,7 +22,8 @@ export async function worldList(place: HTMLElement, context: Context): Promise<v
   const [head, body] = [h("tr"), h("tbody")];
   const table = h("table", { class: "worlds" }, h("caption", { class: "unseen" }, "Worlds"), h("thead", {}, head), body);
   const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, back, forward);
-  put(place, h("div", { class: "row" }, h("label", { for: id }, "Order"), order, pages), h("div", { class: "card wide" }, table));
+  const none = h("p", { class: "soft", hidden: true }, "No worlds yet.");
+  put(place, h("div", { class: "row" }, h("label", { for: id }, "Order"), order, pages), h("div", { class: "card wide" }, table, none), guideSection(context));
   // Cursors of the previous pages; the first page has none.
   const before: (string | undefined)[] = [];
   let [cursor, next]: [string | undefined, string | null] = [undefined, null];
@@ -32,6 +35,7 @@ export async function worldList(place: HTMLElement, context: Context): Promise<v
     const owned = page.worlds.some((w) => w.owner);
     const heads = ["World", "Task", "Kind", ...(owned ? ["Owner"] : []), "Interactions", "Episodes", "Last use"];
     put(head, ...heads.map((t) => h("th", { scope: "col" }, t)));
+    [none.hidden, table.hidden] = [page.worlds.length > 0, !page.worlds.length];
     updateRows(body, page.worlds, owned);
   };
   const afterChange = (change: () => void) => (): void => {
@@ -43,6 +47,19 @@ export async function worldList(place: HTMLElement, context: Context): Promise<v
   order.addEventListener("change", afterChange(() => ((before.length = 0), (cursor = undefined))));
   await load();
   void poll(load, POLL_MS, context);
+}
+
+/** How a program gets a world into the list. */
+function guideSection(context: Context): HTMLElement {
+  const button = h("button", { type: "button", class: "main" }, "Start an example world");
+  button.addEventListener("click", () => {
+    button.disabled = true;
+    context.fail(null);
+    createExample(context.signal)
+      .then((id) => (location.hash = link("live", [id], { example: "1" })))
+      .catch((e: unknown) => ((button.disabled = false), context.fail(e)));
+  });
+  return h("section", { class: "card stack", "aria-label": "Watch a program" }, h("h2", {}, "Watch a program"), guide(null, button));
 }
 
 /** Updates the rows; unchanged rows keep the focus. */

@@ -8,7 +8,11 @@ import type { Film } from "../../scene/film";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { loadTask } from "../play/taskPicker";
+import { episodeLog } from "./episodes";
+import { allowsExample, playExample } from "./example";
 import { filmPlayer, type FilmPlayer } from "./filmPlayer";
+import { guide } from "./guide";
+import { learningCurve } from "./learningCurve";
 import { applyEvent, type WorldEvent, eventText, countsInteraction, verdict, waitingFor, type World } from "./messages";
 
 /** Number of events listed. */
@@ -38,7 +42,9 @@ export async function worldView(place: HTMLElement, id: string, context: Context
   const newest = h("input", { id: box, type: "checkbox", checked: true });
   const head = h("section", { class: "card stack", "aria-label": "World" }, h("p", {}, h("a", { href: link("live") }, "All worlds")), h("h2", {}, id), facts);
   const events = h("section", { class: "card stack", "aria-label": "Events" }, h("h2", {}, "Events"), status, h("div", { class: "row" }, newest, h("label", { for: box }, "Show the newest film automatically")), noEvents, log);
-  put(place, h("div", { class: "live-body" }, front, h("div", { class: "stack" }, head, events)));
+  const [episodes, curve, start] = [episodeLog(watch.world.max_attempts), learningCurve(), exampleStart(watch.world, context)];
+  const help = h("section", { class: "card stack", "aria-label": "Act in this world" }, h("h2", {}, "Act in this world"), guide({ id, dimension: watch.world.action_space.dimension }, start.button));
+  put(place, h("div", { class: "live-body" }, h("div", { class: "stack" }, front, curve.element, help), h("div", { class: "stack" }, head, events)));
   let current: { task: string; screen: FilmPlayer } | null = null;
   const playerFor = async (task: string): Promise<FilmPlayer> => {
     if (current?.task !== task) {
@@ -60,6 +66,8 @@ export async function worldView(place: HTMLElement, id: string, context: Context
     log.prepend(...rows);
     while (log.childElementCount > MAX_EVENTS_LISTED) log.lastElementChild!.remove();
     noEvents.hidden = log.childElementCount > 0;
+    help.hidden = noEvents.hidden;
+    curve.show(episodes.episodes());
     put(status, watch.missed ? `Watching. ${watch.missed} events were too fast to be displayed.` : "Watching.");
     const last = waiting.filter((e) => e.what === "reset" || e.what === "step" || e.film).at(-1);
     if (last && newest.checked) show(last).catch(context.fail);
@@ -71,16 +79,39 @@ export async function worldView(place: HTMLElement, id: string, context: Context
       watch.scenes.set(first.task, Promise.resolve(first.scene as unknown as Scene));
       if (!current) void playerFor(first.task).then((s) => s.empty(waitingFor(first.world))).catch(context.fail);
       render(null);
+      start.connected();
       return;
     }
     const event = JSON.parse(data) as WorldEvent;
     if (watch.last && event.number > watch.last + 1) watch.missed += event.number - watch.last - 1;
     watch.last = event.number;
+    episodes.add(event);
     watch.world = applyEvent(watch.world, event);
     render(event);
   };
   await follow(`/v1/worlds/${encodeURIComponent(id)}/events`, (e) => onEvent(e.data, e.event), signal, "gone");
   if (!signal.aborted) put(status, "The world was deleted, on request or because it was idle.");
+}
+
+/** The button that starts an example, where one is allowed; `#/live/w1?example=1` starts it when the page watches. */
+function exampleStart(world: World, context: Context): { button: HTMLElement | null; connected: () => void } {
+  const button = h("button", { type: "button", class: "main" }, "Play an example");
+  let waits = context.query.has("example");
+  const play = (): void => {
+    button.disabled = true;
+    playExample(world, context.signal)
+      .catch(context.fail)
+      .finally(() => (button.disabled = false));
+  };
+  button.addEventListener("click", play);
+  const connected = (): void => {
+    if (!waits || !allowsExample(world)) return;
+    waits = false;
+    // A reload does not play it again.
+    history.replaceState(null, "", link("live", [world.id]));
+    play();
+  };
+  return { button: allowsExample(world) ? button : null, connected };
 }
 
 /** A task's scene, from the list of tasks or from the first event. */

@@ -1,18 +1,33 @@
-// Placement of an action in a scene by mouse, keyboard and sliders; invalid positions are shaded.
+// Placement of an action in a scene by pointer, keyboard and sliders; invalid positions are shaded.
 
 import { api, ok } from "../../api/client";
-import { h, put, s, set } from "../../dom";
+import { h, put, set } from "../../dom";
 import { latest } from "../../parts/latest";
 import { short, slider, type Slider } from "../../parts/slider";
 import { applyAction, shareFor, targets, unit, valueAt } from "../../scene/action";
 import type { Picture } from "../../scene/draw";
+import { around, corners } from "../../scene/extent";
 import { allObjects, type Component, type Point, type Scene } from "../../scene/types";
+import type { Viewport } from "../../scene/viewport";
 import type { Context } from "../../view";
+import { withHelp } from "./help";
+import { pointerInput } from "./pointer";
 
 /** Cells of the map of invalid positions in each direction; one request may hold 4096 actions. */
 const MAP_CELLS = 48;
-/** Step of a key, share of the range; finer with Shift. */
+/** Step of a key, share of the range; finer with Ctrl. */
 const [STEP_SHARE, FINE_STEP_SHARE] = [0.02, 0.002];
+
+/** What the components of an action set. */
+const ABOUT: Record<Component["set"], string> = {
+  x: "Position to the right.",
+  y: "Position upwards.",
+  radius: "Size of the disc.",
+  angle: "Rotation, counter-clockwise.",
+  vx: "Initial velocity to the right.",
+  vy: "Initial velocity upwards.",
+  omega: "Initial spin, counter-clockwise.",
+};
 
 export interface Placement {
   element: HTMLElement;
@@ -24,15 +39,20 @@ export interface Placement {
 /** Subject of a request: a task id or a scene. */
 export type SimulationSubject = { task: string } | { scene: Record<string, never> };
 
-/** Adds placement to a picture; `onMove` is called with every new action and once at the start, with `first` if given. */
-export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Picture, onMove: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placement {
+/** A picture in a view, and the path of the invalid positions in it. */
+export interface PlacementStage {
+  picture: Picture;
+  view: Viewport;
+  shade: SVGPathElement;
+}
+
+/** Adds placement to a picture in a view; `onMove` is called with every new action and once at the start, with `first` if given. */
+export function actionPlacement(scene: Scene, subject: SimulationSubject, { picture: at, view, shade }: PlacementStage, onMove: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placement {
   const components = scene.action?.components ?? [];
   const names = targets(scene);
   let active = names[0] ?? "";
   const action = components.map(() => 0.5);
   const message = h("p", { class: "soft", role: "status" });
-  const shade = s("path", { class: "shade" });
-  at.under.append(shade);
   const sliders: Slider[] = components.map((c, i) => {
     const text = (now: number): string => short(valueAt(c, now), unit(c));
     return slider(`${c.target} ${c.set}`, 0.5, text, (now) => change([[i, now]], c.target));
@@ -60,7 +80,14 @@ export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Pi
     if (y >= 0) values.push([y, shareFor(components[y]!, p[1])]);
     if (values.length) change(values);
   };
-  mouseInput(at, () => nearest(scene, action, names), (name) => (active = name), () => map(null), to);
+  const place = (p: Point, begin: boolean): void => {
+    if (begin) {
+      active = nearest(scene, action, names)(p);
+      map(null);
+    }
+    to(p);
+  };
+  pointerInput(at, view, components.length ? { hits: (p, reach) => hits(scene, action, names, p, reach), place } : null);
   keyboardInput(at.svg, components, action, () => active, (name) => (active = name), names, change);
   const start = async (): Promise<void> => {
     if (first?.length === action.length && first.every(Number.isFinite)) {
@@ -76,10 +103,10 @@ export function actionPlacement(scene: Scene, subject: SimulationSubject, at: Pi
   else onMove([]);
   const showReason = (reason: string | null): void => {
     set(message, { class: reason ? "refused-why" : "soft" });
-    put(message, reason ? `Cannot be placed here: ${reason}.` : components.length ? "Click or drag in the scene, or use the arrow keys." : "This scene has no action.");
+    put(message, reason ? `Cannot be placed here: ${reason}.` : components.length ? "Click in the scene to place, drag the object, or use the arrow keys." : "The scene has no action: bodies start where it says. Change the latents or effects, or add an action in Make.");
   };
   showReason(null);
-  return { element: h("div", { class: "stack" }, message, ...sliders.map((one) => one.element)), action: () => [...action], showReason: showReason };
+  return { element: h("div", { class: "stack" }, message, ...sliders.map((one, i) => withHelp(one.element, ABOUT[components[i]!.set]))), action: () => [...action], showReason };
 }
 
 /** Indices of the components that set an object's position; -1 if there is none. */
@@ -142,19 +169,12 @@ function nearest(scene: Scene, action: readonly number[], names: readonly string
   };
 }
 
-function mouseInput(at: Picture, nearestTo: () => (p: Point) => string, activate: (name: string) => void, onPick: () => void, to: (p: Point) => void): void {
-  let dragging = false;
-  at.svg.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0) return;
-    dragging = true;
-    at.svg.setPointerCapture(event.pointerId);
-    const p = at.at(event);
-    activate(nearestTo()(p));
-    onPick();
-    to(p);
+/** Whether a placeable object is within reach of a point. */
+function hits(scene: Scene, action: readonly number[], names: readonly string[], [x, y]: Point, reach: number): boolean {
+  return allObjects(applyAction(scene, action)).some((b) => {
+    const box = names.includes(b.name) && b.position ? around(corners(b.shape, b.position, b.angle ?? 0)) : null;
+    return box !== null && x >= box[0] - reach && x <= box[2] + reach && y >= box[1] - reach && y <= box[3] + reach;
   });
-  at.svg.addEventListener("pointermove", (event) => dragging && to(at.at(event)));
-  for (const name of ["pointerup", "pointercancel"] as const) at.svg.addEventListener(name, () => (dragging = false));
 }
 
 function keyboardInput(
@@ -171,10 +191,12 @@ function keyboardInput(
     ArrowRight: [["x"], 1],
     ArrowUp: [["y"], 1],
     ArrowDown: [["y"], -1],
-    "+": [["radius", "angle"], 1],
-    "-": [["radius", "angle"], -1],
+    "]": [["radius", "angle"], 1],
+    "[": [["radius", "angle"], -1],
   };
   svg.addEventListener("keydown", (event) => {
+    // Shift with an arrow key moves the view.
+    if (event.shiftKey || event.metaKey) return;
     if (event.key === "n" && names.length > 1) {
       activate(names[(names.indexOf(active()) + 1) % names.length]!);
       return;
@@ -183,6 +205,6 @@ function keyboardInput(
     const i = components.findIndex((c) => c.target === active() && sets.includes(c.set));
     if (i < 0) return;
     event.preventDefault();
-    change([[i, action[i]! + sign * (event.shiftKey ? FINE_STEP_SHARE : STEP_SHARE)]]);
+    change([[i, action[i]! + sign * (event.ctrlKey ? FINE_STEP_SHARE : STEP_SHARE)]]);
   });
 }

@@ -19,15 +19,18 @@ export interface RealWorld {
   ready: (placed: boolean) => void;
 }
 
-/** `action` returns the action to run; `onRan` gets the result. */
-export function realWorld(action: () => number[], onRan: (onRan: RealRun) => void, context: Context): RealWorld {
+/** A task of the families that come with a real world. */
+const EXAMPLE = "bowling:000";
+
+/** `action` returns the action to run; `onRan` gets the result, `open` opens a task. */
+export function realWorld(action: () => number[], onRan: (onRan: RealRun) => void, open: (task: string) => void, context: Context): RealWorld {
   let [task, worlds, placeable, busy]: [Task | null, Schema<"WorldOut">[], boolean, boolean] = [null, [], false, false];
   const id = uniqueId("world");
   const choice = h("select", { id });
   const count = h("strong", { class: "count" });
   const budgetText = h("span", { class: "soft" });
   const button = h("button", { type: "button", class: "main" }, "Run in the real world");
-  const none = h("p", { class: "soft" }, "There is no real world for this scene; simulation is free.");
+  const none = emptyState(open);
   const some = h("div", { class: "row" }, h("label", { for: id }, "Real world"), choice, button);
   const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", budgetText);
   const selectedWorld = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
@@ -94,4 +97,11 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
       show();
     },
   };
+}
+
+/** What is shown where there is no real world, with a task that has one. */
+function emptyState(open: (task: string) => void): HTMLElement {
+  const example = h("button", { type: "button" }, `Open ${EXAMPLE}`);
+  example.addEventListener("click", () => open(EXAMPLE));
+  return h("div", { class: "row" }, h("span", { class: "soft" }, "There is no real world for this scene, so only the simulation runs. A task has one:"), example);
 }

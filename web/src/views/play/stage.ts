@@ -1,127 +1,145 @@
-// The film over the scene: bodies, trajectories, contacts, simulated and real, and their distance.
+// The stage: films over the scene (simulated, real, compared), their outcomes, distances, legend and time.
 
-import { h, put, s, set } from "../../dom";
-import { timePlot } from "../../parts/timePlot";
+import { h, put, s } from "../../dom";
 import { player } from "../../parts/player";
-import { short } from "../../parts/slider";
-import { colours } from "../../scene/colour";
-import { line, picture, type Picture } from "../../scene/draw";
-import { posesAt, type Contact, distanceOverTime, filmLength, type Film, pathUntil } from "../../scene/film";
 import { applyAction } from "../../scene/action";
-import type { Box, Point, Scene } from "../../scene/types";
+import type { Picture } from "../../scene/draw";
+import { filmLength, type Film } from "../../scene/film";
+import type { Box, Pose, Scene } from "../../scene/types";
+import type { Viewport } from "../../scene/viewport";
 import type { Context } from "../../view";
+import type { ArrowScale } from "./arrows";
+import { distanceFigure } from "./distance";
+import { filmLayers } from "./filmLayers";
+import { legend, type Visible } from "./legend";
+import { outcomeRow, type Outcome } from "./outcome";
+import { overlaySwitches } from "./overlays";
+import { sceneView } from "./sceneView";
+import { contactList } from "./trails";
 
-/** Radius of a contact ring, share of the picture's width; scaled by the impact speed. */
-const CONTACT_RING_SHARE = 0.008;
-/** Time for which a contact is highlighted, s. */
-const CONTACT_HIGHLIGHT_S = 0.2;
+const NOTHING: Outcome = { film: null, solved: null, reached: null };
 
 export interface FilmStage {
   element: HTMLElement;
   picture: Picture;
+  view: Viewport;
+  /** The path of invalid positions. */
+  shade: SVGPathElement;
   /** Shows the initial state, without a film. */
   place: (action: readonly number[], reason: string | null) => void;
-  simulated: (film: Film | null, solved: boolean | null) => void;
+  /** `solved`: null if unknown; `extended`: whether it has effects. */
+  simulated: (film: Film | null, solved: boolean | null, extended?: boolean) => void;
+  /** The time at which the simulation reaches the goal, s. */
+  reached: (time: number | null) => void;
   real: (film: Film | null, solved: boolean | null) => void;
+  compared: (title: string, film: Film | null) => void;
   restart: () => void;
 }
 
-/** The stage of a scene. */
-export function filmStage(scene: Scene, label: string, context: Context, box?: Box): FilmStage {
-  const drawing = picture(scene, label, box);
-  set(drawing.svg, { tabindex: 0, role: "application" });
-  const trails = s("g");
-  const rings = s("g");
-  drawing.over.append(trails, rings);
-  const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
-  let contactRings: { t: number; ring: SVGCircleElement }[] = [];
-  const distancePlot = timePlot({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
-  const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
-  const distanceFigure = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), distancePlot.svg);
+/** What the stage shows now. */
+interface State {
+  simulated: Outcome;
+  real: Outcome;
+  compared: Film | null;
+  /** Whether the simulation has effects. */
+  extended: boolean;
+  scales: ArrowScale[];
+  /** Whether no film was shown yet. */
+  fresh: boolean;
+}
+
+/** The stage of a scene; `box` is the fitted view. `controls` are displayed beside the overlay switches; without them nothing is
+ * placed in it, and the pointer moves the view. */
+export function filmStage(scene: Scene, label: string, context: Context, box?: Box, controls?: HTMLElement): FilmStage {
+  const state: State = { simulated: NOTHING, real: NOTHING, compared: null, extended: false, scales: [], fresh: true };
+  const canvases = sceneView(scene, label, box, controls !== undefined, () => (layers.scale(canvases.view.pixel()), pose(play.time())), context.signal);
+  const { picture: drawing, view, second } = canvases;
+  const shade = s("path", { class: "shade" });
+  drawing.under.append(shade);
+  const layers = filmLayers(scene, drawing);
+  const [outcomes, key, overlay] = [outcomeRow(scene), legend(scene), overlaySwitches(() => draw())];
   const contacts = h("details", { hidden: true });
-  const verdicts = h("div", { class: "row verdicts", role: "status" });
-  const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
-  const play = player((time) => {
-    if (films.sim) drawing.pose("solid", posesAt(films.sim, time));
-    drawing.pose("ghost", films.real ? posesAt(films.real, time) : new Map());
-    for (const { t, ring } of contactRings) ring.classList.toggle("lit", time >= t && time < t + CONTACT_HIGHLIGHT_S);
-    distancePlot.at(time);
-  }, context.signal);
-  const draw = (): void => {
-    const bodyColours = colours(scene);
-    const width = drawing.box[2] - drawing.box[0];
-    put(trails, ...(films.sim ? paths(films.sim, bodyColours, "trail") : []), ...(films.real ? [...paths(films.real, bodyColours, "trail real"), ...dots(films.real, bodyColours, width)] : []));
-    contactRings = films.sim ? films.sim.contacts.flatMap((c) => contactRing(films.sim!, c, width)) : [];
-    put(rings, ...contactRings.map((l) => l.ring));
-    put(contacts, ...contactList(films.sim?.contacts ?? []));
-    contacts.hidden = !films.sim?.contacts.length;
-    distanceFigure.hidden = !(films.sim && films.real);
-    if (films.sim && films.real) {
-      const { t, bodies } = distanceOverTime(films.sim, films.real);
-      const lines = [...bodies].map(([name, y]) => ({ name, colour: bodyColours.get(name) ?? "currentColor", x: t, y }));
-      distancePlot.draw(lines, films.sim.contacts.map((c) => c.t));
+  const toReal = distanceFigure("Distance between simulation and reality", "gap", scene, (x) => play.seek(x));
+  const toCompared = distanceFigure("Distance between the two simulations", "gap-simulated", scene, (x) => play.seek(x));
+  const pose = (time: number): void => {
+    layers.pose(time, view.pixel());
+    second.pose(time);
+    for (const figure of [toReal, toCompared]) figure.at(time);
+  };
+  const play = player(pose, context.signal);
+  const describe = (): void => {
+    outcomes.show(state.simulated, state.real);
+    const now = visible(state, Boolean(shade.getAttribute("d")), overlay.overlays.impact);
+    key.show(now);
+    for (const { classList } of [drawing.svg, key.element]) {
+      classList.toggle("worlds", now.worlds);
+      classList.toggle("extended", now.extended);
     }
-    play.load(Math.max(films.sim ? filmLength(films.sim) : 0, films.real ? filmLength(films.real) : 0));
-    put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
+  };
+  const draw = (): void => {
+    const [simulated, real, { compared }] = [state.simulated.film, state.real.film, state];
+    state.scales = layers.load({ simulated, real, compared }, overlay.overlays, view.pixel());
+    put(contacts, ...contactList(simulated?.contacts ?? []));
+    contacts.hidden = !simulated?.contacts.length;
+    toReal.show(simulated, real);
+    toCompared.show(simulated, compared);
+    play.load(Math.max(0, ...[simulated, real, compared].map((film) => (film ? filmLength(film) : 0))));
+    describe();
     drawing.svg.dataset.film = String(Number(drawing.svg.dataset.film ?? 0) + 1);
   };
-  const showFilm = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
-    films[which] = film;
-    verdict[which] = film === null ? null : solved === null ? "no goal" : solved ? "solved" : "not solved";
-    draw();
-  };
+  new MutationObserver(describe).observe(shade, { attributes: true });
+  const controlRow = h("div", { class: "row stage-controls" }, overlay.element, controls ?? "");
+  const element = h("div", { class: "films" }, outcomes.element, canvases.element, play.element, key.element, controlRow, toCompared.element, toReal.element, contacts);
   const place = (action: readonly number[], reason: string | null): void => {
-    drawing.redraw(applyAction(scene, action));
-    if (reason) drawing.pose("refused", starts(applyAction(scene, action)));
+    const placed = applyAction(scene, action);
+    drawing.redraw(placed);
+    second.redraw(placed);
+    layers.poseOthers(play.time());
+    if (reason) drawing.pose("refused", starts(placed));
   };
-  put(drawing.svg, s("title", {}, label), ...drawing.svg.childNodes);
+  return { element, picture: drawing, view, shade, place, restart: play.restart, ...changes(state, canvases, draw, describe) };
+}
+
+/** The functions that change the films of a stage. */
+function changes(state: State, { second, fitTo }: ReturnType<typeof sceneView>, draw: () => void, describe: () => void): Pick<FilmStage, "simulated" | "reached" | "real" | "compared"> {
+  // The view follows the first film only, so that it is still while an object is dragged.
+  const fit = (follow: boolean): void => fitTo([state.simulated.film, state.compared], follow);
   return {
-    element: h("div", { class: "stage" }, drawing.svg, play.element, verdicts, distanceFigure, contacts),
-    picture: drawing,
-    place,
-    simulated: showFilm("sim"),
-    real: showFilm("real"),
-    restart: play.restart,
+    simulated: (film, solved, effects = false) => {
+      [state.simulated, state.extended] = [{ film, solved, reached: null }, effects];
+      if (film) {
+        fit(state.fresh);
+        state.fresh = false;
+      }
+      draw();
+    },
+    reached: (time) => {
+      state.simulated = { ...state.simulated, reached: time };
+      describe();
+    },
+    real: (film, solved) => {
+      // A film of the real world ends when the goal is reached.
+      state.real = { film, solved, reached: film && solved ? filmLength(film) : null };
+      draw();
+    },
+    compared: (title, film) => {
+      const before = state.compared;
+      if (!film && !before) return;
+      state.compared = film;
+      second.show(film ? title : null, film);
+      fit(before === null);
+      draw();
+    },
   };
 }
 
-/** A legend line of a colour. */
-function key(colour: string): SVGElement {
-  return s("svg", { width: 18, height: 10, "aria-hidden": "true" }, s("line", { x1: 0, x2: 18, y1: 5, y2: 5, stroke: colour, "stroke-width": 3 }));
+function visible({ simulated, real, compared, extended, scales }: State, forbidden: boolean, impact: boolean): Visible {
+  const films = { simulated: simulated.film !== null, real: real.film !== null, compared: compared !== null };
+  const contacts = Boolean(simulated.film?.contacts.length);
+  return { ...films, forbidden, contacts, impact, worlds: films.real || films.compared, extended: extended || films.compared, scales };
 }
 
-function starts(scene: Scene): Map<string, { x: number; y: number; angle: number }> {
+function starts(scene: Scene): Map<string, Pose> {
   const placed = scene.bodies.filter((b) => b.position && scene.action?.components.some((c) => c.target === b.name));
   return new Map(placed.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }]));
-}
-
-function paths(film: Film, bodyColours: Map<string, string>, look: string): SVGElement[] {
-  return Object.keys(film.bodies).map((name) => line(pathUntil(film, name, filmLength(film)), { class: look, stroke: bodyColours.get(name) ?? "currentColor" }));
-}
-
-/** Observed positions of real bodies. */
-function dots(film: Film, bodyColours: Map<string, string>, width: number): SVGElement[] {
-  return Object.entries(film.bodies).flatMap(([name, track]) =>
-    film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: bodyColours.get(name) ?? "currentColor" })),
-  );
-}
-
-function contactRing(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
-  const poses = posesAt(film, contact.t);
-  const points = contact.between.map((name) => poses.get(name)).filter((p) => p !== undefined);
-  if (!points.length) return [];
-  const [x, y]: Point = [points.reduce((sum, p) => sum + p.x, 0) / points.length, points.reduce((sum, p) => sum + p.y, 0) / points.length];
-  const r = width * CONTACT_RING_SHARE * (0.5 + Math.min(2, Math.sqrt(contact.speed) / 3));
-  return [{ t: contact.t, ring: s("circle", { class: "contact", cx: x, cy: y, r, "vector-effect": "non-scaling-stroke" }) }];
-}
-
-/** List of the first contacts. */
-function contactList(contacts: readonly Contact[]): HTMLElement[] {
-  const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
-  return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
-}
-
-function badge(name: string, which: string, verdict: string | null): HTMLElement | null {
-  if (verdict === null) return null;
-  return h("span", { class: `badge ${which}`, "data-verdict": verdict }, `${name}: ${verdict}`);
 }

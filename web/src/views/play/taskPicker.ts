@@ -19,7 +19,7 @@ export interface Task {
 }
 
 /** The task picker; `onChosen` is called with every chosen task. */
-export function taskPicker(families: Schema<"FamilyOut">[], onChosen: (task: Task) => void, context: Context): { element: HTMLElement; pick: (id: string) => Promise<void> } {
+export function taskPicker(families: Schema<"FamilyOut">[], onChosen: (task: Task) => void, context: Context): { element: HTMLElement; pick: (id: string) => Promise<void>; name: (text: string) => void } {
   const taskName = h("strong");
   const pick = async (id: string): Promise<void> => {
     const task = await loadTask(id, context.signal);
@@ -35,11 +35,16 @@ export function taskPicker(families: Schema<"FamilyOut">[], onChosen: (task: Tas
     if (!one) return;
     context.fail(null);
     readScene(one)
-      .then((scene) => (put(taskName, scene.name || one.name), onChosen({ id: `custom:${scene.name || "scene"}`, family: null, scene })))
+      .then((scene) => (put(taskName, scene.name || one.name), onChosen(customTask(scene))))
       .catch(context.fail);
     file.value = "";
   });
-  return { element: h("div", { class: "row" }, taskName, open, h("span", { class: "file" }, file, label), dialog), pick };
+  return { element: h("div", { class: "row" }, taskName, open, h("span", { class: "file" }, file, label), dialog), pick, name: (text) => void put(taskName, text) };
+}
+
+/** A scene without a family as a task. */
+export function customTask(scene: Scene, box: Box | null = null): Task {
+  return { id: `custom:${scene.name || "scene"}`, family: null, scene, ...(box ? { box } : {}) };
 }
 
 /** A button that opens the gallery of tasks; `onPicked` gets the id of one. */

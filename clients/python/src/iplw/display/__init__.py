@@ -4,5 +4,6 @@
 |---|---|
 | `page` | the card around all displays, its colours, tables |
 | `drawing` | scenes and trajectories |
+| `theme` | colours |
 | `chart` | small charts: lines, intervals, bars |
 """

@@ -11,6 +11,8 @@ from .page import number
 
 #: A line: its name and (x, y) points; non-finite points are omitted.
 Line: TypeAlias = "tuple[str, Sequence[tuple[float, float]]]"
+#: Names of lines with a meaning -> the token of their colour.
+TOKEN_BY_NAME = {"base model": "simulated", "extended model": "extended", "measured": "measured", "truth": "truth"}
 #: Maximum number of points drawn for a line.
 MAX_POINTS = 300
 #: Margins for the axis labels, px.
@@ -41,11 +43,11 @@ def lines(title: str, curves: Sequence[Line], *, x: str = "", width: int = 380, 
         step = max(1, math.ceil(len(points) / MAX_POINTS))
         corners = " ".join(map(at, points[::step] + (points[-1:] if (len(points) - 1) % step else [])))
         parts.append(
-            f'<polyline points="{corners}" fill="none" stroke="var(--c{(i + 1) % 6})" stroke-width="1.5">'
+            f'<polyline points="{corners}" fill="none" stroke="{_colour(name, i)}" stroke-width="1.5">'
             f"<title>{escape(name)}</title></polyline>"
         )
     legend = "".join(
-        f'<span style="color:var(--c{(i + 1) % 6})">{escape(name)}</span> ' for i, (name, _) in enumerate(finite_lines) if name
+        f'<span style="color:{_colour(name, i)}">{escape(name)}</span> ' for i, (name, _) in enumerate(finite_lines) if name
     )
     return f"<div>{_svg(width, height, parts)}<div>{legend}</div></div>"
 
@@ -60,7 +62,7 @@ def bars(title: str, rows: Sequence[tuple[str, float, bool]], *, width: int = 38
         length = max(1.0, (width - label_width - 64) * abs(value) / largest)
         parts.append(_text(label_width - 6, y + 10, name, "end"))
         parts.append(
-            f'<rect x="{label_width}" y="{y + 2}" width="{length:.1f}" height="10" fill="var(--{"c1" if highlighted else "line"})"/>'
+            f'<rect x="{label_width}" y="{y + 2}" width="{length:.1f}" height="10" fill="var(--{"extended" if highlighted else "line"})"/>'
         )
         parts.append(_text(round(label_width + length + 4), y + 10, number(value)))
     return _svg(width, 24 + 16 * len(rows), parts)
@@ -76,8 +78,8 @@ def intervals(rows: Sequence[tuple[str, float, float, float]], *, width: int = 3
         x0, x1 = min(low, value) - edge, max(high, value) + edge
         at = [label_width + (width - label_width - 8) * (v - x0) / (x1 - x0) for v in (low, value, high)]
         parts.append(_text(label_width - 6, y + 4, name, "end"))
-        parts.append(f'<path d="M{at[0]:.1f} {y}H{at[2]:.1f}" stroke="var(--c1)" stroke-width="2"/>')
-        parts.append(f'<circle cx="{at[1]:.1f}" cy="{y}" r="3.5" fill="var(--c1)"/>')
+        parts.append(f'<path d="M{at[0]:.1f} {y}H{at[2]:.1f}" stroke="var(--extended)" stroke-width="2"/>')
+        parts.append(f'<circle cx="{at[1]:.1f}" cy="{y}" r="3.5" fill="var(--extended)"/>')
         parts.append(_text(round(at[0]), y + 14, number(low), "end"))
         parts.append(_text(round(at[2]), y + 14, number(high)))
     return _svg(width, 10 + 26 * len(rows), parts) if rows else ""
@@ -86,6 +88,10 @@ def intervals(rows: Sequence[tuple[str, float, float, float]], *, width: int = 3
 def progress_bar(share: float) -> str:
     """A progress bar; 1 is complete."""
     return f'<div class="bar"><i style="width:{100 * min(max(share, 0.0), 1.0):.1f}%"></i></div>'
+
+
+def _colour(name: str, index: int) -> str:
+    return f"var(--{TOKEN_BY_NAME.get(name, f'c{(index + 1) % 6}')})"
 
 
 def _tick(value: float) -> str:

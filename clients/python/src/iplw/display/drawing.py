@@ -56,7 +56,7 @@ def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, w
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
         f'viewBox="{left:.6g} {-top:.6g} {right - left:.6g} {top - bottom:.6g}" '
-        'style="background:var(--paper);border:1px solid var(--line)">'
+        'style="background:var(--scene);border:1px solid var(--line)">'
         f'<g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
     )
 
@@ -94,7 +94,7 @@ def _goal(scene: Mapping[str, Any] | None, box: Box) -> str:
     region = _region_above(goal, box) if goal.get("type") == "above" else goal.get("region")
     if not region:
         return ""
-    return f'<polygon points="{_points(region)}" fill="var(--c3)" fill-opacity=".25"><title>goal</title></polygon>'
+    return f'<polygon points="{_points(region)}" fill="var(--goal)" fill-opacity=".25"><title>goal</title></polygon>'
 
 
 def _region_above(goal: Mapping[str, Any], box: Box) -> list[tuple[float, float]]:

@@ -7,13 +7,12 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from .theme import custom_properties
+
 #: Displayed rows of a table.
 MAX_ROWS = 12
 
-_DARK = "--ink:#e6edf3;--soft:#9da7b3;--line:#3d444d;--paper:#161b22;--fill:#262c36"
-_DARK += ";--c0:#56d364;--c1:#6cb6ff;--c2:#ff7b72;--c3:#e3b341;--c4:#d2a8ff;--c5:#76e3ea"
-_LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;--paper:#fff;--fill:#eff2f5"
-_LIGHT += ";--c0:#1a7f37;--c1:#0969da;--c2:#cf222e;--c3:#9a6700;--c4:#8250df;--c5:#1b7c83"
+_DARK, _LIGHT = custom_properties(dark=True), custom_properties(dark=False)
 #: Selectors of pages with an explicit colour scheme: JupyterLab, VS Code, Colab, mkdocs-material.
 _DARK_SELECTORS = (
     '[data-jp-theme-light="false"]',
@@ -98,7 +97,7 @@ def _stylesheet() -> str:
     unspecified = "".join(f":not({selector})" for selector in _LIGHT_SELECTORS)
     # Either `html` or `body` may carry the selector: the system preference applies only if neither is light.
     return (
-        f".iplw{{{_LIGHT};color:var(--ink);background:var(--paper);border:1px solid var(--line);border-radius:6px;"
+        f".iplw{{{_LIGHT};color:var(--ink);background:var(--card);border:1px solid var(--line);border-radius:6px;"
         "padding:8px 12px;margin:4px 0;font:13px/1.45 system-ui,sans-serif;max-width:860px;overflow-x:auto}"
         f"@media(prefers-color-scheme:dark){{html{unspecified} body{unspecified} .iplw{{{_DARK}}}}}"
         f"{dark}{{{_DARK}}}"
@@ -112,8 +111,8 @@ def _stylesheet() -> str:
         ".iplw th{font-weight:600;color:var(--soft)}"
         ".iplw svg{max-width:100%;height:auto}.iplw svg text{fill:var(--soft);font:11px system-ui,sans-serif}"
         ".iplw tbody tr,.iplw thead tr{background:none!important;text-align:left}"
-        ".iplw .bar{height:6px;border-radius:3px;background:var(--fill);overflow:hidden;margin:6px 0}"
-        ".iplw .bar i{display:block;height:100%;background:var(--c1)}"
+        ".iplw .bar{height:6px;border-radius:3px;background:var(--line);overflow:hidden;margin:6px 0}"
+        ".iplw .bar i{display:block;height:100%;background:var(--main)}"
         ".iplw pre{margin:4px 0;font:11px/1.5 ui-monospace,monospace;color:var(--soft);"
         "background:none;white-space:pre-wrap}"
     )

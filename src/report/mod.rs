@@ -1,0 +1,62 @@
+//! Reports of results as HTML pages. Each is a function of the result as JSON, so that the command line, HTTP and the page show the same.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `diagnosis` | verdict, law, overlay, error and next step, then the evidence |
+//! | `posterior`, `plan`, `design`, `surface` | the results of these kinds of jobs |
+//! | `general` | any other result as a table |
+//! | `number`, `words` | numbers, names and sentences for readers |
+
+pub mod design;
+pub mod diagnosis;
+mod general;
+pub mod number;
+pub mod plan;
+pub mod posterior;
+pub mod surface;
+pub mod words;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+use crate::estimate::PerformanceSurface;
+use crate::picture::HtmlReport;
+use crate::task::Task;
+use diagnosis::DiagnosisDocument;
+
+/// A job's result and all that its report needs.
+pub struct JobResult<'a> {
+    pub kind: &'a str,
+    /// The result in a phrase, if there is one.
+    pub summary: Option<&'a str>,
+    /// The request without large data.
+    pub config: &'a Value,
+    pub result: &'a Value,
+    /// The task of a plan.
+    pub task: Option<&'a Task>,
+    /// The surface of a surface's job.
+    pub surface: Option<&'a PerformanceSurface>,
+}
+
+/// The report of a job's result. Fails if an earlier version wrote the result in another form.
+pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
+    let mut report = match (job.kind, job.surface) {
+        ("diagnose", _) => diagnosis::report(&DiagnosisDocument::from_json(job.result)?),
+        ("posterior", _) => posterior::report(&parsed(job.result)?),
+        ("plan", _) => plan::report(&parsed(job.result)?, job.task),
+        ("design", _) => design::report(&parsed(job.result)?),
+        ("surface", Some(surface)) => {
+            surface::report(surface, &parsed::<Vec<_>>(&job.result["sensitivities"])?)?
+        }
+        (kind, _) => general::report(kind, job.summary, job.result),
+    };
+    report.sections.push(general::settings(job.config));
+    Ok(report)
+}
+
+fn parsed<T: DeserializeOwned>(result: &Value) -> Result<T> {
+    serde_json::from_value(result.clone()).map_err(|e| {
+        Error::Failed(format!("this result has the form of another version ({e}): repeat the job"))
+    })
+}
