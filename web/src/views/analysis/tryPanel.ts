@@ -1,6 +1,6 @@
 // Tries an action right there: its film in a simulated world, and on request in a real one.
 
-import { h, put, set } from "../../dom";
+import { h, put } from "../../dom";
 import { latest } from "../../parts/latest";
 import { type Context, link } from "../../view";
 import { realWorld } from "../play/realWorld";
@@ -71,11 +71,9 @@ async function film(place: HTMLElement, attempt: Attempt, another: (() => void) 
   const loaded = await loadTask(task, context.signal);
   const answer = await simulateAction(task, loaded.scene, action, world.physics, context.signal);
   const stage = filmStage(loaded.scene, `${attempt.name} in ${task}`, context, loaded.box);
-  // Nothing is placed here, unlike in Play.
-  set(stage.picture.svg, { tabindex: null, role: "img" });
-  const real = realWorld(() => [...action], (run) => (stage.real(run.film, run.solved), stage.restart()), context);
+  const real = realWorld(() => [...action], (run) => (stage.real(run.film, run.solved), stage.restart()), (other) => (location.hash = link("play", [other])), context);
   stage.place(action, answer.reason ?? null);
-  if (answer.valid) stage.simulated({ t: answer.t, bodies: answer.bodies, contacts: answer.contacts }, answer.solved ?? null);
+  if (answer.valid) stage.simulated({ t: answer.t, bodies: answer.bodies, contacts: answer.contacts }, answer.solved ?? null, world.physics.effects.length + (world.physics.field?.length ?? 0) > 0);
   const again = another ? h("button", { type: "button" }, "Another sample") : null;
   again?.addEventListener("click", () => another?.());
   const physics = h("p", { class: "soft simulated-world" }, `Simulated with ${world.name}: ${physicsText(world.physics)}.`);
