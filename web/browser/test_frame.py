@@ -65,6 +65,36 @@ def test_a_spent_budget_is_reported(serve: Callable[..., Any], new_page: Callabl
     expect(page.get_by_role("button", name="Run in the real world")).to_be_disabled()
 
 
+def test_the_views_are_grouped_in_one_row(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve()).open("#/jobs")
+    nav = page.get_by_role("navigation", name="Views")
+    expect(nav.get_by_role("link")).to_have_count(11)
+    expect(nav.get_by_role("list", name="Decide").get_by_role("link")).to_have_text(["Plan", "Design", "Surface"])
+    expect(nav.get_by_role("link", name="Jobs")).to_have_attribute("aria-current", "page")
+    expect(page.get_by_role("button", name="Menu")).to_be_hidden()
+    boxes = [link.bounding_box() for link in nav.get_by_role("link").all()]
+    assert len({box["y"] for box in boxes if box}) == 1
+
+
+def test_on_a_phone_a_button_unfolds_the_views(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    page = new_page(serve(), viewport={"width": 390, "height": 844}).open("#/jobs")
+    nav = page.get_by_role("navigation", name="Views")
+    menu = page.locator("header .menu")
+    expect(nav).to_be_hidden()
+    menu.click()
+    expect(menu).to_have_attribute("aria-expanded", "true")
+    expect(nav.get_by_role("link")).to_have_count(11)
+    page.keyboard.press("Escape")
+    expect(nav).to_be_hidden()
+    expect(menu).to_be_focused()
+    page.keyboard.press("Enter")
+    page.keyboard.press("Tab")
+    expect(nav.get_by_role("link", name="Play")).to_be_focused()
+    nav.get_by_role("link", name="Plan").click()
+    expect(page.locator("h1")).to_have_text("Plan")
+    expect(nav).to_be_hidden()
+
+
 def test_a_text_client_gets_a_plain_index(serve: Callable[..., Any]) -> None:
     with urllib.request.urlopen(serve().url) as response:
         text = response.read().decode()

@@ -120,6 +120,37 @@ def prepare_world(page: Page, server: Any) -> None:
     page.get_by_label("Time").fill("1.6")
 
 
+def analysis(path: str, body: dict[str, Any], ready: str) -> Callable[[Page, Any], None]:
+    """Prepares the page of a result, computed once for all screenshots, when an element is displayed."""
+
+    def prepare(page: Page, server: Any) -> None:
+        kind = path.removeprefix("/v1/").removesuffix("s")
+        done = server.request("GET", f"/v1/jobs?kind={kind}&results=false")["jobs"]
+        job = done[0]["id"] if done else server.request("POST", path, body)["id"]
+        server.wait_for_job(job)
+        page.goto(f"{server.page}/#/{kind}/{job}")
+        page.locator(ready).first.wait_for()
+        if kind == "plan":
+            page.get_by_label("Time").fill("1.6")
+
+    return prepare
+
+
+def prepare_posterior(page: Page, server: Any) -> None:
+    """The posterior of a few throws."""
+    body = {"ball": {"radius": 0.02}, "trials": csv(launches(6, 30)), "sets": [["quadratic_drag"]], "draws": 512}
+    analysis("/v1/posteriors", body, ".parameters")(page, server)
+
+
+def prepare_start(page: Page, server: Any) -> None:
+    page.locator("form").wait_for()
+    page.locator(".recent, .aside .soft").last.wait_for()
+
+
+PLAN = {"task": "bowling:003", "actions": 300, "draws": 16, "seed": 1}
+DESIGN = {"task": "bowling:003", "batch": 2, "candidates": 40, "worlds": 16, "shortlist": 4, "seed": 1}
+SURFACE = {"task": "bowling", "points": 3, "actions": 100, "seed": 1}
+
 #: Name of the screenshot -> address, preparation.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", prepare_play),
@@ -130,6 +161,14 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "calibrate": ("#/calibrate", prepare_form),
     "calibrate-run": ("#/calibrate", prepare_estimation),
     "calibrate-rig": ("#/calibrate", prepare_proposals),
+    "posterior": ("#/posterior", prepare_start),
+    "posterior-result": ("#/posterior", prepare_posterior),
+    "plan": ("#/plan", prepare_start),
+    "plan-result": ("#/plan", analysis("/v1/plans", PLAN, ".badge.sim")),
+    "design": ("#/design", prepare_start),
+    "design-result": ("#/design", analysis("/v1/designs", DESIGN, ".experiment svg")),
+    "surface": ("#/surface", prepare_start),
+    "surface-result": ("#/surface", analysis("/v1/surfaces", SURFACE, ".sensitivities")),
     "train": ("#/train/job-2", prepare_comparison),
     "jobs": ("#/jobs", prepare_jobs),
     "job": ("#/jobs/job-1", prepare_job),

@@ -4,13 +4,15 @@ import { unauthorized } from "./api/client";
 import { reconnected, isLost, onConnectionChange } from "./api/connection";
 import { describeError, ProblemError } from "./api/problem";
 import { h, put, set } from "./dom";
+import { navigation } from "./navigation";
 import { signedIn, signIn, signOut } from "./signin";
 import { currentTheme, toggleTheme } from "./theme";
-import { link, parseAddress, type View } from "./view";
+import { parseAddress, type View, type ViewGroup } from "./view";
 
 /** Builds the page and opens the view of the address. */
-export function start(views: readonly View[]): void {
-  const parts = build(views);
+export function start(groups: readonly ViewGroup[]): void {
+  const views = groups.flatMap((group) => group.views);
+  const parts = build(groups);
   document.body.append(...parts.all);
   let leave = new AbortController();
   const show = (): void => {
@@ -32,7 +34,7 @@ export function start(views: readonly View[]): void {
 
 interface Parts {
   all: HTMLElement[];
-  nav: HTMLElement;
+  showCurrent: (id: string) => void;
   main: HTMLElement;
   heading: HTMLElement;
   about: HTMLElement;
@@ -43,9 +45,8 @@ interface Parts {
   out: HTMLButtonElement;
 }
 
-function build(views: readonly View[]): Parts {
-  const items = views.map((v) => h("li", {}, h("a", { href: link(v.id), "data-view": v.id }, v.title)));
-  const nav = h("nav", { "aria-label": "Views" }, h("ul", {}, ...items));
+function build(groups: readonly ViewGroup[]): Parts {
+  const { nav, menu, showCurrent } = navigation(groups);
   const out = h("button", { type: "button", class: "quiet", hidden: true }, "Sign out");
   const theme = h("button", { type: "button", class: "quiet" });
   const updateLabel = (): void => {
@@ -57,7 +58,7 @@ function build(views: readonly View[]): Parts {
   updateLabel();
   const docs = h("a", { href: "/docs/", class: "quiet" }, "API");
   const brand = h("a", { href: "#/", class: "brand" }, "iplw");
-  const header = h("header", {}, brand, nav, h("div", { class: "tools" }, docs, theme, out));
+  const header = h("header", {}, brand, menu, nav, h("div", { class: "tools" }, docs, theme, out));
   const banner = h(
     "div",
     { class: "banner", role: "alert", hidden: true },
@@ -72,16 +73,14 @@ function build(views: readonly View[]): Parts {
   const skip = h("a", { href: "#main", class: "skip" }, "Skip to the view");
   // The address is used by the views.
   skip.addEventListener("click", (e) => (e.preventDefault(), heading.focus()));
-  return { all: [skip, header, banner, main, status], nav, main, heading, about, banner, errors, status, place, out };
+  return { all: [skip, header, banner, main, status], showCurrent, main, heading, about, banner, errors, status, place, out };
 }
 
 function open(views: readonly View[], parts: Parts, signal: AbortSignal): void {
   const address = parseAddress(location.hash);
   const view = views.find((v) => v.id === address.view) ?? views[0];
   if (!view) return;
-  for (const a of parts.nav.querySelectorAll("a")) {
-    set(a, { "aria-current": a.dataset.view === view.id ? "page" : null });
-  }
+  parts.showCurrent(view.id);
   const navigated = document.title !== "iplw" && !document.title.startsWith(view.title);
   document.title = `${view.title} · iplw`;
   put(parts.heading, view.title);

@@ -1,7 +1,7 @@
 import { start } from "./frame";
 import "./style.css";
 import { restoreTheme } from "./theme";
-import { VIEWS } from "./views";
+import { VIEW_GROUPS } from "./views";
 
 restoreTheme();
-start(VIEWS);
+start(VIEW_GROUPS);

@@ -26,6 +26,12 @@ export interface View {
   open: (place: HTMLElement, context: Context) => void | Promise<void>;
 }
 
+/** Views with one purpose, side by side in the navigation. */
+export interface ViewGroup {
+  title: string;
+  views: readonly View[];
+}
+
 /** The address of a view: `link("jobs", "job-3")` is `#/jobs/job-3`. */
 export function link(view: string, rest: string[] = [], query: Record<string, string> = {}): string {
   const parts = [view, ...rest].map(encodeURIComponent).join("/");
