@@ -154,7 +154,7 @@ test("a trial's trajectory includes both models, and initialises the extended sc
 
 test("a fit is judged by its error beside the noise", () => {
   assert.deepEqual([0.00105, 0.0025, 0.0032].map((e) => judgeFit("It", e, 0.001).level), ["good", "warn", "bad"]);
-  assert.equal(judgeFit("The model", 0.0032, 0.001).text, "The model does not fit: error 3.2 times the noise (3.20 mm beside 1.00 mm of noise)");
+  assert.equal(judgeFit("The model", 0.0032, 0.001).text, "The model does not fit: error 3.2 times the noise (3.2 mm beside 1 mm of noise)");
   assert.equal(judgeFit("It", 0.0015, 0.001, true).level, "good");
   assert.equal(judgeFit("It", 0.00101, 0.001, false).level, "warn");
   const gain = { held_out: { trials: 3, base_rmse: 0.07, extended_rmse: 0.002, floor_rmse: 0.002, excess_removed: 1 }, extrapolation: null };

@@ -1,7 +1,6 @@
 // How well a model reproduces trials, in words and colour: its error beside the measurement noise.
 
 import { h } from "../dom";
-import { short } from "./slider";
 import "./fitQuality.css";
 
 /** `open`: too few trials for a judgement. */
@@ -30,11 +29,10 @@ export function fitLine(judgement: FitJudgement): HTMLElement {
   return h("p", { class: `fit-line ${level}`, "data-fit": level }, h("span", { class: "fit-mark", "aria-hidden": "true" }, mark), h("span", {}, text));
 }
 
-/** A length with a readable unit. */
+/** A length with two significant digits and a readable unit. */
 export function length(metres: number): string {
-  const size = Math.abs(metres);
-  if (size >= 1) return short(metres, "m");
-  return size >= 0.1 ? short(metres * 1e2, "cm") : short(metres * 1e3, "mm");
+  const [value, unit] = Math.abs(metres) >= 1 ? [metres, "m"] : Math.abs(metres) >= 0.1 ? [metres * 1e2, "cm"] : [metres * 1e3, "mm"];
+  return `${Number(value.toPrecision(2))} ${unit}`;
 }
 
 function times(ratio: number): string {

@@ -139,7 +139,7 @@ function emptyState(trySample: () => void): HTMLElement {
       h("li", {}, "Check columns, units and floor in the picture."),
       h("li", {}, "Run the diagnosis. It names the effects that the simulation lacks, with their law, size and uncertainty; then play, calibrate and plan with them."),
     ),
-    h("pre", { tabindex: 0, "aria-label": "First lines of such a file" }, "trial,t (s),x (m),y (m)\nthrow 1,0.0000,0.000,1.412\nthrow 1,0.0167,0.098,1.466\n…"),
+    h("pre", { tabindex: 0, "aria-label": "First lines of such a file" }, `${sampleCsv().split("\n", 4).join("\n")}\n…`),
     h("div", { class: "row" }, button, h("span", { class: "soft" }, SAMPLE_NOTE)),
     h("p", { class: "soft" }, "Nothing is sent before you run the diagnosis."),
   );

@@ -96,6 +96,8 @@ function item(stage: Stage, job: Schema<"JobOut">): HTMLElement {
   );
 }
 
+/** A duration; empty if too short to matter. */
 function seconds(elapsed: number): string {
+  if (elapsed < 0.1) return "";
   return elapsed < 10 ? `${elapsed.toFixed(1)} s` : duration(elapsed);
 }

@@ -90,7 +90,7 @@ function trialView(report: Report, scene: Scene, trial: number, name: string, si
   );
   const all = [...trajectory.observed, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
   const note = `Bands: ${BAND_SDS} predictive standard deviations of an observation.`;
-  return [key, overlay(scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, name, 0, signal), residual(trajectory, name, 1, signal))];
+  return [key, overlay(sceneOfTrial(report, trial) ?? scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, name, 0, signal), residual(trajectory, name, 1, signal))];
 }
 
 /** A band across a trajectory: predictive standard deviation along the normal. */
