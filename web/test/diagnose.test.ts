@@ -8,7 +8,7 @@ import { extentOfTrials, sceneOfTrial, plainReport, type Report, trajectoryOf } 
 import { requestBody, columnsOf, emptySetup, guessReading, missingInput, pixelSizeFromGravity, tracksOf } from "../src/views/diagnose/setup";
 import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/views/diagnose/tracks";
 import { judgeFit } from "../src/parts/fitQuality";
-import { curlCommand, pythonCode } from "../src/views/diagnose/exportCode";
+import { curlCommand, pythonCode } from "../src/parts/exportCode";
 import { withActionSpace } from "../src/views/diagnose/extendedWorld";
 import { fitJudgements, trialName } from "../src/views/diagnose/messages";
 import { readingSummary } from "../src/views/diagnose/readingSummary";

@@ -31,7 +31,9 @@ export function fitLine(judgement: FitJudgement): HTMLElement {
 
 /** A length with two significant digits and a readable unit. */
 export function length(metres: number): string {
-  const [value, unit] = Math.abs(metres) >= 1 ? [metres, "m"] : Math.abs(metres) >= 0.1 ? [metres * 1e2, "cm"] : [metres * 1e3, "mm"];
+  const size = Math.abs(metres);
+  if (size < 1e-7) return "under 0.1 µm";
+  const [value, unit] = size >= 1 ? [metres, "m"] : size >= 0.1 ? [metres * 1e2, "cm"] : size >= 1e-4 ? [metres * 1e3, "mm"] : [metres * 1e6, "µm"];
   return `${Number(value.toPrecision(2))} ${unit}`;
 }
 

@@ -119,6 +119,11 @@ export function sceneOfTask(task: string, signal: AbortSignal): Promise<Scene> {
   return pending;
 }
 
+/** Remembers the scene of an estimation without a task, under the server's name of it. */
+export function rememberScene(scene: Scene): void {
+  scenes.set(`custom:${scene.name || "scene"}`, Promise.resolve(scene));
+}
+
 /** Text of an action's values. */
 export function actionText(scene: Scene, action: readonly number[]): string {
   const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(valueAt(c, action[i] ?? 0), unit(c))}`);

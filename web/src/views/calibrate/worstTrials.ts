@@ -55,7 +55,7 @@ export function worstTrials(context: Context): WorstTrials {
     }
     compared.sort((a, b) => b.distance - a.distance);
     const subset = trials.length < of.interactions ? `the newest ${trials.length} of ${of.interactions} trials` : `${trials.length} trials`;
-    put(words, compared.length ? `${subset}: the median distance is ${short(compared[compared.length >> 1]!.distance, "m")} apart (RMS over the trial).` : "Nothing can be compared.");
+    put(words, compared.length ? `${subset}: in the median trial they are ${short(compared[compared.length >> 1]!.distance, "m")} apart (RMS over the trial).` : "Nothing can be compared.");
     const worst = compared.slice(0, TRIALS_SHOWN);
     const elements = await Promise.all(worst.map((one) => tile(one, physics, (onChosen) => void showTrial(onChosen, physics), context)));
     put(tiles, ...elements);
@@ -113,7 +113,8 @@ async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<T
 }
 
 async function simulate(trial: Trial, physics: Physics, every: number | null, signal: AbortSignal): Promise<Film> {
-  const body = { task: trial.task, action: trial.action, ...physics, stop: false, ...(every ? { observe_every: every } : {}) };
+  const subject = trial.task.startsWith("custom:") ? { scene: (await sceneOfTask(trial.task, signal)) as unknown as Record<string, never> } : { task: trial.task };
+  const body = { ...subject, action: trial.action, ...physics, stop: false, ...(every ? { observe_every: every } : {}) };
   const answer = await ok(api.POST("/v1/simulate", { body, signal }));
   return { t: answer.t, bodies: answer.bodies, contacts: answer.contacts };
 }

@@ -1,6 +1,6 @@
 // Files for the user to save, and texts to copy.
 
-import { h, put } from "../../dom";
+import { h, put } from "../dom";
 
 /** Offers a file for download. */
 export function saveFile(name: string, type: string, text: string): void {

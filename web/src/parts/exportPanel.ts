@@ -1,13 +1,11 @@
-// Export of the extended scene: as a file, and as Python and curl code that is displayed and copied.
+// Export of a scene: as a file, and as Python and curl code that is displayed and copied.
 
-import { token } from "../../api/token";
-import { h, put } from "../../dom";
-import type { Context } from "../../view";
-import { pretty } from "../make/export";
+import { token } from "../api/token";
+import { h, put } from "../dom";
+import type { Context } from "../view";
+import { pretty } from "../views/make/export";
 import { curlCommand, pythonCode } from "./exportCode";
-import type { Scene } from "../../scene/types";
-import { extendedScene } from "./extendedWorld";
-import { plainReport, type Report } from "./report";
+import type { Scene } from "../scene/types";
 import { copyButton, saveFile } from "./saveFile";
 
 export interface ExportPanel {
@@ -16,13 +14,23 @@ export interface ExportPanel {
   code: HTMLElement;
 }
 
-/** Buttons that save the scene and the report's data, and buttons that display code. */
-export function exportPanel(report: Report, scene: Scene, context: Context): ExportPanel {
+/** A scene to export. */
+export interface SceneExport {
+  /** Name of its file, without the extension. */
+  name: string;
+  scene: Scene;
+  /** The scene with a start, for code that simulates it. */
+  launched: Scene;
+  /** The data behind it, with the name of their file. */
+  data: { name: string; content: unknown } | null;
+}
+
+/** Buttons that save the scene and its data, and buttons that display code. */
+export function exportPanel({ name: stem, scene, launched, data }: SceneExport, context: Context): ExportPanel {
   const code = h("div", { class: "stack export-code", hidden: true });
-  const launched = extendedScene(report) ?? scene;
   const languages: [string, string, () => string][] = [
-    ["Python", "extended_scene.py", () => pythonCode(launched, location.origin)],
-    ["curl", "extended_scene.sh", () => curlCommand(launched, location.origin, token() !== null)],
+    ["Python", `${stem}.py`, () => pythonCode(launched, location.origin)],
+    ["curl", `${stem}.sh`, () => curlCommand(launched, location.origin, token() !== null)],
   ];
   const toggles = languages.map(([name, file, text]) => {
     const toggle = h("button", { type: "button", "aria-expanded": "false" }, name);
@@ -35,9 +43,9 @@ export function exportPanel(report: Report, scene: Scene, context: Context): Exp
     return toggle;
   });
   const buttons = [
-    button("Scene (JSON)", "Save the extended scene", () => saveFile("extended_scene.json", "application/json", pretty(scene))),
+    button("Scene (JSON)", `Save ${stem}.json`, () => saveFile(`${stem}.json`, "application/json", pretty(scene))),
     ...toggles,
-    button("Data (JSON)", "Save the data of the report", () => saveFile("report.json", "application/json", `${JSON.stringify(plainReport(report), null, 2)}\n`)),
+    ...(data ? [button("Data (JSON)", `Save ${data.name}`, () => saveFile(data.name, "application/json", `${JSON.stringify(data.content, null, 2)}\n`))] : []),
   ];
   return { buttons, code };
 }
@@ -46,7 +54,7 @@ function codeBlock(name: string, file: string, text: string, context: Context): 
   const type = "text/plain";
   const tools = [copyButton("Copy", () => text, context.say, context.fail), button("Save", `Save ${file}`, () => saveFile(file, type, text))];
   return [
-    h("p", {}, name === "Python" ? "Simulates the extended scene with the Python client:" : "Simulates the extended scene from a shell:"),
+    h("p", {}, name === "Python" ? "Simulates the scene with the Python client:" : "Simulates the scene from a shell:"),
     h("pre", { tabindex: 0, "aria-label": `${name} code` }, text),
     h("div", { class: "row" }, ...tools),
   ];

@@ -1,7 +1,7 @@
 // Code that simulates the extended scene from outside the page.
 
-import type { Scene } from "../../scene/types";
-import { pretty } from "../make/export";
+import type { Scene } from "../scene/types";
+import { pretty } from "../views/make/export";
 
 /** Python code that simulates the scene and prints where each body ends. */
 export function pythonCode(scene: Scene, server: string): string {
