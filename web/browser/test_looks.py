@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from playwright.sync_api import Page, expect
-from test_diagnose import drop
+from test_diagnose import drop, with_report
 from test_jobs import SHORT
 from test_train import prepare_comparison
 from throws import LOW, csv, launches
@@ -43,17 +43,18 @@ def prepare_job(page: Page, server: Any) -> None:
 def prepare_tracks(page: Page, server: Any) -> None:
     """Tracks over a floor, as parsed."""
     drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
-    page.locator(".told").wait_for()
+    page.locator(".note", has_text="floor").wait_for()
 
 
 def prepare_diagnosis(page: Page, server: Any) -> None:
-    """A diagnosis with a named effect and all its plots."""
+    """A diagnosis with a named effect, its report and its trials."""
     done = [job["id"] for job in server.request("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
     body = {"ball": {"radius": 0.02}, "trials": csv(launches(14, 70))}
     job = done[0] if done else server.request("POST", "/v1/diagnoses", body)["id"]
     server.wait_for_job(job)
-    page.goto(f"{server.page}/#/diagnose/{job}")
+    with_report(page).goto(f"{server.page}/#/diagnose/{job}")
     page.locator("[data-whole]").wait_for()
+    page.get_by_text("Look at each trial").click()
     for canvas in page.locator("canvas").all():
         canvas.scroll_into_view_if_needed()
         page.wait_for_function("(c) => c.width !== 300", arg=canvas.element_handle())
