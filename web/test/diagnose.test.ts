@@ -10,10 +10,11 @@ import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/v
 import { judgeFit } from "../src/parts/fitQuality";
 import { curlCommand, pythonCode } from "../src/parts/exportCode";
 import { withActionSpace } from "../src/views/diagnose/extendedWorld";
-import { fitJudgements, trialName } from "../src/views/diagnose/messages";
+import { fitJudgements } from "../src/views/diagnose/messages";
 import { readingSummary } from "../src/views/diagnose/readingSummary";
 import { SAMPLE_DRAG_PER_M, sampleCsv } from "../src/views/diagnose/sample";
 import { stagesOf, startOf } from "../src/views/diagnose/stages";
+import { trialName } from "../src/views/diagnose/trialName";
 import { trialsCsv } from "../src/views/diagnose/trialsCsv";
 
 /** Names and what the server takes them for (src/reality/columns.rs has the same list). */

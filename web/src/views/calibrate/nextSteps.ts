@@ -5,6 +5,7 @@ import { h, put } from "../../dom";
 import { actionButton, actionGroup, actionGroups } from "../../parts/actionButtons";
 import { exportPanel } from "../../parts/exportPanel";
 import { fitLine } from "../../parts/fitQuality";
+import { shareButtons } from "../../parts/shareButtons";
 import { steps } from "../../parts/steps";
 import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
@@ -48,7 +49,7 @@ async function fill(element: HTMLElement, id: string, now: EstimationState, cont
     element,
     steps("calibrate", { diagnose: start, ...(worldGroup && !isBad ? { extended: focusFirst(worldGroup) } : {}), ...(exportGroup && !isBad ? { export: focusFirst(exportGroup) } : {}) }),
     fitLine(fit),
-    actionGroups(actionGroup("Find what is missing", [diagnose]), worldGroup, exportGroup),
+    actionGroups(actionGroup("Find what is missing", [diagnose]), worldGroup, exportGroup, actionGroup("Share", shareButtons(id, context))),
     exports?.code,
   );
 }

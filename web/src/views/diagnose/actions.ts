@@ -5,8 +5,7 @@ import { h } from "../../dom";
 import { actionButton, actionGroup, actionGroups } from "../../parts/actionButtons";
 import { exportPanel, type SceneExport } from "../../parts/exportPanel";
 import { fitLine } from "../../parts/fitQuality";
-import { reportHtml } from "../../parts/reportView";
-import { copyButton, saveFile } from "../../parts/saveFile";
+import { shareButtons } from "../../parts/shareButtons";
 import { steps } from "../../parts/steps";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
@@ -66,13 +65,4 @@ function worldButtons(report: Report, id: string, source: string | null, context
     again,
     ...(next ? [actionButton("Play the next experiment", "Play the next experiment", "The launch that would separate the remaining models", () => openInPlay(next, report))] : []),
   ];
-}
-
-function shareButtons(id: string, context: Context): HTMLElement[] {
-  const save = actionButton("Save the report (HTML)", "Save the report (HTML)", "One file that opens without a server", () => {
-    reportHtml(id, context.signal)
-      .then((html) => saveFile(`${id}-report.html`, "text/html", html))
-      .catch(context.fail);
-  });
-  return [copyButton("Copy the link", () => location.href, context.say, context.fail), save];
 }

@@ -15,7 +15,8 @@ const MIN_VELOCITY_MARGIN = 0.25;
 /** The extended scene with the start of the trial of median deviation; without one, as reported. */
 export function extendedScene(report: Report): Scene | null {
   const order = trialsByDistance(report);
-  return sceneOfTrial(report, order[order.length >> 1] ?? 0) ?? report.extended_scene ?? null;
+  const scene = sceneOfTrial(report, order[order.length >> 1] ?? 0) ?? report.extended_scene;
+  return scene ? { ...scene, name: `${report.extended_scene?.name || "scene"}, extended` } : null;
 }
 
 /** Opens a scene in Play. */
@@ -60,7 +61,7 @@ export function withActionSpace(scene: Scene, report: Report): Scene {
     const margin = Math.max(MIN_VELOCITY_MARGIN, VELOCITY_MARGIN * (high - low));
     return { target: body.name, set, low: rounded(low - margin), high: rounded(high + margin) };
   };
-  return { ...scene, action: { components: [component("vx", 0), component("vy", 1)] } };
+  return { ...scene, action: { components: [component("vx", 0), component("vy", 1)], bounds: extentOfTrials(report) } };
 }
 
 function rounded(v: number): number {

@@ -13,11 +13,6 @@ export function effectSetName(names: readonly string[]): string {
   return names.length ? names.map(title).join(" + ") : "none (the base model)";
 }
 
-/** Name of a trial as the user wrote it; a bare number is preceded by a noun. */
-export function trialName(name: string): string {
-  return /^\d+$/.test(name) ? `Trial ${name}` : name;
-}
-
 /** How well the base simulation and the extended one fit, on held-out trials if there are any. */
 export function fitJudgements(report: Report): FitJudgement[] {
   const { residual, gain, effects } = report;

@@ -19,13 +19,13 @@ export function preview(scene: Scene, tracks: readonly Track[], note = ""): { el
 /** Summary of tracks, with the expected downward acceleration, m/s^2, if known. */
 export function facts(tracks: readonly Track[], gravity: number | null): HTMLElement {
   const summary = summarise(tracks);
-  const fall = summary.upwardAcceleration === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
+  const fall = summary.upwardAcceleration === null || gravity === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
   const bodies = new Set(tracks.map((t) => t.body)).size;
   const words = [
     `${summary.trials} ${summary.trials === 1 ? "trial" : "trials"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${summary.samples} samples`,
     `up to ${short(summary.seconds, "s")}`,
     `${short(summary.width, "m")} wide, ${short(summary.height, "m")} high`,
-    fall + (fall && gravity !== null ? ` (gravity: ${short(gravity)})` : ""),
+    fall && gravity !== null ? `${fall} (gravity: ${short(gravity)})` : "",
   ];
   return h("p", { class: "glance" }, words.filter(Boolean).join("; "), ".");
 }
@@ -52,7 +52,9 @@ export async function submittedTracks(id: string, signal: AbortSignal): Promise<
   const tracks: Track[] = trials.flatMap(({ trial, t, bodies }) => Object.entries(bodies).map(([body, { x, y }]) => ({ trial, body, ...observations(t, x, y) })));
   const nonEmpty = tracks.filter((track) => track.t.length);
   const [across, up] = scene.gravity ?? [0, -9.81];
-  return [preview(scene, nonEmpty).element, facts(nonEmpty, scene.bodies.length === 1 && across === 0 ? -up : null)];
+  // Each trial starts elsewhere: the bodies are not drawn.
+  const withoutBodies = { ...scene, bodies: scene.bodies.map((b) => ({ ...b, position: null })) };
+  return [preview(withoutBodies, nonEmpty).element, facts(nonEmpty, scene.bodies.length === 1 && across === 0 ? -up : null)];
 }
 
 /** Times and positions at which a body was observed. */

@@ -2,6 +2,7 @@
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
+import { trialName } from "./trialName";
 
 type Interval = [number | null, number | null];
 
@@ -177,7 +178,7 @@ export function sceneOfTrial(report: Report, trial: number): Scene | null {
   const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
   return {
     ...plain,
-    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
+    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${trialName(launch.name)}` : ""}`,
     bodies: [{ ...firstBody!, position: at[0]!, velocity }, ...others],
     ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
     ...(effects ? { effects } : {}),

@@ -3,7 +3,7 @@
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
 import { allObjects, type Point, type Scene } from "../../scene/types";
-import { trialName } from "./messages";
+import { trialName } from "./trialName";
 import { arrows, dotElements, overlay, pathElements } from "./overlay";
 import { facts } from "./preview";
 import { ruler } from "./ruler";

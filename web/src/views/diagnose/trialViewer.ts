@@ -7,7 +7,7 @@ import type { Point, Scene } from "../../scene/types";
 import { overlay, dotElements, bandElement, pathElements } from "./overlay";
 import type { Context } from "../../view";
 import { openInPlay } from "./extendedWorld";
-import { trialName } from "./messages";
+import { trialName } from "./trialName";
 import { trialsByDistance, sceneOfTrial, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
 
 /** Half-width of a band in standard deviations. */
