@@ -213,7 +213,7 @@ test("three coordinates are projected on the vertical plane of each trial", () =
   assert.deepEqual(guessReading(setup), []);
   const [track] = tracksOf(setup);
   assert.ok(Math.abs(track!.at.at(-1)![0] - 3 * 0.38) < 1e-4 && Math.abs(track!.at[0]![1] - 1) < 1e-9);
-  assert.match(readingSummary(setup), /x, y and z in m; the axis of the fall is up/);
+  assert.match(readingSummary(setup), /x, y and z in m; \+z is up/);
   setup.reading.up = "-z";
   assert.deepEqual(requestBody(setup).reading, { up: "-z" });
   assert.ok(Math.abs(tracksOf(setup)[0]!.at[0]![1] + 1) < 1e-9);

@@ -4,7 +4,7 @@ import { h } from "../../dom";
 import { choice, type Field, numeric, radios } from "../../parts/field";
 import { LENGTHS, TIMES } from "./columns";
 import { tracks } from "./parseFile";
-import { columnsOf, hasThreeCoordinates, missingInput, pixelSizeFromGravity, type Setup, unitsNeeded } from "./setup";
+import { columnsOf, fallAxisOf, hasThreeCoordinates, missingInput, pixelSizeFromGravity, type Setup, unitsNeeded } from "./setup";
 import { readingSummary } from "./readingSummary";
 import { UP_AXES } from "./verticalPlane";
 
@@ -74,7 +74,7 @@ function optionFields(setup: Setup, onChange: () => void, rebuild: () => void): 
 function upField(setup: Setup, onChange: () => void, rebuild: () => void): { element: HTMLElement; field: Field | null } {
   const { reading } = setup;
   if (hasThreeCoordinates(setup)) {
-    const options = [["", "the axis of the fall"], ...UP_AXES.map((a) => [a, a] as const)] as const;
+    const options = [["", `the axis of the fall (${fallAxisOf(setup) ?? "not clear"})`], ...UP_AXES.map((a) => [a, a] as const)] as const;
     const field = choice("Up axis", options, reading.up, (v) => ((reading.up = v), rebuild()), "Each trial is projected on its vertical plane.");
     return { element: h("div", { class: "fields" }, field.element), field };
   }

@@ -4,7 +4,7 @@ import type { Schema } from "../../api/client";
 import type { Scene } from "../../scene/types";
 import { type ColumnSelection, type ParsedFile, textToSend, defaultColumns, number } from "./parseFile";
 import { unitsUnknown, readTracks, type ReadingOptions, NO_OPTIONS, typicalBounceHeight, type Track, upwardAcceleration } from "./tracks";
-import { hasThird } from "./verticalPlane";
+import { fallAxis, hasThird } from "./verticalPlane";
 
 export interface Ball {
   /** m */
@@ -83,6 +83,17 @@ export function hasThreeCoordinates(setup: Setup): boolean {
   const first = setup.files[0];
   const z = first ? columnsOf(setup, first).z : -1;
   return z >= 0 && hasThird([first!.rows.map((row) => number(row[z]))]);
+}
+
+/** The axis along which tracks of three coordinates fall, pointing up; `null` if it is not clear. */
+export function fallAxisOf(setup: Setup): string | null {
+  const first = setup.files[0];
+  if (!first) return null;
+  const selected = columnsOf(setup, first);
+  const options = { ...setup.reading, yDown: null };
+  const flat = readTracks(first, { ...selected, z: -1 }, options);
+  const third = readTracks(first, { ...selected, y: selected.z, z: -1 }, options);
+  return fallAxis(flat, flat.map(({ at }, i) => at.map(([x, y], k) => [x, y, third[i]?.at[k]?.[1] ?? Number.NaN])));
 }
 
 /** Size of a pixel, m, for which the tracks fall with the given gravity. */

@@ -15,6 +15,8 @@ import type { Track } from "./tracks";
 const LAUNCH_SAMPLES = 5;
 /** Length of the arrow of the launch velocity, share of the picture. */
 const ARROW_SHARE = 0.15;
+/** Part of the floor that is visible below its surface, share of the picture. */
+const FLOOR_SHARE = 0.04;
 const NO_NUMBERS = "The selected columns contain no numbers. Choose others, or run the diagnosis to see the server's message.";
 
 /** The preview; `rebuild` is called after a change of the setup. */
@@ -56,22 +58,24 @@ function drawing(setup: Setup, tracks: readonly Track[], rebuild: () => void): H
   const span = extent(all);
   const launches = selected.map(launch);
   const speed = Math.max(...launches.map((l) => Math.hypot(...l.push)), 1e-9);
+  const scale = (ARROW_SHARE * span) / speed;
+  const tips = launches.map(({ at, push }): Point => [at[0] + scale * push[0], at[1] + scale * push[1]]);
   const elements = [
     pathElements(others.map((t) => t.at), "track other"),
     pathElements(selected.map((t) => t.at), "track"),
     dotElements(selected.flatMap((t) => t.at), "observation"),
-    arrows(launches, (ARROW_SHARE * span) / speed, "arrow launch"),
+    arrows(launches, scale, "arrow launch"),
     dotElements(launches.map((l) => l.at), "track-start"),
   ];
   const { pixels } = unitsNeeded(setup);
   const note = pixels && setup.reading.metresPerPixel === null ? "A pixel is drawn as a metre until its size is entered." : "";
   const scene = sceneAtStart(sceneOf(setup), selected);
   const floor = setup.subject === "ball" ? setup.ball.floor : null;
-  const extra: Point[] = floor === null ? all : [...all, [all[0]![0], floor - 0.04 * span]];
+  const ground: Point[] = floor === null ? [] : [[all[0]![0], floor - FLOOR_SHARE * span]];
   const count = new Set(tracks.map((t) => t.trial)).size;
-  const picture = overlay(scene, `${count} tracks over the scene`, extra, elements, note);
-  const scale = setup.reading.metresPerPixel ?? 1;
-  const measure = pixels && scale > 0 ? [ruler(picture.picture, scale, (v) => ((setup.reading.metresPerPixel = v), rebuild()))] : [];
+  const picture = overlay(scene, `${count} tracks over the scene`, [...all, ...tips, ...ground], elements, note);
+  const pixelSize = setup.reading.metresPerPixel ?? 1;
+  const measure = pixels && pixelSize > 0 ? [ruler(picture.picture, pixelSize, (v) => ((setup.reading.metresPerPixel = v), rebuild()))] : [];
   return [keys(setup, others.length > 0, floor, allObjects(scene).length > scene.bodies.length), picture.element, ...measure];
 }
 
