@@ -92,7 +92,7 @@ def test_an_example_leads_to_a_diagnosis_and_a_plan(serve: Callable[..., Any], n
     following.get_by_role("button", name="curl", exact=True).click()
     expect(following.locator("pre")).to_contain_text("/v1/simulate")
     following.get_by_role("button", name="Plan in the calibrated world").click()
-    page.wait_for_url(re.compile("#/plan/scene$"))
+    page.wait_for_url(re.compile(rf"#/plan\?task=bowling%3A\d+&estimation={job}$"))
     scene = json.loads(page.evaluate("sessionStorage.getItem('iplw-scene')"))
     restitution = next(x["value"] for x in server.request("GET", f"/v1/jobs/{job}")["result"]["latents"] if x["name"] == "restitution")
     assert {body["restitution"] for body in scene["bodies"]} == {restitution} and scene["action"]

@@ -141,7 +141,7 @@ def test_view(name: str, serve: Callable[..., Any], new_page: Callable[..., Any]
             options = {"viewport": {"width": size[0], "height": size[1]}, "color_scheme": theme}
             page = new_page(server, **options).open(address)
             prepare(page, server)
-            expect(page.locator("h1")).to_be_visible()
+            expect(page.get_by_role("heading", level=1).first).to_be_visible()
             over = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             assert over <= 0, f"{name} is {over} px wider than a {width} screen"
             assert violations(page) == [], f"{name}, {width}, {theme}"

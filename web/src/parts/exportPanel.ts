@@ -6,7 +6,7 @@ import type { Context } from "../view";
 import { pretty } from "../views/make/export";
 import { curlCommand, pythonCode } from "./exportCode";
 import type { Scene } from "../scene/types";
-import { copyButton, saveFile } from "./saveFile";
+import { copyText, saveFile } from "./share";
 
 export interface ExportPanel {
   buttons: HTMLElement[];
@@ -21,12 +21,10 @@ export interface SceneExport {
   scene: Scene;
   /** The scene with a start, for code that simulates it. */
   launched: Scene;
-  /** The data behind it, with the name of their file. */
-  data: { name: string; content: unknown } | null;
 }
 
-/** Buttons that save the scene and its data, and buttons that display code. */
-export function exportPanel({ name: stem, scene, launched, data }: SceneExport, context: Context): ExportPanel {
+/** A button that saves the scene, and buttons that display code. */
+export function exportPanel({ name: stem, scene, launched }: SceneExport, context: Context): ExportPanel {
   const code = h("div", { class: "stack export-code", hidden: true });
   const languages: [string, string, () => string][] = [
     ["Python", `${stem}.py`, () => pythonCode(launched, location.origin)],
@@ -45,14 +43,18 @@ export function exportPanel({ name: stem, scene, launched, data }: SceneExport, 
   const buttons = [
     button("Scene (JSON)", `Save ${stem}.json`, () => saveFile(`${stem}.json`, "application/json", pretty(scene))),
     ...toggles,
-    ...(data ? [button("Data (JSON)", `Save ${data.name}`, () => saveFile(data.name, "application/json", `${JSON.stringify(data.content, null, 2)}\n`))] : []),
   ];
   return { buttons, code };
 }
 
 function codeBlock(name: string, file: string, text: string, context: Context): HTMLElement[] {
   const type = "text/plain";
-  const tools = [copyButton("Copy", () => text, context.say, context.fail), button("Save", `Save ${file}`, () => saveFile(file, type, text))];
+  const copy = button("Copy", `Copy the ${name} code`, () => {
+    copyText(text)
+      .then(() => (context.say("Copied."), put(copy, "Copied")))
+      .catch(context.fail);
+  });
+  const tools = [copy, button("Save", `Save ${file}`, () => saveFile(file, type, text))];
   return [
     h("p", {}, name === "Python" ? "Simulates the scene with the Python client:" : "Simulates the scene from a shell:"),
     h("pre", { tabindex: 0, "aria-label": `${name} code` }, text),

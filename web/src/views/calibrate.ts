@@ -41,12 +41,17 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   put(place, h("div", { class: "calibrate-start" }, form, estimationList(runs, open, context)));
 }
 
-/** The request that fills the form: of the estimation `like`, with the effect parameters `fit` added. */
+/** Fields of the form that an address may have. */
+const ADDRESS_FIELDS = ["task", "strategy", "surface"] as const;
+
+/** The request that fills the form: of the estimation `like`, with the effect parameters `fit` added, and other fields of the
+ * address. */
 async function templateOf({ query, signal }: Context): Promise<EstimationRequest> {
   const like = query.get("like");
   const request = like ? requestOf(await estimation(like, signal)) : {};
   const fit = (query.get("fit") ?? "").split(",").filter(Boolean);
-  return fit.length ? { ...request, fit: [...new Set([...(request.fit ?? []), ...fit])] } : request;
+  const fields = Object.fromEntries(ADDRESS_FIELDS.flatMap((name) => (query.has(name) ? [[name, query.get(name)!]] : [])));
+  return { ...request, ...fields, ...(fit.length ? { fit: [...new Set([...(request.fit ?? []), ...fit])] } : {}) };
 }
 
 /** Estimations so far, or what an estimation is; with an example. */

@@ -5,12 +5,20 @@ import type { Body, Scene } from "../../scene/types";
 import { currentEstimates, type EstimationState, simulationPhysics } from "./estimation";
 import { sceneOfTask } from "./rounds";
 
+export interface CalibratedWorld {
+  /** Task of the scene: `bowling:017`. */
+  task: string;
+  scene: Scene;
+  /** The scene in the initial state of the last measured proposal. */
+  launched: Scene;
+}
+
 /** The scene of the last measured proposal with the estimates; `null` if nothing was measured. */
-export async function calibratedScene(now: EstimationState, signal: AbortSignal): Promise<{ scene: Scene; launched: Scene } | null> {
+export async function calibratedScene(now: EstimationState, signal: AbortSignal): Promise<CalibratedWorld | null> {
   const proposal = now.rounds.flatMap((r) => r.proposals).filter((p) => p.measured).at(-1);
   if (!proposal) return null;
   const scene = withPhysics(await sceneOfTask(proposal.task, signal), simulationPhysics(currentEstimates(now)));
-  return { scene, launched: launch(scene, proposal.action) };
+  return { task: proposal.task, scene, launched: launch(scene, proposal.action) };
 }
 
 /** The scene in the initial state that an action sets, without an action space. */

@@ -5,13 +5,13 @@ import { h, put } from "../../dom";
 import { actionButton, actionGroup, actionGroups } from "../../parts/actionButtons";
 import { exportPanel } from "../../parts/exportPanel";
 import { fitLine } from "../../parts/fitQuality";
-import { shareButtons } from "../../parts/shareButtons";
+import { shareButtons } from "../../parts/share";
 import { steps } from "../../parts/steps";
 import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
-import { calibratedScene } from "./calibratedWorld";
-import { type EstimationState, hasEnded, requestOf } from "./estimation";
+import { calibratedScene, type CalibratedWorld } from "./calibratedWorld";
+import { type EstimationState, hasEnded, requestOf, sceneOfRequest } from "./estimation";
 import { judgement } from "./judgement";
 
 export interface NextSteps {
@@ -35,21 +35,25 @@ async function fill(element: HTMLElement, id: string, now: EstimationState, cont
   const start = (): void => void startDiagnosis(id, diagnose, context);
   const diagnose = actionButton("Diagnose these trials", "Diagnose these trials", "Find the effects that the simulation lacks", start, isBad);
   const world = await calibratedScene(now, context.signal);
-  const exports = world && exportPanel({ name: "calibrated_scene", ...world, data: { name: `${id}.json`, content: now.job.result ?? null } }, context);
-  const open = (view: string, scene: Scene) => (): void => {
+  const exports = world && exportPanel({ name: "calibrated_scene", scene: world.scene, launched: world.launched }, context);
+  const play = (scene: Scene) => (): void => {
     storeScene(scene);
-    location.hash = link(view, ["scene"]);
+    location.hash = link("play", ["scene"]);
+  };
+  const plan = ({ task, scene }: CalibratedWorld) => (): void => {
+    storeScene(scene);
+    location.hash = sceneOfRequest(requestOf(now.job)) ? link("plan", ["scene"]) : link("plan", [], { task, estimation: id });
   };
   const where = requestOf(now.job).fit?.length ? "In the extended world" : "In the calibrated world";
   const button = (text: string, help: string, act: () => void): HTMLElement => actionButton(text, `${text} ${where.toLowerCase()}`, help, act, text === "Play" && !isBad);
-  const worldGroup = world && actionGroup(where, [button("Play", "Launch bodies by hand, with the estimates", open("play", world.scene)), button("Plan", "Find the actions that are most likely to succeed", open("plan", world.scene))]);
+  const worldGroup = world && actionGroup(where, [button("Play", "Launch bodies by hand, with the estimates", play(world.scene)), button("Plan", "Find the actions that are most likely to succeed", plan(world))]);
   const exportGroup = exports && actionGroup("Export", exports.buttons);
   const focusFirst = (of: HTMLElement) => (): void => of.querySelector("button")?.focus();
   put(
     element,
     steps("calibrate", { diagnose: start, ...(worldGroup && !isBad ? { extended: focusFirst(worldGroup) } : {}), ...(exportGroup && !isBad ? { export: focusFirst(exportGroup) } : {}) }),
     fitLine(fit),
-    actionGroups(actionGroup("Find what is missing", [diagnose]), worldGroup, exportGroup, actionGroup("Share", shareButtons(id, context))),
+    actionGroups(actionGroup("Find what is missing", [diagnose]), worldGroup, exportGroup, actionGroup("Share", [shareButtons(now.job, context.signal)])),
     exports?.code,
   );
 }

@@ -5,13 +5,13 @@ import { h } from "../../dom";
 import { actionButton, actionGroup, actionGroups } from "../../parts/actionButtons";
 import { exportPanel, type SceneExport } from "../../parts/exportPanel";
 import { fitLine } from "../../parts/fitQuality";
-import { shareButtons } from "../../parts/shareButtons";
+import { shareButtons } from "../../parts/share";
 import { steps } from "../../parts/steps";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { diagnoseAgain, extendedScene, openInCalibrate, openInPlan, openInPlay } from "./extendedWorld";
 import { fitJudgements } from "./messages";
-import { plainReport, type Report } from "./report";
+import type { Report } from "./report";
 
 /** The steps and the actions of a result. */
 export function actions(report: Report, job: Schema<"JobOut">, context: Context): HTMLElement {
@@ -32,14 +32,14 @@ export function actions(report: Report, job: Schema<"JobOut">, context: Context)
       ...(exportGroup ? { export: focusFirst(exportGroup) } : {}),
     }),
     h("div", { class: "stack fit-lines" }, ...fitJudgements(report).map(fitLine)),
-    actionGroups(world.length ? worldGroup : null, exportGroup, actionGroup("Share", shareButtons(job.id, context))),
+    actionGroups(world.length ? worldGroup : null, exportGroup, actionGroup("Share", [shareButtons(job, context.signal)])),
     exports?.code,
     h("p", { class: "row soft" }, h("a", { href: link("diagnose") }, "Diagnose other trials"), h("a", { href: link("jobs", [job.id]) }, `Job ${job.id}`)),
   );
 }
 
 function exported(report: Report, scene: Scene): SceneExport {
-  return { name: "extended_scene", scene, launched: extendedScene(report) ?? scene, data: { name: "report.json", content: plainReport(report) } };
+  return { name: "extended_scene", scene, launched: extendedScene(report) ?? scene };
 }
 
 function worldTitle(report: Report): string {

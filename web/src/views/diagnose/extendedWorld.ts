@@ -30,7 +30,13 @@ export function openInPlan(report: Report): void {
   const scene = extendedScene(report);
   if (!scene) return;
   storeScene(withActionSpace(scene, report), extentOfTrials(report));
-  location.hash = link("plan", ["scene"]);
+  const task = taskOf(report);
+  location.hash = link("plan", ["scene"], task ? { task } : {});
+}
+
+/** The task of the first trial, if the trials are those of an estimation: `bowling:017` of `bowling:017/3`. */
+export function taskOf(report: Report): string | null {
+  return /^([a-z_]+:\d{3})\/\d+$/.exec(report.launches[0]?.name ?? "")?.[1] ?? null;
 }
 
 /** Opens Calibrate: the estimation that measured the trials, with the effects fitted as well, or the extended scene. */
