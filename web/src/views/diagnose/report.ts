@@ -1,55 +1,25 @@
-// The displayed part of `iplw.diagnosis/2` (docs/reference/formats.md) and of its tables.
+// The part of `iplw.diagnosis/2` (docs/reference/formats.md) that the page uses beside the report.
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
-
-type Interval = [number | null, number | null];
+import { trialName } from "./trialName";
 
 export interface Parameter {
   name: string;
   value: number;
-  ci95: Interval;
-  unit: string;
   setting: string | null;
-  spread: number | null;
 }
 
 export interface Effect {
   name: string;
-  acts_on: string;
-  probability: number;
   parameters: Parameter[];
 }
 
+/** Errors on held-out trials, m. */
 export interface HeldOut {
-  trials: number;
   base_rmse: number;
   extended_rmse: number;
   floor_rmse: number;
-  excess_removed: number | null;
-}
-
-export interface Score {
-  effects: string[];
-  score: number;
-  probability: number;
-  sizes: Effect[];
-}
-
-export interface Launch {
-  trial: number;
-  name: string;
-  setting: string | null;
-  sizes: { effect: string; parameter: string; value: number; sd: number; alone: [number, number] | null }[];
-}
-
-export interface Predictive {
-  launches: { trial: number; p: number; squares: number; count: number }[];
-  outside_share: number;
-  further_off: number[];
-  usual_ratio: number;
-  uniform_p: number;
-  sorted: [number, number, number][];
 }
 
 /** Rows of numbers with column names; `null` for missing values. */
@@ -58,48 +28,19 @@ export interface Table {
   rows: (number | null)[][];
 }
 
-export interface Evidence {
-  settings: string[];
-  points: Table;
-  pushes: Table;
-  bounces: Table;
-  autocorrelation: [number[], number[]];
-}
-
 export interface Report {
-  format: string;
   verdict: "none" | "named" | "ambiguous" | "unknown" | "insufficient_data";
-  reason: string;
   effects: Effect[];
-  rivals: string[][];
-  calibrated: { name: string; value: number; ci95: Interval; identifiable: boolean }[];
-  /** Misfit of the base model; missing with too little data. */
-  residual: { base_rmse: number; floor_rmse: number; lack_of_fit_p: number; whiteness_p: number; autocorrelation: number; noise_correlation: number } | null;
-  gain: { held_out: HeldOut | null; extrapolation: HeldOut | null };
-  unexplained_share: number | null;
-  residual_law: { formula: string; held_out: HeldOut; offered: boolean } | null;
-  next_experiment: { why: string; do: string; separates: string[] } | null;
-  scores: Score[];
-  remainder: { text: string } | null;
-  launches: Launch[];
-  unlike: { effect: string; parameter: string; spread: number; unit: string }[];
-  predictive: Predictive | null;
-  field: Table | null;
+  /** Misfit of the base model, m; missing with too little data. */
+  residual: { base_rmse: number; floor_rmse: number } | null;
+  gain: { held_out: HeldOut | null };
+  /** The trials by the names of the user. */
+  launches: { trial: number; name: string; setting: string | null }[];
+  predictive: { launches: { trial: number; p: number }[] } | null;
   paths: { columns: string[]; launches: { trial: number; rows: (number | null)[][] }[] };
-  odd_trials: { trial: number; name: string; p: number }[];
-  surface_offsets: { name: string; normal: [number, number]; offset: number; sd: number }[];
-  failed: string[][];
-  seed: number;
-  /** Fields of a job's result beyond those of the file; missing in results of earlier versions. */
+  /** Missing in results of earlier versions. */
   extended_scene?: Scene;
   next_scene?: Scene | null;
-  evidence?: Evidence;
-}
-
-/** The report in the form of the command line. */
-export function plainReport(report: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
-  const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = report;
-  return rest;
 }
 
 /** A column of a table; NaN for missing values. */
@@ -177,7 +118,7 @@ export function sceneOfTrial(report: Report, trial: number): Scene | null {
   const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
   return {
     ...plain,
-    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
+    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${trialName(launch.name)}` : ""}`,
     bodies: [{ ...firstBody!, position: at[0]!, velocity }, ...others],
     ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
     ...(effects ? { effects } : {}),
