@@ -4,7 +4,8 @@ import { marks, range } from "../src/parts/plot";
 import { column } from "../src/views/diagnose/columns";
 import { parseFile, textToSend, split, tracks, defaultColumns } from "../src/views/diagnose/parseFile";
 import { splitAt } from "../src/views/diagnose/trialViewer";
-import { extentOfTrials, sceneOfTrial, type Report, trajectoryOf } from "../src/views/diagnose/report";
+import { extentOfTrials, type Report, trajectoryOf } from "../src/views/diagnose/report";
+import { sceneOfTrial } from "../src/views/diagnose/sceneOfTrial";
 import { requestBody, columnsOf, emptySetup, guessReading, missingInput, pixelSizeFromGravity, tracksOf } from "../src/views/diagnose/setup";
 import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/views/diagnose/tracks";
 import { judgeFit } from "../src/parts/fitQuality";
@@ -148,6 +149,11 @@ test("a trial's trajectory includes both models, and initialises the extended sc
   assert.equal(scene.bodies[0]!.mass, 0.01);
   assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
   assert.equal(scene.settings, undefined);
+  // A setting of one trial has the trial's initial state.
+  modified.launches[0]!.name = "light";
+  Object.assign(modified.extended_scene!, { settings: { light: { bodies: { ball: { position: [7, 8] } } } } });
+  const own = sceneOfTrial(modified, 4)!.bodies[0]!;
+  assert.deepEqual([own.position, own.velocity], [[7, 8], undefined]);
   const [left, bottom, right, top] = extentOfTrials(modified)!;
   assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });

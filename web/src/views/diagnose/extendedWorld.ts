@@ -2,10 +2,11 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { storeScene } from "../../scene/handoff";
-import type { Component, Scene } from "../../scene/types";
+import type { Box, Component, Scene } from "../../scene/types";
 import { link } from "../../view";
 import { submittedTrials } from "./preview";
-import { extentOfTrials, type Report, sceneOfTrial, trialsByDistance } from "./report";
+import { extentOfTrials, type Report, trialsByDistance } from "./report";
+import { sceneOfTrial } from "./sceneOfTrial";
 import { trialsCsv } from "./trialsCsv";
 
 /** Margin on both sides of the range of measured launch velocities, as a share of it, and its minimum, m/s. */
@@ -21,15 +22,28 @@ export function extendedScene(report: Report): Scene | null {
 
 /** Opens a scene in Play. */
 export function openInPlay(scene: Scene, report: Report): void {
-  storeScene(scene, extentOfTrials(report));
+  storeScene(scene, visibleBox(scene, report));
   location.hash = link("play", ["scene"]);
+}
+
+/** Opens the extended scene of a trial in Play, exactly as the trial: without an action space. */
+export function playTrial(report: Report, trial: number): void {
+  const scene = sceneOfTrial(report, trial);
+  if (!scene) return;
+  const { action: _space, ...launched } = scene;
+  openInPlay(launched, report);
+}
+
+/** The box of the trials for scenes without objects of their own extent; `null`: that of the scene. */
+function visibleBox(scene: Scene, report: Report): Box | null {
+  return (scene.statics ?? []).some((s) => s.shape.type !== "halfspace") ? null : extentOfTrials(report);
 }
 
 /** Opens the extended scene in Plan. */
 export function openInPlan(report: Report): void {
   const scene = extendedScene(report);
   if (!scene) return;
-  storeScene(withActionSpace(scene, report), extentOfTrials(report));
+  storeScene(withActionSpace(scene, report), visibleBox(scene, report));
   const task = taskOf(report);
   location.hash = link("plan", ["scene"], task ? { task } : {});
 }

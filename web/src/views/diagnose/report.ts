@@ -2,7 +2,6 @@
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
-import { trialName } from "./trialName";
 
 export interface Parameter {
   name: string;
@@ -92,45 +91,6 @@ export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajec
 export function trialsByDistance(report: Report): number[] {
   const ordered = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
   return ordered.length ? ordered : report.paths.launches.map((l) => l.trial);
-}
-
-/** The extended scene in the initial state of a trial, in its setting: position and velocity of the first body from the parabola
- * through the first three positions of the extended model. `null` if they are unknown. */
-export function sceneOfTrial(report: Report, trial: number): Scene | null {
-  const table = trajectoryOf(report.paths, trial);
-  const scene = report.extended_scene;
-  const body = scene?.bodies[0];
-  if (!table || !scene || !body) return null;
-  const last = table.starts[0] ?? table.t.length;
-  const [t, at] = [table.t.slice(0, Math.min(3, last)), table.after.at.slice(0, Math.min(3, last))];
-  if (t.length < 2 || !at.flat().every(Number.isFinite)) return null;
-  const velocityOf = (k: 0 | 1): number => {
-    const slope = (i: number): number => (at[i + 1]![k] - at[i]![k]) / (t[i + 1]! - t[i]!);
-    if (t.length < 3) return slope(0);
-    return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
-  };
-  const velocity: Point = [velocityOf(0), velocityOf(1)];
-  const launch = report.launches.find((l) => l.trial === trial);
-  const { settings, ...plain } = scene;
-  const override = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
-  const set = <T extends { name: string }>(object: T, by: Record<string, object> | undefined): T => ({ ...object, ...by?.[object.name] });
-  const [firstBody, ...others] = scene.bodies.map((b) => set(b, override?.bodies));
-  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
-  return {
-    ...plain,
-    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${trialName(launch.name)}` : ""}`,
-    bodies: [{ ...firstBody!, position: at[0]!, velocity }, ...others],
-    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
-    ...(effects ? { effects } : {}),
-  };
-}
-
-type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
-
-/** Parameters of an effect that are specific to a setting. */
-function parametersOfSetting(report: Report, effect: string, setting: string | null): Record<string, number> {
-  const table = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
-  return Object.fromEntries(table.map((p) => [p.name, p.value]));
 }
 
 /** Visible box for a trial, m: the extent of all observations with a margin. */

@@ -6,9 +6,10 @@ import { plot, type PlotSeries } from "../../parts/plot";
 import type { Point, Scene } from "../../scene/types";
 import { overlay, dotElements, bandElement, pathElements } from "./overlay";
 import type { Context } from "../../view";
-import { openInPlay } from "./extendedWorld";
+import { playTrial } from "./extendedWorld";
 import { trialName } from "./trialName";
-import { trialsByDistance, sceneOfTrial, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
+import { trialsByDistance, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
+import { sceneOfTrial } from "./sceneOfTrial";
 
 /** Half-width of a band in standard deviations. */
 const BAND_SDS = 2;
@@ -52,16 +53,12 @@ function viewer(report: Report, order: readonly number[], context: Context): HTM
     const at = options.findIndex(([v]) => v === field.input.value);
     select(options[(at + by + options.length) % options.length]![0]);
   };
-  const playTrial = (): void => {
-    const start = sceneOfTrial(report, Number(field.input.value));
-    if (start) openInPlay(start, report);
-  };
   show(String(medianTrial));
   const tools = [
     button("Previous trial", step(-1)),
     button("Next trial", step(1)),
     report.predictive ? button("Largest deviation", () => select(String(order[0]))) : null,
-    report.extended_scene ? button("Play this trial", playTrial) : null,
+    report.extended_scene ? button("Play this trial", () => playTrial(report, Number(field.input.value))) : null,
   ];
   return h("div", { class: "stack" }, h("p", { class: "soft" }, "Each trial starts where it was measured to start. Compare its observations with both simulations."), h("div", { class: "row trial-tools" }, field.element, ...tools), place);
 }
