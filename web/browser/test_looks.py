@@ -140,7 +140,7 @@ def analysis(path: str, body: dict[str, Any], ready: str) -> Callable[[Page, Any
 def prepare_posterior(page: Page, server: Any) -> None:
     """The posterior of a few throws."""
     body = {"ball": {"radius": 0.02}, "trials": csv(launches(6, 30)), "sets": [["quadratic_drag"]], "draws": 512}
-    analysis("/v1/posteriors", body, ".parameters")(page, server)
+    analysis("/v1/posteriors", body, ".report")(page, server)
 
 
 def prepare_start(page: Page, server: Any) -> None:
@@ -169,7 +169,7 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "design": ("#/design", prepare_start),
     "design-result": ("#/design", analysis("/v1/designs", DESIGN, ".experiment svg")),
     "surface": ("#/surface", prepare_start),
-    "surface-result": ("#/surface", analysis("/v1/surfaces", SURFACE, ".sensitivities")),
+    "surface-result": ("#/surface", analysis("/v1/surfaces", SURFACE, ".report")),
     "train": ("#/train/job-2", prepare_comparison),
     "jobs": ("#/jobs", prepare_jobs),
     "job": ("#/jobs/job-1", prepare_job),

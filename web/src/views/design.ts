@@ -93,6 +93,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
     ],
     steps: [h("a", { class: "button", href: link("calibrate") }, "Measure and calibrate"), h("a", { class: "button", href: link("plan", [], { ...(task.includes(":") ? { task } : {}), ...source }) }, "Plan the task")],
     parts: [cards, panel.element],
+    substitutes: [],
     request: { task, question, batch: String(batch), candidates: String(candidates), seed: String(seed), noise: String(noise), ...source },
   };
 }

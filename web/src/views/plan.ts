@@ -85,6 +85,7 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
     ],
     steps: [h("a", { class: uncertain ? "button main" : "button", href: design }, "Design the next experiment"), uncertain && !query.has("posterior") ? h("a", { class: "button", href: link("posterior") }, "Infer a posterior from trials") : null],
     parts: [h("div", { class: "columns" }, list, panel.element)],
+    substitutes: [],
     request: { task: plan.task, actions: String(actions), draws: String(draws), seed: String(seed), exact: String(exact), perturb: String(perturb), ...source },
   };
 }

@@ -84,7 +84,8 @@ async function result(job: Job, context: Context): Promise<ResultPage> {
       h("a", { class: "button", href: link("design", [], query) }, "Design the next experiment with it"),
       family ? trainButton(job, family, context) : null,
     ],
-    parts: [parameterTable(posterior)],
+    parts: [],
+    substitutes: [parameterTable(posterior)],
     request,
   };
 }

@@ -8,7 +8,7 @@ import { capital, enumeration } from "./analysis/actionText";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { startPage } from "./analysis/startPage";
-import { headline, pointsText, type SurfaceResult } from "./surface/result";
+import { bySensitivity, headline, pointsText, stakeText, type SurfaceResult } from "./surface/result";
 import { sensitivityBars } from "./surface/sensitivityBars";
 import "./analysis.css";
 
@@ -64,9 +64,13 @@ async function result(job: Job): Promise<ResultPage> {
   const factors = sensitivities.map((s) => s.factor);
   return {
     headline: headline(task, sensitivities),
-    notes: [h("p", { class: "soft" }, `${capital(enumeration(factors))} were varied over their ranges, at ${pointsText(config.points, factors.length)} Stored as ${surface}.`)],
+    notes: [
+      ...bySensitivity(sensitivities).map((s) => h("p", {}, stakeText(s))),
+      h("p", { class: "soft" }, `${capital(enumeration(factors))} were varied over their ranges, at ${pointsText(config.points, factors.length)} The score is AUCCESS, from 0 to 1: how soon the tasks are solved. Stored as ${surface}.`),
+    ],
     steps: [h("a", { class: "button main", href: link("calibrate", [], { task, strategy: "informative", surface }) }, "Use it for an estimation")],
-    parts: [sensitivityBars(sensitivities)],
+    parts: [],
+    substitutes: [sensitivityBars(sensitivities)],
     request: { task, factors: factors.join(","), points: String(config.points), seed: String(config.seed), ...(actions === undefined ? {} : { actions: String(actions) }), route: config.route },
   };
 }

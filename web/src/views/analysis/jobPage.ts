@@ -16,7 +16,10 @@ export interface ResultPage {
   notes: Child[];
   /** Links and buttons for what to do with it. */
   steps: Child[];
+  /** Interactive parts. */
   parts: HTMLElement[];
+  /** In place of the report, from a server that has none. */
+  substitutes: HTMLElement[];
   /** Fields of the form for another run. */
   request: Record<string, string>;
 }
@@ -30,7 +33,7 @@ export async function jobPage(place: HTMLElement, kind: AnalysisKind, id: string
   const links = [h("a", { href: link(kind.view) }, "Start another")];
   const onSuccess = (now: Job): void => {
     show(now)
-      .then((page) => put(container, head(kind, now, page, context), ...page.parts, report(now, context)))
+      .then((page) => put(container, head(kind, now, page, context), ...page.parts, report(now, page, context)))
       .catch(context.fail);
   };
   await followJob(container, job, { subject: kind.subject, links }, onSuccess, context);
@@ -49,16 +52,18 @@ function head(kind: AnalysisKind, job: Job, page: ResultPage, context: Context):
   );
 }
 
-/** The server's report, as soon as it is loaded; nothing from a server that has none. */
-function report(job: Job, context: Context): HTMLElement {
-  const section = h("section", { class: "card stack", "aria-label": "Report", hidden: true });
+/** The server's report, as soon as it is loaded, without its heading: the page has one. */
+function report(job: Job, { substitutes }: ResultPage, context: Context): HTMLElement {
+  const place = h("div", { class: "stack" });
   reportView(job.id, context.signal)
     .then((view) => {
-      put(section, view);
-      section.hidden = false;
+      view.shadowRoot?.querySelector("main > header")?.remove();
+      put(place, h("section", { class: "card", "aria-label": "Report" }, view));
     })
     .catch((e: unknown) => {
+      if (context.signal.aborted) return;
+      put(place, ...substitutes);
       if (!(e instanceof ProblemError && e.problem.status === 404)) context.fail(e);
     });
-  return section;
+  return place;
 }
