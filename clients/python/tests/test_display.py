@@ -238,6 +238,8 @@ def test_displays_job_of_server(client: iplw.Client, tmp_path: Path) -> None:
     estimate = job.wait()
     assert isinstance(estimate, iplw.Estimate)
     complete(estimate.save_html(tmp_path / "estimate.html").read_text(encoding="utf-8"))
+    report = job.save_html(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert report == job.report() and '<main class="report">' in report and "<script" not in report
     html = complete(job._repr_html_())
     assert "<b>estimate</b>" in html and "<summary>log</summary>" in html and job.log()[-1]["text"] in html
     for visible in (job.trials(), job.rounds(), job.log(), job.scene(), client.tasks(), client.world("bowling-sim")):

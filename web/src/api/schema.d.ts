@@ -312,7 +312,8 @@ export interface paths {
         delete: operations["delete_job"];
         options?: never;
         head?: never;
-        patch?: never;
+        /** Sets the name and the note of a job, in any state; fields that are absent stay as they are. */
+        patch: operations["update_job"];
         trace?: never;
     };
     "/v1/jobs/{id}/events": {
@@ -347,6 +348,26 @@ export interface paths {
          * @description The latest 1000 lines are kept as long as the job. To follow the log, repeat the request with `after`.
          */
         get: operations["get_job_log"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/jobs/{id}/report": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Returns the report of a job's result as one HTML page without scripts or external resources: the result in a sentence, pictures,
+         *     tables and settings. The command line writes the same page as report.html.
+         */
+        get: operations["get_report"];
         put?: never;
         post?: never;
         delete?: never;
@@ -1658,18 +1679,48 @@ export interface components {
         JobOut: {
             /** @description The request, without large data. */
             config: Record<string, never>;
+            /**
+             * Format: double
+             * @description Time of the request, UNIX seconds; `null` if unknown, for jobs of earlier versions.
+             */
+            created?: number | null;
+            /**
+             * Format: double
+             * @description Time of its end, UNIX seconds; `null` if it has not ended.
+             */
+            ended?: number | null;
             error?: components["schemas"]["Problem"] | null;
             id: string;
-            /** @description `iplw`, `diagnose`, `surface`, `train`, `learn` or `evaluate`. */
+            /** @description `iplw`, `diagnose`, `posterior`, `likelihood`, `plan`, `design`, `surface`, `train`, `learn` or `evaluate`. */
             kind: string;
+            /** @description Name of its owner's choice; empty if it has none. */
+            name: string;
+            /** @description Note of its owner; empty if there is none. */
+            note: string;
+            /** @description Name of the token that queued it; `null` without a token. */
+            owner?: string | null;
             progress: components["schemas"]["ProgressOut"];
             /** @description Result, if succeeded. */
             result?: Record<string, never> | null;
             seed: number;
+            /**
+             * Format: double
+             * @description Time of its first start, UNIX seconds; `null` if it has not run.
+             */
+            started?: number | null;
             /** @description `queued`, `running`, `waiting` (for submitted trials), `succeeded`, `failed` or `cancelled`. */
             state: string;
+            /** @description The result in a phrase, also where the result is omitted; `null` if there is none. */
+            summary?: string | null;
             /** @description Version of the program that ran it. */
             version: string;
+        };
+        /** @description Changes of a job; absent fields stay as they are. */
+        JobPatch: {
+            /** @description One line without control characters; empty for none. */
+            name?: string | null;
+            /** @description Any number of lines; empty for none. */
+            note?: string | null;
         };
         /** @description All jobs. */
         JobsPage: {
@@ -4711,6 +4762,128 @@ export interface operations {
             };
         };
     };
+    update_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                /**
+                 * @example {
+                 *       "name": "Bounces on felt",
+                 *       "note": "Camera 2, lights on."
+                 *     }
+                 */
+                "application/json": components["schemas"]["JobPatch"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token lacks the scope act, or the origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body arrived too slowly */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A browser sent a body of an undeclared media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Wrong `Host`: the server does not have this name */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage failed or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     follow_job: {
         parameters: {
             query?: never;
@@ -4862,6 +5035,82 @@ export interface operations {
             };
             /** @description Unprocessable Entity */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage failed or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_report: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The page */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": string;
+                };
+            };
+            /** @description The token is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job has no result */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Wrong `Host`: the server does not have this name */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };

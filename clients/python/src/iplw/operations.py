@@ -150,6 +150,14 @@ OPERATIONS: dict[str, Operation] = {
         arguments=("id",),
         response_types=("application/json",),
     ),
+    "update_job": Operation(
+        method="PATCH",
+        path="/v1/jobs/{id}",
+        status=200,
+        arguments=("id", "name", "note"),
+        request_types=("application/json",),
+        response_types=("application/json",),
+    ),
     "get_job_log": Operation(
         method="GET",
         path="/v1/jobs/{id}/log",
@@ -157,6 +165,13 @@ OPERATIONS: dict[str, Operation] = {
         arguments=("id", "after", "limit", "cursor"),
         response_types=("application/json",),
         list_field="lines",
+    ),
+    "get_report": Operation(
+        method="GET",
+        path="/v1/jobs/{id}/report",
+        status=200,
+        arguments=("id",),
+        response_types=("text/html",),
     ),
     "list_trials": Operation(
         method="GET",

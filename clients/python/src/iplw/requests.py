@@ -202,6 +202,11 @@ def weights(id: str) -> Request[bytes]:
     return Request("download_weights", {"id": id}, _identity, returns_bytes=True)
 
 
+def report(id: str) -> Request[bytes]:
+    """The report of a job's result as HTML."""
+    return Request("get_report", {"id": id}, _identity, returns_bytes=True)
+
+
 def draw(id: str) -> Request[bytes]:
     """The heat map of a surface."""
     return Request("draw_surface", {"id": id}, _identity, returns_bytes=True)

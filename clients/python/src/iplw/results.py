@@ -24,6 +24,14 @@ MAX_SETS = 8
 HTML_SUFFIXES = (".html", ".htm")
 
 
+def html_path(path: str | PathLike[str]) -> Path:
+    """The path of a page; raises `ValueError` if it does not end like one."""
+    path = Path(path)
+    if path.suffix.lower() not in HTML_SUFFIXES:
+        raise ValueError(f"path is {str(path)!r}; allowed: a suffix of {', '.join(HTML_SUFFIXES)}")
+    return path
+
+
 def result_of(kind: str, data: Mapping[str, Any]) -> Result:
     """The result of a job of this kind."""
     return _KINDS.get(kind, Result)(data)
@@ -39,10 +47,9 @@ class Result(dict[str, Any]):
         return pd.DataFrame(self._scalars(), columns=["name", "value"])
 
     def save_html(self, path: str | PathLike[str]) -> Path:
-        """Writes what a notebook shows as a page of its own, without scripts or links; returns the path."""
-        path = Path(path)
-        if path.suffix.lower() not in HTML_SUFFIXES:
-            raise ValueError(f"path is {str(path)!r}; allowed: a suffix of {', '.join(HTML_SUFFIXES)}")
+        """Writes what a notebook shows as a page of its own, without scripts or links; returns the path. `Job.save_html` writes the
+        whole report."""
+        path = html_path(path)
         path.write_text(document(f"iplw: {type(self).__name__.lower()}", self._repr_html_()), encoding="utf-8")
         return path
 

@@ -8,13 +8,14 @@ import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 # sync: from contextlib import suppress
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from .. import requests
 from ..errors import JobCancelled, JobFailed, Problem, ServerUnavailable
 from ..notebook import job_card, progress_display
-from ..results import Result, result_of
+from ..results import Result, html_path, result_of
 from ..rows import Rounds, Rows
 from ..scene import Scene
 from ..trials import Trials
@@ -140,6 +141,16 @@ class AsyncJob(AsyncResource):
     async def annotate(self, note: str) -> None:
         """Sets the job's note: at most 10,000 characters, empty for none. The job may have ended."""
         self.data = await self._connection.do(requests.annotate(self.id, note=note))
+
+    async def report(self) -> str:
+        """The report of the result as one HTML page, without scripts: the same as the server's page shows and `iplw diagnose` writes."""
+        return (await self._connection.do(requests.report(self.id))).decode()
+
+    async def save_html(self, path: str | PathLike[str]) -> Path:
+        """Writes the report; returns the path."""
+        path = html_path(path)
+        path.write_text(await self.report(), encoding="utf-8")
+        return path
 
     async def cancel(self) -> None:
         """Cancels the job; no effect on one that has ended."""

@@ -9,13 +9,14 @@ import time
 from collections.abc import Generator
 from contextlib import closing
 from contextlib import suppress
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from .. import requests
 from ..errors import JobCancelled, JobFailed, Problem, ServerUnavailable
 from ..notebook import job_card, progress_display
-from ..results import Result, result_of
+from ..results import Result, html_path, result_of
 from ..rows import Rounds, Rows
 from ..scene import Scene
 from ..trials import Trials
@@ -141,6 +142,16 @@ class Job(Resource):
     def annotate(self, note: str) -> None:
         """Sets the job's note: at most 10,000 characters, empty for none. The job may have ended."""
         self.data = self._connection.do(requests.annotate(self.id, note=note))
+
+    def report(self) -> str:
+        """The report of the result as one HTML page, without scripts: the same as the server's page shows and `iplw diagnose` writes."""
+        return (self._connection.do(requests.report(self.id))).decode()
+
+    def save_html(self, path: str | PathLike[str]) -> Path:
+        """Writes the report; returns the path."""
+        path = html_path(path)
+        path.write_text(self.report(), encoding="utf-8")
+        return path
 
     def cancel(self) -> None:
         """Cancels the job; no effect on one that has ended."""
