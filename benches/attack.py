@@ -565,6 +565,11 @@ def deleting_cases() -> Iterator[Case]:
 
     yield Case("delete_world", "of compounds", deleted_world)
     yield Case("delete_worlds", "2000", deleted_worlds)
+    yield Case(
+        "update_job",
+        "a note of 16 MB",
+        lambda s: Request("PATCH", f"/v1/jobs/{s.diagnosis()}", json.dumps({"note": "n" * WHOLE_BODY}).encode()),
+    )
     yield Case("delete_job", "0.9 MB of tracks", deleted_job)
     yield Case("delete_policy", "1 MB", deleted_policy)
     yield Case("delete_surface", "60 points", deleted_surface)

@@ -10,7 +10,7 @@ use tokio::sync::watch as channel;
 use super::eta::EtaEstimator;
 use super::record::{Figure, Job};
 use super::work::Work;
-use crate::store::{JobRow, JobState};
+use crate::store::{JobMetadata, JobRow, JobState};
 
 /// A job in memory.
 pub struct ActiveJob {
@@ -40,6 +40,7 @@ pub const MAX_EVENTS_PER_JOB: usize = 1024;
 pub struct JobEvent {
     pub id: u64,
     pub state: JobState,
+    started: Option<u64>,
     stage: String,
     done: u64,
     total: u64,
@@ -85,13 +86,27 @@ impl ActiveJob {
 
 impl JobEvent {
     fn of(row: &JobRow, left: Option<f64>, figures: Vec<Figure>) -> JobEvent {
-        let (stage, done, total) = (row.stage.clone(), row.done, row.total);
-        JobEvent { id: row.events, state: row.state, stage, done, total, left, figures }
+        JobEvent {
+            id: row.events,
+            state: row.state,
+            started: row.metadata.started,
+            stage: row.stage.clone(),
+            done: row.done,
+            total: row.total,
+            left,
+            figures,
+        }
     }
 
     /// The job at the time of this event.
     pub fn job(&self, now: &JobRow) -> Job {
         let ended = self.state.ended();
+        let metadata = JobMetadata {
+            started: self.started,
+            ended: now.metadata.ended.filter(|_| ended),
+            summary: now.metadata.summary.clone().filter(|_| ended),
+            ..now.metadata.clone()
+        };
         let row = JobRow {
             state: self.state,
             stage: self.stage.clone(),
@@ -100,6 +115,7 @@ impl JobEvent {
             events: self.id,
             result: now.result.clone().filter(|_| ended),
             error: now.error.clone().filter(|_| ended),
+            metadata,
             ..now.clone()
         };
         Job { left: self.left, figures: self.figures.clone(), ..Job::of(row) }

@@ -19,6 +19,7 @@ mod runner;
 #[cfg(test)]
 mod runner_test;
 mod state;
+mod summary;
 mod watch;
 mod work;
 
@@ -26,5 +27,6 @@ pub use active::MAX_EVENTS_PER_JOB;
 pub use record::{DeleteOutcome, Figure, Job, id};
 pub use runner::{JobSpec, Runner};
 pub use state::{MAX_STARTS_WITHOUT_PROGRESS, RunnerConfig};
+pub use summary::{summarize, summarized_kinds};
 pub use watch::Watcher;
 pub use work::{JobContext, Work, WorkFactories, WorkFactory, WorkOutcome};

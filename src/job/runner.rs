@@ -12,7 +12,7 @@ use super::state::{OnJobEnd, RunnerConfig, RunnerState, SCARCE_START_WEIGHT};
 use super::watch::Watcher;
 use super::work::WorkFactories;
 use crate::error::{Error, Result};
-use crate::store::{JobList, JobRow, JobState, LogRow, Store, StoredResponse};
+use crate::store::{JobList, JobRow, JobState, LogRow, Store, StoredResponse, unix_ms};
 use crate::sync::lock;
 
 /// A job to be queued.
@@ -201,6 +201,24 @@ impl Runner {
         }
     }
 
+    /// Sets the name and the note of a job, each if there is a value. Watchers see them in the next event.
+    pub fn annotate(&self, id: &str, name: Option<&str>, note: Option<&str>) -> Result<Job> {
+        let number = number(id)?;
+        {
+            // Locked until both are changed, so that memory and store agree.
+            let mut state = self.shared.state();
+            if !self.shared.store.annotate_job(number, name, note)? {
+                return Err(unknown(id));
+            }
+            if let Some(live) = state.jobs.get_mut(&number) {
+                let metadata = &mut live.row.metadata;
+                name.into_iter().for_each(|name| metadata.name = name.into());
+                note.into_iter().for_each(|note| metadata.note = note.into());
+            }
+        }
+        self.get(id)
+    }
+
     /// Cancels a job that has not ended; removes one that has.
     pub fn delete(&self, id: &str) -> Result<DeleteOutcome> {
         let number = number(id)?;
@@ -210,7 +228,7 @@ impl Runner {
         {
             // At once: a large plan takes a while to store.
             live.cancel.store(true, Ordering::SeqCst);
-            self.shared.store.cancel_job(number)?;
+            self.shared.store.cancel_job(number, unix_ms())?;
             if live.row.state == JobState::Running {
                 self.shared.log_line(number, "cancellation requested");
             } else {

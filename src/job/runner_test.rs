@@ -118,6 +118,48 @@ fn replays_events_from_id() {
 }
 
 #[test]
+fn events_have_the_times_of_their_moment() {
+    let (runner, _) = runner(4);
+    let job = submit(&runner, "count").unwrap();
+    let created = job.row.metadata.created;
+    assert!(created.is_some());
+    let times: Vec<_> = events(&runner, &job.id, 0).into_iter().map(|(_, job)| job.row.metadata).collect();
+    let last = times.last().unwrap();
+    assert!(created <= last.started && last.started <= last.ended, "{last:?}");
+    assert!(times.iter().all(|at| at.created == created));
+    assert_eq!((times[0].started, times[0].ended), (None, None));
+    assert_eq!((times[1].started, times[1].ended), (last.started, None));
+    let cancelled = submit(&runner, "endless").unwrap();
+    runner.delete(&cancelled.id).unwrap();
+    assert!(reach(&runner, &cancelled.id, JobState::Cancelled).row.metadata.ended.is_some());
+}
+
+#[test]
+fn annotations_reach_memory_and_store() {
+    let store = Arc::new(Store::in_memory().unwrap());
+    let (runner, begun) = runner_on(&store, 4);
+    let job = submit(&runner, "endless").unwrap();
+    begun.recv().unwrap();
+    let texts = |job: Job| (job.row.metadata.name, job.row.metadata.note);
+    let named = runner.annotate(&job.id, Some("felt"), None).unwrap();
+    assert_eq!(texts(named), ("felt".into(), String::new()));
+    let noted = runner.annotate(&job.id, None, Some("lights on")).unwrap();
+    assert_eq!((noted.row.state, texts(noted)), (JobState::Running, ("felt".into(), "lights on".into())));
+    runner.stop(Duration::from_secs(60));
+    let (runner, begun) = runner_on(&store, 4);
+    begun.recv().unwrap();
+    let resumed = runner.get(&job.id).unwrap();
+    assert!(resumed.row.metadata.started.is_some());
+    assert_eq!(texts(resumed), ("felt".into(), "lights on".into()));
+    runner.delete(&job.id).unwrap();
+    reach(&runner, &job.id, JobState::Cancelled);
+    // An ended job, in memory and in the store.
+    assert_eq!(texts(runner.annotate(&job.id, Some(""), None).unwrap()), (String::new(), "lights on".into()));
+    assert_eq!(store.job(1).unwrap().unwrap().metadata, runner.get(&job.id).unwrap().row.metadata);
+    assert!(matches!(runner.annotate("job-9", Some("x"), None), Err(Error::NotFound { .. })));
+}
+
+#[test]
 fn log_continues_over_restart() {
     let store = Arc::new(Store::in_memory().unwrap());
     let (first, begun) = runner_on(&store, 4);
@@ -226,7 +268,7 @@ fn fails_job_after_repeated_starts_without_progress() {
     let store = Arc::new(Store::in_memory().unwrap());
     let add = |act: &str| {
         let row = store.add_job("act", &json!({}), &json!(act), 0, None, &|_| None).unwrap();
-        (0..MAX_STARTS_WITHOUT_PROGRESS).for_each(|_| store.begin_job(row.number).unwrap());
+        (0..MAX_STARTS_WITHOUT_PROGRESS).for_each(|_| store.begin_job(row.number, 5).unwrap());
         row.number
     };
     let (stuck, moving) = (add("one"), add("one"));
@@ -256,7 +298,7 @@ fn fails_job_that_twice_ended_the_server_by_memory() {
         assert_eq!(starts, SCARCE_START_WEIGHT * (lost + 1));
         runner.stop(Duration::from_secs(60));
         // A kill would not have put it back.
-        (0..starts - store.job(1).unwrap().unwrap().starts).for_each(|_| store.begin_job(1).unwrap());
+        (0..starts - store.job(1).unwrap().unwrap().starts).for_each(|_| store.begin_job(1, 5).unwrap());
     }
     let (runner, _) = runner_on(&store, 4);
     assert_eq!(runner.get("job-1").unwrap().row.state, JobState::Failed);

@@ -11,9 +11,10 @@ use super::active::ActiveJob;
 use super::eta::EtaEstimator;
 use super::queue::JobQueue;
 use super::record::{Figure, id};
+use super::summary::summarize;
 use super::work::{JobContext, JobReporter, Work, WorkFactories, WorkOutcome};
 use crate::error::{Error, Result};
-use crate::store::{JobRow, JobState, LogLevel, Store};
+use crate::store::{JobRow, JobState, LogLevel, Store, unix_ms};
 use crate::sync::lock;
 use crate::thread_priority::lower;
 
@@ -198,9 +199,11 @@ impl RunnerState {
             live.scarce_memory = false;
             live.eta = EtaEstimator::default();
             live.figures.clear();
+            let now = unix_ms();
+            live.row.metadata.started.get_or_insert(now);
             live.emit(None);
             self.log_line(number, "started");
-            if let Err(e) = self.store.begin_job(number) {
+            if let Err(e) = self.store.begin_job(number, now) {
                 // The job runs all the same; only this start is not counted if it ends the server.
                 tracing::error!("the start of job {number} could not be stored: {e}");
             }
@@ -252,12 +255,16 @@ impl RunnerState {
         let Some(live) = state.jobs.get_mut(&number) else { return };
         live.work = None;
         match result {
-            Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
+            Ok(value) => {
+                live.row.metadata.summary = summarize(&live.row.kind, &value);
+                (live.row.state, live.row.result) = (JobState::Succeeded, Some(value));
+            }
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
             Err(e) => {
                 (live.row.state, live.row.error) = (JobState::Failed, Some((self.config().explain)(&e)))
             }
         }
+        live.row.metadata.ended = Some(unix_ms());
         match live.row.error.as_ref().map(|e| e["detail"].as_str().unwrap_or("unknown reason")) {
             Some(why) => self.store.note_line(number, LogLevel::Error, &format!("failed: {why}")),
             None => self.log_line(number, live.row.state.name()),

@@ -23,12 +23,12 @@ pub struct OverlayPanel {
 /// Width of a panel, px.
 const PANEL_WIDTH_PX: f64 = 460.0;
 /// Ratio of a panel's height to its width.
-const PANEL_ASPECT_RATIO: f64 = 0.72;
+const PANEL_ASPECT_RATIO: f64 = 0.95;
 /// Space around the trajectories, relative to their size.
 const MARGIN_SHARE: f64 = 0.12;
 /// Gap between panels, and height of a title, px.
 const GAP_PX: f64 = 16.0;
-const TITLE_HEIGHT_PX: f64 = 26.0;
+const TITLE_HEIGHT_PX: f64 = 30.0;
 /// Length of the scale bar relative to the panel's width, at most.
 const MAX_SCALE_BAR_SHARE: f64 = 0.3;
 
@@ -49,7 +49,7 @@ pub fn overlay_svg(scene: &Scene, panels: &[OverlayPanel]) -> String {
         let (w, h) = (px(view.width), px(view.height));
         let _ = writeln!(
             body,
-            "<text x=\"{}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"14\" font-weight=\"600\" fill=\"{}\">{}</text>\n\
+            "<text x=\"{}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"15\" font-weight=\"600\" fill=\"{}\">{}</text>\n\
              <svg x=\"{}\" y=\"{TITLE_HEIGHT_PX}\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\">",
             px(x + 4.0),
             px(0.68 * TITLE_HEIGHT_PX),
@@ -131,7 +131,7 @@ fn scale_bar(out: &mut String, view: &Viewport) {
     let _ = writeln!(
         out,
         "<line x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\" stroke=\"{ink}\" stroke-width=\"2\"/>\n\
-         <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"12\" fill=\"{ink}\">{text}</text>",
+         <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"14\" fill=\"{ink}\">{text}</text>",
         px(left),
         px(y),
         px(right),

@@ -24,12 +24,12 @@ fn trim_zeros(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
 
-/// A length in mm, cm-free: millimetres below 1 m, else metres.
+/// A length with two digits: in mm below 1 m, else in m.
 pub fn length(metres: f64) -> String {
     if metres.abs() < 1.0 {
-        format!("{} mm", significant(1e3 * metres, 3))
+        format!("{} mm", significant(1e3 * metres, 2))
     } else {
-        format!("{} m", significant(metres, 3))
+        format!("{} m", significant(metres, 2))
     }
 }
 

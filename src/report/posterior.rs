@@ -2,9 +2,10 @@
 
 use super::number::{digits, percent, significant, unit};
 use super::words::{plain_names, set_name};
-use crate::inference::posterior::{ParameterSummary, PosteriorDocument, SetSummary};
-use crate::picture::plot::{Heatmap, heatmaps, panels};
+use crate::inference::posterior::{ParameterSummary, PosteriorDocument, PredictiveBand, SetSummary};
+use crate::picture::plot::{Heatmap, Series, XyPlot, heatmaps, panels};
 use crate::picture::report::{Block, Section, ShareBar, Tone};
+use crate::picture::theme::Meaning;
 use crate::picture::{HtmlReport, IntervalRow, intervals_svg};
 
 /// Cells of a pair plot along an axis.
@@ -36,15 +37,19 @@ pub fn report(d: &PosteriorDocument) -> HtmlReport {
         kicker: format!("Posterior by {}, seed {}, iplw {}", d.method(), d.seed, d.version),
         lead,
         opening: vec![Block::Columns { main: true, columns: vec![vec![intervals], facts] }],
-        sections: vec![
+        sections: [
             Section::folded("Parameters", "means, standard deviations and quantiles", vec![parameters(d)]),
+            Section::folded("Predictions", "measured trials against the posterior", predictions(d)),
             Section::folded("Pair plots", "which parameters depend on each other", pair_plots(d)),
             Section::folded(
                 "Sets and diagnostics",
                 "evidence, effective sample sizes and R-hat",
                 vec![sets(d)],
             ),
-        ],
+        ]
+        .into_iter()
+        .filter(|s| !s.blocks.is_empty())
+        .collect(),
     }
 }
 
@@ -122,6 +127,45 @@ fn parameters(d: &PosteriorDocument) -> Block {
         rows: d.parameters.iter().map(row).collect(),
         note: "A parameter is identifiable if its interval is clearly narrower than the prior's.".into(),
     }
+}
+
+/// Size of a panel, px.
+const PANEL_SIZE_PX: (u32, u32) = (500, 300);
+
+/// Measured positions of some trials over their predictive bands, as one picture.
+fn predictions(d: &PosteriorDocument) -> Vec<Block> {
+    let panel = |band: &PredictiveBand, k: usize| {
+        let over =
+            |values: &mut dyn Iterator<Item = f64>| band.t.iter().copied().zip(values).collect::<Vec<_>>();
+        let prediction = Series {
+            name: "prediction, 95 %".into(),
+            points: over(&mut band.quantiles[k].iter().map(|q| q[1])),
+            band: Some(band.quantiles[k].iter().map(|q| (q[0], q[2])).collect()),
+            meaning: Some(Meaning::Extended),
+        };
+        let measured = Series {
+            name: "measured".into(),
+            points: over(&mut band.measured.iter().map(|p| p[k])),
+            meaning: Some(Meaning::Measured),
+            ..Series::default()
+        };
+        let plot = XyPlot {
+            title: format!("{}: {}", band.trial, band.body),
+            x_label: "t, s".into(),
+            y_label: format!("{}, m", ["x", "y"][k]),
+            points: vec![measured],
+            curves: vec![prediction],
+            size: PANEL_SIZE_PX,
+        };
+        plot.svg()
+    };
+    let plots: Vec<String> = d.predictive.iter().flat_map(|band| [panel(band, 0), panel(band, 1)]).collect();
+    if plots.is_empty() {
+        return Vec::new();
+    }
+    let caption = "Positions as measured, and the 95 % band of a measurement under the posterior. Dots outside of it mean that the model \
+                   lacks something: a diagnosis tells what.";
+    vec![Block::Svg { svg: panels("Predictions", &plots, 2), caption: caption.into() }]
 }
 
 fn sets(d: &PosteriorDocument) -> Block {

@@ -351,6 +351,17 @@ impl JobAccess<'_> {
         self.0.shared.jobs.report_results(id, answered, requested)
     }
 
+    /// See [`crate::job::Runner::annotate`].
+    pub fn annotate(&self, id: &str, name: Option<&str>, note: Option<&str>) -> Result<Job> {
+        let old = self.get(id)?.row.metadata;
+        let added = |new: Option<&str>, old: &str| new.map_or(0, |new| new.len().saturating_sub(old.len()));
+        let further = added(name, &old.name) + added(note, &old.note);
+        if further > 0 {
+            self.0.check_creation(further)?;
+        }
+        Ok(self.conceal(self.0.shared.jobs.annotate(id, name, note)?))
+    }
+
     /// See [`crate::job::Runner::delete`].
     pub fn delete(&self, id: &str) -> Result<DeleteOutcome> {
         self.get(id)?;

@@ -210,8 +210,7 @@ fn orphans(c: &Connection) -> Vec<String> {
             format!("SELECT count(*) FROM main.{table} WHERE job NOT IN (SELECT number FROM main.job)");
         c.query_row(&select, [], |r| r.get::<_, i64>(0)).unwrap_or(0)
     };
-    let parts = ["round", "measured", "artifact", "log"];
-    let counted = parts.map(|table| (table, of(table)));
+    let counted = schema::TABLES_OF_JOB.map(|table| (table, of(table)));
     let nonempty = counted.iter().filter(|(_, n)| *n > 0);
     nonempty
         .map(|(table, n)| format!("{n} rows of table {table} belong to removed jobs (harmless)"))

@@ -29,7 +29,7 @@ pub fn tables(version: i64) -> impl Iterator<Item = &'static ChecksummedTable> {
 }
 
 /// All tables.
-pub static TABLES: [ChecksummedTable; 9] = [
+pub static TABLES: [ChecksummedTable; 10] = [
     ChecksummedTable {
         name: "job",
         columns: &[
@@ -89,6 +89,12 @@ pub static TABLES: [ChecksummedTable; 9] = [
         columns: &["job", "number", "at", "level", "text"],
         record: "'line ' || {}number || ' of the log of job-' || {}job",
         since: 6,
+    },
+    ChecksummedTable {
+        name: "metadata",
+        columns: &["job", "name", "note", "created", "started", "ended", "summary"],
+        record: "'metadata of job-' || {}job",
+        since: 8,
     },
 ];
 

@@ -7,7 +7,10 @@ use rusqlite::{Row, params};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::clock::unix_ms;
+use super::job_metadata::{self, JobMetadata};
 use super::requests::{StoredResponse, keep};
+use super::schema::TABLES_OF_JOB;
 use super::{Store, checksum, json, query, sql};
 use crate::error::Result;
 use crate::names::names;
@@ -38,6 +41,7 @@ pub struct JobRow {
     pub events: u64,
     /// Name of the token that queued it.
     pub owner: Option<String>,
+    pub metadata: JobMetadata,
 }
 
 /// Filter and order of a list of jobs.
@@ -57,7 +61,8 @@ impl JobRow {
     /// Size as JSON, bytes.
     pub fn size(&self) -> usize {
         let parts = [Some(&self.config), Some(&self.plan), self.result.as_ref(), self.error.as_ref()];
-        parts.into_iter().flatten().map(|value| value.to_string().len()).sum()
+        let values: usize = parts.into_iter().flatten().map(|value| value.to_string().len()).sum();
+        values + self.metadata.name.len() + self.metadata.note.len()
     }
 }
 
@@ -108,61 +113,76 @@ impl Store {
                 total: 0,
                 events: 1,
                 owner: owner.map(String::from),
+                metadata: JobMetadata { created: Some(unix_ms()), ..JobMetadata::default() },
             };
+            job_metadata::insert(t, row.number, &row.metadata)?;
             keep(t, answered(&row).as_ref())?;
             Ok(row)
         })
     }
 
-    /// Stores a job's state, progress, result and error.
+    /// Stores a job's state, progress, result, error, times and summary.
     pub fn update_job(&self, job: &JobRow) -> Result<()> {
-        self.execute(
-            "UPDATE job SET state = ?2, result = ?3, error = ?4, stage = ?5, done = ?6, total = ?7, \
-             events = ?8, ended = iif(?9, coalesce(ended, unixepoch()), NULL) WHERE number = ?1",
-            params![
-                job.number,
-                job.state.name(),
-                job.result.as_ref().map(Value::to_string),
-                job.error.as_ref().map(Value::to_string),
-                job.stage,
-                job.done as i64,
-                job.total as i64,
-                job.events as i64,
-                job.state.ended(),
-            ],
-        )
-        .map(drop)
+        let json = |value: &Option<Value>| value.as_ref().map(Value::to_string);
+        let (result, error) = (json(&job.result), json(&job.error));
+        self.atomically(|t| {
+            t.execute(
+                "UPDATE job SET state = ?2, result = ?3, error = ?4, stage = ?5, done = ?6, total = ?7, events = ?8 \
+                 WHERE number = ?1",
+                params![
+                    job.number,
+                    job.state.name(),
+                    result,
+                    error,
+                    job.stage,
+                    job.done as i64,
+                    job.total as i64,
+                    job.events as i64,
+                ],
+            )?;
+            job_metadata::update(t, job.number, &job.metadata)
+        })
     }
 
-    /// Stores that a job runs, and counts the start.
-    pub fn begin_job(&self, number: i64) -> Result<()> {
-        self.move_job(number, "state = 'running', starts = starts + 1")
+    /// Stores that a job runs, and counts the start; `at`, ms since 1970, is the time of its first start.
+    pub fn begin_job(&self, number: i64, at: u64) -> Result<()> {
+        let begin = format!("started = coalesce(started, {at})");
+        self.move_job(number, "state = 'running', starts = starts + 1", Some(&begin))
     }
 
     /// Counts the present start of a job as `weight` starts.
     pub fn weigh_start(&self, number: i64, weight: u32) -> Result<()> {
-        self.move_job(number, &format!("starts = starts + {}", weight.saturating_sub(1)))
+        self.move_job(number, &format!("starts = starts + {}", weight.saturating_sub(1)), None)
     }
 
     /// Stores that a job is queued again; its last start does not count, since the job did not cause the stop.
     pub fn put_back_job(&self, number: i64) -> Result<()> {
-        self.move_job(number, "state = 'queued', starts = max(starts - 1, 0)")
+        self.move_job(number, "state = 'queued', starts = max(starts - 1, 0)", None)
     }
 
-    /// Stores that a job is cancelled, whether or not it has noticed.
-    pub fn cancel_job(&self, number: i64) -> Result<()> {
-        self.move_job(number, "state = 'cancelled', ended = unixepoch()")
+    /// Stores that a job is cancelled at a time, ms since 1970, whether or not it has noticed.
+    pub fn cancel_job(&self, number: i64, at: u64) -> Result<()> {
+        self.move_job(number, "state = 'cancelled'", Some(&format!("ended = {at}")))
     }
 
-    /// Updates a job that has not ended.
-    fn move_job(&self, number: i64, set: &str) -> Result<()> {
+    /// Updates a job that has not ended, and its metadata.
+    fn move_job(&self, number: i64, set: &str, set_metadata: Option<&str>) -> Result<()> {
         let open = "state IN ('queued', 'running', 'waiting')";
-        self.execute(&format!("UPDATE job SET {set} WHERE number = ?1 AND {open}"), [number]).map(drop)
+        self.atomically(|t| {
+            let found =
+                t.execute(&format!("UPDATE job SET {set} WHERE number = ?1 AND {open}"), [number])? > 0;
+            match set_metadata {
+                Some(set) if found => {
+                    t.execute(&format!("UPDATE metadata SET {set} WHERE job = ?1"), [number]).map(drop)
+                }
+                _ => Ok(()),
+            }
+        })
     }
 
     /// The job with this number.
     pub fn job(&self, number: i64) -> Result<Option<JobRow>> {
-        self.row(&format!("SELECT {COLUMNS} FROM whole_job WHERE number = ?1"), [number], row)
+        self.row(&format!("SELECT {} FROM {ROWS} WHERE number = ?1", columns()), [number], row)
     }
 
     /// At most `limit` jobs after number `after` in the requested order, of one owner or of all.
@@ -179,13 +199,13 @@ impl Store {
              AND (?5 IS NULL OR kind = ?5) ORDER BY number {order} LIMIT ?2"
         );
         let with = params![after, limit as i64, owner, list.state.map(JobState::name), list.kind];
-        let columns = if list.bare { COLUMNS.replace("result", "NULL") } else { COLUMNS.into() };
+        let columns = if list.bare { columns().replace("result", "NULL") } else { columns() };
         self.select(&columns, &which, with)
     }
 
     /// All jobs that have not ended, by number.
     pub fn unfinished(&self) -> Result<Vec<JobRow>> {
-        self.select(COLUMNS, "WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
+        self.select(&columns(), "WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
     }
 
     /// Number of jobs by state.
@@ -195,30 +215,34 @@ impl Store {
         Ok(query(&self.connection(), select, [], row).map_err(sql)?.into_iter().collect())
     }
 
-    /// Removes a job with its rounds, measurements, artifacts and log; whether it existed.
+    /// Removes a job with its rounds, measurements, artifacts, log and metadata; whether it existed.
     pub fn remove_job(&self, number: i64) -> Result<bool> {
         self.atomically(|t| {
-            for table in ["round", "measured", "artifact", "log"] {
+            for table in TABLES_OF_JOB {
                 t.execute(&format!("DELETE FROM {table} WHERE job = ?1"), [number])?;
             }
             t.execute("DELETE FROM job WHERE number = ?1", [number]).map(|n| n > 0)
         })
     }
 
-    /// Numbers of the jobs that ended before a moment, s since 1970. Jobs that ended before this column existed count from the
-    /// migration.
-    pub fn ended_before(&self, moment: u64) -> Result<Vec<i64>> {
-        let select = "SELECT number FROM job WHERE ended < ?1";
-        query(&self.connection(), select, [moment as i64], |r| r.get(0)).map_err(sql)
-    }
-
     fn select(&self, columns: &str, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
-        self.rows(&format!("SELECT {columns} FROM whole_job {which}"), with, row)
+        self.rows(&format!("SELECT {columns} FROM {ROWS} {which}"), with, row)
     }
 }
 
-const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, \
-     whole, record";
+/// Jobs with their metadata, intact if both are.
+const ROWS: &str = "(SELECT * FROM whole_job) LEFT JOIN \
+    (SELECT job, name, note, created, started, ended AS metadata_ended, summary, whole AS metadata_whole, \
+     record AS metadata_record FROM whole_metadata) ON job = number";
+
+/// The columns that [`row`] reads.
+fn columns() -> String {
+    format!(
+        "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, {}, \
+         whole AND coalesce(metadata_whole, TRUE) AS whole, iif(whole, coalesce(metadata_record, record), record) AS record",
+        job_metadata::COLUMNS
+    )
+}
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
     let text = |i: usize| row.get::<_, String>(i);
@@ -245,6 +269,7 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
         plan: optional(12)?.unwrap_or_default(),
         starts: row.get(13)?,
         owner: row.get(14)?,
+        metadata: job_metadata::from_columns(row, 15)?,
     })
 }
 
@@ -276,10 +301,10 @@ mod tests {
             (done.state, done.result, done.events) = (JobState::Succeeded, Some(json!([1.5])), 3);
             store.update_job(&done).unwrap();
             let mut open = add(&store, "train", 1);
-            store.begin_job(open.number).unwrap();
-            store.begin_job(open.number).unwrap();
+            store.begin_job(open.number, 5).unwrap();
+            store.begin_job(open.number, 7).unwrap();
             store.put_back_job(open.number).unwrap();
-            (open.state, open.starts) = (JobState::Waiting, 1);
+            (open.state, open.starts, open.metadata.started) = (JobState::Waiting, 1, Some(5));
             store.update_job(&open).unwrap();
             (done, open)
         };
@@ -306,13 +331,15 @@ mod tests {
     fn only_ended_jobs_have_end_time() {
         let store = Store::in_memory().unwrap();
         let (mut done, gone, open) = (add(&store, "iplw", 1), add(&store, "iplw", 2), add(&store, "iplw", 3));
-        store.begin_job(open.number).unwrap();
+        store.begin_job(open.number, 5).unwrap();
         assert!(store.ended_before(i64::MAX as u64).unwrap().is_empty());
-        done.state = JobState::Succeeded;
+        (done.state, done.metadata.ended) = (JobState::Succeeded, Some(6_500));
         store.update_job(&done).unwrap();
-        store.cancel_job(gone.number).unwrap();
+        store.cancel_job(gone.number, 7_000).unwrap();
+        store.cancel_job(gone.number, 9_000).unwrap();
         assert_eq!(store.ended_before(i64::MAX as u64).unwrap(), [done.number, gone.number]);
-        assert!(store.ended_before(1).unwrap().is_empty());
+        assert_eq!(store.ended_before(7).unwrap(), [done.number]);
+        assert!(store.ended_before(6).unwrap().is_empty());
     }
 
     #[test]

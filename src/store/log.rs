@@ -2,10 +2,9 @@
 //!
 //! Lines are written by the next [`Store::flush_log`], on a server within a second; readers see them at once.
 
-use std::time::{SystemTime, UNIX_EPOCH};
-
 use rusqlite::{Row, Transaction, params};
 
+use super::clock::unix_ms;
 use super::log_line::{LogLevel, PendingLogLine};
 use super::{Store, checksum};
 use crate::error::Result;
@@ -30,8 +29,7 @@ pub struct LogRow {
 impl Store {
     /// Buffers a line for the next flush.
     pub fn note_line(&self, job: i64, level: LogLevel, text: &str) {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let noted = PendingLogLine { job, at: since.as_millis() as u64, level, text: single_line(text) };
+        let noted = PendingLogLine { job, at: unix_ms(), level, text: single_line(text) };
         lock(&self.lines).push(noted);
     }
 

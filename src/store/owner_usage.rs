@@ -8,7 +8,7 @@ use crate::error::Result;
 pub struct OwnerUsage {
     pub policies: u64,
     pub jobs: u64,
-    /// Weights of policies; requests, plans, results and artifacts of jobs; configurations of worlds; bytes.
+    /// Weights of policies; requests, plans, results, artifacts, names and notes of jobs; configurations of worlds; bytes.
     pub bytes: u64,
 }
 
@@ -21,6 +21,9 @@ const SELECT: &str = "
             + coalesce(octet_length(result), 0)) FROM main.job WHERE owner IS ?1
         UNION ALL
         SELECT 0, 0, sum(octet_length(body)) FROM main.artifact
+            WHERE job IN (SELECT number FROM main.job WHERE owner IS ?1)
+        UNION ALL
+        SELECT 0, 0, sum(octet_length(name) + octet_length(note)) FROM main.metadata
             WHERE job IN (SELECT number FROM main.job WHERE owner IS ?1)
         UNION ALL
         SELECT 0, 0, sum(octet_length(config)) FROM main.world WHERE owner IS ?1
@@ -61,11 +64,12 @@ mod tests {
                     store.add_job("iplw", &json!("é"), &json!("plan"), 0, owner, &|_| None).unwrap();
                 job.result = Some(json!([1.5]));
                 store.update_job(&job).unwrap();
+                store.annotate_job(job.number, Some("naïf"), Some("note")).unwrap();
                 store.put_artifact(job.number, "surface", &[0; 500]).unwrap();
                 store.add_world(&format!("{name}{i}"), "{\"a\":1}", owner, None).unwrap();
             }
         }
-        let one = 1000 + 4 + 6 + 5 + 500 + 7;
+        let one = 1000 + 4 + 6 + 5 + 500 + 5 + 4 + 7;
         assert_eq!(
             store.owner_usage(Some("ann")).unwrap(),
             OwnerUsage { policies: 2, jobs: 2, bytes: 2 * one }
@@ -84,6 +88,6 @@ mod tests {
         let steps = plan.query_map(["ann"], |r| r.get::<_, String>(3)).unwrap();
         let steps: Vec<String> = steps.collect::<rusqlite::Result<_>>().unwrap();
         let scans = |table: &str| steps.iter().any(|s| s.starts_with(&format!("SCAN {table}")));
-        assert!(!["policy", "job", "artifact", "world"].into_iter().any(scans), "{steps:#?}");
+        assert!(!["policy", "job", "artifact", "metadata", "world"].into_iter().any(scans), "{steps:#?}");
     }
 }

@@ -112,7 +112,7 @@ mod tests {
             let store = Store::open(dir.path()).unwrap();
             store.add_world("w", "{}", None, None).unwrap();
             let job = store.add_job("iplw", &json!({}), &json!({}), 0, None, &|_| None).unwrap();
-            (0..4).for_each(|_| store.begin_job(job.number).unwrap());
+            (0..4).for_each(|_| store.begin_job(job.number, 5).unwrap());
             store.open_round(job.number, 0, "[0, 1]").unwrap();
             let some = MeasuredOutcomes::from([(0, Some("a".into())), (1, None)]);
             store.put_measured(job.number, &some, Some(("w", 7)), None).unwrap();

@@ -11,7 +11,7 @@ use super::blobs::Blobs;
 use super::check::DamagedRecord;
 use super::data_directory::{DataDirectory, lock_directory};
 use super::sqlite::{failed, query};
-use super::{atomic_write, checksum, permissions, schema};
+use super::{atomic_write, checksum, job_metadata, permissions, schema};
 use crate::error::{Error, Result};
 
 /// Result of a salvage.
@@ -46,6 +46,7 @@ pub fn salvage(directory: &Path) -> Result<SalvageReport> {
     let dropped = place.create_database(&part).and_then(|()| {
         let fail = |e: rusqlite::Error| failed(&part.display().to_string(), &e);
         let mut new = Connection::open(&part).map_err(fail)?;
+        checksum::register_function(&new).map_err(fail)?;
         let t = new.transaction().map_err(fail)?;
         let dropped = copy_intact_records(&old, version, &t, &Blobs::Directory(place.policies.clone()))
             .map_err(fail)?;
@@ -93,7 +94,9 @@ fn copy_intact_records(
             dropped.push(DamagedRecord { record: format!("job job-{job}"), how });
         }
     }
-    for part in ["round", "measured", "artifact", "log"] {
+    // Earlier versions have none, and a page of them may be unreadable.
+    job_metadata::add_missing(new)?;
+    for part in schema::TABLES_OF_JOB {
         new.execute(&format!("DELETE FROM {part} WHERE job NOT IN (SELECT number FROM job)"), [])?;
     }
     dropped.extend(drop_policies_without_weights(new, blobs)?);

@@ -3,12 +3,12 @@
 use rusqlite::Connection;
 
 use super::blobs::Blobs;
-use super::checksum;
 use super::sqlite::{failed, query};
+use super::{checksum, job_metadata};
 use crate::error::{Error, Result};
 
 /// Migrations; a file with the first n applied has version n.
-pub const MIGRATIONS: [&str; 7] = [
+pub const MIGRATIONS: [&str; 8] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -121,6 +121,19 @@ pub const MIGRATIONS: [&str; 7] = [
     CREATE INDEX world_of_owner ON world (owner);
     CREATE INDEX request_of_owner ON request (substr(key, 1, instr(key, ' ')), number, octet_length(body));
 ",
+    // `job.ended` is not written any more.
+    "
+    CREATE TABLE metadata (
+        job INTEGER PRIMARY KEY,
+        name TEXT NOT NULL DEFAULT '',
+        note TEXT NOT NULL DEFAULT '',
+        created INTEGER,
+        started INTEGER,
+        ended INTEGER,
+        summary TEXT,
+        seal INTEGER
+    ) STRICT;
+",
 ];
 
 /// Current version of the schema.
@@ -129,6 +142,10 @@ pub const CURRENT_VERSION: i64 = MIGRATIONS.len() as i64;
 pub const FIRST_CHECKSUM_VERSION: i64 = 5;
 /// First version in which records have owners.
 pub const FIRST_OWNER_VERSION: i64 = 4;
+/// First version in which jobs have metadata.
+pub const FIRST_METADATA_VERSION: i64 = 8;
+/// Tables whose rows belong to a job.
+pub const TABLES_OF_JOB: [&str; 5] = ["round", "measured", "artifact", "log", "metadata"];
 
 /// Version of a file's schema; errors for later versions of the program.
 pub fn version(c: &Connection, place: &str) -> Result<i64> {
@@ -153,6 +170,9 @@ pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result
     }
     let t = c.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
     t.execute_batch(&MIGRATIONS[from as usize..].concat())?;
+    if from < FIRST_METADATA_VERSION {
+        job_metadata::add_missing(&t)?;
+    }
     if from < FIRST_CHECKSUM_VERSION {
         let policies: Vec<(i64, String)> =
             query(&t, "SELECT number, blob FROM policy", [], |r| Ok((r.get(0)?, r.get(1)?)))?;
@@ -205,7 +225,7 @@ mod tests {
     use crate::store::{JobState, RoundRow, Store, check};
 
     /// Rows added by each version of the program.
-    const ROWS_BY_VERSION: [&str; 6] = [
+    const ROWS_BY_VERSION: [&str; 7] = [
         "INSERT INTO job (kind, state, config, result, seed, version, events)
              VALUES ('iplw', 'succeeded', '{\"a\":1}', '[1.5]', '18446744073709551615', '0', 3);
          INSERT INTO job (kind, state, config, seed, version) VALUES ('train', 'running', '{}', '1', '0');
@@ -221,6 +241,8 @@ mod tests {
         "UPDATE job SET owner = 'ann'; UPDATE policy SET owner = 'ann'; UPDATE world SET owner = 'ann';",
         "UPDATE job SET ended = 5 WHERE number = 1;",
         "INSERT INTO log (job, number, at, level, text) VALUES (1, 0, 5, 'info', 'begun');",
+        "INSERT INTO log (job, number, at, level, text) VALUES
+             (1, 1, 3000, 'info', 'queued'), (1, 2, 4000, 'info', 'started'), (1, 3, 4500, 'info', 'started');",
     ];
 
     /// A data directory of an earlier version.
@@ -273,6 +295,10 @@ mod tests {
         );
         assert_eq!((done.config, done.events, done.owner.as_deref()), (json!({"a": 1}), 3, owner));
         assert_eq!(store.ended_before(u64::MAX >> 1).unwrap(), [1]);
+        let times = done.metadata;
+        let logged = |at| (version >= 7).then_some(at);
+        assert_eq!((times.created, times.started), (logged(3000), logged(4000)));
+        assert!(times.ended == Some(5000) || version < 5, "{times:?}");
         let policy = store.policy("p").unwrap().unwrap();
         assert_eq!((policy.about.as_str(), policy.owner.as_deref()), ("old", owner));
         assert_eq!(store.weights("p").unwrap().unwrap(), [1, 2, 3]);

@@ -199,6 +199,7 @@ fn worlds_jobs_and_policies_belong_to_their_creator() {
         (Method::DELETE, format!("/v1/jobs/{job}")),
         (Method::GET, format!("/v1/jobs/{job}/log")),
         (Method::GET, format!("/v1/worlds/{world}/events")),
+        (Method::PATCH, format!("/v1/jobs/{job}")),
     ];
     for (method, path) in &theirs {
         assert_eq!(ask("bob", method.clone(), path), 404, "{method} {path}");
@@ -230,6 +231,10 @@ fn worlds_jobs_and_policies_belong_to_their_creator() {
     assert_eq!(server.get_of("eve", &theirs[0].1)["owner"], "ann");
     assert_eq!(ask("eve", Method::GET, &theirs[11].1), 200);
     assert_eq!(ask("eve", Method::GET, &theirs[10].1), 200);
+    assert_eq!(server.get_of("eve", &theirs[12].1)["owner"], "ann");
+    for (name, status) in [("ann", 200), ("eve", 403), ("root", 200)] {
+        assert_eq!(ask(name, Method::PATCH, &theirs[12].1), status, "{name}");
+    }
     // Anybody can act in default worlds, and only `admin` can delete them.
     assert_eq!(ask("bob", Method::POST, "/v1/worlds/bowling-sim/reset"), 200);
     assert_eq!(ask("ann", Method::DELETE, "/v1/worlds/bowling-sim"), 403);
@@ -388,6 +393,7 @@ fn allowed_origins_get_cors_headers_on_every_response() {
     let asked = of("https://lab.example", Method::OPTIONS, "/v1/worlds");
     assert_eq!(asked.status(), 204);
     assert_eq!(asked.headers()["access-control-allow-origin"], "https://lab.example");
+    assert!(asked.headers()["access-control-allow-methods"].to_str().unwrap().contains("PATCH"));
     assert!(asked.headers()["access-control-allow-headers"].to_str().unwrap().contains("Authorization"));
     problem(of("https://evil.example", Method::OPTIONS, "/v1/worlds"), 403, "foreign-page");
     let own = of(&server.url, Method::GET, "/v1/worlds");

@@ -141,7 +141,7 @@ fn deletes_jobs_after_their_retention_time() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let c = Connection::open(place.path().join("iplw.sqlite")).unwrap();
-    for part in ["round", "measured", "artifact", "log"] {
+    for part in ["round", "measured", "artifact", "log", "metadata"] {
         let left: i64 = c.query_row(&format!("SELECT count(*) FROM {part}"), [], |r| r.get(0)).unwrap();
         assert_eq!(left, 0, "{part}");
     }

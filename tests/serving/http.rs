@@ -941,6 +941,10 @@ fn rejects_bad_input_naming_the_field() {
         row("GET", "/v1/jobs/job-99", "", 404, missing, ""),
         row("GET", "/v1/jobs/99", "", 404, missing, ""),
         row("DELETE", "/v1/jobs/job-99", "", 404, missing, ""),
+        row("PATCH", "/v1/jobs/job-99", r#"{"name": "a"}"#, 404, missing, ""),
+        row("PATCH", "/v1/jobs/job-99", r#"{"title": "a"}"#, 400, "malformed", "title"),
+        row("PATCH", "/v1/jobs/job-99", r#"{"name": 1}"#, 400, "malformed", "name"),
+        row("PATCH", "/v1/jobs/job-99", r#"{"name": "a\nb"}"#, 422, wrong, "name"),
         row("GET", "/v1/jobs/job-99/events", "", 404, missing, ""),
         row("GET", "/nowhere", "", 404, missing, ""),
         row("GET", "/docs/nope.js", "", 404, missing, ""),
@@ -1022,6 +1026,34 @@ fn estimation_counts_interactions_and_reports_progress() {
     assert_eq!(server.get("/v1/jobs")["jobs"].as_array().unwrap().len(), 2);
     assert_eq!(server.send(Method::DELETE, &place, "").status(), 204);
     problem(server.send(Method::GET, &place, ""), 404, "not-found");
+}
+
+#[test]
+fn jobs_have_names_notes_times_and_summaries() {
+    let server = Running::start();
+    let ask = json!({"task": "bowling", "rounds": 1, "actions": 2, "samples": 8});
+    let job = server.post("/v1/iplw", &ask, 202);
+    assert_eq!((&job["name"], &job["note"], &job["owner"]), (&json!(""), &json!(""), &Value::Null));
+    assert_eq!((&job["started"], &job["ended"], &job["summary"]), (&Value::Null, &Value::Null, &Value::Null));
+    let path = format!("/v1/jobs/{}", job["id"].as_str().unwrap());
+    let patch = |body: Value| ok(server.send(Method::PATCH, &path, body.to_string()), 200);
+    assert_eq!(patch(json!({"name": "Bowling on felt"}))["name"], "Bowling on felt");
+    let done = server.finish(&job);
+    let at = |name: &str| done[name].as_f64().unwrap();
+    assert!(
+        at("created") > 1.7e9 && at("created") <= at("started") && at("started") <= at("ended"),
+        "{done}"
+    );
+    let summary = done["summary"].as_str().unwrap();
+    assert!(!summary.is_empty());
+    let noted = patch(json!({"note": "two\nlines"}));
+    assert_eq!((&noted["name"], &noted["note"]), (&json!("Bowling on felt"), &json!("two\nlines")));
+    assert_eq!(patch(json!({"note": "two\nlines"})), noted, "a repetition changes nothing");
+    assert_eq!(patch(json!({})), noted);
+    let bare = &server.get("/v1/jobs?results=false")["jobs"][0];
+    assert_eq!((&bare["result"], &bare["summary"]), (&Value::Null, &json!(summary)));
+    assert_eq!(server.get(&path), noted);
+    assert_eq!(patch(json!({"name": "", "note": ""}))["name"], "");
 }
 
 #[test]

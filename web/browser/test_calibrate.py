@@ -1,6 +1,7 @@
 """Calibrate: an estimation from its form to its result, across a reload; cancellation; comparison of two; an ask/tell estimation
 with valid and invalid measurements."""
 
+import json
 import math
 import re
 from collections.abc import Callable
@@ -76,6 +77,36 @@ def test_an_estimation_is_displayed_until_its_end_across_a_reload(serve: Callabl
     worst.nth(1).click()
     expect(worst.nth(1)).to_have_attribute("aria-pressed", "true")
     assert server.request("GET", f"/v1/iplw/{job}/rounds")["interactions"] == 4
+
+
+def test_an_example_leads_to_a_diagnosis_and_a_plan(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
+    server = serve()
+    page = new_page(server).open("#/calibrate")
+    page.get_by_role("button", name="Try with bowling, 2 rounds").click()
+    page.wait_for_url(re.compile(r"#/calibrate/job-\d+"))
+    job = page.url.rsplit("/", 1)[1]
+    following = page.get_by_role("region", name="Next steps")
+    # The real world has a drag that the simulation lacks.
+    expect(following.locator(".fit-line.bad")).to_contain_text("The model does not fit")
+    expect(following.locator("[aria-current=step]")).to_contain_text("Calibrate")
+    following.get_by_role("button", name="curl", exact=True).click()
+    expect(following.locator("pre")).to_contain_text("/v1/simulate")
+    following.get_by_role("button", name="Plan in the calibrated world").click()
+    page.wait_for_url(re.compile(rf"#/plan\?task=bowling%3A\d+&estimation={job}$"))
+    scene = json.loads(page.evaluate("sessionStorage.getItem('iplw-scene')"))
+    restitution = next(x["value"] for x in server.request("GET", f"/v1/jobs/{job}")["result"]["latents"] if x["name"] == "restitution")
+    assert {body["restitution"] for body in scene["bodies"]} == {restitution} and scene["action"]
+    page.go_back()
+    following.get_by_role("button", name="Diagnose these trials").click()
+    page.wait_for_url(re.compile(r"#/diagnose/job-\d+"))
+    diagnosis = page.url.rsplit("/", 1)[1]
+    assert server.request("GET", f"/v1/jobs/{diagnosis}")["config"]["job"] == job
+    page.get_by_role("button", name="Cancel").click()
+    # As from the result of a diagnosis: the form with the effect fitted as well.
+    page.goto(f"{server.page}/#/calibrate?like={job}&fit=linear_drag.c")
+    expect(page.get_by_label("Also fit")).to_have_value("linear_drag.c")
+    page.get_by_role("button", name="Start").click()
+    expect(following.locator(".fit-line.good")).to_contain_text("The fit explains the trials down to the noise")
 
 
 def formatted(latent: dict[str, Any]) -> str:

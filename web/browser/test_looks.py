@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from playwright.sync_api import Page, expect
-from test_diagnose import drop
+from test_diagnose import drop, with_report
 from test_jobs import SHORT
 from test_train import prepare_comparison
 from throws import LOW, csv, launches
@@ -51,17 +51,18 @@ def prepare_pair(page: Page, server: Any) -> None:
 def prepare_tracks(page: Page, server: Any) -> None:
     """Tracks over a floor, as parsed."""
     drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
-    page.locator(".told").wait_for()
+    page.locator(".note", has_text="floor").wait_for()
 
 
 def prepare_diagnosis(page: Page, server: Any) -> None:
-    """A diagnosis with a named effect and all its plots."""
+    """A diagnosis with a named effect, its report and its trials."""
     done = [job["id"] for job in server.request("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
     body = {"ball": {"radius": 0.02}, "trials": csv(launches(14, 70))}
     job = done[0] if done else server.request("POST", "/v1/diagnoses", body)["id"]
     server.wait_for_job(job)
-    page.goto(f"{server.page}/#/diagnose/{job}")
+    with_report(page).goto(f"{server.page}/#/diagnose/{job}")
     page.locator("[data-whole]").wait_for()
+    page.get_by_text("Look at each trial").click()
     for canvas in page.locator("canvas").all():
         canvas.scroll_into_view_if_needed()
         page.wait_for_function("(c) => c.width !== 300", arg=canvas.element_handle())
@@ -188,7 +189,7 @@ def test_view(name: str, serve: Callable[..., Any], new_page: Callable[..., Any]
             options = {"viewport": {"width": size[0], "height": size[1]}, "color_scheme": theme}
             page = new_page(server, **options).open(address)
             prepare(page, server)
-            expect(page.locator("h1")).to_be_visible()
+            expect(page.get_by_role("heading", level=1).first).to_be_visible()
             over = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             assert over <= 0, f"{name} is {over} px wider than a {width} screen"
             assert violations(page) == [], f"{name}, {width}, {theme}"

@@ -3,13 +3,20 @@ import { test } from "node:test";
 import { marks, range } from "../src/parts/plot";
 import { column } from "../src/views/diagnose/columns";
 import { parseFile, textToSend, split, tracks, defaultColumns } from "../src/views/diagnose/parseFile";
-import { cells } from "../src/views/diagnose/forceFields";
-import { splitAt } from "../src/views/diagnose/trajectories";
-import { means } from "../src/views/diagnose/plots";
-import { extentOfTrials, sceneOfTrial, plainReport, type Report, trajectoryOf } from "../src/views/diagnose/report";
+import { splitAt } from "../src/views/diagnose/trialViewer";
+import { extentOfTrials, type Report, trajectoryOf } from "../src/views/diagnose/report";
+import { sceneOfTrial } from "../src/views/diagnose/sceneOfTrial";
 import { requestBody, columnsOf, emptySetup, guessReading, missingInput, pixelSizeFromGravity, tracksOf } from "../src/views/diagnose/setup";
 import { summarise, readTracks, NO_OPTIONS, typicalBounceHeight } from "../src/views/diagnose/tracks";
-import { gainText, interval, plain, estimatesText, verdictText } from "../src/views/diagnose/messages";
+import { judgeFit } from "../src/parts/fitQuality";
+import { curlCommand, pythonCode } from "../src/parts/exportCode";
+import { withActionSpace } from "../src/views/diagnose/extendedWorld";
+import { fitJudgements } from "../src/views/diagnose/messages";
+import { readingSummary } from "../src/views/diagnose/readingSummary";
+import { SAMPLE_DRAG_PER_M, sampleCsv } from "../src/views/diagnose/sample";
+import { stagesOf, startOf } from "../src/views/diagnose/stages";
+import { trialName } from "../src/views/diagnose/trialName";
+import { trialsCsv } from "../src/views/diagnose/trialsCsv";
 
 /** Names and what the server takes them for (src/reality/columns.rs has the same list). */
 test("column names are recognised as by the server", () => {
@@ -74,7 +81,7 @@ test("one of several tracks is read, and manually selected columns are written t
   assert.deepEqual(tracks(two), ["Ball/0", "Hand/0"]);
   assert.equal(defaultColumns(two, "hand/0").x, 3);
   const odd = parseFile("o.csv", "when,left,height\n0,1,2\n1,2,3");
-  const chosen = { clock: 0, x: 1, y: 2, trial: -1, body: -1 };
+  const chosen = { clock: 0, x: 1, y: 2, z: -1, trial: -1, body: -1 };
   assert.equal(textToSend(odd, chosen), "t,x,y\n0,1,2\n1,2,3");
   assert.deepEqual(defaultColumns(parseFile("o.csv", textToSend(odd, chosen))), chosen);
   const plainFile = parseFile("p.csv", "t,x,y\n0,1,2");
@@ -132,42 +139,96 @@ test("a trial's trajectory includes both models, and initialises the extended sc
   const { position, velocity } = sceneOfTrial(report(), 4)!.bodies[0]!;
   assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);
   assert.deepEqual(velocity!.map((v) => Number(v.toFixed(9))), [3, 2]);
-  assert.equal("evidence" in plainReport(report()), false);
   // Of another setting: its mass, and what the effect is there.
   const modified = report();
   modified.launches[0]!.setting = "light";
-  const of = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
+  const of = (setting: string, value: number) => ({ name: "k", value, setting });
   modified.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
   Object.assign(modified.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
   const scene = sceneOfTrial(modified, 4)!;
   assert.equal(scene.bodies[0]!.mass, 0.01);
   assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
   assert.equal(scene.settings, undefined);
+  // A setting of one trial has the trial's initial state.
+  modified.launches[0]!.name = "light";
+  Object.assign(modified.extended_scene!, { settings: { light: { bodies: { ball: { position: [7, 8] } } } } });
+  const own = sceneOfTrial(modified, 4)!.bodies[0]!;
+  assert.deepEqual([own.position, own.velocity], [[7, 8], undefined]);
   const [left, bottom, right, top] = extentOfTrials(modified)!;
   assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });
 
-test("a verdict is described in text", () => {
-  assert.equal(verdictText(report()), "The simulation lacks quadratic drag");
-  assert.equal(verdictText({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing; these trials do not distinguish: a b; none (the base model)");
-  assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
-  const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
-  const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", probability: 1, parameters }];
-  assert.equal(estimatesText(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
-  assert.equal(estimatesText(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
-  assert.equal(interval([null, 1]), "unbounded");
-  assert.match(gainText({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
+test("a fit is judged by its error beside the noise", () => {
+  assert.deepEqual([0.00105, 0.0025, 0.0032].map((e) => judgeFit("It", e, 0.001).level), ["good", "warn", "bad"]);
+  assert.equal(judgeFit("The model", 0.0032, 0.001).text, "The model does not fit: error 3.2 times the noise (3.2 mm beside 1 mm of noise)");
+  assert.equal(judgeFit("It", 0.0015, 0.001, true).level, "good");
+  assert.equal(judgeFit("It", 0.00101, 0.001, false).level, "warn");
+  const gain = { held_out: { base_rmse: 0.07, extended_rmse: 0.002, floor_rmse: 0.002 } };
+  const both = fitJudgements({ ...report(), gain, residual: null });
+  assert.deepEqual(both.map((j) => j.level), ["bad", "good"]);
+  assert.match(both[1]!.text, /^The simulation with quadratic drag explains the trials down to the noise/);
+  assert.deepEqual(fitJudgements({ ...report(), verdict: "insufficient_data", gain: { held_out: null }, residual: null }).map((j) => j.level), ["open"]);
 });
 
-test("plots have round ticks within their range, and bin means of equal counts", () => {
+test("trials bear the names of the user", () => {
+  assert.deepEqual(["7", "throw 7", "throw07.csv"].map(trialName), ["Trial 7", "throw 7", "throw07.csv"]);
+});
+
+test("the extended scene gets the measured launch velocities as its action space, and is exported as code", () => {
+  const scene = sceneOfTrial(report(), 4)!;
+  const { action } = withActionSpace(scene, report());
+  assert.deepEqual(action!.components.map((c) => [c.target, c.set, c.low, c.high]), [["ball", "vx", 2.75, 3.25], ["ball", "vy", 1.75, 2.25]]);
+  const own = { ...scene, action: { components: [] } };
+  assert.equal(withActionSpace(own, report()), own);
+  assert.match(pythonCode(scene, "http://a"), /client\.call\("simulate", scene=scene/);
+  assert.match(curlCommand(scene, "http://a", true), /^curl -s http:\/\/a\/v1\/simulate .*\n.*IPLW_TOKEN/);
+});
+
+test("trials are written as CSV with the columns that they have", () => {
+  const none = [null, null];
+  const track = { x: [0, null], y: [1, null], angle: none, vx: none, vy: none, omega: none };
+  const one = { trial: "throw, 1", setting: null, t: [0, 0.1], bodies: { ball: track } };
+  assert.equal(trialsCsv([one]), 'trial,t,body,x,y\n"throw, 1",0,ball,0,1\n');
+  assert.equal(trialsCsv([{ ...one, trial: "2", setting: "light", bodies: { ball: { ...track, vx: [3, 4] } } }]), "trial,setting,t,body,x,y,vx\n2,light,0,ball,0,1,3\n2,light,0.1,ball,,,4\n");
+});
+
+test("a log is read as stages with their durations and findings", () => {
+  const texts = ["queued", "started", "reading the trials", "the noise is 1 mm", "trying single effects", "succeeded"];
+  const lines = texts.map((text, i) => ({ number: i + 1, at: 10 + i, level: "info", text }));
+  assert.deepEqual(stagesOf(lines), [
+    { name: "reading the trials", begin: 12, end: 14, findings: ["the noise is 1 mm"] },
+    { name: "trying single effects", begin: 14, end: 15, findings: [] },
+  ]);
+  assert.deepEqual([startOf(lines), startOf([])], [11, null]);
+});
+
+test("the sample is 14 throws with drag, and says how it is read", () => {
+  const setup = { ...emptySetup(), files: [parseFile("sample.csv", sampleCsv())] };
+  assert.deepEqual(guessReading(setup), []);
+  assert.equal(readingSummary(setup), "Columns: t in s, x and y in m; +y is up; 14 trials by column “trial”.");
+  const { upwardAcceleration, trials, samples } = summarise(tracksOf(setup));
+  assert.deepEqual([trials, samples], [14, 560]);
+  assert.ok(upwardAcceleration! < -8 && upwardAcceleration! > -10.5 && SAMPLE_DRAG_PER_M > 0, String(upwardAcceleration));
+  assert.equal(sampleCsv(), sampleCsv());
+});
+
+test("three coordinates are projected on the vertical plane of each trial", () => {
+  const text = fall("t,x,y,z", (t, height) => `${t},${(0.6 * 3 * t).toFixed(6)},${(0.8 * 3 * t).toFixed(6)},${height}`);
+  const setup = { ...emptySetup(), files: [parseFile("s.csv", text)] };
+  assert.deepEqual(guessReading(setup), []);
+  const [track] = tracksOf(setup);
+  assert.ok(Math.abs(track!.at.at(-1)![0] - 3 * 0.38) < 1e-4 && Math.abs(track!.at[0]![1] - 1) < 1e-9);
+  assert.match(readingSummary(setup), /x, y and z in m; \+z is up/);
+  setup.reading.up = "-z";
+  assert.deepEqual(requestBody(setup).reading, { up: "-z" });
+  assert.ok(Math.abs(tracksOf(setup)[0]!.at[0]![1] + 1) < 1e-9);
+});
+
+test("plots have round ticks within their range", () => {
   assert.deepEqual(marks(-0.2, 0.31, 6), [-0.2, -0.1, 0, 0.1, 0.2, 0.3]);
   assert.deepEqual(marks(1, 1, 5).length, 1);
   assert.deepEqual(range([3, Number.NaN, -1], [2]), [-1, 3]);
   assert.equal(range([]), null);
-  const x = Array.from({ length: 48 }, (_, i) => i);
-  assert.deepEqual(means(x, x).y, [5.5, 17.5, 29.5, 41.5]);
-  const pushes = { columns: ["x", "y", "ax", "ay"], rows: [[0, 0, 1, 1], [0.01, 0, 3, 5], [1, 1, 2, 2], [1, null, 2, 2]] };
-  assert.deepEqual(cells(pushes, "ax", "ay"), [{ at: [0.005, 0], push: [2, 3] }, { at: [1, 1], push: [2, 2] }]);
 });
 
 test("the estimated floor does not depend on the phase of a bounce between two samples", () => {

@@ -176,6 +176,23 @@ def test_cancel(client: iplw.Client) -> None:
         job.wait(timeout=60)
     job.cancel()
     assert client.job(job.id).state == "cancelled", "cancelling an ended job does not delete it"
+    assert client.job(job.id).summary is None
+
+
+def test_names_and_notes_of_jobs(client: iplw.Client) -> None:
+    job = client.iplw("bowling", rounds=1, actions=2, samples=8)
+    assert (job.name, job.note) == ("", "")
+    job.rename("Bowling on felt")
+    job.annotate("Camera 2,\nlights on.")
+    job.wait()
+    assert job.summary
+    same = client.job(job.id)
+    assert (same.name, same.note, same.summary) == ("Bowling on felt", "Camera 2,\nlights on.", job.summary)
+    assert "Bowling on felt (iplw job-" in same._repr_html_()
+    with pytest.raises(iplw.Problem, match="name"):
+        job.rename("n" * 201)
+    job.rename("")
+    assert (job.name, job.note) == ("", "Camera 2,\nlights on.")
 
 
 def test_policy(client: iplw.Client, tmp_path: Any) -> None:

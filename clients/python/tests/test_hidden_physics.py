@@ -211,6 +211,7 @@ def _jobs(server: Server) -> None:
     ask("delete_surface", "DELETE", f"/v1/surfaces/{surface}")
     ask("delete_policy", "DELETE", f"/v1/policies/{policy}")
     ask("list_jobs", "GET", "/v1/jobs")
+    ask("update_job", "PATCH", f"/v1/jobs/{fit}", {"name": "drop", "note": "first"})
     ask("delete_job", "DELETE", f"/v1/jobs/{fit}")
 
 

@@ -4,10 +4,10 @@
 use iplw::error::{Error, Result};
 use iplw::experiment::quickstart::{QuickstartArtifacts, QuickstartReport, TrainedPolicy, TrainingRecord};
 use iplw::experiment::{EstimateConfig, PendingRound, Round};
-use iplw::job::id;
+use iplw::job::{id, summarize};
 use iplw::reality::trials_to_csv;
 use iplw::report::diagnosis::DiagnosisDocument;
-use iplw::store::{JobState, LogLevel, MeasuredOutcomes, PolicyRow, Store};
+use iplw::store::{JobState, LogLevel, MeasuredOutcomes, PolicyRow, Store, unix_ms};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -131,6 +131,7 @@ impl RunArchive<'_> {
     ) -> Result<String> {
         let mut row = self.store.add_job(kind, &config, &plan, self.seed, None, &|_| None)?;
         parts(row.number)?;
+        (row.metadata.summary, row.metadata.ended) = (summarize(kind, &result), Some(unix_ms()));
         (row.state, row.result) = (JobState::Succeeded, Some(result));
         row.events += 1;
         self.store.update_job(&row)?;

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{DiscrepancyField, FieldDraws, ModelPosterior, Posterior, PosteriorConfig, Sampler};
+use super::{
+    DiscrepancyField, FieldDraws, ModelPosterior, Posterior, PosteriorConfig, PredictiveBand, Sampler,
+};
 use crate::estimate::discrepancy_forces::{DiscrepancyForces, MAX_WRITTEN_TERMS};
 use crate::estimate::parameter_samples::POSTERIOR_FORMAT;
 use crate::estimate::sampler::{Marginal, SamplingDiagnostics, log_sum_exp};
@@ -37,6 +39,9 @@ pub struct PosteriorDocument {
     pub set: Vec<usize>,
     pub run: Vec<usize>,
     pub log_likelihood: Vec<f64>,
+    /// Predictions of some trials under the draws of the most probable set.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub predictive: Vec<PredictiveBand>,
     /// Discrepancy forces of some draws.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub discrepancy: Vec<SetFieldDraws>,
@@ -159,6 +164,7 @@ impl PosteriorDocument {
             run,
             log_likelihood: draws.iter().map(|(s, i)| posterior.sets[*s].draws.log_likelihoods[*i]).collect(),
             discrepancy,
+            predictive: posterior.predictive.clone(),
         }
     }
 }

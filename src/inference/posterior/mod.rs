@@ -28,6 +28,7 @@ mod horizon;
 mod likelihood;
 mod log_likelihood;
 mod models;
+mod predictive_bands;
 mod prior;
 mod sampled_field;
 mod whitened;
@@ -49,6 +50,8 @@ pub use likelihood::{LIKELIHOOD_FORMAT, TrialLikelihood};
 use log_likelihood::DiscrepancySummary;
 pub use log_likelihood::{FieldDraws, LogLikelihood};
 use models::{LikelihoodBuilder, WeightedModel, fit_models};
+pub use predictive_bands::PredictiveBand;
+use predictive_bands::predictive_bands;
 pub use prior::ParameterPrior;
 
 /// Factor on the number of moves where a field is sampled.
@@ -62,6 +65,8 @@ pub struct Posterior {
     pub trials: [usize; 2],
     /// Standard deviation of the noise of an observed coordinate, m.
     pub noise: f64,
+    /// Predictions of some trials under the draws of the most probable set.
+    pub predictive: Vec<PredictiveBand>,
 }
 
 /// The posterior of one set of effects.
@@ -124,6 +129,14 @@ pub fn posterior(
                 segments_and_groups: density.sizes(),
             });
         }
-        Ok(Posterior { sets, trials: [ready.trial_indices.len(), trials.len()], noise })
+        let best = (0..models.len()).max_by(|a, b| models[*a].weight.total_cmp(&models[*b].weight));
+        let predictive = match best {
+            Some(s) => {
+                let points = &sets[s].draws.points;
+                predictive_bands(&models[s].model, ready, trials, points, config.engine, progress)?
+            }
+            None => Vec::new(),
+        };
+        Ok(Posterior { sets, trials: [ready.trial_indices.len(), trials.len()], noise, predictive })
     })
 }

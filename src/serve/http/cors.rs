@@ -69,7 +69,7 @@ impl OriginPolicy {
             return None;
         }
         let preflight_headers = [
-            (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, POST, PUT, DELETE"),
+            (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, POST, PUT, PATCH, DELETE"),
             (header::ACCESS_CONTROL_ALLOW_HEADERS, ALLOWED_REQUEST_HEADERS),
             (header::ACCESS_CONTROL_MAX_AGE, "600"),
         ];

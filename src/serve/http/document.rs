@@ -80,7 +80,7 @@ fn links(lead: &ResponseLink, operations: &[crate::serve::operation::Operation],
 fn complete(document: &mut OpenApi) {
     let optional = optional(document);
     for item in document.paths.paths.values_mut() {
-        let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete];
+        let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
         for one in operations.into_iter().flatten() {
             operation(one);
             body(one, &optional);

@@ -100,6 +100,7 @@ fn method_name(operation: &Operation) -> &'static str {
     match operation.method {
         HttpMethod::Post => "POST",
         HttpMethod::Put => "PUT",
+        HttpMethod::Patch => "PATCH",
         HttpMethod::Delete => "DELETE",
         _ => "GET",
     }

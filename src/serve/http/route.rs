@@ -30,6 +30,7 @@ pub fn method_router(operation: &'static Operation) -> MethodRouter<Arc<AppState
     let method = match operation.method {
         HttpMethod::Post => MethodFilter::POST,
         HttpMethod::Put => MethodFilter::PUT,
+        HttpMethod::Patch => MethodFilter::PATCH,
         HttpMethod::Delete => MethodFilter::DELETE,
         _ => MethodFilter::GET,
     };

@@ -111,6 +111,11 @@ pub fn put(name: &'static str, path: &'static str, tag: &str, needs: RequiredSco
     Declaration::new(name, HttpMethod::Put, path, tag, needs)
 }
 
+/// `PATCH` of a path: changes some fields of a resource.
+pub fn patch(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
+    Declaration::new(name, HttpMethod::Patch, path, tag, needs)
+}
+
 /// `DELETE` of a path.
 pub fn delete(name: &'static str, path: &'static str, tag: &str, needs: RequiredScope) -> Declaration {
     Declaration::new(name, HttpMethod::Delete, path, tag, needs)

@@ -46,6 +46,7 @@ pub fn example(operation: &str) -> Option<Value> {
         "draw_starts" => json!({"count": 4, "seed": 1}),
         "start_plan" => json!({"task": "bowling:000", "actions": 100, "draws": 4}),
         "start_design" => json!({"task": "basketball", "question": "latents", "candidates": 20}),
+        "update_job" => json!({"name": "Bounces on felt", "note": "Camera 2, lights on."}),
         "train_policy" => json!({"task": "basketball", "latents": {"friction": 0.2}, "batches": 50}),
         "act" => json!({"task": "basketball:000", "count": 3}),
         "evaluate_policy" => json!({"world": "basketball-real", "split": "test"}),

@@ -21,7 +21,7 @@ mod pagination;
 mod request;
 mod response;
 
-pub use declare::{ACT, ADMIN, Operation, PUBLIC, READ, delete, get, location, post, put};
+pub use declare::{ACT, ADMIN, Operation, PUBLIC, READ, delete, get, location, patch, post, put};
 pub use describe::{OperationDoc, ResponseLink, SECURITY_SCHEME};
 pub use events::{EventStream, NextEvent, ServerEvent};
 pub use extractor::{AcceptsBinaryArrays, BodyWithJson, Extractor, JsonBody, LastEventId, PathId, RawBody};

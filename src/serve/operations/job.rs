@@ -13,14 +13,14 @@ use crate::job::{DeleteOutcome, Job, JobContext, JobSpec, Watcher, Work, WorkOut
 use crate::json::from_value;
 use crate::serve::concealment::conceal_job;
 use crate::serve::operation::{
-    ACT, EventStream, Extractor, HandlerOutput, LastEventId, NextEvent, Operation, OperationDoc,
+    ACT, EventStream, Extractor, HandlerOutput, JsonBody, LastEventId, NextEvent, Operation, OperationDoc,
     OperationRequest, OperationResponse, Pagination, PathId, Payload, READ, RecordResponse, ServerEvent,
-    delete, get,
+    delete, get, patch,
 };
 use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
 use crate::serve::state::CoreState;
-use crate::serve::wire::{JobLogPage, JobOut, JobsPage, LogLineOut};
+use crate::serve::wire::{JobLogPage, JobOut, JobPatch, JobsPage, LogLineOut};
 use crate::store::{JobList, JobState};
 
 /// Operations on jobs.
@@ -37,6 +37,10 @@ pub fn operations() -> Vec<Operation> {
             .about("Returns a job.")
             .errors(&[(404, "")])
             .handler(|app, PathId(id)| Ok(JobOut::from(app.jobs().get(&id)?))),
+        patch("update_job", "/v1/jobs/{id}", "jobs", ACT)
+            .about("Sets the name and the note of a job, in any state; fields that are absent stay as they are.")
+            .errors(&[(404, "")])
+            .handler(update),
         delete("delete_job", "/v1/jobs/{id}", "jobs", ACT)
             .about("Cancels a job that has not ended (202), or deletes one that has (204).")
             .response::<JobOut>(202, "Cancellation requested")
@@ -203,6 +207,14 @@ fn log(
     let mut lines = app.jobs().log(&id, after, page.fetch_limit())?;
     let next = page.truncate("log", &mut lines, |l| l.number);
     Ok(JobLogPage { lines: lines.into_iter().map(LogLineOut::from).collect(), next })
+}
+
+fn update(
+    app: &RequestContext,
+    (PathId(id), JsonBody(body)): (PathId, JsonBody<JobPatch>),
+) -> Result<JobOut> {
+    body.check()?;
+    Ok(app.jobs().annotate(&id, body.name.as_deref(), body.note.as_deref())?.into())
 }
 
 fn remove(app: &RequestContext, PathId(id): PathId) -> Result<OperationResponse> {

@@ -101,6 +101,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
+    use crate::job::summarized_kinds;
 
     #[test]
     fn operation_names_and_job_kinds_are_unique() {
@@ -108,6 +109,7 @@ mod tests {
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
+        assert!(kinds.iter().all(|kind| summarized_kinds().any(|known| known == *kind)), "{kinds:?}");
         assert_eq!(kinds.len(), 10, "{kinds:?}");
         assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
     }

@@ -33,7 +33,7 @@ fn report(app: &RequestContext, PathId(id): PathId) -> Result<MediaBody> {
     let surface = result["surface"].as_str().map(|id| stored(app.store(), id)).transpose()?;
     let all = JobResult {
         kind: &job.kind,
-        summary: None,
+        summary: job.metadata.summary.as_deref(),
         config: &job.config,
         result,
         task: task.as_ref(),

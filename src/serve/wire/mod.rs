@@ -46,7 +46,7 @@ pub use episode::{ResetOut, StepIn, StepOut};
 pub use format::{MSGPACK, WireFormat};
 pub use health::Health;
 pub use history::{EstimationHistory, RoundOut};
-pub use job::{JobOut, JobsPage};
+pub use job::{JobOut, JobPatch, JobsPage};
 pub use likelihood::{ChainStarts, ChainStartsIn, LikelihoodIn, LogDensities, PointsIn};
 pub use log::{JobLogPage, LogLineOut};
 pub use policy::{ActIn, EvaluateIn, LearnIn, PoliciesPage, ProposedActions, RankingIn, ScoredAction};

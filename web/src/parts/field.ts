@@ -9,10 +9,10 @@ export interface Field {
   refuse: (why: string | null) => void;
 }
 
-/** A number, `null` while empty. `onChange` is called with every valid input. */
-export function numeric(label: string, unit: string, value: number | null, onChange: (value: number | null) => void): Field {
+/** A number, `null` while empty. `onChange` is called with every valid input; `hint` is a sentence of help. */
+export function numeric(label: string, unit: string, value: number | null, onChange: (value: number | null) => void, hint = ""): Field {
   const input = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", value: value === null ? "" : String(value), class: "number" });
-  const field = buildField(label, input, unit);
+  const field = buildField(label, input, unit, hint);
   input.addEventListener("input", () => {
     const text = input.value.trim().replace(",", ".");
     const now = text === "" ? null : Number(text);
@@ -24,9 +24,9 @@ export function numeric(label: string, unit: string, value: number | null, onCha
 }
 
 /** A choice; options are pairs of value and label. */
-export function choice(label: string, options: readonly (readonly [string, string])[], value: string, onChange: (value: string) => void): Field {
+export function choice(label: string, options: readonly (readonly [string, string])[], value: string, onChange: (value: string) => void, hint = ""): Field {
   const input = h("select", {}, ...options.map(([v, text]) => h("option", { value: v, selected: v === value }, text)));
-  const field = buildField(label, input, "");
+  const field = buildField(label, input, "", hint);
   input.addEventListener("change", () => (field.refuse(null), onChange(input.value)));
   return field;
 }
@@ -42,15 +42,15 @@ export function radios(label: string, options: readonly (readonly [string, strin
   return h("fieldset", { class: "radios" }, h("legend", {}, label), h("div", { class: "row" }, ...labels));
 }
 
-function buildField(label: string, input: HTMLInputElement | HTMLSelectElement, unit: string): Field {
-  const [id, whyId] = [uniqueId("field"), uniqueId("why")];
+function buildField(label: string, input: HTMLInputElement | HTMLSelectElement, unit: string, hint: string): Field {
+  const [id, whyId, hintId] = [uniqueId("field"), uniqueId("why"), uniqueId("hint")];
   const why = h("span", { id: whyId, class: "refused-why", hidden: true });
-  set(input, { id });
-  const element = h("div", { class: "field" }, h("label", { for: id }, label), input, unit ? h("span", { class: "soft" }, unit) : null, why);
+  set(input, { id, "aria-describedby": hint ? hintId : null });
+  const element = h("div", { class: "field" }, h("label", { for: id }, label), input, unit ? h("span", { class: "soft" }, unit) : null, hint ? h("span", { id: hintId, class: "soft hint" }, hint) : null, why);
   const refuse = (text: string | null): void => {
     put(why, text);
     why.hidden = text === null;
-    set(input, { "aria-invalid": text !== null ? "true" : null, "aria-describedby": text !== null ? whyId : null });
+    set(input, { "aria-invalid": text !== null ? "true" : null, "aria-describedby": [hint ? hintId : "", text !== null ? whyId : ""].join(" ").trim() || null });
   };
   return { element, input, refuse };
 }

@@ -93,6 +93,8 @@ def job_card(
             f"{time.strftime('%H:%M:%S', time.localtime(line['at']))} {line['text']}" for line in log[-MAX_LOG_LINES:]
         )
         parts.append(details("log", preformatted(tail)))
-    top = card(f"{job.get('kind', 'job')} {job.get('id', '')}".strip(), *parts, note=state)
+    title = f"{job.get('kind', 'job')} {job.get('id', '')}".strip()
+    name = job.get("name")
+    top = card(f"{name} ({title})" if name else title, *parts, note=state)
     result = job.get("result")
     return top + (result_of(str(job.get("kind")), result)._repr_html_() if isinstance(result, Mapping) else "")

@@ -33,8 +33,8 @@ class Operation:
 
     @property
     def idempotent(self) -> bool:
-        """Whether it can be retried after a lost connection: true for GET and DELETE."""
-        return self.method in ("GET", "DELETE")
+        """Whether it can be retried after a lost connection: true for GET and DELETE, and for PATCH, which sets values."""
+        return self.method in ("GET", "DELETE", "PATCH")
 
     @property
     def returns_bytes(self) -> bool:

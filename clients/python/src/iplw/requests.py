@@ -239,6 +239,11 @@ def tell(id: str, body: Mapping[str, Any], key: str) -> Request[dict[str, Any]]:
     return Request("submit_trials", {"id": id, **body}, _identity, key=key, extra_timeout_s=10.0)
 
 
+def annotate(id: str, name: str | None = None, note: str | None = None) -> Request[dict[str, Any]]:
+    """Sets the name and the note of a job, each unless it is None."""
+    return Request("update_job", drop_none(id=id, name=name, note=note), _identity)
+
+
 def cancel(id: str) -> Request[Any]:
     """Cancels a job. Never retried: repeated on an ended job, the request would delete it."""
     return Request("delete_job", {"id": id}, _identity, allow_retry=False)

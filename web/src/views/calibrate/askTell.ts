@@ -8,7 +8,7 @@ import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import { hasEnded, type EstimationState } from "./estimation";
 import { trialsUpload } from "./trialsUpload";
-import { actionText } from "./rounds";
+import { actionText, taskName } from "./rounds";
 import { InvalidCellError, resultTable } from "./resultTable";
 
 type Proposals = Schema<"Proposals">;
@@ -94,7 +94,7 @@ function mark(tag: Element | null, answered: boolean): void {
 function card(p: Proposal, submit: (body: Tell) => Promise<void>, context: Context): HTMLElement {
   const scene = p.scene as unknown as Scene;
   const what = actionText(scene, p.action);
-  const drawing = picture(scene, `Proposal ${p.number}, ${p.task}, initial state: ${what}`);
+  const drawing = picture(scene, `Proposal ${p.number}, ${taskName(p.task)}, initial state: ${what}`);
   const form = resultTable(p.number, scene.bodies.map((b) => b.name));
   const send = h("button", { type: "button", class: "main" }, "Submit");
   const failed = h("button", { type: "button", "aria-label": `Proposal ${p.number} could not be carried out` }, "Could not be carried out");
@@ -118,7 +118,7 @@ function card(p: Proposal, submit: (body: Tell) => Promise<void>, context: Conte
     ),
   );
   failed.addEventListener("click", () => runAction(failed, () => submit({ failed: [p.number] }), context.fail));
-  const title = h("div", { class: "row between" }, h("h3", {}, `Proposal ${p.number}: ${p.task}`), h("span", { class: "tag" }));
+  const title = h("div", { class: "row between" }, h("h3", {}, `Proposal ${p.number}: ${taskName(p.task)}`), h("span", { class: "tag" }));
   return h("li", { class: "card stack", "data-proposal": p.number }, title, drawing.svg, h("p", {}, what), manualEntry, h("div", { class: "row" }, failed));
 }
 

@@ -4,6 +4,7 @@ import { api, ok, type Schema } from "../../api/client";
 import { reconnected, isLost } from "../../api/connection";
 import { follow } from "../../api/events";
 import { latest } from "../../parts/latest";
+import type { Scene } from "../../scene/types";
 
 export type Job = Schema<"JobOut">;
 export type Round = Schema<"RoundOut">;
@@ -76,6 +77,11 @@ export function requestOf(job: Job): EstimationRequest {
   return job.config as EstimationRequest;
 }
 
+/** The scene that is calibrated instead of a task, if any. */
+export function sceneOfRequest(request: EstimationRequest): Scene | null {
+  return (request.scene as Scene | null | undefined) ?? null;
+}
+
 /** Maximum number of rounds of an estimation. */
 export function maxRounds(job: Job): number {
   return requestOf(job).rounds ?? 5;
@@ -100,6 +106,9 @@ export function currentEstimates(standing: EstimationState): readonly LatentEsti
 /** How well the simulation reproduces the trials. */
 export interface FitQuality {
   adequate: boolean | null;
+  /** Error of the best simulation, and noise, m; `null` if not checked. */
+  error_m: number | null;
+  noise_m: number | null;
   text: string;
 }
 

@@ -2,8 +2,10 @@
 
 import { h, put } from "../../dom";
 import { type BandPlot, bandPlot, type EstimatePoint, type EstimateSeries } from "../../parts/bandPlot";
+import { fitLine } from "../../parts/fitQuality";
 import { short } from "../../parts/slider";
 import { requestOf, type LatentEstimate, currentEstimates, fitQuality, maxRounds, type Round, type EstimationState } from "./estimation";
+import { judgement } from "./judgement";
 
 /** Units of latents; effect parameters have the units of the library. */
 const UNITS: Record<string, string> = { density: "kg/m²" };
@@ -55,12 +57,9 @@ function residualText(of: EstimationState, residual: number | undefined, compare
   return [h("p", {}, runKey(of, compared), h("strong", {}, `${formatNumber(residual)} m²`), h("span", { class: "soft" }, ` ${residualKind(of)}`))];
 }
 
-/** How well the simulation reproduces the trials, and what follows from a bad fit. */
+/** How well the simulation reproduces the trials, of each of two that are compared. */
 function fitText(of: EstimationState, compared: number | null): HTMLElement[] {
-  const fit = fitQuality(of);
-  if (!fit) return [];
-  const [look, tag] = fit.adequate === false ? ["warn", "bad fit"] : fit.adequate ? ["good", "good fit"] : ["", "fit not checked"];
-  return [h("p", { "data-fit": String(fit.adequate) }, runKey(of, compared), h("span", { class: `tag ${look}` }, tag), ` ${fit.text}`)];
+  return fitQuality(of) && compared !== null ? [h("div", { class: "row compared-fit" }, runKey(of, compared), fitLine(judgement(of)))] : [];
 }
 
 function residualKind(of: EstimationState): string {

@@ -5,7 +5,7 @@ import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
-import { requestOf, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
+import { type EstimationRequest, requestOf, sceneOfRequest, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
 
 export interface EstimationHeader {
   element: HTMLElement;
@@ -70,15 +70,22 @@ export function estimationHeader(id: string, others: readonly Job[], other: stri
 
 /** Short description that distinguishes an estimation from others. */
 export function estimationTitle(job: Job): string {
-  const { task, strategy, seed, world } = requestOf(job);
-  return [task, world ?? (isAskTell(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
+  const request = requestOf(job);
+  const { strategy, seed, world } = request;
+  return [subjectName(request), world ?? (isAskTell(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
+}
+
+/** The task, or the name of the scene. */
+function subjectName(request: EstimationRequest): string {
+  return request.task || sceneOfRequest(request)?.name || "a scene";
 }
 
 function description(job: Job): string {
-  const { task, strategy, residual, fit, rounds, actions, world, seed } = requestOf(job);
+  const request = requestOf(job);
+  const { strategy, residual, fit, rounds, actions, world, seed } = request;
   const where = isAskTell(job) ? "your own rig" : world ? `the world ${world}` : "a new real world";
   const fitted = fit?.length ? `, also fitting ${fit.join(", ")}` : "";
-  return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${fitted}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
+  return `${subjectName(request)} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${fitted}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
 }
 
 /** Reason for the end of an estimation. */

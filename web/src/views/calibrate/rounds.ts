@@ -101,9 +101,9 @@ function tile(proposal: Round["proposals"][number], context: Context): HTMLEleme
   const place = h("span", { class: "thumb" });
   const mark = proposal.measured === true ? "measured" : proposal.measured === false ? "not possible" : "open";
   sceneOfTask(proposal.task, context.signal)
-    .then((s) => put(place, picture(applyAction(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${actionText(s, proposal.action)}`).svg))
+    .then((s) => put(place, picture(applyAction(s, proposal.action), `${taskName(proposal.task)}, proposal ${proposal.number}: ${actionText(s, proposal.action)}`).svg))
     .catch(context.fail);
-  return h("li", { class: "tile" }, place, h("span", {}, `${proposal.number}: ${proposal.task}`), h("span", { class: "soft" }, mark));
+  return h("li", { class: "tile" }, place, h("span", {}, `${proposal.number}: ${taskName(proposal.task)}`), h("span", { class: "soft" }, mark));
 }
 
 const scenes = new Map<string, Promise<Scene>>();
@@ -117,6 +117,16 @@ export function sceneOfTask(task: string, signal: AbortSignal): Promise<Scene> {
   // Failed or aborted requests are repeated next time.
   pending.catch(() => scenes.delete(task));
   return pending;
+}
+
+/** Name of a task for people: scenes without a family bear their own. */
+export function taskName(task: string): string {
+  return task.replace(/^custom:/, "");
+}
+
+/** Remembers the scene of an estimation without a task, under the server's name of it. */
+export function rememberScene(scene: Scene): void {
+  scenes.set(`custom:${scene.name || "scene"}`, Promise.resolve(scene));
 }
 
 /** Text of an action's values. */

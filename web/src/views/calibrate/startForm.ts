@@ -2,7 +2,8 @@
 
 import { all, api, ok, type Schema } from "../../api/client";
 import { uniqueId, h, put } from "../../dom";
-import type { Context } from "../../view";
+import type { Scene } from "../../scene/types";
+import { type Context, link } from "../../view";
 import type { EstimationRequest } from "./estimation";
 import { type FormField, field, showFieldError } from "./formField";
 import { STRATEGIES } from "./rounds";
@@ -13,9 +14,11 @@ export interface FormChoices {
   worlds: Schema<"WorldOut">[];
   surfaces: Schema<"SurfaceOut">[];
   library: Schema<"EffectOut">[];
+  /** A scene to calibrate instead of a task. */
+  scene: Scene | null;
 }
 
-export async function loadChoices(signal: AbortSignal): Promise<FormChoices> {
+export async function loadChoices(scene: Scene | null, signal: AbortSignal): Promise<FormChoices> {
   const query = (cursor: string | undefined): { params: { query: { cursor?: string; limit: number } }; signal: AbortSignal } => ({ params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal });
   const [{ families }, worlds, surfaces, library] = await Promise.all([
     ok(api.GET("/v1/tasks", { signal })),
@@ -23,7 +26,7 @@ export async function loadChoices(signal: AbortSignal): Promise<FormChoices> {
     all((c) => ok(api.GET("/v1/surfaces", query(c))), (page) => page.surfaces),
     all((c) => ok(api.GET("/v1/effects", query(c))), (page) => page.effects),
   ]);
-  return { families, worlds: worlds.filter((w) => w.kind === "real"), surfaces, library };
+  return { families, worlds: worlds.filter((w) => w.kind === "real"), surfaces, library, scene };
 }
 
 /** Strategies that use a performance surface. */
@@ -31,7 +34,8 @@ const STRATEGIES_WITH_SURFACE = ["gradient", "informative"];
 const NEW_WORLD = "";
 const ASK_TELL = "ask_tell";
 /** Fields that are always visible, those under "More", and those of a new real world. */
-const MAIN_FIELDS = ["task", "number", "world", "strategy", "surface", "rounds", "actions", "budget"];
+const TASK_FIELDS = ["task", "number"];
+const MAIN_FIELDS = ["world", "strategy", "surface", "rounds", "actions", "budget"];
 const ADVANCED_FIELDS = ["samples", "residual", "fit", "seed"];
 const HIDDEN_WORLD_FIELDS = ["real.damping", "real.noise", "real.latents.density", "real.latents.friction", "real.latents.restitution"];
 
@@ -46,10 +50,10 @@ export function startForm(of: FormChoices, template: EstimationRequest, onStarte
   const newWorld = h("fieldset", {}, h("legend", {}, "New real world: hidden physics"), fieldGroup(HIDDEN_WORLD_FIELDS));
   const more = h("details", {}, h("summary", {}, "More"), fieldGroup(ADVANCED_FIELDS), newWorld);
   more.open = [template.samples, template.fit, template.seed].some((v) => v !== undefined && v !== null);
-  const form = h("form", { class: "card stack", novalidate: true, "aria-label": "Start an estimation" }, h("h2", {}, "Start an estimation"), fieldGroup(MAIN_FIELDS), more, controls.parameters, cost, h("div", { class: "row" }, start));
+  const form = h("form", { class: "card stack", novalidate: true, "aria-label": "Start an estimation" }, h("h2", {}, "Start an estimation"), of.scene ? sceneText(of.scene) : null, fieldGroup([...(of.scene ? [] : TASK_FIELDS), ...MAIN_FIELDS]), more, controls.parameters, cost, h("div", { class: "row" }, start));
   const updateTexts = (): void => {
     put(controls.seeks, `Selects ${STRATEGIES[controls.strategy.value] ?? ""}.`);
-    at("surface").hidden = !STRATEGIES_WITH_SURFACE.includes(controls.strategy.value);
+    at("surface").hidden = of.scene !== null || !STRATEGIES_WITH_SURFACE.includes(controls.strategy.value);
     newWorld.hidden = controls.real.value !== NEW_WORLD;
     const bound = Math.min((numberValue(controls.rounds) ?? 5) * (numberValue(controls.actions) ?? 10), numberValue(controls.budget) ?? Infinity);
     put(cost, `Spends at most ${bound} real interactions.`);
@@ -65,7 +69,7 @@ export function startForm(of: FormChoices, template: EstimationRequest, onStarte
     const invalid = [...fields.values()].find((f) => f.element.querySelector("input")?.validity.badInput);
     if (invalid) return invalid.showError("This is not a number.");
     start.disabled = true;
-    ok(api.POST("/v1/iplw", { body: requestBody(controls), signal: context.signal }))
+    ok(api.POST("/v1/iplw", { body: requestBody(controls, of.scene), signal: context.signal }))
       .then(onStarted)
       .catch((e: unknown) => {
         more.open ||= isAdvancedField(e, fields);
@@ -109,33 +113,40 @@ function inputs(of: FormChoices, template: EstimationRequest) {
   };
 }
 
-/** Fields by their name in the request. */
+/** Fields by their name in the request, each with a sentence of help. */
 function labelled(controls: Inputs): Map<string, FormField> {
   return new Map<string, FormField>([
-    ["task", field("Family", controls.task)],
-    ["number", field("Task number", controls.number)],
-    ["world", field("Real world", controls.real, "Its interactions are counted.")],
+    ["task", field("Family", controls.task, "The kind of task to experiment with.")],
+    ["number", field("Task number", controls.number, "One task only; empty for all training tasks.")],
+    ["world", field("Real world", controls.real, "Where the experiments are made; every interaction is counted.")],
     ["strategy", field("Strategy", controls.strategy, controls.seeks)],
     ["surface", field("Performance surface", controls.surface, "Determines which latents matter for the task.")],
-    ["rounds", field("Maximum rounds", controls.rounds)],
-    ["actions", field("Actions per round", controls.actions)],
-    ["budget", field("Maximum real interactions", controls.budget)],
+    ["rounds", field("Maximum rounds", controls.rounds, "Each explores in simulation, measures, and fits.")],
+    ["actions", field("Actions per round", controls.actions, "Experiments made before the next fit.")],
+    ["budget", field("Maximum real interactions", controls.budget, "Of all rounds together; empty for no limit.")],
     ["samples", field("Samples per iteration", controls.samples, "Fewer are faster but less accurate.")],
     ["residual", field("Residual", controls.residual, "trajectory: from start to end; shooting: in segments, robust to noise and chaos.")],
     ["fit", field("Also fit", controls.fit, "Effect parameters, separated by commas: linear_drag.c")],
-    ["seed", field("Seed", controls.seed)],
-    ["real.damping", field("Damping, velocity kept per second", controls.damping)],
-    ["real.noise", field("Observation noise (sd), m", controls.noise)],
-    ["real.latents.density", field("Density, kg/m²", controls.density)],
-    ["real.latents.friction", field("Friction", controls.friction)],
-    ["real.latents.restitution", field("Restitution", controls.restitution)],
+    ["seed", field("Seed", controls.seed, "The same seed gives the same result.")],
+    ["real.damping", field("Damping, velocity kept per second", controls.damping, "1 keeps all of it.")],
+    ["real.noise", field("Observation noise (sd), m", controls.noise, "Added to every measured position.")],
+    ["real.latents.density", field("Density, kg/m²", controls.density, "Mass for each area.")],
+    ["real.latents.friction", field("Friction", controls.friction, "Coulomb coefficient; 0 for none.")],
+    ["real.latents.restitution", field("Restitution", controls.restitution, "Rebound speed over impact speed, 0 to 1.")],
   ]);
+}
+
+/** The scene that is calibrated instead of a task. */
+function sceneText(scene: Scene): HTMLElement {
+  const effects = ((scene.effects as { name: string }[] | undefined) ?? []).map((e) => e.name.replaceAll("_", " "));
+  const text = `${scene.name || "Scene"}${effects.length ? `, with ${effects.join(" and ")}` : ""}; actions set ${(scene.action?.components ?? []).map((c) => `${c.target} ${c.set}`).join(", ") || "nothing"}.`;
+  return h("p", { class: "calibrated-scene" }, h("strong", {}, "Scene: "), text, " ", h("a", { href: link("calibrate") }, "Choose a task instead"));
 }
 
 /** Fills the lists of real worlds and surfaces for the selected family. */
 function fillWorldsAndSurfaces(of: FormChoices, template: EstimationRequest, { task, real, surface }: Inputs): void {
-  const selectedWorld = real.childElementCount ? real.value : (template.world ?? (template.real === ASK_TELL ? ASK_TELL : NEW_WORLD));
-  const worlds = of.worlds.filter((w) => w.task.split(":")[0] === task.value);
+  const selectedWorld = real.childElementCount ? real.value : (template.world ?? (template.real === ASK_TELL || (of.scene && !template.real) ? ASK_TELL : NEW_WORLD));
+  const worlds = of.worlds.filter((w) => !of.scene && w.task.split(":")[0] === task.value);
   put(real, h("option", { value: NEW_WORLD }, "a new one"), h("option", { value: ASK_TELL }, "your own rig: ask and tell"), ...worlds.map((w) => h("option", { value: w.id }, `${w.id} (${w.interactions} spent)`)));
   real.value = [...real.options].some((o) => o.value === selectedWorld) ? selectedWorld : NEW_WORLD;
   const selectedSurface = surface.childElementCount ? surface.value : (template.surface ?? "");
@@ -144,7 +155,7 @@ function fillWorldsAndSurfaces(of: FormChoices, template: EstimationRequest, { t
 }
 
 /** The request. */
-function requestBody(controls: Inputs): Schema<"EstimationIn"> {
+function requestBody(controls: Inputs, scene: Scene | null): Schema<"EstimationIn"> {
   const one = controls.number.value.trim();
   const latents = withoutUndefined({ density: numberValue(controls.density), friction: numberValue(controls.friction), restitution: numberValue(controls.restitution) });
   const world = withoutUndefined({ damping: numberValue(controls.damping), noise: numberValue(controls.noise), latents: Object.keys(latents).length ? latents : undefined });
@@ -152,7 +163,7 @@ function requestBody(controls: Inputs): Schema<"EstimationIn"> {
   const surface = STRATEGIES_WITH_SURFACE.includes(controls.strategy.value) ? controls.surface.value : "";
   const real = controls.real.value === ASK_TELL ? { real: ASK_TELL } : controls.real.value !== NEW_WORLD ? { world: controls.real.value } : Object.keys(world).length ? { real: world } : {};
   return {
-    task: one === "" ? controls.task.value : `${controls.task.value}:${one.padStart(3, "0")}`,
+    ...(scene ? { scene: scene as unknown as Record<string, never> } : { task: one === "" ? controls.task.value : `${controls.task.value}:${one.padStart(3, "0")}` }),
     strategy: controls.strategy.value,
     residual: controls.residual.value,
     ...withoutUndefined({ rounds: numberValue(controls.rounds), actions: numberValue(controls.actions), samples: numberValue(controls.samples), seed: numberValue(controls.seed), budget: numberValue(controls.budget) }),

@@ -10,7 +10,7 @@ import { applyAction } from "../../scene/action";
 import type { Context } from "../../view";
 import { filmStage } from "../play/stage";
 import { hasEnded, currentEstimates, simulationPhysics, type EstimationState } from "./estimation";
-import { sceneOfTask } from "./rounds";
+import { sceneOfTask, taskName } from "./rounds";
 import { rmsDistance, filmOfTrial, observations } from "./tracks";
 
 type Trial = Schema<"TrialOut">;
@@ -55,7 +55,7 @@ export function worstTrials(context: Context): WorstTrials {
     }
     compared.sort((a, b) => b.distance - a.distance);
     const subset = trials.length < of.interactions ? `the newest ${trials.length} of ${of.interactions} trials` : `${trials.length} trials`;
-    put(words, compared.length ? `${subset}: the median distance is ${short(compared[compared.length >> 1]!.distance, "m")} apart (RMS over the trial).` : "Nothing can be compared.");
+    put(words, compared.length ? `${subset}: in the median trial they are ${short(compared[compared.length >> 1]!.distance, "m")} apart (RMS over the trial).` : "Nothing can be compared.");
     const worst = compared.slice(0, TRIALS_SHOWN);
     const elements = await Promise.all(worst.map((one) => tile(one, physics, (onChosen) => void showTrial(onChosen, physics), context)));
     put(tiles, ...elements);
@@ -65,12 +65,12 @@ export function worstTrials(context: Context): WorstTrials {
   const showTrial = async ({ trial, distance: trialDistance }: ComparedTrial, physics: Physics): Promise<void> => {
     try {
       const task = await sceneOfTask(trial.task, context.signal);
-      const one = filmStage(task, `Trial ${trial.proposal} of ${trial.task}, real and simulated`, context);
+      const one = filmStage(task, `Trial ${trial.proposal} of ${taskName(trial.task)}, real and simulated`, context);
       one.place(trial.action, null);
       const every = Math.max(1, Math.round(SAMPLE_INTERVAL_S / (task.time_step ?? 1 / 240)));
       one.simulated(await simulate(trial, physics, every, context.signal), null);
       one.real(filmOfTrial(trial), null);
-      put(large, h("h3", {}, `Trial ${trial.proposal}, ${trial.task}: ${short(trialDistance, "m")} apart`), one.element);
+      put(large, h("h3", {}, `Trial ${trial.proposal}, ${taskName(trial.task)}: ${short(trialDistance, "m")} apart`), one.element);
       for (const b of tiles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.trial === String(trial.proposal)));
     } catch (e) {
       context.fail(e);
@@ -113,7 +113,8 @@ async function newestTrials(of: EstimationState, signal: AbortSignal): Promise<T
 }
 
 async function simulate(trial: Trial, physics: Physics, every: number | null, signal: AbortSignal): Promise<Film> {
-  const body = { task: trial.task, action: trial.action, ...physics, stop: false, ...(every ? { observe_every: every } : {}) };
+  const subject = trial.task.startsWith("custom:") ? { scene: (await sceneOfTask(trial.task, signal)) as unknown as Record<string, never> } : { task: trial.task };
+  const body = { ...subject, action: trial.action, ...physics, stop: false, ...(every ? { observe_every: every } : {}) };
   const answer = await ok(api.POST("/v1/simulate", { body, signal }));
   return { t: answer.t, bodies: answer.bodies, contacts: answer.contacts };
 }
@@ -128,7 +129,7 @@ async function tile(one: ComparedTrial, physics: Physics, onChosen: (one: Compar
     if (worst.bodies[name]) drawing.over.append(line(pathUntil(worst, name, Infinity), { class: "trail", stroke }));
     drawing.over.append(line(observations(trial, name).map((p) => p.at), { class: "trail real", stroke }));
   }
-  const button = h("button", { type: "button", class: "tile", "data-trial": trial.proposal, "aria-pressed": false }, h("span", { class: "thumb", "aria-hidden": "true" }, drawing.svg), h("span", {}, `${trial.proposal}: ${trial.task}, round ${trial.round + 1}`), h("strong", {}, `${short(one.distance, "m")} apart`));
+  const button = h("button", { type: "button", class: "tile", "data-trial": trial.proposal, "aria-pressed": false }, h("span", { class: "thumb", "aria-hidden": "true" }, drawing.svg), h("span", {}, `${trial.proposal}: ${taskName(trial.task)}, round ${trial.round + 1}`), h("strong", {}, `${short(one.distance, "m")} apart`));
   button.addEventListener("click", () => onChosen(one));
   return h("li", {}, button);
 }

@@ -1,7 +1,7 @@
 // Column names of common tracking programs, as the server recognises them (src/reality/columns.rs); used here only for the
 // preview.
 
-export type Quantity = "time" | "frame" | "x" | "y" | "trial" | "setting" | "body";
+export type Quantity = "time" | "frame" | "x" | "y" | "z" | "trial" | "setting" | "body";
 
 /** A unit; `size` in m or s, `null` if only the user knows it (pixels, frames). */
 export interface Unit {
@@ -46,6 +46,7 @@ const NAMES: Record<Quantity, string[]> = {
   frame: ["frame", "frames", "framenumber", "frameno", "framenr", "frameindex", "frameidx"],
   x: coordinate("x"),
   y: coordinate("y"),
+  z: ["z", "zpos", "posz", "positionz", "zposition", "zcoord", "zcoordinate"],
   trial: ["trial", "run", "launch", "throw", "shot", "take", "particle", "track", "trackid"],
   setting: ["setting"],
   body: ["body", "object", "marker"],
@@ -71,7 +72,7 @@ export function column(name: string): Column {
     const track = rest.slice(0, separatorAt).replace(/[/_ .-]+$/, "");
     // A single capital letter may be a name.
     const spelt = track.length === 1 ? track : normalise(track);
-    if ((tail === "x" || tail === "y") && unitFits(tail, unitOfName) && !NOT_TRACK_NAMES.has(spelt)) return columnOf(tail, unitOfName, track.trim());
+    if ((tail === "x" || tail === "y" || tail === "z") && unitFits(tail, unitOfName) && !NOT_TRACK_NAMES.has(spelt)) return columnOf(tail, unitOfName, track.trim());
   }
   return { name: written, quantity: null, unit: null, track: null };
 }
@@ -101,7 +102,7 @@ function lastSeparator(name: string): number {
 function unitFits(quantity: Quantity, of: Unit | null): boolean {
   if (!of) return true;
   const among = (units: Units): boolean => units.some(([u]) => u === of);
-  return quantity === "time" ? among(TIMES) : quantity === "x" || quantity === "y" ? among(LENGTHS) : false;
+  return quantity === "time" ? among(TIMES) : quantity === "x" || quantity === "y" || quantity === "z" ? among(LENGTHS) : false;
 }
 
 function quantityNamed(name: string): Quantity | null {

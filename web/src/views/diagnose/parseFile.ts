@@ -23,6 +23,8 @@ export interface ColumnSelection {
   clock: number;
   x: number;
   y: number;
+  /** The third coordinate of files with three. */
+  z: number;
   trial: number;
   body: number;
 }
@@ -67,7 +69,8 @@ export function defaultColumns(of: ParsedFile, track = "", pixels = false): Colu
   const unnamed = matching.some((p) => p.track === null) ? matching.filter((p) => p.track === null) : matching;
   const pair = unnamed.find((p) => p.px === pixels) ?? unnamed[0];
   const time = at("time");
-  return { clock: time >= 0 ? time : at("frame"), x: pair?.x ?? at("x"), y: pair?.y ?? at("y"), trial: at("trial"), body: at("body") };
+  const z = of.columns.findIndex((c) => c.quantity === "z" && c.track === (pair?.track ?? null));
+  return { clock: time >= 0 ? time : at("frame"), x: pair?.x ?? at("x"), y: pair?.y ?? at("y"), z, trial: at("trial"), body: at("body") };
 }
 
 /** Names of the tracks in a file, if there are several. */
@@ -87,6 +90,7 @@ export function textToSend(of: ParsedFile, selected: ColumnSelection, track = ""
     if (i === selected.clock) return c.quantity === "frame" || c.unit?.name === "frames" ? "frame" : `t${unit(i)}`;
     if (i === selected.x) return `x${unit(i)}`;
     if (i === selected.y) return `y${unit(i)}`;
+    if (i === selected.z) return `z${unit(i)}`;
     if (i === selected.trial) return "trial";
     if (i === selected.body) return "body";
     return c.quantity === "setting" ? "setting" : `unused${i}`;
@@ -135,6 +139,6 @@ function nameTracks(columns: Column[], linesAbove: readonly string[]): void {
   let name: string | null = null;
   columns.forEach((c, i) => {
     name = linesAbove[i]?.trim() || name;
-    if ((c.quantity === "x" || c.quantity === "y") && c.track === null) c.track = name;
+    if ((c.quantity === "x" || c.quantity === "y" || c.quantity === "z") && c.track === null) c.track = name;
   });
 }

@@ -1,6 +1,6 @@
 // Preview of tracks over their scene, with a summary: of files as they will be read, or of a job's trials.
 
-import { api, ok } from "../../api/client";
+import { api, ok, type Schema } from "../../api/client";
 import { h } from "../../dom";
 import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { short } from "../../parts/slider";
@@ -19,13 +19,13 @@ export function preview(scene: Scene, tracks: readonly Track[], note = ""): { el
 /** Summary of tracks, with the expected downward acceleration, m/s^2, if known. */
 export function facts(tracks: readonly Track[], gravity: number | null): HTMLElement {
   const summary = summarise(tracks);
-  const fall = summary.upwardAcceleration === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
+  const fall = summary.upwardAcceleration === null || gravity === null ? "" : `${summary.upwardAcceleration < 0 ? "falling" : "rising"} with ${short(Math.abs(summary.upwardAcceleration), "m/s²")}`;
   const bodies = new Set(tracks.map((t) => t.body)).size;
   const words = [
     `${summary.trials} ${summary.trials === 1 ? "trial" : "trials"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${summary.samples} samples`,
     `up to ${short(summary.seconds, "s")}`,
     `${short(summary.width, "m")} wide, ${short(summary.height, "m")} high`,
-    fall + (fall && gravity !== null ? ` (gravity: ${short(gravity)})` : ""),
+    fall && gravity !== null ? `${fall} (gravity: ${short(gravity)})` : "",
   ];
   return h("p", { class: "glance" }, words.filter(Boolean).join("; "), ".");
 }
@@ -33,25 +33,28 @@ export function facts(tracks: readonly Track[], gravity: number | null): HTMLEle
 /** Trials in one page. */
 const PAGE = 200;
 
-/** The trials of a diagnosis as the server read them. */
-export async function submittedTracks(id: string, signal: AbortSignal): Promise<HTMLElement[]> {
-  const tracks: Track[] = [];
+/** The trials of a diagnosis as the server read them, with their scene. */
+export async function submittedTrials(id: string, signal: AbortSignal): Promise<{ scene: Scene; trials: Schema<"DiagnosisTrialOut">[] }> {
+  const trials: Schema<"DiagnosisTrialOut">[] = [];
   for (let cursor: string | undefined; ; ) {
     const query = { limit: PAGE, ...(cursor ? { cursor } : {}) };
     const page = await ok(api.GET("/v1/diagnoses/{id}/trials", { params: { path: { id }, query }, signal }));
-    for (const { trial, t, bodies } of page.trials) {
-      for (const [body, { x, y }] of Object.entries(bodies)) tracks.push({ trial, body, ...observations(t, x, y) });
-    }
+    trials.push(...page.trials);
     await yieldToBrowser();
-    if (page.next) {
-      cursor = page.next;
-      continue;
-    }
-    const scene = page.scene as unknown as Scene;
-    const nonEmpty = tracks.filter((track) => track.t.length);
-    const [across, up] = scene.gravity ?? [0, -9.81];
-    return [preview(scene, nonEmpty).element, facts(nonEmpty, scene.bodies.length === 1 && across === 0 ? -up : null)];
+    if (!page.next) return { scene: page.scene as unknown as Scene, trials };
+    cursor = page.next;
   }
+}
+
+/** A picture of the trials of a diagnosis, with a summary. */
+export async function submittedTracks(id: string, signal: AbortSignal): Promise<HTMLElement[]> {
+  const { scene, trials } = await submittedTrials(id, signal);
+  const tracks: Track[] = trials.flatMap(({ trial, t, bodies }) => Object.entries(bodies).map(([body, { x, y }]) => ({ trial, body, ...observations(t, x, y) })));
+  const nonEmpty = tracks.filter((track) => track.t.length);
+  const [across, up] = scene.gravity ?? [0, -9.81];
+  // Each trial starts elsewhere: the bodies are not drawn.
+  const withoutBodies = { ...scene, bodies: scene.bodies.map((b) => ({ ...b, position: null })) };
+  return [preview(withoutBodies, nonEmpty).element, facts(nonEmpty, scene.bodies.length === 1 && across === 0 ? -up : null)];
 }
 
 /** Times and positions at which a body was observed. */

@@ -1,15 +1,19 @@
-// A diagnosis in progress: stage, progress, cancellation; then its result.
+// A diagnosis in progress: stages, elapsed time, cancellation; then its result.
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
 import { h, put } from "../../dom";
+import { duration } from "../../parts/time";
 import { type Context, link } from "../../view";
-import { duration } from "../jobs";
 import type { Report } from "./report";
 import { showResult } from "./result";
 import { submittedTracks } from "./preview";
+import { stageList } from "./stages";
 
 type Job = Schema<"JobOut">;
+
+/** Time between updates of the elapsed time, ms. */
+const TICK_MS = 1_000;
 
 /** Follows a job until it ends, then displays its result. */
 export async function progressView(place: HTMLElement, id: string, context: Context): Promise<void> {
@@ -26,21 +30,63 @@ export async function progressView(place: HTMLElement, id: string, context: Cont
       showResult(place, job.result as unknown as Report, job, context).catch(context.fail);
     } else view.show(job);
   };
-  const tracks = h("div", { class: "stack given" });
-  put(place, view.element, tracks);
+  const tracks = h("section", { class: "card stack submitted", "aria-label": "Trials" }, h("p", { class: "soft" }, "Reading the trials…"));
+  put(place, h("div", { class: "stack" }, view.element, tracks));
   show(first);
   if (done) return;
-  submittedTracks(id, signal).then((stagesSeen) => put(tracks, ...stagesSeen)).catch(context.fail);
+  submittedTracks(id, signal).then((content) => put(tracks, h("h2", {}, "The trials as the server reads them"), ...content)).catch(context.fail);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
+const TITLES: Record<string, string> = { queued: "The diagnosis is queued", failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" };
+
 /** Progress with the stages passed so far. */
 function progress(id: string, context: Context): { element: HTMLElement; show: (job: Job) => void } {
-  const state = h("span", { class: "state" });
-  const [bar, words, stages] = [h("progress", { "aria-label": `Progress of ${id}` }), h("span", { class: "soft" }), h("ol", { class: "stages" })];
-  const cancel = h("button", { type: "button" }, "Cancel");
+  const [title, state, elapsed] = [h("h2", {}), h("span", { class: "state" }), h("span", { class: "soft" })];
+  const bar = h("progress", { "aria-label": `Progress of ${id}` });
+  const queued = h("p", { class: "soft" }, "It starts when the jobs before it have ended. It continues if this page is closed.");
   const failure = h("p", { class: "why" });
-  const stagesSeen: string[] = [];
+  const stages = stageList(id, context);
+  const cancel = cancelButton(id, context);
+  const element = h(
+    "section",
+    { class: "card stack", "data-job": id, "aria-label": "Progress" },
+    h("div", { class: "row between" }, title, h("span", { class: "row" }, elapsed, state)),
+    bar,
+    queued,
+    stages.element,
+    failure,
+    h("div", { class: "row" }, cancel, h("a", { href: link("diagnose") }, "Back to the tracks"), h("a", { href: link("jobs", [id]) }, "The job")),
+  );
+  let [job, stage]: [Job | null, string] = [null, ""];
+  const tick = (): void => {
+    const start = stages.start();
+    put(elapsed, start === null || job?.state !== "running" ? null : `${duration(Date.now() / 1e3 - start)} elapsed`);
+  };
+  const timer = setInterval(tick, TICK_MS);
+  context.signal.addEventListener("abort", () => clearInterval(timer), { once: true });
+  const show = (now: Job): void => {
+    job = now;
+    const hasEnded = ["failed", "cancelled"].includes(now.state);
+    put(title, TITLES[now.state] ?? "The diagnosis is running");
+    put(state, now.state);
+    state.className = `state ${now.state}`;
+    bar.hidden = cancel.hidden = hasEnded;
+    queued.hidden = now.state !== "queued";
+    put(failure, now.state === "failed" ? (now.error?.detail ?? "It failed without a message.") : null);
+    const { done, total } = now.progress;
+    if (total > 1) [bar.max, bar.value] = [total, done];
+    else bar.removeAttribute("value");
+    if (now.progress.stage !== stage && !hasEnded) context.say(now.progress.stage);
+    stage = now.progress.stage;
+    stages.update(now);
+    tick();
+  };
+  return { element, show };
+}
+
+function cancelButton(id: string, context: Context): HTMLButtonElement {
+  const cancel = h("button", { type: "button" }, "Cancel");
   cancel.addEventListener("click", () => {
     cancel.disabled = true;
     put(cancel, "Cancelling…");
@@ -50,32 +96,5 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
       context.fail(e);
     });
   });
-  const element = h(
-    "section",
-    { class: "card stack", "data-job": id, "aria-label": "The diagnosis" },
-    h("div", { class: "row between" }, h("h2", {}, "The diagnosis is running"), state),
-    bar,
-    words,
-    stages,
-    failure,
-    h("div", { class: "row" }, cancel, h("a", { href: link("diagnose") }, "Back to the tracks"), h("a", { href: link("jobs", [id]) }, "The job")),
-  );
-  const show = (job: Job): void => {
-    const ended = ["failed", "cancelled"].includes(job.state);
-    put(state, job.state);
-    state.className = `state ${job.state}`;
-    bar.hidden = cancel.hidden = ended;
-    put(failure, job.state === "failed" ? (job.error?.detail ?? "It failed without a message.") : null);
-    const { stage, done, total, eta_s: left } = job.progress;
-    if (total > 0) [bar.max, bar.value] = [total, done];
-    else bar.removeAttribute("value");
-    put(words, ended ? null : `${total > 0 ? `${done} of ${total}` : ""}${typeof left === "number" ? `, ${duration(left)} left of this stage` : ""}`);
-    if (stage && stagesSeen.at(-1) !== stage) {
-      stagesSeen.push(stage);
-      put(stages, ...stagesSeen.map((text) => h("li", { "aria-current": text === stage && !ended ? "step" : null }, text)));
-      if (!ended) context.say(stage);
-    }
-    put(element.querySelector("h2")!, { failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" }[job.state] ?? (job.state === "queued" ? "The diagnosis is queued" : "The diagnosis is running"));
-  };
-  return { element, show };
+  return cancel;
 }

@@ -1,55 +1,24 @@
-// The displayed part of `iplw.diagnosis/2` (docs/reference/formats.md) and of its tables.
+// The part of `iplw.diagnosis/2` (docs/reference/formats.md) that the page uses beside the report.
 
 import { range } from "../../parts/plot";
 import type { Box, Point, Scene } from "../../scene/types";
 
-type Interval = [number | null, number | null];
-
 export interface Parameter {
   name: string;
   value: number;
-  ci95: Interval;
-  unit: string;
   setting: string | null;
-  spread: number | null;
 }
 
 export interface Effect {
   name: string;
-  acts_on: string;
-  probability: number;
   parameters: Parameter[];
 }
 
+/** Errors on held-out trials, m. */
 export interface HeldOut {
-  trials: number;
   base_rmse: number;
   extended_rmse: number;
   floor_rmse: number;
-  excess_removed: number | null;
-}
-
-export interface Score {
-  effects: string[];
-  score: number;
-  probability: number;
-  sizes: Effect[];
-}
-
-export interface Launch {
-  trial: number;
-  name: string;
-  setting: string | null;
-  sizes: { effect: string; parameter: string; value: number; sd: number; alone: [number, number] | null }[];
-}
-
-export interface Predictive {
-  launches: { trial: number; p: number; squares: number; count: number }[];
-  outside_share: number;
-  further_off: number[];
-  usual_ratio: number;
-  uniform_p: number;
-  sorted: [number, number, number][];
 }
 
 /** Rows of numbers with column names; `null` for missing values. */
@@ -58,48 +27,19 @@ export interface Table {
   rows: (number | null)[][];
 }
 
-export interface Evidence {
-  settings: string[];
-  points: Table;
-  pushes: Table;
-  bounces: Table;
-  autocorrelation: [number[], number[]];
-}
-
 export interface Report {
-  format: string;
   verdict: "none" | "named" | "ambiguous" | "unknown" | "insufficient_data";
-  reason: string;
   effects: Effect[];
-  rivals: string[][];
-  calibrated: { name: string; value: number; ci95: Interval; identifiable: boolean }[];
-  /** Misfit of the base model; missing with too little data. */
-  residual: { base_rmse: number; floor_rmse: number; lack_of_fit_p: number; whiteness_p: number; autocorrelation: number; noise_correlation: number } | null;
-  gain: { held_out: HeldOut | null; extrapolation: HeldOut | null };
-  unexplained_share: number | null;
-  residual_law: { formula: string; held_out: HeldOut; offered: boolean } | null;
-  next_experiment: { why: string; do: string; separates: string[] } | null;
-  scores: Score[];
-  remainder: { text: string } | null;
-  launches: Launch[];
-  unlike: { effect: string; parameter: string; spread: number; unit: string }[];
-  predictive: Predictive | null;
-  field: Table | null;
+  /** Misfit of the base model, m; missing with too little data. */
+  residual: { base_rmse: number; floor_rmse: number } | null;
+  gain: { held_out: HeldOut | null };
+  /** The trials by the names of the user. */
+  launches: { trial: number; name: string; setting: string | null }[];
+  predictive: { launches: { trial: number; p: number }[] } | null;
   paths: { columns: string[]; launches: { trial: number; rows: (number | null)[][] }[] };
-  odd_trials: { trial: number; name: string; p: number }[];
-  surface_offsets: { name: string; normal: [number, number]; offset: number; sd: number }[];
-  failed: string[][];
-  seed: number;
-  /** Fields of a job's result beyond those of the file; missing in results of earlier versions. */
+  /** Missing in results of earlier versions. */
   extended_scene?: Scene;
   next_scene?: Scene | null;
-  evidence?: Evidence;
-}
-
-/** The report in the form of the command line. */
-export function plainReport(report: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
-  const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = report;
-  return rest;
 }
 
 /** A column of a table; NaN for missing values. */
@@ -151,45 +91,6 @@ export function trajectoryOf(paths: Report["paths"], trial: number): TrialTrajec
 export function trialsByDistance(report: Report): number[] {
   const ordered = [...(report.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
   return ordered.length ? ordered : report.paths.launches.map((l) => l.trial);
-}
-
-/** The extended scene in the initial state of a trial, in its setting: position and velocity of the first body from the parabola
- * through the first three positions of the extended model. `null` if they are unknown. */
-export function sceneOfTrial(report: Report, trial: number): Scene | null {
-  const table = trajectoryOf(report.paths, trial);
-  const scene = report.extended_scene;
-  const body = scene?.bodies[0];
-  if (!table || !scene || !body) return null;
-  const last = table.starts[0] ?? table.t.length;
-  const [t, at] = [table.t.slice(0, Math.min(3, last)), table.after.at.slice(0, Math.min(3, last))];
-  if (t.length < 2 || !at.flat().every(Number.isFinite)) return null;
-  const velocityOf = (k: 0 | 1): number => {
-    const slope = (i: number): number => (at[i + 1]![k] - at[i]![k]) / (t[i + 1]! - t[i]!);
-    if (t.length < 3) return slope(0);
-    return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
-  };
-  const velocity: Point = [velocityOf(0), velocityOf(1)];
-  const launch = report.launches.find((l) => l.trial === trial);
-  const { settings, ...plain } = scene;
-  const override = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
-  const set = <T extends { name: string }>(object: T, by: Record<string, object> | undefined): T => ({ ...object, ...by?.[object.name] });
-  const [firstBody, ...others] = scene.bodies.map((b) => set(b, override?.bodies));
-  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...parametersOfSetting(report, e.name, launch?.setting ?? null) } }));
-  return {
-    ...plain,
-    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
-    bodies: [{ ...firstBody!, position: at[0]!, velocity }, ...others],
-    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, override?.statics)) } : {}),
-    ...(effects ? { effects } : {}),
-  };
-}
-
-type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
-
-/** Parameters of an effect that are specific to a setting. */
-function parametersOfSetting(report: Report, effect: string, setting: string | null): Record<string, number> {
-  const table = report.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
-  return Object.fromEntries(table.map((p) => [p.name, p.value]));
 }
 
 /** Visible box for a trial, m: the extent of all observations with a margin. */

@@ -2,8 +2,9 @@
 
 import type { Schema } from "../../api/client";
 import type { Scene } from "../../scene/types";
-import { type ColumnSelection, type ParsedFile, textToSend, defaultColumns } from "./parseFile";
+import { type ColumnSelection, type ParsedFile, textToSend, defaultColumns, number } from "./parseFile";
 import { unitsUnknown, readTracks, type ReadingOptions, NO_OPTIONS, typicalBounceHeight, type Track, upwardAcceleration } from "./tracks";
+import { fallAxis, hasThird } from "./verticalPlane";
 
 export interface Ball {
   /** m */
@@ -28,13 +29,17 @@ export interface Setup {
   scene: Scene | null;
   sceneName: string;
   job: string;
+  /** The trial that the preview highlights; empty: the first. */
+  trial: string;
+  /** Whether the files are the generated sample. */
+  isSample: boolean;
 }
 
 /** A table tennis ball; the radius matters only for bounces. */
 const BALL: Ball = { radius: 0.02, mass: null, gravity: 9.81, floor: null };
 
 export function emptySetup(): Setup {
-  return { files: [], columns: null, reading: { ...NO_OPTIONS }, subject: "ball", ball: { ...BALL }, scene: null, sceneName: "", job: "" };
+  return { files: [], columns: null, reading: { ...NO_OPTIONS }, subject: "ball", ball: { ...BALL }, scene: null, sceneName: "", job: "", trial: "", isSample: false };
 }
 
 /** The columns of a file. */
@@ -55,22 +60,40 @@ export function guessReading(setup: Setup): string[] {
   const first = setup.files[0];
   if (!first) return notes;
   const gravity = setup.ball.gravity;
-  const { pixels } = unitsNeeded(setup);
+  const [{ pixels }, isSpatial] = [unitsNeeded(setup), hasThreeCoordinates(setup)];
   let tracks = tracksOf(setup);
   const up = upwardAcceleration(tracks);
   // With unknown units only the direction is meaningful.
-  if (setup.reading.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
+  if (!isSpatial && setup.reading.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
     setup.reading.yDown = true;
     tracks = tracksOf(setup);
-    notes.push("y was set to point downwards: otherwise objects would fall upwards.");
+    notes.push("y was set to point downwards, as in images: otherwise the object would fall upwards.");
   }
   const scaled = !pixels || setup.reading.metresPerPixel !== null;
   const contactHeight = setup.subject === "ball" && scaled && setup.ball.floor === null ? typicalBounceHeight(tracks) : null;
   if (contactHeight !== null) {
     setup.ball.floor = Number((contactHeight - setup.ball.radius).toFixed(4));
-    notes.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (height of the centre minus radius).`);
+    notes.push(`A floor was set at y = ${setup.ball.floor} m, where the tracks bounce: the height of the centre there, minus the radius. Clear “There is a floor” if this is wrong.`);
   }
   return notes;
+}
+
+/** Whether the first file has three coordinates. */
+export function hasThreeCoordinates(setup: Setup): boolean {
+  const first = setup.files[0];
+  const z = first ? columnsOf(setup, first).z : -1;
+  return z >= 0 && hasThird([first!.rows.map((row) => number(row[z]))]);
+}
+
+/** The axis along which tracks of three coordinates fall, pointing up; `null` if it is not clear. */
+export function fallAxisOf(setup: Setup): string | null {
+  const first = setup.files[0];
+  if (!first) return null;
+  const selected = columnsOf(setup, first);
+  const options = { ...setup.reading, yDown: null };
+  const flat = readTracks(first, { ...selected, z: -1 }, options);
+  const third = readTracks(first, { ...selected, y: selected.z, z: -1 }, options);
+  return fallAxis(flat, flat.map(({ at }, i) => at.map(([x, y], k) => [x, y, third[i]?.at[k]?.[1] ?? Number.NaN])));
 }
 
 /** Size of a pixel, m, for which the tracks fall with the given gravity. */
@@ -98,7 +121,7 @@ export function unitsNeeded(setup: Setup): { pixels: boolean; pictures: boolean 
 /** A message about missing input; `null` if the request is complete. */
 export function missingInput(setup: Setup): string | null {
   if (setup.subject === "job") return setup.job ? null : "Choose an estimation.";
-  if (!setup.files.length) return "Drop or choose a CSV file with tracks.";
+  if (!setup.files.length) return "Load tracks first.";
   if (setup.subject !== "ball" && !setup.scene) return setup.subject === "task" ? "Choose a task." : "Open a scene file.";
   const { pixels, pictures } = unitsNeeded(setup);
   if (pixels && setup.reading.metresPerPixel === null) return "Coordinates are in pixels: enter metres per pixel.";
@@ -124,7 +147,8 @@ export function readingRequest(reading: ReadingOptions): Schema<"ReadingIn"> {
     ...(reading.metresPerPixel === null ? {} : { metres_per_pixel: reading.metresPerPixel }),
     ...(reading.lengthUnit && reading.lengthUnit !== "px" ? { length_unit: reading.lengthUnit } : {}),
     ...(reading.timeUnit && reading.timeUnit !== "frames" ? { time_unit: reading.timeUnit } : {}),
-    ...(reading.yDown === null ? {} : { y_down: reading.yDown }),
+    ...(reading.up ? { up: reading.up } : {}),
+    ...(reading.yDown === null || reading.up ? {} : { y_down: reading.yDown }),
     ...(reading.track ? { track: reading.track } : {}),
   };
 }

@@ -7,10 +7,11 @@ import type { Field } from "../../parts/field";
 import { yieldToBrowser } from "../../parts/yieldToBrowser";
 import { type Context, link } from "../../view";
 import { fileInput } from "./fileInput";
-import { readingForm } from "./readingForm";
-import { ruler } from "./ruler";
-import { requestBody, emptySetup, guessReading, missingInput, sceneOf, type Setup, tracksOf, unitsNeeded } from "./setup";
-import { facts, preview } from "./preview";
+import { parseFile, type ParsedFile } from "./parseFile";
+import { readingForm, type ReadingForm } from "./readingForm";
+import { SAMPLE_NAME, SAMPLE_NOTE, sampleCsv } from "./sample";
+import { requestBody, emptySetup, guessReading, missingInput, type Setup } from "./setup";
+import { setupPreview } from "./setupPreview";
 import { subjectForm } from "./subjectForm";
 
 /** The last setup, restored after a diagnosis was viewed. */
@@ -23,35 +24,41 @@ export function setupView(place: HTMLElement, outer: Context): void {
   const setup = lastSetup;
   let fields: Record<string, Field> = {};
   let notes: string[] = [];
+  let reading: ReadingForm | null = null;
   const [files, readings, subjects, previewPane, problemText] = [h("div", { class: "soft" }), h("div"), h("div"), h("div", { class: "stack" }), h("span", { class: "soft" })];
   const run = h("button", { type: "button", class: "main" }, "Run the diagnosis");
   const updatePreview = (): void => {
     const problem = missingInput(setup);
     run.disabled = problem !== null;
     put(problemText, problem);
-    put(previewPane, ...picture(setup, notes, form));
+    reading?.summarise();
+    put(previewPane, ...content(setup, notes, form, trySample, context));
   };
   const form = (): void => {
-    const [readingFields, subjectFields] = [readingForm(setup, updatePreview, form), subjectForm(setup, updatePreview, form, context)];
-    fields = { ...readingFields.fields, ...subjectFields.fields };
+    const isOpen = readings.querySelector("details")?.open ?? false;
+    reading = readingForm(setup, isOpen, updatePreview, form);
+    const subjectFields = subjectForm(setup, updatePreview, form, context);
+    fields = { ...reading.fields, ...subjectFields.fields };
     put(files, setup.files.length ? fileList(setup) : null);
-    refill(readings, readingFields.element);
+    refill(readings, reading.element);
     refill(subjects, subjectFields.element);
     readingCard.hidden = !setup.files.length || setup.subject === "job";
     tracksCard.hidden = setup.subject === "job";
     updatePreview();
   };
-  const zone = fileInput(place, async (cuts) => {
+  const load = async (loaded: ParsedFile[], isSample = false): Promise<void> => {
     context.fail(null);
-    const fresh = emptySetup();
+    const { reading } = emptySetup();
     // New files of the same subject: keep the subject, reset the reading options.
-    Object.assign(setup, { files: cuts, columns: null, said: fresh.reading, ...(setup.subject === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
+    Object.assign(setup, { files: loaded, columns: null, reading, trial: "", isSample, ...(setup.subject === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
     if (setup.subject === "job") setup.subject = "ball";
     notes = guessReading(setup);
     await yieldToBrowser();
-    context.say(`${cuts.length === 1 ? cuts[0]!.name : `${cuts.length} files`} read. ${notes.join(" ")}`);
+    context.say(`${loaded.length === 1 ? loaded[0]!.name : `${loaded.length} files`} loaded. ${notes.join(" ")}`);
     form();
-  }, context.fail, context.signal);
+  };
+  const trySample = (): void => void load([parseFile(SAMPLE_NAME, sampleCsv())], true).then(() => run.focus(), context.fail);
+  const zone = fileInput(place, load, context.fail, context.signal);
   run.addEventListener("click", () => {
     context.fail(null);
     for (const field of Object.values(fields)) field.refuse(null);
@@ -62,7 +69,7 @@ export function setupView(place: HTMLElement, outer: Context): void {
       .catch((e: unknown) => {
         put(run, "Run the diagnosis");
         run.disabled = false;
-        showFieldError(e, fields);
+        showFieldError(e, fields, readings);
         context.fail(e);
       });
   });
@@ -74,7 +81,7 @@ export function setupView(place: HTMLElement, outer: Context): void {
     setupView(place, outer);
   });
   const tracksCard = card("Tracks", zone, files);
-  const readingCard = card("Reading options", readings);
+  const readingCard = card("How the file is read", readings);
   const subjectCard = card("Recorded object", subjects);
   const controls = h("div", { class: "stack" }, tracksCard, subjectCard, readingCard);
   put(place, h("div", { class: "desk" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, restart, problemText), previewPane)));
@@ -94,10 +101,12 @@ function refill(place: HTMLElement, content: HTMLElement): void {
 }
 
 /** Displays an error at the field that it names. */
-function showFieldError(error: unknown, fields: Record<string, Field>): void {
+function showFieldError(error: unknown, fields: Record<string, Field>, readings: HTMLElement): void {
   if (!(error instanceof ProblemError) || !error.problem.field) return;
   const field = fields[error.problem.field];
   if (!field) return;
+  const details = readings.querySelector("details");
+  if (details?.contains(field.element)) details.open = true;
   field.refuse(error.problem.detail);
   field.input.focus();
 }
@@ -108,24 +117,30 @@ function fileList(setup: Setup): HTMLElement {
   return h("span", {}, h("strong", {}, names), others);
 }
 
-/** The tracks over the scene, with a summary. */
-function picture(setup: Setup, notes: readonly string[], restart: () => void): HTMLElement[] {
+/** The preview, or what to do first. */
+function content(setup: Setup, notes: readonly string[], rebuild: () => void, trySample: () => void, context: Context): HTMLElement[] {
   if (setup.subject === "job") return [h("p", { class: "soft" }, "The trials of the estimation are diagnosed with its scene.")];
-  const scene = sceneOf(setup);
-  const tracks = tracksOf(setup);
-  if (!tracks.length && !setup.scene) return [h("p", { class: "soft" }, setup.files.length ? NOTHING : START)];
-  const { pixels } = unitsNeeded(setup);
-  const note = pixels && setup.reading.metresPerPixel === null ? "A pixel is drawn as a metre until its size is entered." : "";
-  const previewPane = preview(scene, tracks, note);
-  const scale = setup.reading.metresPerPixel ?? 1;
-  const rulerElement = pixels && scale > 0 ? ruler(previewPane.picture, scale, (v) => ((setup.reading.metresPerPixel = v), restart())) : null;
-  return [
-    previewPane.element,
-    ...(rulerElement ? [rulerElement] : []),
-    tracks.length ? facts(tracks, setup.subject === "ball" ? setup.ball.gravity : null) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop a CSV file with tracks."),
-    ...notes.map((text) => h("p", { class: "told" }, text)),
-  ];
+  if (!setup.files.length && !setup.scene) return [emptyState(trySample)];
+  return setupPreview(setup, notes, rebuild, context.say);
 }
 
-const START = "Preview of the tracks over the scene. Nothing is sent before you run the diagnosis.";
-const NOTHING = "The selected columns contain no numbers. Choose others, or run the diagnosis to see the server's message.";
+/** What a diagnosis does, and a sample to try it with. */
+function emptyState(trySample: () => void): HTMLElement {
+  const button = h("button", { type: "button", class: "main" }, "Try with a sample CSV");
+  button.addEventListener("click", trySample);
+  return h(
+    "section",
+    { class: "card stack empty-state", "aria-label": "How it works" },
+    h("h2", {}, "From tracks to the missing law"),
+    h(
+      "ol",
+      {},
+      h("li", {}, "Load the positions of a thrown, falling or bouncing object, as tracked in a video: one row for each frame."),
+      h("li", {}, "Check columns, units and floor in the picture."),
+      h("li", {}, "Run the diagnosis. It names the effects that the simulation lacks, with their law, size and uncertainty; then play, calibrate and plan with them."),
+    ),
+    h("pre", { tabindex: 0, "aria-label": "First lines of such a file" }, `${sampleCsv().split("\n", 4).join("\n")}\n…`),
+    h("div", { class: "row" }, button, h("span", { class: "soft" }, SAMPLE_NOTE)),
+    h("p", { class: "soft" }, "Nothing is sent before you run the diagnosis."),
+  );
+}

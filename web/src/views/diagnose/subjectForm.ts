@@ -30,15 +30,14 @@ export function subjectForm(setup: Setup, onChange: () => void, rebuild: () => v
 
 function ball(setup: Setup, onChange: () => void, rebuild: () => void): SubjectForm {
   const { ball } = setup;
-  const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), onChange()));
-  const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), onChange()));
-  const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), onChange()));
-  const floor = numeric("Floor height", "m", ball.floor, (v) => ((ball.floor = v), onChange()));
+  const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), onChange()), "Matters only for bounces.");
+  const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), onChange()), "Leave it empty if unknown.");
+  const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), onChange()), "Downwards; 0 for a view from above.");
+  const floor = numeric("Floor height", "m", ball.floor, (v) => ((ball.floor = v), onChange()), "Of its surface, in the coordinates of the tracks.");
   const hasFloor = h("input", { type: "checkbox", checked: ball.floor !== null });
   hasFloor.addEventListener("change", () => ((ball.floor = hasFloor.checked ? 0 : null), rebuild()));
   const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, hasFloor, "There is a floor"), ball.floor === null ? null : floor.element);
-  const note = h("p", { class: "soft" }, "The radius matters only for bounces; the mass is optional.");
-  const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground, note);
+  const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground);
   return { element, fields: { "ball.radius": radius, "ball.mass": mass, "ball.gravity": gravity, ...(ball.floor === null ? {} : { "ball.floor": floor }) } };
 }
 
@@ -84,8 +83,8 @@ function jobs(setup: Setup, onChange: () => void, context: Context): HTMLElement
   const place = h("div", { class: "row" });
   const fill = async (): Promise<void> => {
     const choices = await estimations(context.signal);
-    if (!choices.length) return void put(place, h("p", { class: "soft" }, "There is no estimation with trials."));
-    const field = choice("Estimation", [["", "choose"], ...choices.map((job) => [job.id, jobLabel(job)] as const)], setup.job, (v) => ((setup.job = v), onChange()));
+    if (!choices.length) return void put(place, h("p", { class: "soft" }, "There is no estimation with trials yet. Start one under Calibrate."));
+    const field = choice("Estimation", [["", "choose"], ...choices.map((job) => [job.id, jobLabel(job)] as const)], setup.job, (v) => ((setup.job = v), onChange()), "Its trials are compared with its scene.");
     put(place, field.element);
   };
   fill().catch(context.fail);

@@ -2,6 +2,7 @@
 
 import type { Point } from "../../scene/types";
 import { LENGTHS, TIMES, unitNamed } from "./columns";
+import { inVerticalPlanes } from "./verticalPlane";
 import { type ColumnSelection, type ParsedFile, number } from "./parseFile";
 
 /** Options that a file does not contain; empty if not given. */
@@ -11,6 +12,8 @@ export interface ReadingOptions {
   lengthUnit: string;
   timeUnit: string;
   yDown: boolean | null;
+  /** The axis that points up in files of three coordinates: `z`, `-y`; empty: the one along which the tracks fall. */
+  up: string;
   track: string;
 }
 
@@ -24,12 +27,13 @@ export interface Track {
   at: Point[];
 }
 
-export const NO_OPTIONS: ReadingOptions = { fps: null, metresPerPixel: null, lengthUnit: "", timeUnit: "", yDown: null, track: "" };
+export const NO_OPTIONS: ReadingOptions = { fps: null, metresPerPixel: null, lengthUnit: "", timeUnit: "", yDown: null, up: "", track: "" };
 
 /** The tracks of a file. */
 export function readTracks(of: ParsedFile, columns: ColumnSelection, options: ReadingOptions): Track[] {
   const [scale, tick, up] = [metresPerUnit(of, columns, options), secondsPerUnit(of, columns, options), options.yDown ? -1 : 1];
-  const heights = new Map<string, Track>();
+  const byName = new Map<string, Track & { index: number }>();
+  const third: number[][] = [];
   const stem = of.name.replace(/\.[^.]*$/, "");
   for (const row of of.rows) {
     const [t, x, y] = [number(row[columns.clock]), number(row[columns.x]), number(row[columns.y])];
@@ -37,12 +41,16 @@ export function readTracks(of: ParsedFile, columns: ColumnSelection, options: Re
     if (![t, x, y].every(Number.isFinite) || (options.track && columns.body >= 0 && body.toLowerCase() !== options.track.toLowerCase())) continue;
     const trial = columns.trial >= 0 ? (row[columns.trial]?.trim() ?? "") : stem;
     const key = `${trial}\n${body}`;
-    let track = heights.get(key);
-    if (!track) heights.set(key, (track = { trial, body, t: [], at: [] }));
+    let track = byName.get(key);
+    if (!track) {
+      byName.set(key, (track = { trial, body, t: [], at: [], index: third.length }));
+      third.push([]);
+    }
     track.t.push(t * tick);
     track.at.push([x * scale, up * y * scale]);
+    third[track.index]!.push(columns.z < 0 ? 0 : number(row[columns.z]) * scale);
   }
-  return [...heights.values()];
+  return inVerticalPlanes([...byName.values()], third, options.up);
 }
 
 /** Whether coordinates are in pixels and times in frames, so that their size is required. */

@@ -32,8 +32,24 @@ class AsyncJob(AsyncResource):
 
     @property
     def kind(self) -> str:
-        """Kind of work: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`, `posterior`, `likelihood`, `plan`."""
+        """Kind of work: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`, `posterior`, `likelihood`, `plan`, `design`."""
         return str(self.data["kind"])
+
+    @property
+    def name(self) -> str:
+        """Name set by `rename`; empty if there is none."""
+        return str(self.data.get("name", ""))
+
+    @property
+    def note(self) -> str:
+        """Note set by `annotate`; empty if there is none."""
+        return str(self.data.get("note", ""))
+
+    @property
+    def summary(self) -> str | None:
+        """The result in a phrase, as of the last update; None if there is none."""
+        summary = self.data.get("summary")
+        return None if summary is None else str(summary)
 
     @property
     def state(self) -> str:
@@ -116,6 +132,14 @@ class AsyncJob(AsyncResource):
             if last_id == previous_id:
                 await self._connection.sleep(pause)
                 pause = min(2 * pause, MAX_POLL_INTERVAL_S)
+
+    async def rename(self, name: str) -> None:
+        """Sets the job's name: a line of at most 200 characters, empty for none. The job may have ended."""
+        self.data = await self._connection.do(requests.annotate(self.id, name=name))
+
+    async def annotate(self, note: str) -> None:
+        """Sets the job's note: at most 10,000 characters, empty for none. The job may have ended."""
+        self.data = await self._connection.do(requests.annotate(self.id, note=note))
 
     async def cancel(self) -> None:
         """Cancels the job; no effect on one that has ended."""

@@ -14,7 +14,7 @@ TOKENS: dict[str, tuple[str, str]] = {
     "measured": ("#1a1f26", "#eef2f6"),
     "simulated": ("#b4500f", "#f5a35c"),
     "extended": ("#0b5cad", "#7db7f5"),
-    "truth": ("#8a3ea8", "#d79bf0"),
+    "truth": ("#7a00f5", "#a347ff"),
     "good": ("#1b6e33", "#85d79b"),
     "good-back": ("#e6f4ea", "#183323"),
     "warn": ("#6b4a00", "#f2cf7a"),

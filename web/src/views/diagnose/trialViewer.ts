@@ -1,49 +1,69 @@
-// Trials before and after the extension: all of them over the scene, one selected with predictions.
+// The trials one by one: a selected one among all over the scene, with the predictions of both models and its residuals.
 
 import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
 import { plot, type PlotSeries } from "../../parts/plot";
 import type { Point, Scene } from "../../scene/types";
 import { overlay, dotElements, bandElement, pathElements } from "./overlay";
-import { openInPlay } from "./openInPlay";
-import { trialsByDistance, sceneOfTrial, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
+import type { Context } from "../../view";
+import { playTrial } from "./extendedWorld";
+import { trialName } from "./trialName";
+import { trialsByDistance, type ModelPrediction, type Report, trajectoryOf, type TrialTrajectory } from "./report";
+import { sceneOfTrial } from "./sceneOfTrial";
 
 /** Half-width of a band in standard deviations. */
 const BAND_SDS = 2;
 
-/** Selection of a trial, its trajectory over the scene among all others, and its residuals. */
-export function trajectories(report: Report, scene: Scene, signal: AbortSignal): HTMLElement[] {
+/** A folded section: selection of a trial, its trajectory over the scene among all others, and its residuals. */
+export function trialViewer(report: Report, context: Context): HTMLElement | null {
   const order = trialsByDistance(report).filter((trial) => trajectoryOf(report.paths, trial) !== null);
-  if (!order.length) return [];
-  const medianTrial = order[order.length >> 1]!;
-  const place = h("div", { class: "stack" });
-  const names = new Map(report.launches.map((l) => [l.trial, l.name]));
-  const trialName = (trial: number): string => (names.get(trial) === String(trial) ? `trial ${trial}` : `${trial}: ${names.get(trial) ?? "trial"}`);
-  const mark = (trial: number): string => (report.predictive && trial === order[0] ? " (largest deviation)" : report.predictive && trial === medianTrial ? " (median deviation)" : "");
-  const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${trialName(t)}${mark(t)}`] as const);
-  const show = (value: string): void => put(place, ...trialView(report, scene, Number(value), signal)) && undefined;
-  const field = choice("Trial", options, String(medianTrial), show);
-  const step = (text: string, by: number): HTMLElement => {
-    const button = h("button", { type: "button" }, text);
-    button.addEventListener("click", () => {
-      const at = options.findIndex(([v]) => v === field.input.value);
-      field.input.value = options[(at + by + options.length) % options.length]![0];
-      show(field.input.value);
-    });
-    return button;
-  };
-  const furthest = h("button", { type: "button" }, "Largest deviation");
-  furthest.addEventListener("click", () => show((field.input.value = String(order[0]))));
-  const playButton = h("button", { type: "button" }, "Play this trial");
-  playButton.addEventListener("click", () => {
-    const startScene = sceneOfTrial(report, Number(field.input.value));
-    if (startScene) openInPlay(startScene, report);
+  if (!order.length) return null;
+  const element = h("details", { class: "card trial-viewer" }, h("summary", {}, h("h2", {}, "Look at each trial"), h("span", { class: "soft" }, `${order.length} trials, measured and simulated`)));
+  let isEmpty = true;
+  element.addEventListener("toggle", () => {
+    if (!element.open || !isEmpty) return;
+    isEmpty = false;
+    element.append(viewer(report, order, context));
   });
-  show(String(medianTrial));
-  return [h("div", { class: "row" }, field.element, step("Previous", -1), step("Next", 1), report.predictive ? furthest : null, report.extended_scene ? playButton : null), place];
+  return element;
 }
 
-function trialView(report: Report, scene: Scene, trial: number, signal: AbortSignal): HTMLElement[] {
+/** `order`: trials by their deviation, largest first. */
+function viewer(report: Report, order: readonly number[], context: Context): HTMLElement {
+  const scene = report.extended_scene ?? { format: "iplw.scene/1" as const, bodies: [] };
+  const medianTrial = order[order.length >> 1]!;
+  const place = h("div", { class: "stack" });
+  const names = new Map(report.launches.map((l) => [l.trial, trialName(l.name)]));
+  const mark = (trial: number): string => (report.predictive && trial === order[0] ? " (largest deviation)" : report.predictive && trial === medianTrial ? " (median deviation)" : "");
+  const nameOf = (trial: number): string => names.get(trial) ?? "unnamed";
+  const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${nameOf(t)}${mark(t)}`] as const);
+  const show = (value: string): void => put(place, ...trialView(report, scene, Number(value), nameOf(Number(value)), context.signal)) && undefined;
+  const field = choice("Trial", options, String(medianTrial), show);
+  const select = (value: string): void => {
+    field.input.value = value;
+    show(value);
+    context.say(nameOf(Number(value)));
+  };
+  const button = (text: string, act: () => void): HTMLElement => {
+    const element = h("button", { type: "button" }, text);
+    element.addEventListener("click", act);
+    return element;
+  };
+  const step = (by: number) => (): void => {
+    const at = options.findIndex(([v]) => v === field.input.value);
+    select(options[(at + by + options.length) % options.length]![0]);
+  };
+  show(String(medianTrial));
+  const tools = [
+    button("Previous trial", step(-1)),
+    button("Next trial", step(1)),
+    report.predictive ? button("Largest deviation", () => select(String(order[0]))) : null,
+    report.extended_scene ? button("Play this trial", () => playTrial(report, Number(field.input.value))) : null,
+  ];
+  return h("div", { class: "stack" }, h("p", { class: "soft" }, "Each trial starts where it was measured to start. Compare its observations with both simulations."), h("div", { class: "row trial-tools" }, field.element, ...tools), place);
+}
+
+function trialView(report: Report, scene: Scene, trial: number, name: string, signal: AbortSignal): HTMLElement[] {
   const trajectory = trajectoryOf(report.paths, trial);
   if (!trajectory) return [];
   const others = report.paths.launches.map((l) => trajectoryOf(report.paths, l.trial)).filter((w) => w !== null);
@@ -54,20 +74,20 @@ function trialView(report: Report, scene: Scene, trial: number, signal: AbortSig
     ...bandElements(trajectory, trajectory.after, "band after"),
     pathElements(splitAt(trajectory.before.at, trajectory.starts), "track before"),
     pathElements(splitAt(trajectory.after.at, trajectory.starts), "track after"),
-    dotElements(trajectory.observed, "seen-spot"),
+    dotElements(trajectory.observed, "observation"),
   ];
-  const label = `Trial ${trial}: measured, base model and extended model`;
+  const label = `${name}: measured, base model and extended model`;
   const key = h(
     "div",
     { class: "row keys" },
-    h("span", { class: "key swatch seen" }, "measured"),
+    h("span", { class: "key swatch observed" }, "measured"),
     h("span", { class: "key swatch before" }, "base model"),
     h("span", { class: "key swatch after" }, "extended model"),
     h("span", { class: "key swatch other" }, "other trials"),
   );
   const all = [...trajectory.observed, ...trajectory.before.at, ...trajectory.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
   const note = `Bands: ${BAND_SDS} predictive standard deviations of an observation.`;
-  return [key, overlay(scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, 0, signal), residual(trajectory, 1, signal))];
+  return [key, overlay(sceneOfTrial(report, trial) ?? scene, label, all, elements, note).element, h("div", { class: "pair" }, residual(trajectory, name, 0, signal), residual(trajectory, name, 1, signal))];
 }
 
 /** A band across a trajectory: predictive standard deviation along the normal. */
@@ -85,7 +105,7 @@ function bandElements(trajectory: TrialTrajectory, model: ModelPrediction, look:
   return lows.map((piece, k) => (piece.concat(highs[k]!).flat().every(Number.isFinite) ? bandElement(piece, highs[k]!, look) : null));
 }
 
-function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal): HTMLElement {
+function residual(trajectory: TrialTrajectory, trial: string, axis: 0 | 1, signal: AbortSignal): HTMLElement {
   const letter = "xy"[axis]!;
   const of = (name: string, colour: string, model: ModelPrediction, dashed: boolean): PlotSeries[] => {
     const bandWidths = model.sd.map((s) => BAND_SDS * s[axis]);
@@ -95,7 +115,7 @@ function residual(trajectory: TrialTrajectory, axis: 0 | 1, signal: AbortSignal)
     ];
   };
   const series = [...of("base model", "--simulated", trajectory.before, true), ...of("extended model", "--extended", trajectory.after, false)];
-  return plot({ title: `Trial ${trajectory.trial}: residual in ${letter}`, x: "t, s", y: `measured - simulated ${letter}, m` }, series, signal);
+  return plot({ title: `${trial}: residual in ${letter}`, x: "t, s", y: `measured - simulated ${letter}, m` }, series, signal);
 }
 
 /** A list split at indices. */
