@@ -57,7 +57,7 @@ function report(job: Job, { substitutes }: ResultPage, context: Context): HTMLEl
   const place = h("div", { class: "stack" });
   reportView(job.id, context.signal)
     .then((view) => {
-      view.shadowRoot?.querySelector("main > header")?.remove();
+      fitIntoCard(view);
       put(place, h("section", { class: "card", "aria-label": "Report" }, view));
     })
     .catch((e: unknown) => {
@@ -66,4 +66,12 @@ function report(job: Job, { substitutes }: ResultPage, context: Context): HTMLEl
       if (!(e instanceof ProblemError && e.problem.status === 404)) context.fail(e);
     });
   return place;
+}
+
+/** Removes the heading of a report and the margins of its page. */
+function fitIntoCard({ shadowRoot }: HTMLElement): void {
+  shadowRoot?.querySelector("main > header")?.remove();
+  const sheet = new CSSStyleSheet();
+  sheet.replaceSync("main.report { max-width: none; padding: 0; }");
+  shadowRoot?.adoptedStyleSheets.push(sheet);
 }
