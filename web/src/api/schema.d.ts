@@ -312,7 +312,8 @@ export interface paths {
         delete: operations["delete_job"];
         options?: never;
         head?: never;
-        patch?: never;
+        /** Sets the name and the note of a job, in any state; fields that are absent stay as they are. */
+        patch: operations["update_job"];
         trace?: never;
     };
     "/v1/jobs/{id}/events": {
@@ -1658,18 +1659,48 @@ export interface components {
         JobOut: {
             /** @description The request, without large data. */
             config: Record<string, never>;
+            /**
+             * Format: double
+             * @description Time of the request, UNIX seconds; `null` if unknown, for jobs of earlier versions.
+             */
+            created?: number | null;
+            /**
+             * Format: double
+             * @description Time of its end, UNIX seconds; `null` if it has not ended.
+             */
+            ended?: number | null;
             error?: components["schemas"]["Problem"] | null;
             id: string;
-            /** @description `iplw`, `diagnose`, `surface`, `train`, `learn` or `evaluate`. */
+            /** @description `iplw`, `diagnose`, `posterior`, `likelihood`, `plan`, `design`, `surface`, `train`, `learn` or `evaluate`. */
             kind: string;
+            /** @description Name of its owner's choice; empty if it has none. */
+            name: string;
+            /** @description Note of its owner; empty if there is none. */
+            note: string;
+            /** @description Name of the token that queued it; `null` without a token. */
+            owner?: string | null;
             progress: components["schemas"]["ProgressOut"];
             /** @description Result, if succeeded. */
             result?: Record<string, never> | null;
             seed: number;
+            /**
+             * Format: double
+             * @description Time of its first start, UNIX seconds; `null` if it has not run.
+             */
+            started?: number | null;
             /** @description `queued`, `running`, `waiting` (for submitted trials), `succeeded`, `failed` or `cancelled`. */
             state: string;
+            /** @description The result in a phrase, also where the result is omitted; `null` if there is none. */
+            summary?: string | null;
             /** @description Version of the program that ran it. */
             version: string;
+        };
+        /** @description Changes of a job; absent fields stay as they are. */
+        JobPatch: {
+            /** @description One line without control characters; empty for none. */
+            name?: string | null;
+            /** @description Any number of lines; empty for none. */
+            note?: string | null;
         };
         /** @description All jobs. */
         JobsPage: {
@@ -4693,6 +4724,128 @@ export interface operations {
             };
             /** @description Wrong `Host`: the server does not have this name */
             421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage failed or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    update_job: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                /**
+                 * @example {
+                 *       "name": "Bounces on felt",
+                 *       "note": "Camera 2, lights on."
+                 *     }
+                 */
+                "application/json": components["schemas"]["JobPatch"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token lacks the scope act, or the origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body arrived too slowly */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A browser sent a body of an undeclared media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Wrong `Host`: the server does not have this name */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -150,6 +150,14 @@ OPERATIONS: dict[str, Operation] = {
         arguments=("id",),
         response_types=("application/json",),
     ),
+    "update_job": Operation(
+        method="PATCH",
+        path="/v1/jobs/{id}",
+        status=200,
+        arguments=("id", "name", "note"),
+        request_types=("application/json",),
+        response_types=("application/json",),
+    ),
     "get_job_log": Operation(
         method="GET",
         path="/v1/jobs/{id}/log",
