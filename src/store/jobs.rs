@@ -231,7 +231,7 @@ impl Store {
 }
 
 /// Jobs with their metadata, intact if both are.
-const ROWS: &str = "(SELECT * FROM whole_job) LEFT JOIN \
+const ROWS: &str = "whole_job LEFT JOIN \
     (SELECT job, name, note, created, started, ended AS metadata_ended, summary, whole AS metadata_whole, \
      record AS metadata_record FROM whole_metadata) ON job = number";
 
@@ -239,7 +239,7 @@ const ROWS: &str = "(SELECT * FROM whole_job) LEFT JOIN \
 fn columns() -> String {
     format!(
         "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, {}, \
-         whole AND coalesce(metadata_whole, TRUE) AS whole, iif(whole, coalesce(metadata_record, record), record) AS record",
+         whole AND coalesce(metadata_whole, TRUE) AS whole, iif(coalesce(metadata_whole, TRUE), record, metadata_record) AS record",
         job_metadata::COLUMNS
     )
 }

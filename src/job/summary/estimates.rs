@@ -138,7 +138,7 @@ mod tests {
         ]});
         let named = |effects: &[&Value]| diagnosis(&json!({"verdict": "named", "effects": effects}));
         assert_eq!(named(&[&drag]).unwrap(), "lacks quadratic drag, k = 0.20 1/m");
-        let both = "lacks quadratic drag, k = 0.20 1/m; wind, vx = 1.0 m/s (fan on), share = 0.50";
+        let both = "lacks quadratic drag, k = 0.20 1/m; wind, vx = 1.04 m/s (fan on), share = 0.50";
         assert_eq!(named(&[&drag, &wind]).unwrap(), both);
         assert_eq!(named(&[&json!({"name": "lag"})]).unwrap(), "lacks lag");
         assert_eq!(named(&[]), None);

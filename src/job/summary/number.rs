@@ -14,7 +14,8 @@ const MAX_DECIMALS: i32 = 6;
 
 /// Decimals that show a deviation of this size with one significant digit.
 pub fn decimals_of(deviation: f64) -> Option<usize> {
-    let wanted = (-deviation.log10()).ceil();
+    // 0.0095 is rounded to 0.01.
+    let wanted = (-(deviation / 0.95).log10()).ceil();
     (deviation > 0.0 && wanted.is_finite()).then_some(wanted.clamp(0.0, f64::from(MAX_DECIMALS)) as usize)
 }
 
@@ -79,6 +80,7 @@ mod tests {
         assert_eq!(shown(0.8, 0.5, 1.0), "0.8 (0.5 to 1.0)");
         assert_eq!(shown(1234.0, 1100.0, 1400.0), "1234 (1100 to 1400)");
         assert_eq!(shown(-0.0004, -0.02, 0.02), "0.00 (-0.02 to 0.02)");
+        assert_eq!(shown(0.8, 0.79, 0.83), "0.80 (0.79 to 0.83)");
         assert_eq!(shown(0.5, 0.5, 0.5), "0.50 (0.50 to 0.50)");
         assert_eq!(with_interval(0.0, [None, Some(0.04)]), "0.00 (below 0.04)");
         assert_eq!(with_interval(0.9, [Some(0.8), None]), "0.90 (above 0.80)");

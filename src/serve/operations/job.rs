@@ -39,7 +39,7 @@ pub fn operations() -> Vec<Operation> {
             .handler(|app, PathId(id)| Ok(JobOut::from(app.jobs().get(&id)?))),
         patch("update_job", "/v1/jobs/{id}", "jobs", ACT)
             .about("Sets the name and the note of a job, in any state; fields that are absent stay as they are.")
-            .errors(&[(404, "")])
+            .errors(&[(404, ""), (429, "Too many bytes are stored for the token")])
             .handler(update),
         delete("delete_job", "/v1/jobs/{id}", "jobs", ACT)
             .about("Cancels a job that has not ended (202), or deletes one that has (204).")
