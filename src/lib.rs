@@ -52,6 +52,7 @@ pub mod json;
 mod line_fit;
 mod names;
 pub mod neural;
+pub mod number;
 pub mod picture;
 pub mod plan;
 pub mod policy;

@@ -8,6 +8,7 @@ use super::gain::InformationGain;
 use super::posterior_sd::ExpectedSd;
 use super::question::Question;
 use super::search::{Design, Experiment};
+use crate::number::significant;
 
 /// The format's name.
 pub const DESIGN_FORMAT: &str = "iplw.design/1";
@@ -118,7 +119,9 @@ fn reason(e: &Experiment, design: &Design, config: &DesignConfig) -> String {
             let mut most: Vec<&ExpectedSd> =
                 e.expected.iter().filter(|n| n.after < (1.0 - MIN_SD_REDUCTION) * n.before).collect();
             most.sort_by(|a, b| (a.after / a.before).total_cmp(&(b.after / b.before)));
-            let each = most.iter().map(|n| format!("{} from {:.2e} to {:.2e}", n.name, n.before, n.after));
+            let each = most.iter().map(|n| {
+                format!("{} from {} to {}", n.name, significant(n.before, 2), significant(n.after, 2))
+            });
             match most.is_empty() {
                 true => "narrows no parameter linearly, but discriminates between worlds".to_string(),
                 false => format!("narrows {}", each.collect::<Vec<_>>().join(", ")),

@@ -8,8 +8,9 @@ use super::ranked::Plan;
 use crate::task::Task;
 use crate::task::action::ActionQuantity;
 
-/// Maximal number of cells along an axis: about ten of 10,000 actions in a cell.
+/// Maximal number of cells along an axis, and mean number of actions in a cell: 32 cells for 10,000 actions.
 const MAX_CELLS_PER_AXIS: usize = 32;
+const ACTIONS_PER_CELL: f64 = 9.7;
 
 /// Mean success rate of the actions in each cell of two components, over all others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,8 +71,9 @@ fn map(plan: &Plan, axes: [usize; 2], counts: [usize; 2]) -> ActionMap {
     ActionMap { axes, means: sums.into_iter().map(|row| row.into_iter().map(mean).collect()).collect() }
 }
 
-/// Cells along a component: one for each of its values, up to [`MAX_CELLS_PER_AXIS`].
+/// Cells along a component: one for each of its values, but no more than the number of actions fills.
 fn cells_along(plan: &Plan, axis: usize) -> usize {
     let all: BTreeSet<u64> = plan.ranked.iter().map(|r| r.action.values()[axis].to_bits()).collect();
-    all.len().clamp(1, MAX_CELLS_PER_AXIS)
+    let filled = (plan.ranked.len() as f64 / ACTIONS_PER_CELL).sqrt() as usize;
+    all.len().clamp(1, filled.clamp(1, MAX_CELLS_PER_AXIS))
 }

@@ -1,8 +1,8 @@
 //! The report of a design: the recommended experiments, their information and the reason for each.
 
-use super::number::{percent, significant};
 use super::words::{plain_names, sentence, set_name};
 use crate::design::{DesignDocument, ExperimentRow};
+use crate::number::{percent, significant};
 use crate::picture::HtmlReport;
 use crate::picture::report::{Block, Section, ShareBar};
 

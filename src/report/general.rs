@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::number::digits;
 use super::words::sentence;
+use crate::number::digits;
 use crate::picture::{Block, HtmlReport, Section};
 
 /// Maximum number of rows of a table, and maximum length of a text in it.

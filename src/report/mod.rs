@@ -3,14 +3,16 @@
 //! | file | contents |
 //! |---|---|
 //! | `diagnosis` | verdict, law, overlay, error and next step, then the evidence |
-//! | `posterior`, `plan`, `design`, `surface` | the results of these kinds of jobs |
+//! | `estimation`, `posterior`, `plan`, `design`, `surface` | the results of these kinds of jobs |
+//! | `learning` | trainings and evaluations |
 //! | `general` | any other result as a table |
-//! | `number`, `words` | numbers, names and sentences for readers |
+//! | `words` | names and sentences for readers |
 
 pub mod design;
 pub mod diagnosis;
+pub mod estimation;
 mod general;
-pub mod number;
+mod learning;
 pub mod plan;
 pub mod posterior;
 pub mod surface;
@@ -49,6 +51,9 @@ pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
         ("surface", Some(surface)) => {
             surface::report(surface, &parsed::<Vec<_>>(&job.result["sensitivities"])?)?
         }
+        ("iplw", _) => estimation::report(&parsed(job.result)?),
+        ("train" | "learn", _) => learning::training(job.summary, job.result),
+        ("evaluate", _) => learning::evaluation(job.summary, job.result),
         (kind, _) => general::report(kind, job.summary, job.result),
     };
     report.sections.push(general::settings(job.config));

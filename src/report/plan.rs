@@ -1,6 +1,6 @@
 //! The report of a plan: the best actions with their probabilities over the map of the action space.
 
-use super::number::{percent, significant};
+use crate::number::{percent, significant};
 use crate::picture::report::{Block, Section, ShareBar};
 use crate::picture::{HtmlReport, plan_svgs};
 use crate::plan::{ActionRow, PlanDocument};
@@ -8,6 +8,8 @@ use crate::task::Task;
 
 /// Number of actions on the first screen.
 const TOP_ACTIONS: usize = 10;
+/// Number of actions in the first table.
+const MAX_LISTED_ACTIONS: usize = 20;
 
 /// The report; without the task, without maps and with components in [0, 1].
 pub fn report(d: &PlanDocument, task: Option<&Task>) -> HtmlReport {
@@ -36,11 +38,7 @@ pub fn report(d: &PlanDocument, task: Option<&Task>) -> HtmlReport {
             d.candidates, d.invalid, d.rollouts, d.posterior.draws
         ),
         opening: vec![opening],
-        sections: vec![Section::folded(
-            "Actions",
-            "best first, with their components",
-            vec![actions(d, task)],
-        )],
+        sections: vec![Section::folded("Actions", "best first, with their components", actions(d, task))],
     }
 }
 
@@ -76,7 +74,8 @@ fn probability(row: &ActionRow) -> String {
     }
 }
 
-fn actions(d: &PlanDocument, task: Option<&Task>) -> Block {
+/// The table of actions; after the first, folded once more.
+fn actions(d: &PlanDocument, task: Option<&Task>) -> Vec<Block> {
     let components = task.map(|t| &t.actions().components);
     let names: Vec<String> = match components {
         Some(all) => {
@@ -93,9 +92,16 @@ fn actions(d: &PlanDocument, task: Option<&Task>) -> Block {
         let start = [(i + 1).to_string(), probability(row), format!("{} of {}", row.successes, row.draws)];
         start.into_iter().chain(row.action.iter().enumerate().map(value)).collect()
     };
-    Block::Table {
-        columns: ["rank", "probability", "solved in ranking"].map(String::from).into_iter().chain(names).collect(),
-        rows: d.actions.iter().enumerate().map(row).collect(),
-        note: "Probabilities are of fresh simulations, which ranking did not use; positions in m, angles in rad.".into(),
+    let columns: Vec<String> =
+        ["rank", "probability", "solved in ranking"].map(String::from).into_iter().chain(names).collect();
+    let mut rows: Vec<Vec<String>> = d.actions.iter().enumerate().map(row).collect();
+    let rest = rows.split_off(rows.len().min(MAX_LISTED_ACTIONS));
+    let note =
+        "Probabilities are of fresh simulations, which ranking did not use; positions in m, angles in rad.";
+    let mut blocks = vec![Block::Table { columns: columns.clone(), rows, note: note.into() }];
+    if !rest.is_empty() {
+        let table = Block::Table { columns, rows: rest, note: String::new() };
+        blocks.push(Block::Details { summary: "All other actions of the plan".into(), blocks: vec![table] });
     }
+    blocks
 }

@@ -1,8 +1,8 @@
 //! The report of a posterior: what the trials determine, intervals beside the prior, pair plots, and the sampler's diagnostics.
 
-use super::number::{digits, percent, significant, unit};
 use super::words::{plain_names, set_name};
 use crate::inference::posterior::{ParameterSummary, PosteriorDocument, PredictiveBand, SetSummary};
+use crate::number::{digits, percent, significant, unit};
 use crate::picture::plot::{Heatmap, Series, XyPlot, heatmaps, panels};
 use crate::picture::report::{Block, Section, ShareBar, Tone};
 use crate::picture::theme::Meaning;
@@ -29,7 +29,7 @@ pub fn report(d: &PosteriorDocument) -> HtmlReport {
         "{} of {} trials inform the posterior; the measurement noise is {}.",
         d.trials[0],
         d.trials[1],
-        super::number::length(d.noise_m)
+        crate::number::length(d.noise_m)
     );
     let lead = [trials].into_iter().chain(d.warnings.iter().cloned()).collect::<Vec<_>>().join("\n\n");
     HtmlReport {

@@ -2,9 +2,9 @@
 
 use serde::Deserialize;
 
-use super::number::significant;
 use crate::error::Result;
 use crate::estimate::PerformanceSurface;
+use crate::number::significant;
 use crate::picture::HtmlReport;
 use crate::picture::report::{Block, Section, ShareBar};
 use crate::picture::surface::surface_svg;
@@ -34,7 +34,8 @@ pub fn report(surface: &PerformanceSurface, sensitivities: &[Sensitivity]) -> Re
         Block::Bars(order.iter().enumerate().map(bar).collect()),
         Block::Text("AUCCESS lost or won by one standard deviation of the prior.".into()),
     ];
-    let next = "Measure that latent first: an estimation with the strategy `surface` chooses actions that inform it.";
+    let next = "Measure the first latent best: an estimation with informative actions that is given this surface chooses actions by what they \
+                contribute to performance.";
     let facts = vec![
         Block::Card { heading: "How much each latent matters".into(), blocks: bars },
         Block::Card { heading: "What to do next".into(), blocks: vec![Block::Text(next.into())] },

@@ -13,7 +13,11 @@ pub fn plain_names(text: &str) -> String {
     let words = text.split(' ').map(|word| {
         let is_name =
             word.contains('_') && word.chars().all(|c| c.is_ascii_lowercase() || "_,;:().".contains(c));
-        if is_name { word.replace('_', " ") } else { word.to_string() }
+        match (is_name, word.split_once('.').is_some_and(|(_, rest)| !rest.is_empty())) {
+            (true, true) => word.replace(['_', '.'], " "),
+            (true, false) => word.replace('_', " "),
+            (false, _) => word.to_string(),
+        }
     });
     words.collect::<Vec<_>>().join(" ")
 }
@@ -33,6 +37,7 @@ mod tests {
     #[test]
     fn names_of_effects_are_words() {
         assert_eq!(plain_names("gravity_error (3 %), x_1 and pos_X"), "gravity error (3 %), x_1 and pos_X");
+        assert_eq!(plain_names("linear_drag.c of linear_drag."), "linear drag c of linear drag.");
         assert_eq!(set_name(&["wind".into(), "linear_drag".into()]), "wind + linear drag");
         assert_eq!([sentence("a b"), sentence("A!"), sentence("")], ["A b.", "A!", ""]);
     }

@@ -27,7 +27,7 @@ TOKENS = {
 }
 #: Selectors of marks in the page's trial viewer, in reports, and in notebook cards, by token.
 MARKS = {
-    "page": {"simulated": ".track.before", "extended": ".track.after", "measured": ".seen-spot"},
+    "page": {"simulated": ".track.before", "extended": ".track.after", "measured": ".observation"},
     "report": {"simulated": '.picture polyline[stroke-dasharray="7 4"]', "extended": ".picture polyline:not([stroke-dasharray])"},
     "card": {"simulated": 'polyline:has(title:text-is("base model"))', "extended": 'polyline:has(title:text-is("extended model"))'},
 }

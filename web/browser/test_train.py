@@ -141,6 +141,7 @@ def test_a_policy_is_trained_further_in_a_world_and_compared_with_its_predecesso
     # Jobs link to this view.
     page.get_by_role("link", name="Jobs").click()
     page.get_by_role("link", name="Evaluation").first.click()
+    page.get_by_role("link", name="Open in its view").click()
     expect(page).to_have_url(re.compile("#/train/job-"))
     expect(section(page, "Compare").get_by_label("Attempts per task")).to_have_value(str(ATTEMPTS))
 

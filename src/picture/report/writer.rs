@@ -167,7 +167,7 @@ impl HtmlWriter {
     }
 
     fn picture(&mut self, svg: &str, caption: &str) {
-        let _ = writeln!(self.out, "<figure>\n<div class=\"picture\">{}</div>", svg.trim());
+        let _ = writeln!(self.out, "<figure>\n<div class=\"picture\" tabindex=\"0\">{}</div>", svg.trim());
         self.caption(caption);
         self.out.push_str("</figure>\n");
     }

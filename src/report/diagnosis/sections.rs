@@ -5,8 +5,8 @@ use super::trials::ReportedTrials;
 use crate::inference::report::{
     BaseMisfit, CalibratedLatent, Diagnosis, EffectEstimate, HeldOutError, ModelScore, ParameterEstimate,
 };
+use crate::number::{digits, interval, length, p_value, percent, significant, unit, with_unit};
 use crate::picture::report::{Block, Section};
-use crate::report::number::{digits, interval, length, p_value, percent, significant, unit, with_unit};
 use crate::report::words::{plain_names, sentence, set_name};
 use crate::world::effect;
 

@@ -7,10 +7,10 @@ use crate::distribution::NORMAL_95;
 use crate::inference::report::{
     EffectEstimate, ParameterEstimate, TrialEffectEstimate, TrialEffects, TrialResiduals,
 };
+use crate::number::unit;
 use crate::picture::plot::{Series, XyPlot, panels};
 use crate::picture::theme::Meaning;
 use crate::picture::{OverlayPanel, overlay_svg};
-use crate::report::number::unit;
 use crate::report::words::plain_names;
 
 /// Size of a panel, px.

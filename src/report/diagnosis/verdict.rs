@@ -1,8 +1,8 @@
 //! The verdict in a sentence, the laws found as formulas, the error beside the noise, and the probabilities.
 
 use crate::inference::report::{Diagnosis, EffectEstimate, ParameterEstimate, Verdict};
+use crate::number::{digits, interval, length, percent, significant, superscripts, unit, with_unit};
 use crate::picture::report::{Block, ShareBar, Tone};
-use crate::report::number::{digits, interval, length, percent, significant, superscripts, unit, with_unit};
 use crate::report::words::{plain_names, sentence, set_name};
 use crate::world::effect::{self, EffectTarget};
 

@@ -13,11 +13,20 @@ pub fn significant(v: f64, count: usize) -> String {
     let text = format!("{:.*e}", count - 1, v);
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
-    if !(-3..6).contains(&exponent) {
-        return format!("{} \u{d7} 10^{exponent}", trim_zeros(mantissa)).replace('-', "\u{2212}");
+    if !(-5..6).contains(&exponent) {
+        let power: String = exponent.to_string().chars().map(superscript).collect();
+        return format!("{} \u{d7} 10{power}", trim_zeros(mantissa)).replace('-', "\u{2212}");
     }
     let decimals = usize::try_from(count as i32 - 1 - exponent).unwrap_or(0);
     trim_zeros(&format!("{v:.decimals$}")).replace('-', "\u{2212}")
+}
+
+fn superscript(c: char) -> char {
+    const DIGITS: [char; 10] = [
+        '\u{2070}', '\u{b9}', '\u{b2}', '\u{b3}', '\u{2074}', '\u{2075}', '\u{2076}', '\u{2077}', '\u{2078}',
+        '\u{2079}',
+    ];
+    c.to_digit(10).map_or('\u{207b}', |d| DIGITS[d as usize])
 }
 
 fn trim_zeros(text: &str) -> &str {
@@ -81,7 +90,8 @@ mod tests {
         check(0.200_14, "0.2001");
         check(0.0, "0");
         check(-1234.5, "\u{2212}1234");
-        check(2e-7, "2 \u{d7} 10^\u{2212}7");
+        check(2e-7, "2 \u{d7} 10\u{207b}\u{2077}");
+        check(1.713e-4, "0.0001713");
         check(0.5, "0.5");
         check(f64::NAN, "-");
         assert_eq!(length(0.1576), "158 mm");
