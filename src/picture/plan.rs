@@ -90,7 +90,7 @@ mod tests {
         let plan =
             Plan { task: task.id.clone(), draws: 4, ranked, invalid: 0, rollouts: 8000, complete: true };
         let samples = ParameterSamples::point(Latents::of([1.0, 0.5, 0.5]), Vec::new()).unwrap();
-        document(task, &plan, &PlanConfig::default(), &samples)
+        document(task, &plan, &PlanConfig::standard(0), &samples)
     }
 
     #[test]

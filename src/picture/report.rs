@@ -167,7 +167,7 @@ mod tests {
         }
         .to_html();
         assert!(!html.contains("<script") && !html.contains("<img src=x"), "{html}");
-        assert_eq!(html.matches("&lt;script&gt;alert(1)").count(), 6 + 2 * 20);
+        assert_eq!(html.matches("&lt;script&gt;alert(1)").count(), 6 + 2 * 19);
         body(&html);
     }
 

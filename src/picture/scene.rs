@@ -515,7 +515,7 @@ pub(super) mod tests {
         // Off the line that shows the angle, well within each shape; y is up.
         check([3.0, 6.5], "#D62F2F");
         check([3.0, 7.5], "#D62F2F");
-        check([3.0, 5.8], "#FFFFFF");
+        check([3.0, 5.8], light("scene"));
         check([7.2, 7.1], crate::picture::svg::PALETTE[0]);
         check([2.2, 3.0], crate::picture::svg::PALETTE[1]);
         check([7.0, 4.0], crate::picture::svg::PALETTE[2]);

@@ -27,8 +27,7 @@ fn diagnose_writes_its_files() {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let text = String::from_utf8(done.stdout).unwrap();
     assert!(text.starts_with("verdict: "), "{text}");
-    for name in
-        ["report.json", "report.html", "extended_scene.json", "residual_x_over_time.svg", "predictive.svg"]
+    for name in ["report.json", "report.html", "extended_scene.json", "residuals.svg", "predictive_check.svg"]
     {
         assert!(at("out").join(name).is_file(), "{name} is missing");
     }
@@ -42,7 +41,11 @@ fn diagnose_writes_its_files() {
     }
     assert!(report.len() < 100_000, "{} bytes for 8 launches", report.len());
     let html = std::fs::read_to_string(at("out").join("report.html")).unwrap();
-    assert!(!html.contains("src=\"http") && html.contains("data:image/svg+xml"));
+    assert!(!html.contains("src=") && html.contains("<svg") && html.contains("<main class=\"report\">"));
+    assert!(
+        html.matches("<figure>\n<div class=\"picture\"").count() <= 6,
+        "a report has at most six figures"
+    );
     let rolled = Command::new(env!("CARGO_BIN_EXE_iplw"))
         .args(["rollout", "--in"])
         .arg(flat(&at("out").join("extended_scene.json"), &at("line.jsonl")))

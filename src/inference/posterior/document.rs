@@ -391,7 +391,7 @@ mod tests {
     }
 
     fn document(sets: Vec<ModelPosterior>) -> PosteriorDocument {
-        let posterior = Posterior { sets, trials: [4, 4], noise: 0.005 };
+        let posterior = Posterior { sets, trials: [4, 4], noise: 0.005, predictive: Vec::new() };
         PosteriorDocument::new(&posterior, &PosteriorConfig::standard(3))
     }
 
