@@ -19,6 +19,7 @@ mod check;
 mod checksum;
 mod clock;
 mod data_directory;
+mod job_annotations;
 mod job_metadata;
 mod jobs;
 mod layout;

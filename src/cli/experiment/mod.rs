@@ -2,6 +2,7 @@
 
 mod args;
 mod claims;
+mod configuration;
 mod estimate_table;
 mod grounding;
 mod grounding_report;

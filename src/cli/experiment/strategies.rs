@@ -15,6 +15,7 @@ use serde_json::json;
 
 use super::args::ExperimentArgs;
 use super::claims::{claims_table, claims_text, importance};
+use super::configuration::configuration;
 use crate::cli::cell_store::CellStore;
 use crate::cli::output;
 
@@ -247,31 +248,21 @@ fn html(
                 .filter(|(name, _)| name.contains(mine))
                 .map(|(_, svg)| Block::Svg { svg: svg.clone(), caption: String::new() }),
         );
-        sections.push(Section {
-            heading: format!("Hidden world: {}", nature.title()),
-            blocks,
-            ..Section::default()
-        });
+        sections.push(Section::new(&format!("Hidden world: {}", nature.title()), blocks));
     }
     sections.push(Section::new("Chosen actions", vec![chosen(config, cells)]));
-    sections.push(Section {
-        heading: "Configuration".into(),
-        blocks: vec![
+    sections.push(Section::new(
+        "Configuration",
+        vec![
             Block::Text(format!(
                 "iplw {}; {} estimations, {:.0} s.",
                 env!("CARGO_PKG_VERSION"),
                 cells.len(),
                 seconds.iter().sum::<f64>()
             )),
-            Block::Details {
-                summary: "Configuration".into(),
-                blocks: vec![Block::Code(
-                    serde_json::to_string_pretty(config).map_err(|e| Error::Failed(e.to_string()))?,
-                )],
-            },
+            configuration(config)?,
         ],
-        ..Section::default()
-    });
+    ));
     let page = HtmlReport {
         title: format!("Exploration strategies: {}", family.name),
         lead: "Error of the latent factors against real interactions, for every exploration strategy.".into(),

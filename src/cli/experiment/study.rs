@@ -21,6 +21,7 @@ use serde_json::json;
 
 use super::args::ExperimentArgs;
 use super::claims::{claims_table, claims_text, importance};
+use super::configuration::configuration;
 use super::estimate_table;
 use crate::cli::cell_store::CellStore;
 use crate::cli::{output, parse};
@@ -411,35 +412,21 @@ fn html(
             .into(),
     };
     let mut sections = vec![
-        Section {
-            heading: "Claims".into(),
-            blocks: vec![claims_table(claims, Some(MIN_RELEVANT_AUCCESS_DIFFERENCE))],
-            ..Section::default()
-        },
+        Section::new("Claims", vec![claims_table(claims, Some(MIN_RELEVANT_AUCCESS_DIFFERENCE))]),
         Section::new("Jump start", plots.iter().map(svg).chain([table]).collect()),
         Section::new("Estimates", vec![estimate_table::block(study, estimates)]),
     ];
     if !pictures.is_empty() {
         let blocks = pictures.iter().map(svg).collect();
-        sections.push(Section {
-            heading: "Actions of the learned policy".into(),
-            blocks,
-            ..Section::default()
-        });
+        sections.push(Section::new("Actions of the learned policy", blocks));
     }
-    sections.push(Section {
-        heading: "Run".into(),
-        blocks: vec![
+    sections.push(Section::new(
+        "Run",
+        vec![
             Block::Text(format!("iplw {}; {seconds:.0} s of work.", env!("CARGO_PKG_VERSION"))),
-            Block::Details {
-                summary: "Configuration".into(),
-                blocks: vec![Block::Code(
-                    serde_json::to_string_pretty(study).map_err(|e| Error::Failed(e.to_string()))?,
-                )],
-            },
+            configuration(study)?,
         ],
-        ..Section::default()
-    });
+    ));
     let page = HtmlReport {
         title: format!("Transfer: {} on {}", study.name, study.family),
         lead: "Performance of policies on unseen tasks of a hidden world, by training environment.".into(),

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Block, HtmlReport, Section, ShareBar, Tone};
+use super::contents::{Block, HtmlReport, Section, ShareBar, Tone};
 use crate::picture::svg::escape;
 
 /// Number of folded sections from which a list of contents is written.

@@ -1,7 +1,7 @@
 //! Figures of the evidence: residuals over time, missing accelerations, and impacts.
 
-use super::Figure;
 use super::document::{DiagnosisDocument, column};
+use super::figure::ReportFigure;
 use super::trials::ReportedTrials;
 use crate::inference::report::plot_tables::PlotTable;
 use crate::picture::plot::{Arrows, Series, XyPlot, panels, quiver};
@@ -25,7 +25,7 @@ const MODELS: [(&str, &str, Meaning); 2] = [
 ];
 
 /// Residuals of all trials over time, and of two trials with predictive bands.
-pub fn residuals(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<Figure> {
+pub fn residuals(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<ReportFigure> {
     let points = &document.evidence.points;
     if points.rows.is_empty() {
         return None;
@@ -62,7 +62,7 @@ pub fn residuals(document: &DiagnosisDocument, trials: &ReportedTrials) -> Optio
             plots.push(residual_plot(&title, axis, clouds.collect(), bands.collect()));
         }
     }
-    Some(Figure {
+    Some(ReportFigure {
         name: "residuals",
         caption: format!(
             "Measured minus simulated position over time. Noise alone scatters around zero without a pattern. Bands: {BAND_SD} standard \
@@ -85,7 +85,7 @@ fn residual_plot(title: &str, axis: &str, points: Vec<Series>, curves: Vec<Serie
 }
 
 /// Acceleration that the base model lacks and that the extension adds, over the plane; and what the reported model lacks.
-pub fn missing_acceleration(document: &DiagnosisDocument) -> Option<Figure> {
+pub fn missing_acceleration(document: &DiagnosisDocument) -> Option<ReportFigure> {
     let pushes = &document.evidence.pushes;
     let mut plots = Vec::new();
     if !pushes.rows.is_empty() {
@@ -118,7 +118,7 @@ pub fn missing_acceleration(document: &DiagnosisDocument) -> Option<Figure> {
             remark = " No further common acceleration is significant.";
         }
     }
-    (!plots.is_empty()).then(|| Figure {
+    (!plots.is_empty()).then(|| ReportFigure {
         name: "missing_acceleration",
         caption: format!(
             "Force per mass that the simulation lacks, by place: the median over the parts of flights in each cell.{remark}"
@@ -158,7 +158,7 @@ fn cell_medians(pushes: &PlotTable, acceleration: [String; 2]) -> Vec<([f64; 2],
 }
 
 /// Impulses and restitution of impacts: as observed and by both models.
-pub fn impacts(document: &DiagnosisDocument) -> Option<Figure> {
+pub fn impacts(document: &DiagnosisDocument) -> Option<ReportFigure> {
     let bounces = &document.evidence.bounces;
     let sides = [
         ("seen", "measured", Meaning::Measured),
@@ -204,7 +204,7 @@ pub fn impacts(document: &DiagnosisDocument) -> Option<Figure> {
             (of(side, "slip")[i], of(side, "along")[i])
         }),
     ];
-    Some(Figure {
+    Some(ReportFigure {
         name: "impacts",
         caption: "Every impact as the observations around it give it, and as both simulations have it. A restitution that falls with the \
                   speed, or an impulse along the surface that no friction explains, shows here."

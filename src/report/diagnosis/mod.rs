@@ -3,6 +3,7 @@
 
 mod document;
 mod evidence_figures;
+mod figure;
 mod next_step;
 mod sections;
 mod trial_figures;
@@ -10,28 +11,14 @@ mod trials;
 mod verdict;
 
 pub use document::DiagnosisDocument;
+pub use figure::ReportFigure;
 
 use trials::ReportedTrials;
 
 use crate::picture::{Block, HtmlReport, Section};
 
-/// A figure of a report.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Figure {
-    /// File name without suffix.
-    pub name: &'static str,
-    pub caption: String,
-    pub svg: String,
-}
-
-impl Figure {
-    fn block(&self) -> Block {
-        Block::Svg { svg: self.svg.clone(), caption: self.caption.clone() }
-    }
-}
-
 /// All figures that a diagnosis has data for, in the order of the report.
-pub fn figures(document: &DiagnosisDocument) -> Vec<Figure> {
+pub fn figures(document: &DiagnosisDocument) -> Vec<ReportFigure> {
     let trials = ReportedTrials::of(document);
     let all = [
         trial_figures::overlay(document, &trials),
@@ -48,8 +35,9 @@ pub fn figures(document: &DiagnosisDocument) -> Vec<Figure> {
 pub fn report(document: &DiagnosisDocument) -> HtmlReport {
     let (diagnosis, trials) = (&document.diagnosis, ReportedTrials::of(document));
     let figures = figures(document);
-    let of =
-        |name: &str| figures.iter().filter(|f| f.name == name).map(Figure::block).collect::<Vec<Block>>();
+    let of = |name: &str| {
+        figures.iter().filter(|f| f.name == name).map(ReportFigure::block).collect::<Vec<Block>>()
+    };
     let mut picture = of("overlay");
     if !picture.is_empty() {
         picture.insert(0, Block::MotionLegend);

@@ -1,7 +1,7 @@
 //! Figures by trial: the overlay of two trials, estimates, and predictive p-values.
 
-use super::Figure;
 use super::document::DiagnosisDocument;
+use super::figure::ReportFigure;
 use super::trials::ReportedTrials;
 use crate::distribution::NORMAL_95;
 use crate::inference::report::{
@@ -17,7 +17,7 @@ use crate::report::words::plain_names;
 const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 
 /// Trajectories of the median trial and of the one with the largest deviation.
-pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<Figure> {
+pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<ReportFigure> {
     let panel = |(role, trial): &(&str, &TrialResiduals)| {
         let trajectory = trials.trajectory(trial);
         let extended = if document.is_extended() { trajectory.simulated(1) } else { Vec::new() };
@@ -29,7 +29,7 @@ pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<
         }
     };
     let examples = trials.examples();
-    (!examples.is_empty()).then(|| Figure {
+    (!examples.is_empty()).then(|| ReportFigure {
         name: "overlay",
         caption: String::new(),
         svg: overlay_svg(&document.extended_scene, &examples.iter().map(panel).collect::<Vec<_>>()),
@@ -37,7 +37,7 @@ pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<
 }
 
 /// One panel of estimates for every amplitude of the reported model.
-pub fn estimates(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<Figure> {
+pub fn estimates(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<ReportFigure> {
     let d = &document.diagnosis;
     let amplitudes = d.effects.iter().flat_map(|e| {
         let mut names: Vec<&str> = e.parameters.iter().map(|p| p.name.as_str()).collect();
@@ -55,7 +55,7 @@ pub fn estimates(document: &DiagnosisDocument, trials: &ReportedTrials) -> Optio
     };
     let plots: Vec<String> = amplitudes.filter_map(panel).collect();
     let names = d.launches.iter().map(|l| trials.name(l.trial)).collect::<Vec<_>>().join(", ");
-    (!plots.is_empty()).then(|| Figure {
+    (!plots.is_empty()).then(|| ReportFigure {
         name: "estimates",
         caption: format!(
             "Every parameter as each trial alone gives it, with 95 % intervals, and as the model with variation between trials predicts it. \
@@ -114,7 +114,7 @@ fn estimate_panel(
 }
 
 /// Sorted predictive p-values of the trials with their expected range, and the correlation of residuals.
-pub fn predictive_check(document: &DiagnosisDocument) -> Option<Figure> {
+pub fn predictive_check(document: &DiagnosisDocument) -> Option<ReportFigure> {
     let check = document.diagnosis.predictive.as_ref().filter(|p| p.sorted.len() > 1)?;
     let place = |k: usize| (k + 1) as f64 / (check.sorted.len() as f64 + 1.0);
     let values = check.sorted.iter().enumerate().map(|(k, s)| (place(k), s[0]));
@@ -155,7 +155,7 @@ pub fn predictive_check(document: &DiagnosisDocument) -> Option<Figure> {
         ],
         size: PANEL_SIZE_PX,
     };
-    Some(Figure {
+    Some(ReportFigure {
         name: "predictive_check",
         caption: "Left: p-value of each trial given its prediction from the others, sorted. Points below the band are outliers; a flat curve \
                   means that predictions are too cautious. Right: correlation of residuals along a trial; noise has none beyond 0."
