@@ -13,6 +13,9 @@ pub trait Progress: Sync {
         Ok(())
     }
 
+    /// Logs a partial result, as a phrase for people.
+    fn note(&self, _text: &str) {}
+
     /// Logs a metric: `name` was `value` after `at` units of the stage. Delivered with the next report.
     fn metric(&self, _name: &'static str, _at: u64, _value: f64) {}
 }

@@ -46,6 +46,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/tutorials/from_trials_to_a_policy.md": ("tutorials/from_trials_to_a_policy.md", "From trials to a policy"),
     "docs/gallery/index.md": ("gallery/index.md", "Gallery"),
     "docs/how-to/how_many_trials.md": ("how-to/how_many_trials.md", "How many launches do I need?"),
+    "docs/how-to/use_the_page.md": ("how-to/use_the_page.md", "Use the web page"),
     "docs/how-to/run_a_server.md": ("how-to/run_a_server.md", "Run a server"),
     "docs/how-to/many_machines.md": ("how-to/many_machines.md", "Use many machines"),
     "docs/how-to/import_tasks.md": ("how-to/import_tasks.md", "Import tasks"),

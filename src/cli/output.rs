@@ -116,6 +116,14 @@ impl Progress for TerminalProgress {
         self.bar.set_position(done);
         Ok(())
     }
+
+    fn note(&self, text: &str) {
+        if self.plain {
+            eprintln!("    {text}");
+        } else {
+            self.bar.println(format!("  {text}"));
+        }
+    }
 }
 
 #[cfg(test)]

@@ -66,7 +66,7 @@ use report::build::{ReportInput, build_report, insufficient_data_report};
 pub use report::evidence::{BounceRecord, Evidence, EvidencePoint, ImpactRecord, MissingAcceleration};
 use report::few_trials;
 use report::prediction_gain::ErrorScale;
-use report::text::unused_contacts_text;
+use report::text::{self, unused_contacts_text};
 use segment::Segment;
 use selection::candidates::Candidate;
 use selection::search::{ModelSearch, SearchResult};
@@ -114,6 +114,7 @@ fn diagnose_without(
         Ok(ready) => ready,
         Err(lack) => return Ok(insufficient_data_report(scene, trials, &lack, config)),
     };
+    progress.note(&text::recording_text(&ready.segments, &ready.noise, ready.trial_indices.len()));
     let expected = &ready.expected_rss;
     let scale = ErrorScale::new(expected, &ready.noise, ready.trial_indices.len());
     progress.report("fitting the base model", 0, 1)?;
@@ -226,6 +227,9 @@ fn select_model(
     let search = ModelSearch::new(&fitter, candidates, latents, config.seed).drop_unidentifiable(&base)?;
     let found = search.search(base, config.max_effects, progress)?;
     progress.report("comparing sets of effects", 0, 1)?;
+    if let Some(text) = text::search_text(&found) {
+        progress.note(&text);
+    }
     let decision = selection::decide(&fitter, &found, config.seed)?;
     Ok((context, found, decision))
 }

@@ -329,6 +329,10 @@ impl JobReporter for Running<'_> {
         Ok(())
     }
 
+    fn note(&self, text: &str) {
+        self.shared.log_line(self.number, text);
+    }
+
     fn warn(&self, text: &str) {
         self.shared.store.note_line(self.number, LogLevel::Warning, text);
     }

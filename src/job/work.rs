@@ -43,6 +43,8 @@ pub(super) trait JobReporter: Sync {
     fn check_stop(&self) -> Result<()>;
     /// Progress of a stage; an error once the work must stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
+    /// A partial result for the job's log.
+    fn note(&self, text: &str);
     /// A warning for the job's log.
     fn warn(&self, text: &str);
     /// A figure, sent with the next event.
@@ -58,6 +60,10 @@ impl Progress for JobContext<'_> {
 
     fn check_stop(&self) -> Result<()> {
         self.stage.check_stop()
+    }
+
+    fn note(&self, text: &str) {
+        self.stage.note(text);
     }
 
     fn metric(&self, name: &'static str, at: u64, value: f64) {

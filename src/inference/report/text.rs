@@ -4,6 +4,7 @@ use crate::inference::data::noise::Noise;
 use crate::inference::mixed_model::fitted_model::{FittedModel, held_out_square};
 use crate::inference::report::prediction_gain::ErrorScale;
 use crate::inference::report::{PredictionGain, ResidualLaw, ResidualSummary, UnusedContacts, Verdict};
+use crate::inference::segment::Segment;
 use crate::inference::selection::search::SearchResult;
 use crate::inference::selection::{Decision, SETTINGS};
 
@@ -129,6 +130,26 @@ fn possible_effects(found: &SearchResult, decision: &Decision) -> String {
         true => String::new(),
         false => format!("; possible are {}", all.iter().map(one).collect::<Vec<_>>().join(", ")),
     }
+}
+
+/// Size of a recording and its noise, as a partial result.
+pub fn recording_text(segments: &[Segment], noise: &Noise, trials: usize) -> String {
+    let observations: usize = segments.iter().map(|s| s.observations.len()).sum();
+    format!(
+        "{trials} trials, {observations} positions in {} segments; measurement noise {:.2} mm",
+        segments.len(),
+        1e3 * noise.sd
+    )
+}
+
+/// The most probable set of effects, as a partial result.
+pub fn search_text(found: &SearchResult) -> Option<String> {
+    let best = found.ranked(|_| true).into_iter().next()?;
+    let tried = found.fits.len();
+    Some(format!(
+        "{} is the most probable of {tried} sets of effects",
+        found.fits[best].effect_names().join(" + ")
+    ))
 }
 
 /// Text on the empirical law; empty if none is offered.
