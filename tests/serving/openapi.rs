@@ -144,6 +144,7 @@ fn examples_of_bodies_are_accepted() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     send("submit_trials", &id, &same);
+    send("update_job", &id, &same);
     for operation in ["start_diagnosis", "start_posterior", "find_surface"] {
         send(operation, "", &same);
     }
