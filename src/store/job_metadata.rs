@@ -1,9 +1,9 @@
-//! What jobs are called and when they ran: a table of its own, so that a change of a name does not compute the checksum of a large
-//! result again.
+//! Names, notes and times of jobs: a table of its own, so that a change of a name does not compute the checksum of a large result
+//! again.
 
-use rusqlite::{Connection, Row, Transaction, params};
+use rusqlite::{Row, Transaction, params};
 
-use super::{Store, checksum, query, sql};
+use super::{Store, query, sql};
 use crate::error::Result;
 
 /// Name, note, times and summary of a job.
@@ -55,22 +55,6 @@ pub fn update(t: &Transaction, job: i64, metadata: &JobMetadata) -> rusqlite::Re
         params![job, ms(metadata.started), ms(metadata.ended), metadata.summary],
     )
     .map(drop)
-}
-
-/// Adds metadata to the jobs of a version without them: the times that its job log and its column `ended` hold.
-pub fn add_missing(c: &Connection) -> rusqlite::Result<()> {
-    let first = |text: &str| {
-        format!("(SELECT min(log.at) FROM log WHERE log.job = job.number AND log.text = '{text}')")
-    };
-    let table = checksum::TABLES.iter().find(|t| t.name == "metadata");
-    let seal = table.map(|t| t.seal("")).unwrap_or_default();
-    c.execute_batch(&format!(
-        "INSERT INTO metadata (job, created, started, ended)
-             SELECT number, {}, {}, 1000 * ended FROM job WHERE number NOT IN (SELECT job FROM metadata);
-         UPDATE metadata SET seal = {seal} WHERE seal IS NULL;",
-        first("queued"),
-        first("started"),
-    ))
 }
 
 impl Store {

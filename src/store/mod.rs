@@ -24,6 +24,7 @@ mod jobs;
 mod layout;
 mod log;
 mod log_line;
+mod metadata_migration;
 mod owner_usage;
 mod permissions;
 mod policies;
