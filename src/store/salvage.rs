@@ -11,7 +11,7 @@ use super::blobs::Blobs;
 use super::check::DamagedRecord;
 use super::data_directory::{DataDirectory, lock_directory};
 use super::sqlite::{failed, query};
-use super::{atomic_write, checksum, job_metadata, permissions, schema};
+use super::{atomic_write, checksum, metadata_migration, permissions, schema};
 use crate::error::{Error, Result};
 
 /// Result of a salvage.
@@ -95,7 +95,7 @@ fn copy_intact_records(
         }
     }
     // Earlier versions have none, and a page of them may be unreadable.
-    job_metadata::add_missing(new)?;
+    metadata_migration::add_missing(new)?;
     for part in schema::TABLES_OF_JOB {
         new.execute(&format!("DELETE FROM {part} WHERE job NOT IN (SELECT number FROM job)"), [])?;
     }

@@ -4,7 +4,7 @@ use rusqlite::Connection;
 
 use super::blobs::Blobs;
 use super::sqlite::{failed, query};
-use super::{checksum, job_metadata};
+use super::{checksum, metadata_migration};
 use crate::error::{Error, Result};
 
 /// Migrations; a file with the first n applied has version n.
@@ -171,7 +171,7 @@ pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result
     let t = c.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
     t.execute_batch(&MIGRATIONS[from as usize..].concat())?;
     if from < FIRST_METADATA_VERSION {
-        job_metadata::add_missing(&t)?;
+        metadata_migration::add_missing(&t)?;
     }
     if from < FIRST_CHECKSUM_VERSION {
         let policies: Vec<(i64, String)> =
