@@ -25,7 +25,7 @@ const PANEL_WIDTH_PX: f64 = 460.0;
 /// Ratio of a panel's height to its width.
 const PANEL_ASPECT_RATIO: f64 = 0.95;
 /// Space around the trajectories, relative to their size.
-const MARGIN_SHARE: f64 = 0.12;
+const MARGIN_SHARE: f64 = 0.06;
 /// Gap between panels, and height of a title, px.
 const GAP_PX: f64 = 16.0;
 const TITLE_HEIGHT_PX: f64 = 30.0;

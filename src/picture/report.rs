@@ -66,6 +66,7 @@ mod tests {
             Block::Stat { value: bad(), label: bad(), judgement: bad(), tone: Tone::Good },
             Block::Bars(vec![bar]),
             Block::List(vec![bad()]),
+            Block::Caption(bad()),
             Block::MotionLegend,
             Block::Card { heading: bad(), blocks: vec![] },
             Block::Columns { main: true, columns: vec![vec![Block::Text(bad())], vec![]] },
@@ -79,7 +80,7 @@ mod tests {
         }
         .to_html();
         assert!(!html.contains("<script") && !html.contains("<img src=x"), "{html}");
-        assert_eq!(html.matches("&lt;script&gt;alert(1)").count(), 6 + 2 * 19);
+        assert_eq!(html.matches("&lt;script&gt;alert(1)").count(), 6 + 2 * 20);
         body(&html);
     }
 

@@ -69,6 +69,8 @@ pub enum Block {
     Stat { value: String, label: String, judgement: String, tone: Tone },
     /// Shares from 0 to 1 as bars.
     Bars(Vec<ShareBar>),
+    /// Small text of an explanation.
+    Caption(String),
     /// Items of a list.
     List(Vec<String>),
     /// The legend of measured, simulated and extended motion.

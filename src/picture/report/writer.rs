@@ -80,6 +80,9 @@ impl HtmlWriter {
                     let items: String = items.iter().map(|i| format!("<li>{}</li>\n", escape(i))).collect();
                     let _ = writeln!(self.out, "<ul>\n{items}</ul>");
                 }
+                Block::Caption(text) => {
+                    let _ = writeln!(self.out, "<p class=\"caption\">{}</p>", escape(text));
+                }
                 Block::MotionLegend => self.out.push_str(MOTION_LEGEND),
                 Block::Card { heading, blocks } => {
                     let _ = writeln!(self.out, "<div class=\"card\">\n<h3>{}</h3>", escape(heading));

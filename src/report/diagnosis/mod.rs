@@ -43,13 +43,13 @@ pub fn report(document: &DiagnosisDocument) -> HtmlReport {
         picture.insert(0, Block::MotionLegend);
     }
     let facts =
-        [verdict::error(diagnosis), verdict::probabilities(diagnosis), Some(next_step::next_step(diagnosis))];
+        [verdict::error(diagnosis), verdict::probabilities(diagnosis), Some(next_step::next_step(document))];
     let facts: Vec<Block> = facts.into_iter().flatten().collect();
     let columns = match picture.is_empty() {
         true => Block::Columns { main: false, columns: facts.into_iter().map(|f| vec![f]).collect() },
         false => Block::Columns { main: true, columns: vec![picture, facts] },
     };
-    let opening = verdict::laws(diagnosis).into_iter().chain([columns]).collect();
+    let opening = verdict::laws(document).into_iter().chain([columns]).collect();
     HtmlReport {
         title: verdict::title(diagnosis),
         kicker: kicker(document, &trials),
@@ -95,7 +95,7 @@ mod tests {
             "150 mm \u{2192} 1 mm",
             "down to the measurement noise",
             "Median trial: throw seven",
-            "Use the extended scene",
+            "Simulate with extended_scene.json",
         ] {
             assert!(first.contains(text), "{text} is missing in {first}");
         }

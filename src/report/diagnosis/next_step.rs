@@ -1,17 +1,22 @@
 //! The next step after a diagnosis, by its verdict.
 
-use crate::inference::report::{Diagnosis, Verdict};
+use super::document::{DiagnosisDocument, column};
+use crate::inference::report::Verdict;
+use crate::number::significant;
 use crate::picture::report::Block;
 use crate::report::words::{plain_names, sentence};
 
 /// The next step, on a card.
-pub fn next_step(d: &Diagnosis) -> Block {
+pub fn next_step(document: &DiagnosisDocument) -> Block {
+    let d = &document.diagnosis;
     let mut steps = Vec::new();
     match d.verdict {
         Verdict::Named => steps.push(
-            "Use the extended scene (extended_scene.json) in place of the scene: it contains the law with these values. Estimate, plan and \
-             train in it."
-                .to_string(),
+            format!(
+            "Simulate with extended_scene.json from now on: it is the scene with this law and these values, for estimates, plans and \
+             trainings.{}",
+            range_of_validity(document)
+        ),
         ),
         Verdict::None => steps.push(
             "The scene needs no extension for motions such as these. Record faster, longer or other motions to test it further."
@@ -37,5 +42,26 @@ pub fn next_step(d: &Diagnosis) -> Block {
     if steps.is_empty() {
         steps.push("Record more trials, with other speeds and directions, and repeat the diagnosis.".into());
     }
-    Block::Card { heading: "What to do next".into(), blocks: vec![Block::List(steps)] }
+    let blocks = match steps.as_slice() {
+        [one] => vec![Block::Text(one.clone())],
+        _ => vec![Block::List(steps)],
+    };
+    Block::Card { heading: "What to do next".into(), blocks }
+}
+
+/// The speeds at which the law was observed.
+fn range_of_validity(document: &DiagnosisDocument) -> String {
+    let points = &document.evidence.points;
+    let of = |name: &str| column(&points.columns, &points.rows, name);
+    let speeds: Vec<f64> =
+        of("vx").into_iter().zip(of("vy")).map(|(x, y)| x.hypot(y)).filter(|v| v.is_finite()).collect();
+    let end = |of: fn(f64, f64) -> f64| speeds.iter().copied().reduce(of);
+    match (end(f64::min), end(f64::max)) {
+        (Some(low), Some(high)) => format!(
+            " The law was observed at speeds from {} to {} m/s; beyond them it is an extrapolation.",
+            significant(low, 2),
+            significant(high, 2)
+        ),
+        _ => String::new(),
+    }
 }

@@ -31,7 +31,9 @@ pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<
     let examples = trials.examples();
     (!examples.is_empty()).then(|| ReportFigure {
         name: "overlay",
-        caption: String::new(),
+        caption: "The start of each simulation is fitted to the whole trial, so that an error shows at both ends. The largest deviation is that of \
+                  a trial from its prediction by the others."
+            .into(),
         svg: overlay_svg(&document.extended_scene, &examples.iter().map(panel).collect::<Vec<_>>()),
     })
 }

@@ -1,17 +1,19 @@
 //! The verdict in a sentence, the laws found as formulas, the error beside the noise, and the probabilities.
 
+use super::document::{DiagnosisDocument, column};
 use crate::inference::report::{Diagnosis, EffectEstimate, ParameterEstimate, Verdict};
 use crate::number::{digits, interval, length, percent, significant, superscripts, unit, with_unit};
 use crate::picture::report::{Block, ShareBar, Tone};
 use crate::report::words::{plain_names, sentence, set_name};
 use crate::world::effect::{self, EffectTarget};
 
+/// m/s^2
+const STANDARD_GRAVITY: f64 = 9.80665;
 /// Ratio of the error to the noise up to which it counts as down to the noise, and up to which it counts as near to it.
 const DOWN_TO_NOISE: f64 = 1.1;
 const NEAR_NOISE: f64 = 2.0;
-/// Maximum number of effects with a probability bar, and minimum probability of one that is not reported.
-const MAX_BARS: usize = 5;
-const MIN_BAR_PROBABILITY: f64 = 0.005;
+/// Maximum number of effects with a probability bar.
+const MAX_BARS: usize = 4;
 /// Maximum number of values beside a formula; the table of effects has all.
 const MAX_VALUES: usize = 4;
 
@@ -54,8 +56,9 @@ pub fn explanation(d: &Diagnosis) -> String {
     }
 }
 
-/// The laws of the reported effects with their parameters, and the empirical law.
-pub fn laws(d: &Diagnosis) -> Vec<Block> {
+/// The laws of the reported effects with their parameters and their typical size, and the empirical law.
+pub fn laws(document: &DiagnosisDocument) -> Vec<Block> {
+    let d = &document.diagnosis;
     let law = |e: &EffectEstimate| {
         let equation = effect::find(&e.name).map_or(String::new(), |known| formula(known.equation));
         Block::Law { formula: equation, values: values(e) }
@@ -65,7 +68,26 @@ pub fn laws(d: &Diagnosis) -> Vec<Block> {
         values: vec!["empirical law of the remaining acceleration".into()],
     });
     let effects = if d.verdict == Verdict::None { &[][..] } else { &d.effects[..] };
-    effects.iter().map(law).chain(empirical).collect()
+    let symbols = (effects.iter().any(|e| e.acts_on == "motion"))
+        .then(|| format!("a: acceleration of the body, v: its velocity.{}", typical_size(document)));
+    effects.iter().map(law).chain(empirical).chain(symbols.map(Block::Caption)).collect()
+}
+
+/// The median acceleration that the extension adds, in words.
+fn typical_size(document: &DiagnosisDocument) -> String {
+    let pushes = &document.evidence.pushes;
+    let of = |name: &str| column(&pushes.columns, &pushes.rows, name);
+    let sizes = of("found_ax").into_iter().zip(of("found_ay")).map(|(x, y)| x.hypot(y));
+    let mut sizes: Vec<f64> = sizes.filter(|v| v.is_finite() && *v > 0.0).collect();
+    sizes.sort_by(f64::total_cmp);
+    match sizes.get(sizes.len() / 2) {
+        Some(median) => format!(
+            " In these trials the effect accelerates by {} m/s\u{b2} (median), {} times standard gravity.",
+            significant(*median, 2),
+            significant(median / STANDARD_GRAVITY, 2)
+        ),
+        None => String::new(),
+    }
 }
 
 /// The error of predictions before and after, with the noise and a judgement.
@@ -74,7 +96,9 @@ pub fn error(d: &Diagnosis) -> Option<Block> {
         (Some(g), _) if !d.effects.is_empty() && d.verdict != Verdict::None => (
             format!("{} \u{2192} {}", length(g.base_rmse), length(g.extended_rmse)),
             format!(
-                "error of predicted positions before and after, on trials that were not fitted; the measurement noise alone is {}",
+                "root mean square error of positions before and after, in trials that were left out of the fit ({} in turn); the measurement noise \
+                 alone gives {}",
+                g.trials,
                 length(g.floor_rmse)
             ),
             g.extended_rmse,
@@ -83,7 +107,7 @@ pub fn error(d: &Diagnosis) -> Option<Block> {
         (_, Some(r)) => (
             length(r.base_rmse),
             format!(
-                "error of the simulated positions; the measurement noise alone is {}",
+                "root mean square error of the simulated positions; the measurement noise alone gives {}",
                 length(r.floor_rmse)
             ),
             r.base_rmse,
@@ -112,7 +136,6 @@ pub fn probabilities(d: &Diagnosis) -> Option<Block> {
         reported(name).map_or_else(|| sets.map(|s| s.probability).sum(), |e| e.probability)
     };
     let mut all: Vec<(f64, &String)> = names.into_iter().map(|name| (probability(name), name)).collect();
-    all.retain(|(p, name)| *p >= MIN_BAR_PROBABILITY || reported(name).is_some());
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     all.truncate(MAX_BARS);
     let bar = |(p, name): &(f64, &String)| ShareBar {
@@ -127,8 +150,10 @@ pub fn probabilities(d: &Diagnosis) -> Option<Block> {
         let chosen = d.verdict == Verdict::None;
         bars.push(ShareBar { name: "nothing missing".into(), share: p, text: percent(p), chosen });
     }
-    let blocks = vec![Block::Bars(bars)];
-    (d.scores.len() > 1).then(|| Block::Card { heading: "Probability that it acts".into(), blocks })
+    let count =
+        format!("Of {} sets of effects that were compared; a set may contain several.", d.scores.len());
+    let blocks = vec![Block::Bars(bars), Block::Caption(count)];
+    (d.scores.len() > 1).then(|| Block::Card { heading: "Probability of each explanation".into(), blocks })
 }
 
 /// The name of an effect, and in brackets the one that most people know.
