@@ -499,6 +499,7 @@ def reading_cases() -> Iterator[Case]:
         "list_diagnosis_trials", "0.9 MB of tracks", lambda s: get(f"/v1/diagnoses/{s.diagnosis()}/trials?limit=1000")
     )
     yield Case("get_job", "0.9 MB of tracks", lambda s: get(f"/v1/jobs/{s.diagnosis()}"))
+    yield Case("get_report", "0.9 MB of tracks", lambda s: get(f"/v1/jobs/{s.diagnosis()}/report"))
     yield Case("get_job_log", "of a diagnosis", lambda s: get(f"/v1/jobs/{s.diagnosis()}/log?limit=1000"))
     yield Case("follow_job", "of a diagnosis", lambda s: get(f"/v1/jobs/{s.diagnosis()}/events"))
 

@@ -191,6 +191,8 @@ def _jobs(server: Server) -> None:
         ask(name, "GET", f"/v1/jobs/{fit}/{path}")
     data = {"scene": SCENE, "trials": TRIALS}
     diagnosis = job("start_diagnosis", "/v1/diagnoses", data)["id"]
+    for made in (fit, diagnosis):
+        ask("get_report", "GET", f"/v1/jobs/{made}/report", ok=False)
     ask("list_diagnosis_trials", "GET", f"/v1/diagnoses/{diagnosis}/trials")
     policy = job("train_policy", "/v1/policies", {"task": "drop", "batches": 20})["result"]["policy"]
     job("evaluate_policy", f"/v1/policies/{policy}/evaluate", {"world": real})
