@@ -192,7 +192,7 @@ def _jobs(server: Server) -> None:
     data = {"scene": SCENE, "trials": TRIALS}
     diagnosis = job("start_diagnosis", "/v1/diagnoses", data)["id"]
     for made in (fit, diagnosis):
-        ask("get_report", "GET", f"/v1/jobs/{made}/report", ok=False)
+        ask("get_report", "GET", f"/v1/jobs/{made}/report")
     ask("list_diagnosis_trials", "GET", f"/v1/diagnoses/{diagnosis}/trials")
     policy = job("train_policy", "/v1/policies", {"task": "drop", "batches": 20})["result"]["policy"]
     job("evaluate_policy", f"/v1/policies/{policy}/evaluate", {"world": real})
