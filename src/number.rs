@@ -62,7 +62,8 @@ pub fn percent(p: f64) -> String {
     match p {
         p if p > 0.999 && p < 1.0 => "> 99.9 %".into(),
         p if p > 0.0 && p < 0.001 => "< 0.1 %".into(),
-        p if !(0.1..0.9).contains(&p) => format!("{} %", significant(100.0 * p, 3)),
+        p if p > 0.9 => format!("{} %", significant(100.0 * p, 3)),
+        p if p < 0.1 => format!("{} %", significant(100.0 * p, 2)),
         p => format!("{:.0} %", 100.0 * p),
     }
 }
