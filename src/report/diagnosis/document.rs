@@ -66,12 +66,14 @@ pub mod tests {
     /// A diagnosis of three trials without a verdict's details.
     pub fn document() -> DiagnosisDocument {
         let columns = ["t", "body", "stretch", "x", "y", "before_x", "before_y", "after_x", "after_y"];
-        let rows = (0..6).map(|i| {
-            let t = 0.1 * f64::from(i);
-            [t, 0.0, 0.0, t, t * t, 0.02 * t, 0.03, 0.001, -0.001].map(Some).to_vec()
-        });
-        let rows: Vec<Vec<Option<f64>>> = rows.collect();
-        let launches = (0..3).map(|trial| TrialResiduals { trial, rows: rows.clone() }).collect();
+        let rows = |trial: usize| -> Vec<Vec<Option<f64>>> {
+            let row = |i: usize| {
+                let (t, error) = (0.1 * i as f64, 0.01 * (trial + 1) as f64);
+                [t, 0.0, 0.0, t, t * t, 2.0 * error * t, 0.03, 0.001, -0.001].map(Some).to_vec()
+            };
+            (0..6).map(row).collect()
+        };
+        let launches = (0..3).map(|trial| TrialResiduals { trial, rows: rows(trial) }).collect();
         let name = |trial: usize| ["throw one", "throw seven", "9"][trial].to_string();
         let effects = |trial| TrialEffects { trial, name: name(trial), setting: None, sizes: Vec::new() };
         let check =

@@ -16,7 +16,7 @@ use crate::report::words::plain_names;
 /// Size of a panel, px.
 const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 
-/// Trajectories of the median trial and of the one with the largest deviation.
+/// Trajectories of the trials with the median and the largest error.
 pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<ReportFigure> {
     let panel = |(role, trial): &(&str, &TrialResiduals)| {
         let trajectory = trials.trajectory(trial);
@@ -31,8 +31,8 @@ pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<
     let examples = trials.examples();
     (!examples.is_empty()).then(|| ReportFigure {
         name: "overlay",
-        caption: "The start of each simulation is fitted to the whole trial, so that an error shows at both ends. The largest deviation is that of \
-                  a trial from its prediction by the others."
+        caption: "The trials with the median and the largest error before. The start of each simulation is fitted to the whole trial, so that an \
+                  error shows at both ends."
             .into(),
         svg: overlay_svg(&document.extended_scene, &examples.iter().map(panel).collect::<Vec<_>>()),
     })

@@ -6,7 +6,7 @@ use crate::inference::report::TrialResiduals;
 /// Trials with trajectories, and their names.
 pub struct ReportedTrials<'a> {
     document: &'a DiagnosisDocument,
-    /// Trials with rows, from the largest deviation of its prediction to the smallest.
+    /// Trials with rows, from the largest error of the base model to the smallest.
     order: Vec<&'a TrialResiduals>,
 }
 
@@ -29,22 +29,13 @@ impl<'a> ReportedTrials<'a> {
         let diagnosis = &document.diagnosis;
         let mut order: Vec<&TrialResiduals> =
             diagnosis.paths.launches.iter().filter(|l| !l.rows.is_empty()).collect();
-        let checks = diagnosis.predictive.iter().flat_map(|p| &p.launches);
-        let checks: Vec<(usize, f64)> = checks.map(|l| (l.trial, l.p)).collect();
-        let deviation = |l: &TrialResiduals| match checks.iter().find(|c| c.0 == l.trial) {
-            Some((_, p)) => *p,
-            // Without predictions, by the error of the base model.
-            None => {
-                let of = |name: &str| column(&diagnosis.paths.columns, &l.rows, name);
-                -[of("before_x"), of("before_y")]
-                    .concat()
-                    .iter()
-                    .filter(|v| v.is_finite())
-                    .map(|v| v * v)
-                    .sum::<f64>()
-            }
+        let error = |l: &TrialResiduals| {
+            let of = |name: &str| column(&diagnosis.paths.columns, &l.rows, name);
+            let residuals = [of("before_x"), of("before_y")].concat();
+            let squares: Vec<f64> = residuals.iter().filter(|v| v.is_finite()).map(|v| v * v).collect();
+            squares.iter().sum::<f64>() / squares.len().max(1) as f64
         };
-        order.sort_by(|a, b| deviation(a).total_cmp(&deviation(b)).then(a.trial.cmp(&b.trial)));
+        order.sort_by(|a, b| error(b).total_cmp(&error(a)).then(a.trial.cmp(&b.trial)));
         ReportedTrials { document, order }
     }
 
@@ -53,11 +44,11 @@ impl<'a> ReportedTrials<'a> {
         self.document.diagnosis.paths.launches.len()
     }
 
-    /// The trial with the median deviation and, if another, the one with the largest; with their roles.
+    /// The trial with the median error and, if another, the one with the largest; with their roles.
     pub fn examples(&self) -> Vec<(&'static str, &'a TrialResiduals)> {
         let Some(worst) = self.order.first() else { return Vec::new() };
         let median = self.order[self.order.len() / 2];
-        let both = [("Median trial", median), ("Largest deviation", *worst)];
+        let both = [("Median trial", median), ("Largest error", *worst)];
         both.into_iter().take(if self.order.len() > 1 { 2 } else { 1 }).collect()
     }
 

@@ -52,7 +52,12 @@ pub fn explanation(d: &Diagnosis) -> String {
     };
     match d.verdict {
         Verdict::Named => d.effects.iter().filter_map(summary).collect::<Vec<_>>().join(" "),
-        _ => sentence(&plain_names(&d.reason)),
+        _ => {
+            // The rest of the reason repeats figures that have their own place.
+            let figures = d.remainder.as_ref().map_or("", |r| r.text.as_str());
+            let (reason, _) = d.reason.split_once(&format!("; {figures}")).unwrap_or((&d.reason, ""));
+            sentence(&plain_names(reason))
+        }
     }
 }
 
@@ -63,14 +68,21 @@ pub fn laws(document: &DiagnosisDocument) -> Vec<Block> {
         let equation = effect::find(&e.name).map_or(String::new(), |known| formula(known.equation));
         Block::Law { formula: equation, values: values(e) }
     };
-    let empirical = d.residual_law.iter().filter(|l| l.offered).map(|l| Block::Law {
-        formula: formula(&l.formula),
-        values: vec!["empirical law of the remaining acceleration".into()],
-    });
-    let effects = if d.verdict == Verdict::None { &[][..] } else { &d.effects[..] };
+    // For other verdicts the effects are the nearest at best.
+    let effects = match d.verdict {
+        Verdict::Named | Verdict::Ambiguous => &d.effects[..],
+        _ => &[],
+    };
     let symbols = (effects.iter().any(|e| e.acts_on == "motion"))
         .then(|| format!("a: acceleration of the body, v: its velocity.{}", typical_size(document)));
-    effects.iter().map(law).chain(empirical).chain(symbols.map(Block::Caption)).collect()
+    let offered = d.residual_law.as_ref().filter(|l| l.offered);
+    let empirical = offered.map(|l| match l.formula.contains('=') {
+        true => Block::Law { formula: formula(&l.formula), values: vec!["empirical".into()] },
+        false => {
+            Block::Caption(sentence(&format!("empirical law: {}", plain_names(&superscripts(&l.formula)))))
+        }
+    });
+    effects.iter().map(law).chain(symbols.map(Block::Caption)).chain(empirical).collect()
 }
 
 /// The median acceleration that the extension adds, in words.
@@ -82,7 +94,7 @@ fn typical_size(document: &DiagnosisDocument) -> String {
     sizes.sort_by(f64::total_cmp);
     match sizes.get(sizes.len() / 2) {
         Some(median) => format!(
-            " In these trials the effect accelerates by {} m/s\u{b2} (median), {} times standard gravity.",
+            " In these trials the effect adds {} m/s\u{b2} (median), {} times standard gravity.",
             significant(*median, 2),
             significant(median / STANDARD_GRAVITY, 2)
         ),
@@ -96,7 +108,7 @@ pub fn error(d: &Diagnosis) -> Option<Block> {
         (Some(g), _) if !d.effects.is_empty() && d.verdict != Verdict::None => (
             format!("{} \u{2192} {}", length(g.base_rmse), length(g.extended_rmse)),
             format!(
-                "root mean square error of positions before and after, in trials that were left out of the fit ({} in turn); the measurement noise \
+                "root mean square error of a coordinate before and after, in trials that were left out of the fit ({} in turn); the measurement noise \
                  alone gives {}",
                 g.trials,
                 length(g.floor_rmse)
@@ -107,7 +119,7 @@ pub fn error(d: &Diagnosis) -> Option<Block> {
         (_, Some(r)) => (
             length(r.base_rmse),
             format!(
-                "root mean square error of the simulated positions; the measurement noise alone gives {}",
+                "root mean square error of a simulated coordinate; the measurement noise alone gives {}",
                 length(r.floor_rmse)
             ),
             r.base_rmse,
@@ -150,10 +162,12 @@ pub fn probabilities(d: &Diagnosis) -> Option<Block> {
         let chosen = d.verdict == Verdict::None;
         bars.push(ShareBar { name: "nothing missing".into(), share: p, text: percent(p), chosen });
     }
-    let count =
-        format!("Of {} sets of effects that were compared; a set may contain several.", d.scores.len());
+    let count = format!(
+        "Effects can act together, so that these add up to more than 100 %. {} sets of effects were compared.",
+        d.scores.len()
+    );
     let blocks = vec![Block::Bars(bars), Block::Caption(count)];
-    (d.scores.len() > 1).then(|| Block::Card { heading: "Probability of each explanation".into(), blocks })
+    (d.scores.len() > 1).then(|| Block::Card { heading: "Probability that an effect acts".into(), blocks })
 }
 
 /// The name of an effect, and in brackets the one that most people know.
@@ -167,7 +181,13 @@ fn common_name(name: &str) -> String {
 
 /// A law as readers write it.
 fn formula(equation: &str) -> String {
-    superscripts(equation).replace("-", "\u{2212}").replace(" pi ", " \u{3c0} ")
+    let numbers = equation.split(' ').map(|word| match word.split_once('e') {
+        Some((mantissa, power)) if mantissa.parse::<f64>().is_ok() && power.parse::<i32>().is_ok() => {
+            significant(word.parse().unwrap_or(f64::NAN), 3)
+        }
+        _ => superscripts(word),
+    });
+    numbers.collect::<Vec<_>>().join(" ").replace('-', "\u{2212}").replace(" pi ", " \u{3c0} ")
 }
 
 /// Parameters with intervals.
@@ -204,6 +224,7 @@ mod tests {
         assert_eq!(common_name("linear_drag"), "linear drag (stokes drag)");
         assert_eq!(common_name("unknown"), "unknown");
         assert_eq!(formula("a = -k |v|^2"), "a = \u{2212}k |v|\u{b2}");
+        assert_eq!(formula("ax = -7.74e-4 x"), "ax = \u{2212}0.000774 x");
     }
 
     /// Errors of the recording are not blamed on the simulation.
