@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_play
 ROOT = Path(__file__).resolve().parents[2]
 BINARY = Path(os.environ.get("IPLW_BIN", ROOT / "target/debug/iplw"))
 #: Timeout of expectations, ms, generous for loaded machines.
-TIMEOUT_MS = int(os.environ.get("TIMEOUT_MS", 30_000))
+TIMEOUT_MS = int(os.environ.get("TIMEOUT_MS", 120_000))
 expect.set_options(timeout=TIMEOUT_MS)
 
 

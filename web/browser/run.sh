@@ -14,4 +14,4 @@ command -v npm >/dev/null || skip "no Node (apt-get install nodejs npm)"
 sh chromium.sh
 command -v chromium >/dev/null || skip "no Chromium (apt-get install chromium)"
 make -C ../.. --no-print-directory web-check
-exec "$1" -m pytest -q -p no:cacheprovider -rA --no-header .
+exec "$1" -m pytest -q -p no:cacheprovider -n 2 -rA --no-header .
