@@ -62,6 +62,7 @@ def test_a_posterior_of_the_example_leads_to_a_plan_whose_actions_are_tried(serv
     expect(attempt).to_contain_text("Each run in a real world costs one interaction.")
     run = attempt.get_by_role("button", name="Run in the real world")
     expect(run).to_be_enabled()
+    expect(attempt.get_by_label("Real world")).to_have_value(re.compile("bowling"))
     world = attempt.get_by_label("Real world").input_value()
     spent = server.request("GET", f"/v1/worlds/{world}")["interactions"]
     run.click()
