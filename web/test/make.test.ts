@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Body, Point, Scene } from "../src/scene/types";
+import { pretty } from "../src/scene/code";
 import { corners } from "../src/scene/extent";
 import { applyChange, displayedScene, withDisplayedPose, locationOf, moveObject, initialState, undoChange } from "../src/views/make/editorState";
 import { quasiRandomPoint } from "../src/views/make/simulate";
@@ -9,7 +10,7 @@ import { placementAreas, dragHandle, handles, hitTest, moveSelection } from "../
 import { begin, change, redo, settle, undo } from "../src/views/make/history";
 import { affectedFields, read, write } from "../src/views/make/path";
 import { convertShape, distanceTo, hull, middle, toWorldFrame, scaled } from "../src/views/make/shapes";
-import { curl, filename, pretty, python } from "../src/views/make/export";
+import { curl, filename, python } from "../src/views/make/export";
 import { recentred, convertObject, duplicateObject, removeObject, renameObject, objectAt, rotated } from "../src/views/make/objects";
 import { drawPolygon, drawShape, drawDefault } from "../src/views/make/tools";
 

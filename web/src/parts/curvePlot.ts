@@ -2,7 +2,7 @@
 // selects its colour and dash in the style sheet (`series-3`), in the plot and in its `key`.
 
 import { put, s, set } from "../dom";
-import { ticks } from "./timePlot";
+import { tickLabel, ticks } from "./timePlot";
 import { short } from "./slider";
 
 export interface CurveSeries {
@@ -68,19 +68,19 @@ function elementsOf(axes: CurveAxes, series: readonly CurveSeries[], least: numb
   const last = Math.max(least, ...series.map((one) => one.x.at(-1) ?? 0));
   const rows = ticks(axes.most ?? Math.max(1e-3, ...series.flatMap((one) => one.y.filter(Number.isFinite))), 4);
   const highest = rows.at(-1)!;
-  const along = (v: number): number => (axes.log ? Math.log(Math.max(1, v)) / Math.log(Math.max(2, last)) : v / last);
-  const x = (v: number): number => LEFT + along(v) * (width - LEFT - RIGHT);
+  const share = (v: number): number => (axes.log ? Math.log(Math.max(1, v)) / Math.log(Math.max(2, last)) : v / last);
+  const x = (v: number): number => LEFT + share(v) * (width - LEFT - RIGHT);
   const y = (v: number): number => HEIGHT - BOTTOM - (v / highest) * (HEIGHT - BOTTOM - TOP);
   const point = (a: number, b: number): string => `${x(a).toFixed(1)},${y(b).toFixed(1)}`;
   const polylinePoints = (xs: readonly number[], ys: readonly number[]): string[] =>
     ys.flatMap((v, k) => (axes.steps && k > 0 ? [point(xs[k]!, ys[k - 1]!), point(xs[k]!, v)] : [point(xs[k]!, v)]));
   const grid = rows.flatMap((v) => [
     s("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(v), y2: y(v) }),
-    s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, plain(v)),
+    s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, tickLabel(v)),
   ]);
   const count = Math.max(3, Math.floor(width / LABEL));
   const at = axes.log ? decades(last) : ticks(last, count).filter((v) => v <= last * 1.001);
-  const columns = at.map((v) => s("text", { x: x(v), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, plain(v)));
+  const columns = at.map((v) => s("text", { x: x(v), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, tickLabel(v)));
   const areas = series.map((one) => {
     if (!one.low || !one.high) return null;
     const outline = [...polylinePoints(one.x, one.high), ...polylinePoints(one.x, one.low).reverse()].join(" ");
@@ -106,9 +106,4 @@ function decades(last: number): number[] {
   const ticks10: number[] = [];
   for (let ten = 1; ten <= last; ten *= 10) ticks10.push(...[1, 2, 5].map((m) => m * ten).filter((v) => v <= last));
   return ticks10;
-}
-
-/** A tick label without rounding errors. */
-function plain(v: number): string {
-  return String(Number(v.toPrecision(6)));
 }

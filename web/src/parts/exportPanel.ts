@@ -2,10 +2,10 @@
 
 import { token } from "../api/token";
 import { h, put } from "../dom";
-import type { Context } from "../view";
-import { pretty } from "../views/make/export";
-import { curlCommand, pythonCode } from "./exportCode";
+import { pretty } from "../scene/code";
 import type { Scene } from "../scene/types";
+import type { Context } from "../view";
+import { curlCommand, pythonCode } from "./exportCode";
 import { copyText, saveFile } from "./share";
 
 export interface ExportPanel {

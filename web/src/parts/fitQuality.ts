@@ -17,9 +17,9 @@ const [MAX_GOOD_RATIO, MAX_WARN_RATIO] = [1.2, 3];
 /** Judges an error, m, beside the noise, m. `adequate`: result of a test for lack of fit, if there was one. */
 export function judgeFit(model: string, error: number, noise: number, adequate: boolean | null = null): FitJudgement {
   const ratio = noise > 0 ? error / noise : Infinity;
-  const beside = `${length(error)} beside ${length(noise)} of noise`;
-  if (adequate ?? ratio <= MAX_GOOD_RATIO) return { level: "good", text: `${model} explains the trials down to the noise: error ${beside}` };
-  return { level: ratio <= MAX_WARN_RATIO ? "warn" : "bad", text: `${model} does not fit: error ${times(ratio)} the noise (${beside})` };
+  const sizes = `${length(error)} beside ${length(noise)} of noise`;
+  if (adequate ?? ratio <= MAX_GOOD_RATIO) return { level: "good", text: `${model} explains the trials down to the noise: error ${sizes}` };
+  return { level: ratio <= MAX_WARN_RATIO ? "warn" : "bad", text: `${model} does not fit: error ${times(ratio)} the noise (${sizes})` };
 }
 
 /** A judgement as a line with a mark, which does not depend on colour alone. */

@@ -1,36 +1,41 @@
-// A job in progress: state, stage, progress bar, cancellation, and the reason of a failure.
+// A job in progress: state, stages, progress bar, cancellation, and the reason of a failure.
 
 import { api, ok, type Schema } from "../api/client";
 import { follow } from "../api/events";
+import { hasEnded } from "../api/jobState";
 import { type Child, h, put } from "../dom";
-import { type Context, link } from "../view";
+import type { Context } from "../view";
 import { codeText } from "./codeText";
+import { type StageList, stageNames } from "./stageNames";
 import { duration } from "./time";
+import "./jobProgress.css";
 
 type Job = Schema<"JobOut">;
 
-export interface ProgressText {
+export interface ProgressParts {
   /** The job as the subject of a sentence: "The plan". */
   subject: string;
   /** Links below the progress. */
-  links?: readonly Child[];
+  links: readonly Child[];
+  /** A sentence for a queued job. */
+  queued?: string;
+  /** The stages; without this, their names. */
+  stages?: StageList;
 }
 
-export interface JobProgress {
-  element: HTMLElement;
-  show: (job: Job) => void;
-}
+/** Time between updates of the elapsed time, ms. */
+const TICK_MS = 1_000;
 
 /** Follows a job: its progress until it ends, then `onSuccess`, once. A failed or cancelled job stays displayed. */
-export async function followJob(place: HTMLElement, job: Job, text: ProgressText, onSuccess: (job: Job) => void, context: Context): Promise<void> {
+export async function followJob(place: HTMLElement, job: Job, parts: ProgressParts, onSuccess: (job: Job) => void, context: Context): Promise<void> {
   if (job.state === "succeeded") return onSuccess(job);
-  const progress = jobProgress(job, text, context);
+  const progress = jobProgress(job.id, parts, context);
   let ended = false;
   const show = (now: Job): void => {
     if (ended) return;
     ended = hasEnded(now);
     if (now.state === "succeeded") {
-      context.say(`${text.subject} is finished.`);
+      context.say(`${parts.subject} is finished.`);
       onSuccess(now);
     } else progress.show(now);
   };
@@ -39,34 +44,51 @@ export async function followJob(place: HTMLElement, job: Job, text: ProgressText
   if (!ended) await follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => show(JSON.parse(event.data) as Job), context.signal);
 }
 
-/** The progress of a job; `show` displays another state. */
-export function jobProgress(job: Job, { subject, links = [] }: ProgressText, context: Context): JobProgress {
+/** The progress of a job; `show` displays a state. */
+function jobProgress(id: string, { subject, links, queued, stages = stageNames() }: ProgressParts, context: Context): { element: HTMLElement; show: (job: Job) => void } {
   const [heading, state] = [h("h2"), h("span", { class: "state" })];
-  const [bar, words, stages] = [h("progress", { "aria-label": `Progress of ${job.id}` }), h("p", { class: "soft" }), h("ol", { class: "stages" })];
+  const bar = h("progress", { "aria-label": `Progress of ${id}` });
+  const note = queued ? h("p", { class: "soft" }, queued) : null;
   const failure = h("div", { class: "failure", role: "alert" });
-  const cancel = cancelButton(job.id, context);
-  const names: string[] = [];
-  const show = (now: Job): void => {
-    const ended = hasEnded(now);
-    put(heading, `${subject} ${STATE_TEXTS[now.state] ?? "is running"}`);
-    put(state, now.state);
-    state.className = `state ${now.state}`;
-    bar.hidden = words.hidden = cancel.hidden = ended;
-    put(failure, ...failureText(now));
-    const { stage, done, total, eta_s: remaining } = now.progress;
-    if (total > 0) [bar.max, bar.value] = [total, done];
+  const elapsed = stages.start ? elapsedTime(stages.start, context.signal) : null;
+  const cancel = cancelButton(id, context);
+  let lastStage = "";
+  const show = (job: Job): void => {
+    const ended = hasEnded(job);
+    const { stage, done, total } = job.progress;
+    put(heading, `${subject} ${STATE_TEXTS[job.state] ?? "is running"}`);
+    put(state, job.state);
+    state.className = `state ${job.state}`;
+    bar.hidden = cancel.hidden = ended;
+    if (note) note.hidden = job.state !== "queued";
+    // The progress within a single step is unknown.
+    if (total > 1) [bar.max, bar.value] = [total, done];
     else bar.removeAttribute("value");
-    put(words, [total > 0 ? `${done} of ${total}` : "", typeof remaining === "number" ? `about ${duration(remaining)} more for this stage` : ""].filter(Boolean).join(", "));
-    if (stage && names.at(-1) !== stage) {
-      names.push(stage);
-      if (!ended) context.say(stage);
-    }
-    put(stages, ...names.map((name, i) => h("li", { "aria-current": i === names.length - 1 && !ended ? "step" : null }, name)));
+    put(failure, ...failureText(job));
+    if (stage && stage !== lastStage && !ended) context.say(stage);
+    lastStage = stage || lastStage;
+    stages.update(job);
+    elapsed?.show(job);
   };
-  const row = h("div", { class: "row" }, cancel, ...links, h("a", { href: link("jobs", [job.id]) }, "Details of the job"));
-  const head = h("div", { class: "row between" }, heading, state);
-  const element = h("section", { class: "card stack job-progress", "data-job": job.id, "aria-label": subject }, head, bar, words, stages, failure, row);
-  show(job);
+  const head = h("div", { class: "row between" }, heading, h("span", { class: "row" }, elapsed?.element, state));
+  const element = h("section", { class: "card stack job-progress", "data-job": id, "aria-label": subject }, head, bar, note, stages.element, failure, h("div", { class: "row" }, cancel, ...links));
+  return { element, show };
+}
+
+/** The time since the start of a running job, updated until the view is closed. */
+function elapsedTime(start: () => number | null, signal: AbortSignal): { element: HTMLElement; show: (job: Job) => void } {
+  const element = h("span", { class: "soft" });
+  let isRunning = false;
+  const tick = (): void => {
+    const at = start();
+    put(element, at === null || !isRunning ? null : `${duration(Date.now() / 1e3 - at)} elapsed`);
+  };
+  const timer = setInterval(tick, TICK_MS);
+  signal.addEventListener("abort", () => clearInterval(timer), { once: true });
+  const show = (job: Job): void => {
+    isRunning = job.state === "running";
+    tick();
+  };
   return { element, show };
 }
 
@@ -92,9 +114,4 @@ function failureText(job: Job): HTMLElement[] {
   const detail = job.error?.detail ?? "It failed without a message.";
   const text = detail.charAt(0).toUpperCase() + detail.slice(1);
   return [h("p", { class: "why" }, ...codeText(/[.!?]$/.test(text) ? text : `${text}.`))];
-}
-
-/** Whether a job has ended, for any reason. */
-export function hasEnded(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
 }

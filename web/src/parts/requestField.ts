@@ -28,6 +28,11 @@ export function numberField(label: string, name: string, value: number | string 
   return field(label, name, input, text);
 }
 
+/** Makes number fields with the values that an address has. */
+export function numberFields(query: URLSearchParams): (label: string, name: string, placeholder: string, help: string) => RequestField<HTMLInputElement> {
+  return (label, name, placeholder, help) => numberField(label, name, query.get(name), { placeholder, help });
+}
+
 /** A line of text. */
 export function textField(label: string, name: string, value: string, text: FieldText): RequestField<HTMLInputElement> {
   const input = h("input", { type: "text", value, placeholder: text.placeholder, spellcheck: "false", autocomplete: "off" });
@@ -65,6 +70,11 @@ function field<E extends Input>(label: string, name: string, input: E, { help, u
 /** The number in a field; `undefined` while empty. */
 export function numberOf(field: RequestField): number | undefined {
   return field.input.value.trim() === "" ? undefined : Number(field.input.value);
+}
+
+/** The numbers of fields by the fields' names, without empty ones. */
+export function numbersOf(fields: readonly RequestField[]): Record<string, number> {
+  return Object.fromEntries(fields.flatMap((field) => (numberOf(field) === undefined ? [] : [[field.name, numberOf(field)!]])));
 }
 
 /** The first field whose text is not a number gets an error; `false` if there is none. */

@@ -37,9 +37,9 @@ export function timePlot(labels: { about: string; x: string; y: string }, onPick
     highest = steps.at(-1)!;
     const rows = steps.map((v) => [
       s("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(v), y2: y(v) }),
-      s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, plain(v)),
+      s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, tickLabel(v)),
     ]);
-    const columns = ticks(last, Math.max(3, Math.floor(width / LABEL))).filter((v) => v <= last).map((v) => s("text", { x: x(v), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, plain(v)));
+    const columns = ticks(last, Math.max(3, Math.floor(width / LABEL))).filter((v) => v <= last).map((v) => s("text", { x: x(v), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, tickLabel(v)));
     const curves = lines.map((l) => {
       const points = l.y.map((v, k) => `${x(l.x[k]!).toFixed(1)},${y(v).toFixed(1)}`).join(" ");
       return s("polyline", { points, fill: "none", stroke: l.colour, "stroke-width": 2.5 });
@@ -77,7 +77,7 @@ export function timePlot(labels: { about: string; x: string; y: string }, onPick
 }
 
 /** A tick label without rounding errors. */
-function plain(v: number): string {
+export function tickLabel(v: number): string {
   return String(Number(v.toPrecision(6)));
 }
 

@@ -3,6 +3,7 @@
 // `#/calibrate?like=job-3&fit=linear_drag.c` fills the form, `#/calibrate?scene=handoff` calibrates a scene of another view.
 
 import { api, ok, type Schema } from "../api/client";
+import { effectLibrary, parameterUnits } from "../api/effects";
 import { h, put } from "../dom";
 import { storedScene } from "../scene/handoff";
 import { type Context, link, type View } from "../view";
@@ -125,6 +126,5 @@ async function estimationView(place: HTMLElement, id: string, context: Context):
 /** Units of the effect parameters that are fitted as well. */
 async function unitsOf(job: Job, signal: AbortSignal): Promise<Map<string, string>> {
   if (!requestOf(job).fit?.length) return new Map();
-  const { effects } = await ok(api.GET("/v1/effects", { params: { query: { limit: 1000 } }, signal }));
-  return new Map(effects.flatMap((e) => e.parameters.map((p) => [`${e.name}.${p.name}`, p.unit] as const)));
+  return parameterUnits(await effectLibrary(signal));
 }

@@ -1,15 +1,16 @@
 // Design: the experiments that are worth doing next. `#/design` starts a design, `#/design/job-3` is a design; `?posterior=job-2`
 // names the posterior.
 
-import { all, api, ok } from "../api/client";
+import { api, ok } from "../api/client";
+import { effectLibrary } from "../api/effects";
 import { h } from "../dom";
-import { choiceField, numberField, numberOf } from "../parts/requestField";
+import { choiceField, numberFields, numbersOf } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
 import { effectSets } from "./analysis/effectSets";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { sampleSource } from "./analysis/sampleSource";
-import { startPage } from "./analysis/startPage";
+import { type StartedJob, startPage } from "./analysis/startPage";
 import { taskField } from "./analysis/taskField";
 import { tryPanel } from "./analysis/tryPanel";
 import { worldsOf } from "./analysis/worlds";
@@ -40,10 +41,10 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const [{ families }, source, library] = await Promise.all([
     ok(api.GET("/v1/tasks", { signal })),
     sampleSource(query, false, null, signal),
-    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   const task = taskField(families, query.get("task") ?? EXAMPLE_TASK, "The task to experiment with, or a family: then its training tasks are compared.", context);
-  const number = (label: string, name: string, placeholder: string, help: string): ReturnType<typeof numberField> => numberField(label, name, query.get(name), { help, placeholder });
+  const number = numberFields(query);
   const question = choiceField("Question", "question", QUESTIONS, query.get("question"), { help: "What the experiments should answer." });
   const batch = number("Experiments", "batch", "1", "How many to choose together, up to 20. They complement one another.");
   const seed = number("Seed", "seed", "0", "The same seed gives the same design.");
@@ -54,21 +55,19 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const perturb = number("Imprecision", "perturb", "0.002", "How inaccurately an action is carried out, as a share of each component's range.");
   const numbers = [batch, seed, candidates, worlds, shortlist, noise, perturb];
   const sets = effectSets(library, query.get("sets"), "sets", "With the prior: sets of effects that the world may have, each equally likely.");
-  const startJob = async (): Promise<string> => {
-    const values = Object.fromEntries(numbers.flatMap((field) => (numberOf(field) === undefined ? [] : [[field.name, numberOf(field)]])));
+  const startJob = async (): Promise<StartedJob> => {
     const samples = await source.request();
     const prior = samples.posterior || !sets.value().length ? {} : { sets: [[], ...sets.value()] };
-    const body = { task: task.value(), question: question.input.value, ...values, ...prior, ...samples };
-    const job = await ok(api.POST("/v1/designs", { body, signal }));
-    return link("design", [job.id], source.query());
+    const body = { task: task.value(), question: question.input.value, ...numbersOf(numbers), ...prior, ...samples };
+    return ok(api.POST("/v1/designs", { body, signal }));
   };
   const example = {
     label: `Try with ${EXAMPLE_TASK}`,
     about: "Two experiments out of 100 candidates, under the prior; takes a few seconds.",
-    start: async (): Promise<string> => link("design", [(await ok(api.POST("/v1/designs", { body: { task: EXAMPLE_TASK, batch: 2, candidates: 100, worlds: 32, shortlist: 8, seed: 1 }, signal }))).id]),
+    start: () => ok(api.POST("/v1/designs", { body: { task: EXAMPLE_TASK, batch: 2, candidates: 100, worlds: 32, shortlist: 8, seed: 1 }, signal })),
   };
   const page = { kind: KIND, purpose: PURPOSE, example, main: [task.element, source.element, question.element, batch.element, seed.element], more: [...[candidates, worlds, shortlist, noise, perturb].map((f) => f.element), sets.element] };
-  await startPage(place, { ...page, fields: [task.field, source.field, question, ...numbers], submit: "Design", start: startJob }, context);
+  await startPage(place, { ...page, fields: [task.field, source.field, question, ...numbers], submit: "Design", start: startJob, query: source.query }, context);
 }
 
 async function result(job: Job, context: Context): Promise<ResultPage> {

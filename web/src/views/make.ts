@@ -1,6 +1,6 @@
 // Make: draw a scene that is simulated while you draw.
 
-import { all, api, ok } from "../api/client";
+import { effectLibrary } from "../api/effects";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { files } from "./make/files";
@@ -21,7 +21,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const task = context.query.get("task");
   const [first, library] = await Promise.all([
     task ? loadTask(task, signal).then((loaded) => loaded.scene) : null,
-    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   // A reload must restore the draft instead of opening the task again.
   if (task) history.replaceState(null, "", link("make"));

@@ -3,12 +3,12 @@
 
 import { api, ok } from "../api/client";
 import { h } from "../dom";
-import { numberField, numberOf } from "../parts/requestField";
+import { numberFields, numbersOf } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { sampleSource } from "./analysis/sampleSource";
-import { startPage } from "./analysis/startPage";
+import { type StartedJob, startPage } from "./analysis/startPage";
 import { taskField } from "./analysis/taskField";
 import { tryPanel } from "./analysis/tryPanel";
 import { worldsOf } from "./analysis/worlds";
@@ -40,7 +40,7 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const world = sceneWorld(families, context);
   const source = await sampleSource(query, true, world?.physics ?? null, signal);
   const task = taskField(families, query.get("task") ?? (world?.family ? `${world.family}:003` : EXAMPLE_TASK), "The task to solve. Choose it by its picture, or enter its id.", context);
-  const number = (label: string, name: string, placeholder: string, help: string): ReturnType<typeof numberField> => numberField(label, name, query.get(name), { help, placeholder });
+  const number = numberFields(query);
   const actions = number("Candidate actions", "actions", "10000", "More candidates find better actions and take longer, in proportion.");
   const draws = number("Worlds per action", "draws", "64", "In how many worlds the promising actions are simulated. More give more precise probabilities.");
   const seed = number("Seed", "seed", "0", "The same seed gives the same plan.");
@@ -49,19 +49,17 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const seconds = number("Time limit, s", "seconds", "none", "The plan is the best known by then; it may differ between runs.");
   const rollouts = number("Rollout limit", "rollouts", "none", "A limit that gives the same plan on every machine.");
   const numbers = [actions, draws, seed, exact, perturb, seconds, rollouts];
-  const startJob = async (): Promise<string> => {
-    const values = Object.fromEntries(numbers.flatMap((field) => (numberOf(field) === undefined ? [] : [[field.name, numberOf(field)]])));
-    const body = { task: task.value(), ...values, ...(await source.request()) };
-    const job = await ok(api.POST("/v1/plans", { body, signal }));
-    return link("plan", [job.id], source.query());
+  const startJob = async (): Promise<StartedJob> => {
+    const body = { task: task.value(), ...numbersOf(numbers), ...(await source.request()) };
+    return ok(api.POST("/v1/plans", { body, signal }));
   };
   const example = {
     label: `Try with ${EXAMPLE_TASK}`,
     about: "2,000 actions under the prior; takes a few seconds.",
-    start: async (): Promise<string> => link("plan", [(await ok(api.POST("/v1/plans", { body: { task: EXAMPLE_TASK, actions: 2000, draws: 32, seed: 1 }, signal }))).id]),
+    start: () => ok(api.POST("/v1/plans", { body: { task: EXAMPLE_TASK, actions: 2000, draws: 32, seed: 1 }, signal })),
   };
   const page = { kind: KIND, purpose: PURPOSE, example, notice: world?.notice ?? null, main: [task.element, source.element, actions.element, seed.element], more: [draws, exact, perturb, seconds, rollouts].map((f) => f.element) };
-  await startPage(place, { ...page, fields: [task.field, source.field, ...numbers], submit: "Plan", start: startJob }, context);
+  await startPage(place, { ...page, fields: [task.field, source.field, ...numbers], submit: "Plan", start: startJob, query: source.query }, context);
 }
 
 async function result(job: Job, context: Context): Promise<ResultPage> {

@@ -1,7 +1,8 @@
 // Play: place an object, run it, and compare simulation with reality. `#/play/bowling:003` is a task,
 // `#/play/bowling:003?action=0.2,0.7,0.5` a task with an action.
 
-import { all, api, ok } from "../api/client";
+import { api, ok } from "../api/client";
+import { effectLibrary } from "../api/effects";
 import { h, put } from "../dom";
 import { storedScene, storedExtent } from "../scene/handoff";
 import type { Context, View } from "../view";
@@ -21,7 +22,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const [{ families }, library] = await Promise.all([
     ok(api.GET("/v1/tasks", { signal })),
-    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   let session: TaskSession | null = null;
   const actionParameter = context.query.get("action");

@@ -1,16 +1,17 @@
 // Posterior: the parameter values that measured trials allow. `#/posterior` starts one, `?job=job-2` of the trials of an estimation
 // or a diagnosis, `#/posterior/job-3` is a posterior.
 
-import { all, api, ok } from "../api/client";
+import { api, ok } from "../api/client";
+import { effectLibrary } from "../api/effects";
 import { h, put } from "../dom";
 import { codeText } from "../parts/codeText";
-import { checkField, choiceField, numberField, numberOf } from "../parts/requestField";
+import { checkField, choiceField, numberFields, numbersOf } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
 import { effectSets } from "./analysis/effectSets";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
 import { samplesOf } from "./analysis/physics";
-import { startPage } from "./analysis/startPage";
+import { type StartedJob, startPage } from "./analysis/startPage";
 import { startExample } from "./posterior/example";
 import { parameterTable } from "./posterior/parameterTable";
 import { convergenceText, headline, lacksForce, type Posterior, warningText } from "./posterior/result";
@@ -37,26 +38,26 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const { query, signal } = context;
   const [trials, library] = await Promise.all([
     trialSource(query.get("job"), signal),
-    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   const effects = effectSets(library, query.get("effects"), "sets", "Effects whose parameters are inferred together with the latents, such as drag. Diagnose finds which ones your trials need.", "Effects to infer");
-  const draws = numberField("Samples", "draws", query.get("draws"), { placeholder: "1024", help: "At least 400 effective ones are needed; more take longer, in proportion." });
-  const seed = numberField("Seed", "seed", query.get("seed"), { placeholder: "0", help: "The same seed gives the same samples." });
+  const number = numberFields(query);
+  const draws = number("Samples", "draws", "1024", "At least 400 effective ones are needed; more take longer, in proportion.");
+  const seed = number("Seed", "seed", "0", "The same seed gives the same samples.");
   const method = choiceField("Method", "method", METHODS, query.get("method"), { help: "Sequential Monte Carlo also estimates the evidence and finds several modes." });
   const compare = checkField("Compare with the model without these effects", "compare", query.has("compare"), { help: "Both are weighted by their evidence." });
   const discrepancy = checkField("Also sample an unknown force field", "sample_discrepancy", query.has("sample_discrepancy"), { help: "Wider, more honest intervals where the model lacks something; takes minutes." });
   const more = [...trials.more, method.element, compare.element, discrepancy.element];
-  const startJob = async (): Promise<string> => {
+  const startJob = async (): Promise<StartedJob> => {
     const names = effects.names();
     const sets = names.length ? { sets: [...(compare.input.checked ? [[]] : []), names] } : {};
-    const values = Object.fromEntries([draws, seed].flatMap((field) => (numberOf(field) === undefined ? [] : [[field.name, numberOf(field)]])));
-    const body = { ...(await trials.request()), ...sets, ...values, method: method.input.value, ...(discrepancy.input.checked ? { sample_discrepancy: true } : {}) };
-    return link("posterior", [(await ok(api.POST("/v1/posteriors", { body, signal }))).id]);
+    const body = { ...(await trials.request()), ...sets, ...numbersOf([draws, seed]), method: method.input.value, ...(discrepancy.input.checked ? { sample_discrepancy: true } : {}) };
+    return ok(api.POST("/v1/posteriors", { body, signal }));
   };
   const example = {
     label: "Try with six bowling trials",
     about: "Measures six trials in a hidden world with drag, then infers friction, restitution, density and the drag; takes about ten seconds.",
-    start: async (say: (text: string) => void): Promise<string> => link("posterior", [await startExample(say, signal)]),
+    start: (say: (text: string) => void) => startExample(say, signal),
   };
   const page = { kind: KIND, purpose: PURPOSE, example, main: [...trials.main, effects.element, draws.element, seed.element], more };
   await startPage(place, { ...page, fields: [...trials.fields, draws, seed, method, discrepancy], submit: "Infer", start: startJob }, context);

@@ -2,12 +2,12 @@
 
 import { api, ok } from "../api/client";
 import { h } from "../dom";
-import { choiceField, numberField, numberOf, type RequestField } from "../parts/requestField";
+import { choiceField, numberFields, numbersOf } from "../parts/requestField";
 import { type Context, link, type View } from "../view";
 import { capital, enumeration } from "./analysis/actionText";
 import type { AnalysisKind, Job } from "./analysis/kind";
 import { jobPage, type ResultPage } from "./analysis/jobPage";
-import { startPage } from "./analysis/startPage";
+import { type StartedJob, startPage } from "./analysis/startPage";
 import { bySensitivity, headline, pointsText, stakeText, type SurfaceResult } from "./surface/result";
 import { sensitivityBars } from "./surface/sensitivityBars";
 import "./analysis.css";
@@ -39,20 +39,20 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const { families } = await ok(api.GET("/v1/tasks", { signal }));
   const task = choiceField("Tasks", "task", families.map((f) => [f.name, `${f.name}: ${f.about}`] as const), query.get("task"), { help: "The family of tasks to solve." });
   const factors = choiceField("Latents to vary", "factors", FACTORS, query.get("factors"), { help: "The latents whose influence is compared; each is varied over its whole range." });
-  const points = numberField("Points", "points", query.get("points"), { placeholder: "40", help: "Combinations of latents to try. Fewer than 20 give a rough picture only." });
-  const seed = numberField("Seed", "seed", query.get("seed"), { placeholder: "0", help: "The same seed gives the same surface." });
-  const actions = numberField("Actions per task", "actions", query.get("actions"), { placeholder: "the family's", help: "How many actions are simulated for each task, at each point. Fewer are faster." });
+  const number = numberFields(query);
+  const points = number("Points", "points", "40", "Combinations of latents to try. Fewer than 20 give a rough picture only.");
+  const seed = number("Seed", "seed", "0", "The same seed gives the same surface.");
+  const actions = number("Actions per task", "actions", "the family's", "How many actions are simulated for each task, at each point. Fewer are faster.");
   const route = choiceField("Score of a point", "route", ROUTES, query.get("route"), { help: "What is scored at each point." });
-  const numbers: RequestField[] = [points, seed, actions];
-  const startJob = async (): Promise<string> => {
-    const values = Object.fromEntries(numbers.flatMap((field) => (numberOf(field) === undefined ? [] : [[field.name, numberOf(field)]])));
-    const body = { task: task.input.value, factors: factors.input.value.split(","), route: route.input.value, ...values };
-    return link("surface", [(await ok(api.POST("/v1/surfaces", { body, signal }))).id]);
+  const numbers = [points, seed, actions];
+  const startJob = (): Promise<StartedJob> => {
+    const body = { task: task.input.value, factors: factors.input.value.split(","), route: route.input.value, ...numbersOf(numbers) };
+    return ok(api.POST("/v1/surfaces", { body, signal }));
   };
   const example = {
     label: "Try with bowling",
     about: "Six points with 300 actions; takes a few seconds.",
-    start: async (): Promise<string> => link("surface", [(await ok(api.POST("/v1/surfaces", { body: { task: "bowling", points: 6, actions: 300, seed: 1 }, signal }))).id]),
+    start: () => ok(api.POST("/v1/surfaces", { body: { task: "bowling", points: 6, actions: 300, seed: 1 }, signal })),
   };
   const page = { kind: KIND, purpose: PURPOSE, example, main: [task, factors, points, seed].map((f) => f.element), more: [actions.element, route.element] };
   await startPage(place, { ...page, fields: [task, factors, ...numbers, route], submit: "Compute the surface", start: startJob }, context);

@@ -2,6 +2,8 @@
 // `#/train` is the whole view, `#/train/job-3` with that training or evaluation, `#/train/policy-2` with that policy.
 
 import { all, api, ok, type Schema } from "../api/client";
+import { effectLibrary } from "../api/effects";
+import { hasEnded } from "../api/jobState";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { compare, type Comparison } from "./train/compare";
@@ -28,7 +30,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const policy = address && !job ? await ok(api.GET("/v1/policies/{id}", { params: { path: { id: address } }, signal })) : null;
   const [loaded, library] = await Promise.all([
     lists(signal),
-    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   const family = families.find((f) => f.name === familyOf(job, policy, loaded.worlds, context.query.get("family"))) ?? families[0];
   if (!family) throw new Error("the server has no task families");
@@ -124,8 +126,4 @@ function familyOf(job: Job | null, policy: Schema<"PolicyOut"> | null, worlds: r
   const config = job?.config as { task?: string; world?: string } | undefined;
   if (config?.task) return config.task.split(":")[0]!;
   return worlds.find((w) => w.id === config?.world)?.task ?? address;
-}
-
-function hasEnded(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
 }

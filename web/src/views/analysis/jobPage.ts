@@ -30,7 +30,7 @@ export async function jobPage(place: HTMLElement, kind: AnalysisKind, id: string
   if (job.kind !== kind.kind) throw new Error(`${id} is not a ${kind.title.toLowerCase()}; see it under Jobs.`);
   const container = h("div", { class: "analysis stack" });
   put(place, container);
-  const links = [h("a", { href: link(kind.view) }, "Start another")];
+  const links = [h("a", { href: link(kind.view) }, "Start another"), h("a", { href: link("jobs", [id]) }, "Details of the job")];
   const onSuccess = (now: Job): void => {
     show(now)
       .then((page) => put(container, head(kind, now, page, context), ...page.parts, report(now, page, context)))
@@ -52,7 +52,7 @@ function head(kind: AnalysisKind, job: Job, page: ResultPage, context: Context):
   );
 }
 
-/** The server's report, as soon as it is loaded, without its heading: the page has one. */
+/** The server's report, without its heading, because the page has one; empty until it is loaded. */
 function report(job: Job, { substitutes }: ResultPage, context: Context): HTMLElement {
   const place = h("div", { class: "stack" });
   reportView(job.id, context.signal)

@@ -5,12 +5,17 @@ import { showFieldError, showInvalidNumber, type RequestField } from "../../part
 import { type Context, link } from "../../view";
 import { type AnalysisKind, jobTitle, newestJobs } from "./kind";
 
+/** A job that was started. */
+export interface StartedJob {
+  id: string;
+}
+
 export interface Example {
   /** "Try with bowling:003". */
   label: string;
   about: string;
-  /** Starts it; returns the address of its job. `say` displays the progress of steps before the job. */
-  start: (say: (text: string) => void) => Promise<string>;
+  /** Starts its job. `say` displays the progress of steps before it. */
+  start: (say: (text: string) => void) => Promise<StartedJob>;
 }
 
 export interface StartPage {
@@ -24,8 +29,10 @@ export interface StartPage {
   more: HTMLElement[];
   fields: readonly RequestField[];
   submit: string;
-  /** Starts the job of the form; returns its address. */
-  start: () => Promise<string>;
+  /** Starts the job of the form. */
+  start: () => Promise<StartedJob>;
+  /** Query of the address of this job. */
+  query?: () => Record<string, string>;
 }
 
 /** Fills a container with the start of an analysis. */
@@ -50,7 +57,7 @@ function startForm(page: StartPage, context: Context): HTMLElement {
     button.disabled = true;
     page
       .start()
-      .then((address) => (location.hash = address))
+      .then((job) => (location.hash = link(page.kind.view, [job.id], page.query?.())))
       .catch((e: unknown) => showFieldError(page.fields, e) || context.fail(e))
       .finally(() => (button.disabled = false));
   });
@@ -66,7 +73,7 @@ function introduction({ kind, purpose, example }: StartPage, context: Context): 
     button.disabled = true;
     example
       .start((text) => put(progress, text))
-      .then((address) => context.signal.aborted || (location.hash = address))
+      .then((job) => context.signal.aborted || (location.hash = link(kind.view, [job.id])))
       .catch((e: unknown) => (put(progress, example.about), context.fail(e)))
       .finally(() => (button.disabled = false));
   });

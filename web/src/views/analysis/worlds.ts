@@ -1,6 +1,6 @@
 // The worlds in which the view of a job simulates: those that the address names.
 
-import { all, api, ok } from "../../api/client";
+import { effectLibrary } from "../../api/effects";
 import { jobById } from "./kind";
 import { estimatePhysics, type ParameterSamples, type Physics, physicsOf, priorPhysics, sampleCount, samplesOf } from "./physics";
 import { worldOfAddress } from "./sampleSource";
@@ -34,7 +34,7 @@ export async function worldsOf(query: URLSearchParams, family: string, source: s
 async function posteriorWorlds(id: string, samples: ParameterSamples, signal: AbortSignal): Promise<Worlds> {
   const count = sampleCount(samples);
   const hasField = samples.discrepancy.length > 0;
-  const library = hasField ? await all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects) : [];
+  const library = hasField ? await effectLibrary(signal) : [];
   const sample = (index: number): World => ({ physics: physicsOf(samples, index, library), name: `sample ${index + 1} of ${count} of ${id}` });
   // The mean of force fields is not typical of them.
   const typical = hasField ? sample(0) : { physics: physicsOf(samples, null, library), name: `the mean of the samples of ${id}` };

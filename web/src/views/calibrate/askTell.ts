@@ -1,12 +1,14 @@
 // Ask and tell: proposals with pictures of the initial state; results are uploaded as a file or entered by hand.
 
 import { api, ok, type Schema } from "../../api/client";
+import { hasEnded } from "../../api/jobState";
 import { h, put } from "../../dom";
 import { latest } from "../../parts/latest";
+import { saveFile } from "../../parts/share";
 import { picture } from "../../scene/draw";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
-import { hasEnded, type EstimationState } from "./estimation";
+import { type EstimationState } from "./estimation";
 import { trialsUpload } from "./trialsUpload";
 import { actionText, taskName } from "./rounds";
 import { InvalidCellError, resultTable } from "./resultTable";
@@ -15,7 +17,6 @@ type Proposals = Schema<"Proposals">;
 type Proposal = Schema<"ProposalOut">;
 type Tell = Schema<"TrialsSubmission">;
 
-const END_STATES = ["succeeded", "failed", "cancelled"];
 /** Maximum number of proposals displayed; for more, use the file. */
 const MAX_CARDS = 60;
 
@@ -67,15 +68,15 @@ export function askTellView(id: string, context: Context): AskTellView {
       const open = now.proposals.filter((p) => !p.answered).length;
       put(words, `Round ${now.round + 1}: ${open} of ${now.proposals.length} proposals are open. Carry them out and submit the measurements; then the round is fitted and the next one starts.`);
     } else {
-      put(words, END_STATES.includes(now.state) ? "No more experiments are needed." : "The round is being fitted or the next one selected.");
+      put(words, hasEnded(now) ? "No more experiments are needed." : "The round is being fitted or the next one selected.");
     }
   };
   close.addEventListener("click", () => {
     context.fail(null);
     submit({ close: true }).catch(context.fail);
   });
-  saveJson.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.json`, "application/json", JSON.stringify(proposals.proposals, null, 2)));
-  saveCsv.addEventListener("click", () => proposals && save(`${id}-round-${proposals.round + 1}.csv`, "text/csv", blankTrials(proposals.proposals)));
+  saveJson.addEventListener("click", () => proposals && saveFile(`${id}-round-${proposals.round + 1}.json`, "application/json", JSON.stringify(proposals.proposals, null, 2)));
+  saveCsv.addEventListener("click", () => proposals && saveFile(`${id}-round-${proposals.round + 1}.csv`, "text/csv", blankTrials(proposals.proposals)));
   return {
     element,
     show: (now) => {
@@ -129,10 +130,4 @@ export function blankTrials(proposals: readonly Pick<Proposal, "number" | "scene
     return p.observe_at.flatMap((t) => bodies.map((b) => `${p.number},${Number(t.toFixed(6))},${b.name},,`));
   });
   return ["trial,t,body,x,y", ...rows, ""].join("\n");
-}
-
-function save(name: string, type: string, text: string): void {
-  const url = URL.createObjectURL(new Blob([text], { type }));
-  h("a", { href: url, download: name }).click();
-  URL.revokeObjectURL(url);
 }

@@ -92,10 +92,6 @@ export function isAskTell(job: Job): boolean {
   return requestOf(job).real === "ask_tell";
 }
 
-export function hasEnded(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
-}
-
 /** Final estimates, or those of the last fitted round. */
 export function currentEstimates(standing: EstimationState): readonly LatentEstimate[] {
   const result = standing.job.result as { latents?: LatentEstimate[]; effects?: LatentEstimate[] } | null | undefined;

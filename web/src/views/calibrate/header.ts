@@ -1,11 +1,12 @@
 // The header of an estimation: description, progress, interactions spent, actions.
 
 import { api, ok } from "../../api/client";
+import { hasEnded } from "../../api/jobState";
 import { uniqueId, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
-import { type EstimationRequest, requestOf, sceneOfRequest, hasEnded, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
+import { type EstimationRequest, requestOf, sceneOfRequest, isAskTell, type Job, maxRounds, type EstimationState } from "./estimation";
 
 export interface EstimationHeader {
   element: HTMLElement;

@@ -1,6 +1,7 @@
 // After an estimation: how well it fits, and what to do next.
 
 import { api, ok } from "../../api/client";
+import { hasEnded } from "../../api/jobState";
 import { h, put } from "../../dom";
 import { actionButton, actionGroup, actionGroups } from "../../parts/actionButtons";
 import { exportPanel } from "../../parts/exportPanel";
@@ -11,7 +12,7 @@ import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { calibratedScene, type CalibratedWorld } from "./calibratedWorld";
-import { type EstimationState, hasEnded, requestOf, sceneOfRequest } from "./estimation";
+import { type EstimationState, requestOf, sceneOfRequest } from "./estimation";
 import { judgement } from "./judgement";
 
 export interface NextSteps {

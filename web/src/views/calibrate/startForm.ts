@@ -1,6 +1,7 @@
 // The form that starts an estimation, with the server's errors at their fields.
 
 import { all, api, ok, type Schema } from "../../api/client";
+import { effectLibrary } from "../../api/effects";
 import { uniqueId, h, put } from "../../dom";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
@@ -24,7 +25,7 @@ export async function loadChoices(scene: Scene | null, signal: AbortSignal): Pro
     ok(api.GET("/v1/tasks", { signal })),
     all((c) => ok(api.GET("/v1/worlds", query(c))), (page) => page.worlds),
     all((c) => ok(api.GET("/v1/surfaces", query(c))), (page) => page.surfaces),
-    all((c) => ok(api.GET("/v1/effects", query(c))), (page) => page.effects),
+    effectLibrary(signal),
   ]);
   return { families, worlds: worlds.filter((w) => w.kind === "real"), surfaces, library, scene };
 }

@@ -1,6 +1,7 @@
 // Worst trials: real compared with simulated, as pictures, with one of them as a film.
 
 import { api, ok, type Schema } from "../../api/client";
+import { hasEnded } from "../../api/jobState";
 import { h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { colours } from "../../scene/colour";
@@ -9,7 +10,7 @@ import { type Film, pathUntil } from "../../scene/film";
 import { applyAction } from "../../scene/action";
 import type { Context } from "../../view";
 import { filmStage } from "../play/stage";
-import { hasEnded, currentEstimates, simulationPhysics, type EstimationState } from "./estimation";
+import { currentEstimates, simulationPhysics, type EstimationState } from "./estimation";
 import { sceneOfTask, taskName } from "./rounds";
 import { rmsDistance, filmOfTrial, observations } from "./tracks";
 

@@ -1,4 +1,4 @@
-// What to do with a result: go on in the extended world, export, share.
+// The actions of a result: go on in the extended world, export, share.
 
 import type { Schema } from "../../api/client";
 import { h } from "../../dom";

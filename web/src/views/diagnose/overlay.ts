@@ -71,12 +71,12 @@ function grid(box: Box): { lines: SVGElement[]; step: number } {
   const step = long[1] ?? 1;
   const line = (x1: number, y1: number, x2: number, y2: number, zero: boolean): SVGElement =>
     s("line", { class: zero ? "metre zero" : "metre", x1, y1, x2, y2, "vector-effect": "non-scaling-stroke" });
-  const along = (low: number, high: number): number[] => {
+  const multiples = (low: number, high: number): number[] => {
     const [first, last] = [Math.ceil(low / step), Math.floor(high / step)];
     return Array.from({ length: Math.max(0, last - first + 1) }, (_, k) => (first + k) * step);
   };
-  const columns = along(box[0], box[2]).map((v) => line(v, box[1], v, box[3], v === 0));
-  return { lines: [...columns, ...along(box[1], box[3]).map((v) => line(box[0], v, box[2], v, v === 0))], step: Number(step.toPrecision(6)) };
+  const columns = multiples(box[0], box[2]).map((v) => line(v, box[1], v, box[3], v === 0));
+  return { lines: [...columns, ...multiples(box[1], box[3]).map((v) => line(box[0], v, box[2], v, v === 0))], step: Number(step.toPrecision(6)) };
 }
 
 /** Rounded to 0.01 mm; faster than toPrecision for many points. */

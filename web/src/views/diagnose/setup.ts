@@ -22,7 +22,7 @@ export interface Setup {
   /** Columns selected by the user, for files with as many columns as the first; `null`: as the server finds them. */
   columns: ColumnSelection | null;
   reading: ReadingOptions;
-  /** What was recorded: a ball, a scene, a task's scene, or the trials of a job. */
+  /** The recorded subject: a ball, a scene, a task's scene, or the trials of a job. */
   subject: "ball" | "scene" | "task" | "job";
   ball: Ball;
   /** From a file or a task. */

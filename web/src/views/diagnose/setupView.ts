@@ -124,7 +124,7 @@ function content(setup: Setup, notes: readonly string[], rebuild: () => void, tr
   return setupPreview(setup, notes, rebuild, context.say);
 }
 
-/** What a diagnosis does, and a sample to try it with. */
+/** The steps of a diagnosis, and a sample to try it with. */
 function emptyState(trySample: () => void): HTMLElement {
   const button = h("button", { type: "button", class: "main" }, "Try with a sample CSV");
   button.addEventListener("click", trySample);

@@ -3,6 +3,7 @@
 import { all, api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import { latest } from "../../parts/latest";
+import type { StageList } from "../../parts/stageNames";
 import { duration } from "../../parts/time";
 import type { Context } from "../../view";
 
@@ -14,7 +15,7 @@ const STAGES: Record<string, string> = {
   "segmenting trials": "Trials are cut into segments between contacts.",
   "estimating the noise": "How much repeated positions scatter.",
   "rejecting outliers": "Observations that no motion explains are left out.",
-  "fitting the base model": "The scene as it is, with its best latents and initial states.",
+  "fitting the base model": "The scene without further effects, with its best latents and initial states.",
   "trying strong effects": "Effects that may hide all others.",
   "estimating variance components": "How much the trials differ from each other.",
   "trying without trials that are unlike the others": "Whether a few trials decide the result.",
@@ -53,14 +54,7 @@ export function startOf(lines: readonly Line[]): number | null {
   return lines.find((l) => l.text === "started")?.at ?? null;
 }
 
-export interface StageList {
-  element: HTMLElement;
-  /** Reads new lines of the log and displays them with the job's progress. */
-  update: (job: Schema<"JobOut">) => void;
-  /** When the job started, Unix s. */
-  start: () => number | null;
-}
-
+/** The stages of a diagnosis; every update reads new lines of its log. */
 export function stageList(id: string, context: Context): StageList {
   const element = h("ol", { class: "stages", "aria-label": "Stages" });
   const lines: Line[] = [];

@@ -39,17 +39,17 @@ export function fallAxis(tracks: readonly Track[], places: readonly Place[][]): 
 
 function project(places: readonly Place[], up: number, sign: number): Point[] {
   const [a, b] = [0, 1, 2].filter((k) => k !== up) as [number, number];
-  const known = places.filter((p) => p.every(Number.isFinite));
-  const mean = (k: number): number => known.reduce((sum, p) => sum + p[k]!, 0) / Math.max(1, known.length);
+  const observations = places.filter((p) => p.every(Number.isFinite));
+  const mean = (k: number): number => observations.reduce((sum, p) => sum + p[k]!, 0) / Math.max(1, observations.length);
   const centre = [mean(a), mean(b)] as const;
-  const moment = (f: (p: Place) => number): number => known.reduce((sum, p) => sum + f(p), 0);
+  const moment = (f: (p: Place) => number): number => observations.reduce((sum, p) => sum + f(p), 0);
   const [u, v] = [(p: Place): number => p[a]! - centre[0], (p: Place): number => p[b]! - centre[1]];
   const angle = 0.5 * Math.atan2(2 * moment((p) => u(p) * v(p)), moment((p) => u(p) ** 2) - moment((p) => v(p) ** 2));
   let direction: Point = [Math.cos(angle), Math.sin(angle)];
-  const along = (p: Place): number => p[a]! * direction[0] + p[b]! * direction[1];
-  const extent = (f: (p: Place) => number): number => Math.max(0, Math.max(...known.map(f)) - Math.min(...known.map(f)));
-  const [first, last] = [known[0], known.at(-1)];
-  if (extent(along) < MIN_HORIZONTAL_EXTENT * extent((p) => p[up]!)) direction = [1, 0];
-  else if (first && last && along(last) < along(first)) direction = [-direction[0], -direction[1]];
-  return places.map((p) => [along(p), sign * p[up]!]);
+  const distance = (p: Place): number => p[a]! * direction[0] + p[b]! * direction[1];
+  const extent = (f: (p: Place) => number): number => Math.max(0, Math.max(...observations.map(f)) - Math.min(...observations.map(f)));
+  const [first, last] = [observations[0], observations.at(-1)];
+  if (extent(distance) < MIN_HORIZONTAL_EXTENT * extent((p) => p[up]!)) direction = [1, 0];
+  else if (first && last && distance(last) < distance(first)) direction = [-direction[0], -direction[1]];
+  return places.map((p) => [distance(p), sign * p[up]!]);
 }

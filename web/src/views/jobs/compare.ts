@@ -2,10 +2,11 @@
 
 import { type Child, h, put } from "../../dom";
 import { follow } from "../../api/events";
+import { hasEnded } from "../../api/jobState";
 import { type Context, link } from "../../view";
 import { comparedCurves } from "./compareCurves";
 import { differences, flatten, type Setting } from "./flatten";
-import { hasEnded, type Job, kindOf, readJob, subjectOf, titleOf, viewOf } from "./job";
+import { type Job, kindOf, readJob, subjectOf, titleOf, viewOf } from "./job";
 import { resultScalars } from "./result";
 import { resultOf, stateBadge } from "./row";
 import { moment, runtimeOf } from "./times";

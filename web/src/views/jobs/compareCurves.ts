@@ -1,7 +1,8 @@
 // Curves of two jobs over each other: of trainings, evaluations and estimations.
 
-import { api, ok } from "../../api/client";
+import { effectLibrary, parameterUnits } from "../../api/effects";
 import { follow } from "../../api/events";
+import { hasEnded } from "../../api/jobState";
 import { type Child, h, put } from "../../dom";
 import { curvePlot, type CurveSeries } from "../../parts/curvePlot";
 import type { Context } from "../../view";
@@ -9,7 +10,7 @@ import { type EstimationState, followEstimation } from "../calibrate/estimation"
 import { findings } from "../calibrate/findings";
 import { auccess, curve, difference, evaluation, interval, movingAverage } from "../train/scores";
 import { type Curves, updateCurves } from "../train/trainingProgress";
-import { hasEnded, type Job, TRAININGS } from "./job";
+import { type Job, TRAININGS } from "./job";
 
 /** Part of a comparison that displays curves. */
 export interface ComparedCurves {
@@ -86,8 +87,7 @@ function estimations(pair: readonly Job[], context: Context): ComparedCurves {
   const element = section("Estimates by round", legend(pair), place);
   const states: (EstimationState | null)[] = [null, null];
   const start = async (): Promise<void> => {
-    const { effects } = await ok(api.GET("/v1/effects", { params: { query: { limit: 1000 } }, signal: context.signal }));
-    const view = findings(new Map(effects.flatMap((e) => e.parameters.map((p) => [`${e.name}.${p.name}`, p.unit] as const))));
+    const view = findings(parameterUnits(await effectLibrary(context.signal)));
     put(place, view.element);
     const onRounds = (i: number) => (now: EstimationState): void => {
       states[i] = now;

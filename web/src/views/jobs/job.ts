@@ -75,10 +75,6 @@ export function subjectOf(job: Job): string {
   return subject && world ? `${subject} in ${world}` : (world ?? subject);
 }
 
-export function hasEnded(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
-}
-
 /** Seconds that a job has run; `null` if it has not started. */
 export function durationOf(job: Job, now = Date.now() / 1e3): number | null {
   if (job.started == null) return null;

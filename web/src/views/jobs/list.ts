@@ -1,12 +1,13 @@
 // The list of jobs: pages of the server; each page can be sorted and searched.
 
 import { api, ok } from "../../api/client";
+import { hasEnded } from "../../api/jobState";
 import { h, put, set } from "../../dom";
 import { poll } from "../../parts/poll";
 import { type Context, link } from "../../view";
 import { emptyList } from "./empty";
 import { addressOf, COLUMN_NAMES, type Filters, filters, orderOf } from "./filters";
-import { hasEnded, type Job, readJob } from "./job";
+import { type Job, readJob } from "./job";
 import { type Column, COLUMNS, type Order, sorted, startsDescending, withText } from "./order";
 import { type JobRow, jobRow } from "./row";
 import { selection } from "./selection";
@@ -102,9 +103,9 @@ async function update(page: Page, controls: Filters, context: Context): Promise<
 /** Text that tells how far sorting and searching reach. */
 function scopeText(visible: number, page: Page): string {
   const all = page.jobs.length;
-  const shown = visible < all ? `${visible} of ${all} jobs match. ` : "";
+  const matches = visible < all ? `${visible} of ${all} jobs match. ` : "";
   const isPart = page.next !== null || page.before.length > 0;
-  return shown + (isPart ? `Search and order apply to the ${all} jobs of this page; ${page.next !== null ? "older" : "newer"} jobs are on other pages.` : "");
+  return matches + (isPart ? `Search and order apply to the ${all} jobs of this page; ${page.next !== null ? "older" : "newer"} jobs are on other pages.` : "");
 }
 
 interface JobTable {

@@ -1,11 +1,12 @@
 // One job: name, state, result with its report, note, details and log.
 
 import { follow } from "../../api/events";
+import { hasEnded } from "../../api/jobState";
 import { h, put } from "../../dom";
 import { shareButtons } from "../../parts/share";
 import { type Context, link } from "../../view";
 import { details } from "./details";
-import { hasEnded, type Job, readJob, titleOf, viewOf } from "./job";
+import { type Job, readJob, titleOf, viewOf } from "./job";
 import { jobLog } from "./log";
 import { jobNote } from "./note";
 import { editableName } from "./rename";

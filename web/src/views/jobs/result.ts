@@ -35,7 +35,7 @@ function scalars(job: Job): HTMLElement {
 /** Names and texts of the scalars of a result; estimates with their interval. */
 export function resultScalars(job: Job): [string, string][] {
   return Object.entries((job.result ?? {}) as Record<string, unknown>).flatMap(([name, value]): [string, string][] => {
-    // What was requested is among the settings.
+    // Fields of the request are among the settings.
     if (REPEATED.includes(name) || name in job.config) return [];
     const label = name.replaceAll("_", " ");
     const estimates = Array.isArray(value) ? value.map(estimateText).filter((e) => e !== null) : [];

@@ -1,8 +1,9 @@
 // A row of the list of jobs, updated in place: unchanged cells keep their elements and the focus.
 
+import { hasEnded } from "../../api/jobState";
 import { type Child, h, put, set } from "../../dom";
 import { type Context, link } from "../../view";
-import { hasEnded, type Job, kindOf, removeJob, subjectOf, titleOf, viewOf } from "./job";
+import { type Job, kindOf, removeJob, subjectOf, titleOf, viewOf } from "./job";
 import { editableName } from "./rename";
 import { progressText, runtimeOf, startOf } from "./times";
 

@@ -1,8 +1,9 @@
 // Times of jobs: relative in the text, absolute in the title.
 
+import { hasEnded } from "../../api/jobState";
 import { h } from "../../dom";
 import { ago, clock, day, duration } from "../../parts/time";
-import { durationOf, hasEnded, type Job } from "./job";
+import { durationOf, type Job } from "./job";
 
 const [MINUTE, HOUR, DAY] = [60, 3600, 86_400];
 

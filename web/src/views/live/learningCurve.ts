@@ -17,10 +17,10 @@ export function learningCurve(): LearningCurve {
   const figures = h("p", { class: "row live-figures" });
   const none = h("p", { class: "soft" }, "The curve begins with the next episode that ends: it counts from the moment this page is opened.");
   const legend = h("p", { class: "row small" }, h("span", {}, h("span", { class: "run-key share" }), `share solved of the last ${WINDOW} episodes`), h("span", {}, h("span", { class: "dot-key" }), "return of an episode"));
-  const drawn = h("div", { class: "drawn" }, legend, plot.svg);
-  const element = h("section", { class: "card stack live-curve", "aria-label": "Success and return" }, h("h2", {}, "Success and return"), none, figures, drawn);
+  const chart = h("div", { class: "chart" }, legend, plot.svg);
+  const element = h("section", { class: "card stack live-curve", "aria-label": "Success and return" }, h("h2", {}, "Success and return"), none, figures, chart);
   const show = (episodes: readonly Episode[]): void => {
-    [none.hidden, drawn.hidden, figures.hidden] = [episodes.length > 0, !episodes.length, !episodes.length];
+    [none.hidden, chart.hidden, figures.hidden] = [episodes.length > 0, !episodes.length, !episodes.length];
     const last = episodes.at(-1);
     if (!last) return;
     const shares = successShares(episodes).slice(-MAX_POINTS);

@@ -4,11 +4,13 @@ import { api, ok } from "../../api/client";
 import { FileError, ProblemError } from "../../api/problem";
 import { token } from "../../api/token";
 import { uniqueId, h } from "../../dom";
+import { saveFile } from "../../parts/share";
+import { pretty } from "../../scene/code";
 import { storeScene } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { gallery, loadTask, readScene } from "../play/taskPicker";
-import { curl, filename, pretty, python } from "./export";
+import { curl, filename, python } from "./export";
 
 const KEY = "iplw-draft";
 
@@ -55,7 +57,7 @@ export async function files(
     button("New", () => onOpen(empty())),
     task,
     h("span", { class: "file" }, input, h("label", { for: id, class: "button" }, "Open a scene file")),
-    button("Save", () => save(scene())),
+    button("Save", () => saveFile(filename(scene()), "application/json", pretty(scene()))),
     copy("curl", () => curl(scene(), location.origin, token() !== null)),
     copy("Python", () => python(scene(), location.origin)),
     button("Play", () => {
@@ -83,12 +85,6 @@ async function validated(scene: Scene, name: string, signal: AbortSignal): Promi
 function missingParts(scene: Scene): string {
   const missing = [scene.goal ? "" : "a goal", scene.action ? "" : "an action space"].filter(Boolean);
   return missing.length ? `To create a world, add ${missing.join(" and ")}.` : "";
-}
-
-function save(scene: Scene): void {
-  const url = URL.createObjectURL(new Blob([pretty(scene)], { type: "application/json" }));
-  h("a", { href: url, download: filename(scene) }).click();
-  URL.revokeObjectURL(url);
 }
 
 /** Copies to the clipboard; if the browser does not allow it (plain HTTP), displays the text for manual copying. */

@@ -45,12 +45,12 @@ export function arrows(): Arrows {
       return scales;
     },
     draw: (time, pixel) => {
-      const shown = film;
-      if (!shown || !scales.length) return void put(group);
-      const poses = posesAt(shown, time);
+      const currentFilm = film;
+      if (!currentFilm || !scales.length) return void put(group);
+      const poses = posesAt(currentFilm, time);
       const all = scales.flatMap(({ kind, value, length }) =>
         [...poses].map(([name, { x, y }]) => {
-          const vector = of[kind](shown, name, time);
+          const vector = of[kind](currentFilm, name, time);
           return vector && arrow([x, y], vector, (length / value) * pixel, pixel, kind);
         }),
       );

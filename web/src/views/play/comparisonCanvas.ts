@@ -28,7 +28,7 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
   const title = h("span", { class: "canvas-title" });
   const caption = h("span", { class: "canvas-title", hidden: true }, "As set");
   const element = h("div", { class: "canvas second", hidden: true }, drawing.svg, title);
-  let [current, shown]: [Scene, Film | null] = [scene, null];
+  let [currentScene, currentFilm]: [Scene, Film | null] = [scene, null];
   wheelInput(drawing, view);
   pointerInput(drawing, view, null);
   return {
@@ -36,19 +36,19 @@ export function comparisonCanvas(scene: Scene, view: Viewport): ComparisonCanvas
     svg: drawing.svg,
     caption,
     show: (text, film) => {
-      shown = film;
-      if (element.hidden && text !== null) drawing.redraw(current);
+      currentFilm = film;
+      if (element.hidden && text !== null) drawing.redraw(currentScene);
       element.hidden = caption.hidden = text === null;
       put(drawing.over, ...(film ? trails(film, "trail other", () => "currentColor") : []));
       put(title, text);
     },
     frame: drawing.frame,
     redraw: (now) => {
-      current = now;
+      currentScene = now;
       if (!element.hidden) drawing.redraw(now);
     },
     pose: (time) => {
-      if (shown) drawing.pose("solid", posesAt(shown, time));
+      if (currentFilm) drawing.pose("solid", posesAt(currentFilm, time));
     },
   };
 }

@@ -1,4 +1,4 @@
-// What films draw on a picture: bodies, trajectories, measured positions, contact rings, arrows.
+// The layers of films on a picture: bodies, trajectories, measured positions, contact rings, arrows.
 
 import { put, s } from "../../dom";
 import { colours } from "../../scene/colour";

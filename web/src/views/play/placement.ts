@@ -18,7 +18,7 @@ const MAP_CELLS = 48;
 /** Step of a key, share of the range; finer with Ctrl. */
 const [STEP_SHARE, FINE_STEP_SHARE] = [0.02, 0.002];
 
-/** What the components of an action set. */
+/** Descriptions of the components of an action. */
 const ABOUT: Record<Component["set"], string> = {
   x: "Position to the right.",
   y: "Position upwards.",

@@ -99,7 +99,7 @@ export function realWorld(action: () => number[], onRan: (onRan: RealRun) => voi
   };
 }
 
-/** What is shown where there is no real world, with a task that has one. */
+/** The message where there is no real world, with a task that has one. */
 function emptyState(open: (task: string) => void): HTMLElement {
   const example = h("button", { type: "button" }, `Open ${EXAMPLE}`);
   example.addEventListener("click", () => open(EXAMPLE));

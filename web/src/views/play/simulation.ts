@@ -49,8 +49,8 @@ export async function goalTime(task: Task, action: readonly number[] | null, phy
 /** Prior means of the latents, from the family's simulated world. */
 export async function prior(family: string, signal: AbortSignal): Promise<Latents> {
   const { data } = await api.GET("/v1/worlds/{id}", { params: { path: { id: `${family}-sim` } }, signal });
-  const known = data?.latents;
-  return { density: known?.density ?? 1, friction: known?.friction ?? 0.5, restitution: known?.restitution ?? 0.5 };
+  const latents = data?.latents;
+  return { density: latents?.density ?? 1, friction: latents?.friction ?? 0.5, restitution: latents?.restitution ?? 0.5 };
 }
 
 function request(task: Task, action: readonly number[] | null, { latents, added, off }: Physics): Schema<"SimulateIn"> {

@@ -36,7 +36,7 @@ export interface FilmStage {
   restart: () => void;
 }
 
-/** What the stage shows now. */
+/** The content of the stage. */
 interface State {
   simulated: Outcome;
   real: Outcome;

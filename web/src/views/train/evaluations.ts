@@ -2,6 +2,7 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
+import { hasEnded } from "../../api/jobState";
 import { short } from "../../parts/slider";
 import type { Context } from "../../view";
 import { requestOf, evaluation, type Evaluation, hasSetting, type EvaluationSetting } from "./scores";
@@ -49,8 +50,4 @@ export function evaluations(jobs: readonly Job[], changed: (over: boolean) => vo
     }
   };
   return { evaluationOf: evaluationOf, running, ask, start: () => [...unfinished.values()].forEach(watch) };
-}
-
-function hasEnded(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
 }

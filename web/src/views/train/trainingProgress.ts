@@ -2,6 +2,7 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { follow } from "../../api/events";
+import { hasEnded } from "../../api/jobState";
 import { h, put } from "../../dom";
 import { curvePlot, type CurveSeries } from "../../parts/curvePlot";
 import { short } from "../../parts/slider";
@@ -52,12 +53,12 @@ export function trainingProgress(job: Job, onEnded: (policy: string | null) => v
   const show = (now: Job): void => {
     curves = updateCurves(curves, now);
     const { done, total, stage, eta_s: left } = now.progress;
-    const hasEnded = ["succeeded", "failed", "cancelled"].includes(now.state);
+    const ended = hasEnded(now);
     state.className = `state ${now.state}`;
     put(state, now.state);
-    [bar.hidden, cancel.hidden] = [hasEnded || !total, hasEnded];
+    [bar.hidden, cancel.hidden] = [ended || !total, ended];
     [bar.max, bar.value] = [Math.max(1, total), done];
-    put(words, hasEnded ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
+    put(words, ended ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
     put(errorText, now.error?.detail);
     const last = (now.config as { batches?: number }).batches ?? (stage === "train" ? total : 1);
     loss.draw(series("loss", 1, curves.loss).flatMap((raw) => [{ ...raw, faint: true }, mean(raw)]), last);
