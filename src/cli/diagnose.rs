@@ -49,10 +49,11 @@ pub fn write_report(out: &Path, found: &DiagnosisResult) -> Result<()> {
     output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
     output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
     let document = DiagnosisDocument::new(found);
-    for figure in diagnosis::figures(&document) {
+    let figures = diagnosis::figures(&document);
+    for figure in &figures {
         output::write_whole(&out.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
     }
-    let page = diagnosis::report(&document).to_html();
+    let page = diagnosis::report(&document, &figures, env!("CARGO_PKG_VERSION")).to_html();
     output::write_whole(&out.join("report.html"), page.as_bytes())
 }
 

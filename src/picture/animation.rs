@@ -5,11 +5,10 @@
 
 use std::fmt::Write;
 
-use super::scene::{
-    BodyStyle, Style, Viewport, body_colour, document, draw_body, draw_statics, scene_svg, title,
-};
+use super::scene::{BodyStyle, Style, body_colour, document, draw_body, draw_statics, scene_svg, title};
 use super::svg::{decimals, px};
 use super::theme::light;
+use super::viewport::Viewport;
 use crate::task::Scene;
 use crate::task::geometry::sub;
 use crate::trajectory::{Track, Trajectory, hermite};

@@ -8,8 +8,9 @@ use resvg::tiny_skia::Pixmap;
 
 use super::animation::{END_PAUSE_S, PathPoint, paths};
 use super::png::{checked_side, draw, draw_over, height, parse};
-use super::scene::{BodyStyle, Style, Viewport, document, draw_body, draw_statics, title};
+use super::scene::{BodyStyle, Style, document, draw_body, draw_statics, title};
 use super::svg::px;
+use super::viewport::Viewport;
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::Scene;

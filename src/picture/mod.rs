@@ -21,6 +21,7 @@ mod success_map;
 pub mod surface;
 mod svg;
 pub mod theme;
+mod viewport;
 
 pub use animation::{animation_svg, filmstrip_svg, trails_svg};
 pub use apng::{animation_png, final_frame_svg};

@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
-use super::scene::{Viewport, document, draw_statics};
+use super::scene::{document, draw_statics};
 use super::svg::{decimals, escape, points, px};
 use super::theme::{Meaning, light};
+use super::viewport::Viewport;
 use crate::task::Scene;
 
 /// A trial with its trajectories; each is a list of pieces.

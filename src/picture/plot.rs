@@ -13,6 +13,7 @@ mod quiver;
 mod scale;
 
 pub use bars::{Bar, BarGroup, bars};
+pub use frame::PANEL_SIZE_PX;
 pub use heatmap::{Heatmap, heatmap, heatmaps};
 pub use lines::{Series, XyPlot, lines, scatter, scatter_with};
 pub use panels::panels;

@@ -5,8 +5,9 @@ use std::fmt::Write;
 
 use super::animation::draw_trails;
 use super::plot::heat_colour;
-use super::scene::{Style, Viewport, document, draw_bodies, draw_statics, title};
+use super::scene::{Style, document, draw_bodies, draw_statics, title};
 use super::svg::px;
+use super::viewport::Viewport;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
 

@@ -1,8 +1,6 @@
 //! The visual language of pictures and reports: colour tokens with a light and a dark value, from `tokens.css`, which the server's page
 //! reads too.
 
-use super::svg::channels;
-
 /// Colours, type scale and spacing as CSS custom properties of the root.
 pub const TOKENS_CSS: &str = include_str!("tokens.css");
 
@@ -20,14 +18,19 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    /// Its colour on a light ground, `#rrggbb`.
-    pub fn colour(self) -> &'static str {
-        light(match self {
+    /// The token of its colour.
+    pub fn token(self) -> &'static str {
+        match self {
             Meaning::Measured => "measured",
             Meaning::Simulated => "simulated",
             Meaning::Extended => "extended",
             Meaning::Truth => "truth",
-        })
+        }
+    }
+
+    /// Its colour on a light ground, `#rrggbb`.
+    pub fn colour(self) -> &'static str {
+        light(self.token())
     }
 }
 
@@ -53,11 +56,6 @@ pub fn light(token: &str) -> &'static str {
         rest.get(..7)
     };
     TOKENS_CSS.lines().find_map(value).unwrap_or("#000000")
-}
-
-/// The same as red, green and blue.
-pub(super) fn rgb(token: &str) -> [u8; 3] {
-    channels(light(token))
 }
 
 /// Rules that draw inline pictures of [`light`] colours in the tokens' colours, for light and dark reports.

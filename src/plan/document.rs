@@ -65,6 +65,13 @@ pub struct ActionRow {
     pub standard_error: Option<f64>,
 }
 
+impl ActionRow {
+    /// The unbiased probability of success if there are fresh rollouts, else the share by which it was ranked.
+    pub fn best_probability(&self) -> f64 {
+        self.probability.unwrap_or(self.share)
+    }
+}
+
 /// A plan as a document.
 pub fn document(task: &Task, plan: &Plan, config: &PlanConfig, samples: &ParameterSamples) -> PlanDocument {
     PlanDocument {

@@ -25,7 +25,7 @@ pub fn report(d: &DesignDocument) -> HtmlReport {
         blocks: vec![Block::Text(sentence(&plain_names(&e.reason)))],
     };
     let cards = d.experiments.iter().enumerate().map(card).collect();
-    let bars = Block::Card { heading: "Expected information".into(), blocks: vec![Block::Bars(bars)] };
+    let bars = Block::card("Expected information", vec![Block::Bars(bars)]);
     HtmlReport {
         title: title(d),
         kicker: format!("Design, seed {}, iplw {}", d.config.seed, d.version),
@@ -83,7 +83,7 @@ fn precision(d: &DesignDocument) -> Vec<Block> {
     match rows.is_empty() {
         true => Vec::new(),
         false => {
-            vec![Block::Table { columns: columns.map(String::from).to_vec(), rows, note: String::new() }]
+            vec![Block::table(&columns, rows, "")]
         }
     }
 }
@@ -99,9 +99,9 @@ fn alternatives(d: &DesignDocument) -> Block {
     };
     let sets: Vec<String> =
         d.sets.iter().map(|s| format!("{} ({})", set_name(&s.effects), percent(s.weight))).collect();
-    Block::Table {
-        columns: ["task", "action, from 0 to 1", "information, nats", "reason"].map(String::from).to_vec(),
-        rows: d.others.iter().map(row).collect(),
-        note: format!("Sets of effects considered: {}.", sets.join(", ")),
-    }
+    Block::table(
+        &["task", "action, from 0 to 1", "information, nats", "reason"],
+        d.others.iter().map(row).collect(),
+        &format!("Sets of effects considered: {}.", sets.join(", ")),
+    )
 }

@@ -7,7 +7,7 @@ use crate::picture::plot::{Series, XyPlot, panels};
 use crate::picture::report::{Block, Section, Tone};
 use crate::picture::theme::Meaning;
 use crate::picture::{HtmlReport, IntervalRow, intervals_svg};
-use crate::report::words::{plain_names, sentence};
+use crate::report::words::{listed, plain_names, sentence};
 use crate::world::latent::FACTORS;
 
 /// Size of a panel, px.
@@ -19,15 +19,16 @@ const SCALE_HALF_WIDTHS: f64 = 3.0;
 pub fn report(d: &EstimateReport) -> HtmlReport {
     let rows: Vec<IntervalRow> = all(d).filter_map(|(i, latent)| interval_row(d, i, latent)).collect();
     let caption = "Dot: the estimate; line: 95 % interval. The grey bar is the range of the prior, or of three intervals.";
-    let picture = vec![Block::Svg { svg: intervals_svg("Estimates", &rows), caption: caption.into() }];
-    let facts = vec![
-        Block::Card { heading: "Fit".into(), blocks: vec![fit(d)] },
-        Block::Card { heading: "What to do next".into(), blocks: vec![Block::List(next_steps(d))] },
-    ];
-    let opening = match rows.is_empty() {
-        true => Block::Columns { main: false, columns: facts.into_iter().map(|f| vec![f]).collect() },
-        false => Block::Columns { main: true, columns: vec![picture, facts] },
+    let picture = if rows.is_empty() {
+        Vec::new()
+    } else {
+        vec![Block::Svg { svg: intervals_svg("Estimates", &rows), caption: caption.into() }]
     };
+    let facts = vec![
+        Block::card("Fit", vec![fit(d)]),
+        Block::card("What to do next", vec![Block::List(next_steps(d))]),
+    ];
+    let opening = Block::pictures_and_facts(picture, facts);
     HtmlReport {
         title: title(d),
         kicker: format!(
@@ -44,13 +45,10 @@ pub fn report(d: &EstimateReport) -> HtmlReport {
             ended(d.stopped)
         ),
         opening: vec![opening],
-        sections: [
+        sections: vec![
             Section::folded("Estimates", "values with 95 % intervals", vec![table(d)]),
             Section::folded("Rounds", "how the estimates converge", rounds(d)),
-        ]
-        .into_iter()
-        .filter(|s| !s.blocks.is_empty())
-        .collect(),
+        ],
     }
 }
 
@@ -60,12 +58,12 @@ fn all(d: &EstimateReport) -> impl Iterator<Item = (usize, &LatentEstimate)> {
 }
 
 fn title(d: &EstimateReport) -> String {
-    let known = all(d).filter(|(_, l)| l.identifiable);
-    let known: Vec<String> =
-        known.map(|(_, l)| format!("{} {}", plain_names(&l.name), digits(l.value))).collect();
-    match known.is_empty() {
+    let identifiable = all(d).filter(|(_, l)| l.identifiable);
+    let values: Vec<String> =
+        identifiable.map(|(_, l)| format!("{} {}", plain_names(&l.name), digits(l.value))).collect();
+    match values.is_empty() {
         true => "These trials determine no latent".into(),
-        false => sentence(&known.join(", ")).trim_end_matches('.').into(),
+        false => sentence(&values.join(", ")).trim_end_matches('.').into(),
     }
 }
 
@@ -87,12 +85,12 @@ fn interval_row(d: &EstimateReport, index: usize, latent: &LatentEstimate) -> Op
             [latent.value - half, latent.value + half]
         }
     };
-    let (v, at) = (latent.value, |share: f64| low + share * (high - low));
+    let v = latent.value;
     latent.identifiable.then(|| IntervalRow {
         name: plain_names(&latent.name),
         text: format!("{} ({})", digits(v), interval(&latent.ci95, "")),
         scale,
-        quantiles: [low, at(0.33).min(v), v, at(0.67).max(v), high],
+        quantiles: [low, v, v, v, high],
         truth: None,
     })
 }
@@ -135,7 +133,7 @@ fn next_steps(d: &EstimateReport) -> Vec<String> {
     if !open.is_empty() {
         steps.push(format!(
             "These trials do not determine {}. If a task needs it, choose actions that inform it.",
-            open.join(" and ")
+            listed(&open)
         ));
     }
     steps
@@ -147,14 +145,14 @@ fn table(d: &EstimateReport) -> Block {
         false => vec![plain_names(&l.name), "-".into(), "not identifiable from these trials".into()],
     };
     let misfit: Vec<String> = d.residuals.iter().map(|r| significant(*r, 2)).collect();
-    Block::Table {
-        columns: ["latent", "value", "95 % interval"].map(String::from).to_vec(),
-        rows: all(d).map(row).collect(),
-        note: format!(
+    Block::table(
+        &["latent", "value", "95 % interval"],
+        all(d).map(row).collect(),
+        &format!(
             "Squared distance of the best simulation by round, m\u{b2} per trajectory: {}.",
             misfit.join(", ")
         ),
-    }
+    )
 }
 
 /// A panel for each identifiable latent: its estimate after each round.

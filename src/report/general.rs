@@ -15,7 +15,7 @@ pub fn report(kind: &str, summary: Option<&str>, result: &Value) -> HtmlReport {
     let values = Block::KeyValues(rows(result));
     HtmlReport {
         title: summary.map_or_else(|| format!("Result: {kind}"), sentence),
-        opening: vec![Block::Card { heading: "Result".into(), blocks: vec![values] }],
+        opening: vec![Block::card("Result", vec![values])],
         ..HtmlReport::default()
     }
 }

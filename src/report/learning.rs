@@ -50,11 +50,7 @@ pub fn evaluation(summary: Option<&str>, result: &Value) -> HtmlReport {
     };
     let rows: Vec<Vec<String>> = result["tasks"].as_array().into_iter().flatten().filter_map(row).collect();
     if !rows.is_empty() {
-        let table = Block::Table {
-            columns: ["task", "solved at attempt"].map(String::from).to_vec(),
-            rows,
-            note: String::new(),
-        };
+        let table = Block::table(&["task", "solved at attempt"], rows, "");
         report.sections.push(Section::folded("Tasks", "the attempt that solved each", vec![table]));
     }
     report
@@ -77,7 +73,7 @@ fn page(
         Some((name.replace('_', " "), text))
     };
     let facts = Block::KeyValues(fields.iter().filter_map(value).collect());
-    let card = Block::Card { heading: "Result".into(), blocks: vec![facts] };
+    let card = Block::card("Result", vec![facts]);
     let picture = match plots.is_empty() {
         true => Vec::new(),
         false => vec![Block::Svg { svg: panels(kicker, plots, 2), caption: String::new() }],

@@ -35,6 +35,8 @@ pub struct JobResult<'a> {
     /// The request without large data.
     pub config: &'a Value,
     pub result: &'a Value,
+    /// Version of the program that made it.
+    pub version: &'a str,
     /// The task of a plan.
     pub task: Option<&'a Task>,
     /// The surface of a surface's job.
@@ -44,7 +46,10 @@ pub struct JobResult<'a> {
 /// The report of a job's result. Fails if an earlier version wrote the result in another form.
 pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
     let mut report = match (job.kind, job.surface) {
-        ("diagnose", _) => diagnosis::report(&DiagnosisDocument::from_json(job.result)?),
+        ("diagnose", _) => {
+            let document: DiagnosisDocument = parsed(job.result)?;
+            diagnosis::report(&document, &diagnosis::figures(&document), job.version)
+        }
         ("posterior", _) => posterior::report(&parsed(job.result)?),
         ("plan", _) => plan::report(&parsed(job.result)?, job.task),
         ("design", _) => design::report(&parsed(job.result)?),
@@ -61,7 +66,32 @@ pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
 }
 
 fn parsed<T: DeserializeOwned>(result: &Value) -> Result<T> {
-    serde_json::from_value(result.clone()).map_err(|e| {
-        Error::Failed(format!("this result has the form of another version ({e}): repeat the job"))
+    T::deserialize(result).map_err(|e| Error::Refused {
+        reason: format!("this result has the form of another version ({e}): repeat the job"),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// Results that this version cannot read are refused with the reason; kinds without a report of their own have a general one.
+    #[test]
+    fn results_of_other_versions_are_refused() {
+        let report = |kind, result: &Value| {
+            let config = json!({"task": "bowling"});
+            let (summary, task, surface) = (None, None, None);
+            job_report(&JobResult { kind, summary, config: &config, result, version: "0.1.0", task, surface })
+        };
+        for kind in ["diagnose", "posterior", "plan", "design", "iplw"] {
+            let error = report(kind, &json!({"verdict": "named"})).unwrap_err();
+            assert!(
+                matches!(error, Error::Refused { .. }) && error.to_string().contains("repeat the job"),
+                "{error}"
+            );
+        }
+        let html = report("likelihood", &json!({"parameters": 1})).unwrap().to_html();
+        assert!(html.contains("Result: likelihood") && html.contains("<dd>bowling</dd>"));
+    }
 }

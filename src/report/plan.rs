@@ -17,19 +17,16 @@ pub fn report(d: &PlanDocument, task: Option<&Task>) -> HtmlReport {
     let caption = "Success rate of the actions by where they place the body, from dark (0) to yellow (1), and the best action.";
     let pictures = maps.into_iter().map(|svg| Block::Svg { svg, caption: caption.into() });
     let bar = |(i, row): (usize, &ActionRow)| {
-        let p = row.probability.unwrap_or(row.share);
+        let p = row.best_probability();
         ShareBar { name: format!("{}", i + 1), share: p, text: probability(row), chosen: i == 0 }
     };
     let bars = d.actions.iter().take(TOP_ACTIONS).enumerate().map(bar).collect();
     let facts = vec![
-        Block::Card { heading: "The ten best actions".into(), blocks: vec![Block::Bars(bars)] },
-        Block::Card { heading: "What to do next".into(), blocks: vec![Block::List(next_steps(d))] },
+        Block::card("The ten best actions", vec![Block::Bars(bars)]),
+        Block::card("What to do next", vec![Block::List(next_steps(d))]),
     ];
     let pictures: Vec<Block> = pictures.collect();
-    let opening = match pictures.is_empty() {
-        true => Block::Columns { main: false, columns: facts.into_iter().map(|f| vec![f]).collect() },
-        false => Block::Columns { main: true, columns: vec![pictures, facts] },
-    };
+    let opening = Block::pictures_and_facts(pictures, facts);
     HtmlReport {
         title: title(d),
         kicker: format!("Plan for {}, seed {}, iplw {}", d.task, d.config.seed, d.version),
@@ -46,7 +43,7 @@ fn title(d: &PlanDocument) -> String {
     match d.actions.first() {
         None => format!("No action of {} can be placed", d.task),
         Some(row) => {
-            let p = row.probability.unwrap_or(row.share);
+            let p = row.best_probability();
             format!("The best action solves {} with a probability of {}", d.task, percent(p))
         }
     }
@@ -58,7 +55,7 @@ fn next_steps(d: &PlanDocument) -> Vec<String> {
     if !d.complete {
         steps.push("A limit ended the search: actions that were not fully evaluated may be better. Raise `rollouts` or `seconds`.".into());
     }
-    let best = d.actions.first().map_or(0.0, |row| row.probability.unwrap_or(row.share));
+    let best = d.actions.first().map_or(0.0, ActionRow::best_probability);
     if best < 0.9 && d.posterior.draws > 1 {
         steps.push(
             "The parameters are uncertain: a design recommends the measurement that helps most.".into(),

@@ -1,9 +1,9 @@
 //! The report of a posterior: what the trials determine, intervals beside the prior, pair plots, and the sampler's diagnostics.
 
-use super::words::{plain_names, set_name};
+use super::words::{listed, plain_names, set_name};
 use crate::inference::posterior::{ParameterSummary, PosteriorDocument, PredictiveBand, SetSummary};
 use crate::number::{digits, percent, significant, unit};
-use crate::picture::plot::{Heatmap, Series, XyPlot, heatmaps, panels};
+use crate::picture::plot::{Heatmap, PANEL_SIZE_PX, Series, XyPlot, heatmaps, panels};
 use crate::picture::report::{Block, Section, ShareBar, Tone};
 use crate::picture::theme::Meaning;
 use crate::picture::{HtmlReport, IntervalRow, intervals_svg};
@@ -21,9 +21,9 @@ pub fn report(d: &PosteriorDocument) -> HtmlReport {
         svg: intervals_svg("Posterior intervals", &rows),
         caption: "Thick: the central 50 %; thin: the central 95 %; dot: median. The grey bar is the range of the prior.".into(),
     };
-    let mut facts = vec![Block::Card { heading: "Sampler".into(), blocks: vec![convergence(d)] }];
+    let mut facts = vec![Block::card("Sampler", vec![convergence(d)])];
     if d.sets.len() > 1 {
-        facts.push(Block::Card { heading: "Sets of effects".into(), blocks: vec![Block::Bars(set_bars(d))] });
+        facts.push(Block::card("Sets of effects", vec![Block::Bars(set_bars(d))]));
     }
     let trials = format!(
         "{} of {} trials inform the posterior; the measurement noise is {}.",
@@ -37,7 +37,7 @@ pub fn report(d: &PosteriorDocument) -> HtmlReport {
         kicker: format!("Posterior by {}, seed {}, iplw {}", d.method(), d.seed, d.version),
         lead,
         opening: vec![Block::Columns { main: true, columns: vec![vec![intervals], facts] }],
-        sections: [
+        sections: vec![
             Section::folded("Parameters", "means, standard deviations and quantiles", vec![parameters(d)]),
             Section::folded("Predictions", "measured trials against the posterior", predictions(d)),
             Section::folded("Pair plots", "which parameters depend on each other", pair_plots(d)),
@@ -46,25 +46,24 @@ pub fn report(d: &PosteriorDocument) -> HtmlReport {
                 "evidence, effective sample sizes and R-hat",
                 vec![sets(d)],
             ),
-        ]
-        .into_iter()
-        .filter(|s| !s.blocks.is_empty())
-        .collect(),
+        ],
     }
 }
 
 /// The parameters that the trials determine.
 fn title(d: &PosteriorDocument) -> String {
-    let name = |p: &&ParameterSummary| plain_names(&p.name);
-    let mut known: Vec<String> = d.parameters.iter().filter(|p| p.identifiable).map(|p| name(&p)).collect();
-    let mut open: Vec<String> = d.parameters.iter().filter(|p| !p.identifiable).map(|p| name(&p)).collect();
-    known.dedup();
-    open.dedup();
-    match (known.is_empty(), open.is_empty()) {
+    let names = |identifiable: bool| {
+        let own = d.parameters.iter().filter(|p| p.identifiable == identifiable);
+        let mut names: Vec<String> = own.map(|p| plain_names(&p.name)).collect();
+        names.dedup();
+        names
+    };
+    let (identifiable, open) = (names(true), names(false));
+    match (identifiable.is_empty(), open.is_empty()) {
         (true, _) => "These trials tell no more than the prior".into(),
-        (false, true) => format!("These trials determine {}", known.join(" and ")),
+        (false, true) => format!("These trials determine {}", listed(&identifiable)),
         (false, false) => {
-            format!("These trials determine {}, and not {}", known.join(" and "), open.join(" and "))
+            format!("These trials determine {}, and not {}", listed(&identifiable), listed(&open))
         }
     }
 }
@@ -122,15 +121,12 @@ fn parameters(d: &PosteriorDocument) -> Block {
             .chain(end)
             .collect()
     };
-    Block::Table {
-        columns: columns.map(String::from).to_vec(),
-        rows: d.parameters.iter().map(row).collect(),
-        note: "A parameter is identifiable if its interval is clearly narrower than the prior's.".into(),
-    }
+    Block::table(
+        &columns,
+        d.parameters.iter().map(row).collect(),
+        "A parameter is identifiable if its interval is clearly narrower than the prior's.",
+    )
 }
-
-/// Size of a panel, px.
-const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 
 /// Measured positions of some trials over their predictive bands, as one picture.
 fn predictions(d: &PosteriorDocument) -> Vec<Block> {
@@ -189,11 +185,7 @@ fn sets(d: &PosteriorDocument) -> Block {
             format!("{worst:.3}"),
         ]
     };
-    Block::Table {
-        columns: columns.map(String::from).to_vec(),
-        rows: d.sets.iter().map(row).collect(),
-        note: String::new(),
-    }
+    Block::table(&columns, d.sets.iter().map(row).collect(), "")
 }
 
 /// Two-dimensional histograms of pairs of parameters, as one picture.

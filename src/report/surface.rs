@@ -37,8 +37,8 @@ pub fn report(surface: &PerformanceSurface, sensitivities: &[Sensitivity]) -> Re
     let next = "Measure the first latent best: an estimation with informative actions that is given this surface chooses actions by what they \
                 contribute to performance.";
     let facts = vec![
-        Block::Card { heading: "How much each latent matters".into(), blocks: bars },
-        Block::Card { heading: "What to do next".into(), blocks: vec![Block::Text(next.into())] },
+        Block::card("How much each latent matters", bars),
+        Block::card("What to do next", vec![Block::Text(next.into())]),
     ];
     let picture = Block::Svg {
         svg: surface_svg(surface, &[])?,

@@ -22,6 +22,14 @@ pub fn plain_names(text: &str) -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
+/// Items as in "a, b and c".
+pub fn listed(items: &[String]) -> String {
+    match items {
+        [all @ .., last] if !all.is_empty() => format!("{} and {last}", all.join(", ")),
+        _ => items.join(""),
+    }
+}
+
 /// A sentence with a capital and a full stop.
 pub fn sentence(text: &str) -> String {
     let mut chars = text.trim().chars();
@@ -39,6 +47,8 @@ mod tests {
         assert_eq!(plain_names("gravity_error (3 %), x_1 and pos_X"), "gravity error (3 %), x_1 and pos_X");
         assert_eq!(plain_names("linear_drag.c of linear_drag."), "linear drag c of linear drag.");
         assert_eq!(set_name(&["wind".into(), "linear_drag".into()]), "wind + linear drag");
+        let items = ["a", "b", "c"].map(String::from);
+        assert_eq!([listed(&items), listed(&items[..1]), listed(&[])], ["a, b and c", "a", ""]);
         assert_eq!([sentence("a b"), sentence("A!"), sentence("")], ["A b.", "A!", ""]);
     }
 }

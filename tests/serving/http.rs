@@ -946,6 +946,7 @@ fn rejects_bad_input_naming_the_field() {
         row("PATCH", "/v1/jobs/job-99", r#"{"name": 1}"#, 400, "malformed", "name"),
         row("PATCH", "/v1/jobs/job-99", r#"{"name": "a\nb"}"#, 422, wrong, "name"),
         row("GET", "/v1/jobs/job-99/events", "", 404, missing, ""),
+        row("GET", "/v1/jobs/job-99/report", "", 404, missing, ""),
         row("GET", "/nowhere", "", 404, missing, ""),
         row("GET", "/docs/nope.js", "", 404, missing, ""),
         row("PATCH", worlds, "", 405, "method-not-allowed", ""),
@@ -979,6 +980,27 @@ fn rejects_bad_input_naming_the_field() {
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 0);
     let metrics = server.send(Method::GET, "/metrics", "").text().unwrap();
     assert!(metrics.contains("iplw_errors_total{class=\"5xx\"} 0"), "{metrics}");
+}
+
+/// A job that has not succeeded has no report; the report of one that has loads and runs nothing.
+#[test]
+fn reports_are_pages_of_results() {
+    let server = Running::start();
+    let body =
+        |rounds: u64| json!({"task": "bowling", "rounds": rounds, "actions": 2, "samples": 8, "seed": 1});
+    let report =
+        |id: &Value| server.send(Method::GET, &format!("/v1/jobs/{}/report", id.as_str().unwrap()), "");
+    let long = server.post("/v1/iplw", &body(1000), 202)["id"].clone();
+    problem(report(&long), 409, "refused");
+    server.send(Method::DELETE, &format!("/v1/jobs/{}", long.as_str().unwrap()), "");
+    let done = server.finish(&server.post("/v1/iplw", &body(1), 202));
+    let page = report(&done["id"]);
+    assert_eq!(page.status(), 200);
+    assert_eq!(page.headers()["content-type"], "text/html; charset=utf-8");
+    assert!(page.headers()["content-security-policy"].to_str().unwrap().contains("sandbox"));
+    let html = page.text().unwrap();
+    assert!(html.contains("<main class=\"report\">") && html.contains("Settings"), "{html}");
+    assert!(!html.contains("<script") && !html.contains("src="));
 }
 
 #[test]

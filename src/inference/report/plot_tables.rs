@@ -11,7 +11,7 @@ const MAX_ROWS: usize = 1500;
 const MAX_LAG: usize = 12;
 
 /// Plot data of a diagnosis.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlotTables {
     /// Names of settings, indexed by the columns `setting`.
     pub settings: Vec<String>,
@@ -28,10 +28,30 @@ pub struct PlotTables {
 }
 
 /// Rows of numbers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlotTable {
     pub columns: Vec<String>,
     pub rows: Vec<Vec<Option<f64>>>,
+}
+
+impl PlotTable {
+    /// A column; NaN for missing values.
+    pub fn column(&self, name: &str) -> Vec<f64> {
+        column(&self.columns, &self.rows, name)
+    }
+
+    /// Lengths of the vectors in two columns, where both are finite.
+    pub fn lengths(&self, [x, y]: [&str; 2]) -> Vec<f64> {
+        let all = self.column(x).into_iter().zip(self.column(y)).map(|(x, y)| x.hypot(y));
+        all.filter(|v| v.is_finite()).collect()
+    }
+}
+
+/// A column of rows of numbers; NaN for missing values.
+pub fn column(columns: &[String], rows: &[Vec<Option<f64>>], name: &str) -> Vec<f64> {
+    let at = columns.iter().position(|c| c == name);
+    let value = |row: &Vec<Option<f64>>| at.and_then(|i| row.get(i).copied().flatten()).unwrap_or(f64::NAN);
+    rows.iter().map(value).collect()
 }
 
 const POINTS: [&str; 11] =

@@ -10,7 +10,7 @@ const MAX_ITEMS: usize = 4;
 /// Identifiable latents and fitted effects with 95 % intervals, and whether the simulation can reproduce the trials.
 pub fn estimation(result: &Value) -> Option<String> {
     let rows = [&result["latents"], &result["effects"]].into_iter().filter_map(Value::as_array).flatten();
-    let known = rows.filter(|row| row["identifiable"] == true).filter_map(|row| {
+    let estimates = rows.filter(|row| row["identifiable"] == true).filter_map(|row| {
         Some(format!("{} {}", name(row)?, with_interval(row["value"].as_f64()?, interval(row))))
     });
     let fit = match result["fit"]["adequate"].as_bool() {
@@ -19,7 +19,7 @@ pub fn estimation(result: &Value) -> Option<String> {
         None => "",
     };
     result["latents"].as_array()?;
-    Some(joined(known, ", ").unwrap_or_else(|| "no latent identifiable".into()) + fit)
+    Some(joined(estimates, ", ").unwrap_or_else(|| "no latent identifiable".into()) + fit)
 }
 
 /// The effects that the simulation lacks.
@@ -42,17 +42,17 @@ pub fn diagnosis(result: &Value) -> Option<String> {
 /// Identifiable parameters with standard deviations, and whether the draws converged.
 pub fn posterior(result: &Value) -> Option<String> {
     let rows = result["parameters"].as_array()?.iter().filter(|row| row["identifiable"] == true);
-    let known = rows.filter_map(|row| {
+    let estimates = rows.filter_map(|row| {
         let (mean, sd) = (row["mean"].as_f64()?, row["sd"].as_f64()?);
         let setting = row["setting"].as_str().map(|setting| format!(" ({setting})")).unwrap_or_default();
         let digits = decimals_of(sd).unwrap_or(2);
         Some(format!("{}{setting} {} ± {}", name(row)?, fixed(mean, digits), fixed(sd, digits)))
     });
-    let known = joined(known, ", ").unwrap_or_else(|| "no parameter identifiable".into());
+    let text = joined(estimates, ", ").unwrap_or_else(|| "no parameter identifiable".into());
     Some(match result["converged"].as_bool() {
-        Some(true) => known + "; converged",
-        Some(false) => known + "; not converged",
-        None => known,
+        Some(true) => text + "; converged",
+        Some(false) => text + "; not converged",
+        None => text,
     })
 }
 
@@ -119,11 +119,11 @@ mod tests {
         ]);
         let drag = json!([latent("linear_drag.c", 0.8, json!([0.7, null]), true)]);
         let of = |fit: Value| estimation(&json!({"latents": latents, "effects": [], "fit": fit})).unwrap();
-        let known = "friction 0.52 (0.48 to 0.56), restitution 0.80 (0.79 to 0.83)";
-        assert_eq!(of(json!({"adequate": true})), format!("{known}; fit good"));
-        assert_eq!(of(json!({"adequate": false})), format!("{known}; fit bad"));
-        assert_eq!(of(json!({"adequate": null})), known);
-        assert_eq!(of(json!(null)), known);
+        let estimates = "friction 0.52 (0.48 to 0.56), restitution 0.80 (0.79 to 0.83)";
+        assert_eq!(of(json!({"adequate": true})), format!("{estimates}; fit good"));
+        assert_eq!(of(json!({"adequate": false})), format!("{estimates}; fit bad"));
+        assert_eq!(of(json!({"adequate": null})), estimates);
+        assert_eq!(of(json!(null)), estimates);
         let fitted = estimation(&json!({"latents": [], "effects": drag})).unwrap();
         assert_eq!(fitted, "linear drag c 0.80 (above 0.70)");
         assert_eq!(estimation(&json!({"latents": []})).unwrap(), "no latent identifiable");

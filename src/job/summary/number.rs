@@ -74,14 +74,14 @@ mod tests {
 
     #[test]
     fn decimals_follow_the_interval() {
-        let shown = |value, low: f64, high: f64| with_interval(value, [Some(low), Some(high)]);
-        assert_eq!(shown(0.52, 0.48, 0.56), "0.52 (0.48 to 0.56)");
-        assert_eq!(shown(0.5201, 0.514, 0.526), "0.520 (0.514 to 0.526)");
-        assert_eq!(shown(0.8, 0.5, 1.0), "0.8 (0.5 to 1.0)");
-        assert_eq!(shown(1234.0, 1100.0, 1400.0), "1234 (1100 to 1400)");
-        assert_eq!(shown(-0.0004, -0.02, 0.02), "0.00 (-0.02 to 0.02)");
-        assert_eq!(shown(0.8, 0.79, 0.83), "0.80 (0.79 to 0.83)");
-        assert_eq!(shown(0.5, 0.5, 0.5), "0.50 (0.50 to 0.50)");
+        let text = |value, low: f64, high: f64| with_interval(value, [Some(low), Some(high)]);
+        assert_eq!(text(0.52, 0.48, 0.56), "0.52 (0.48 to 0.56)");
+        assert_eq!(text(0.5201, 0.514, 0.526), "0.520 (0.514 to 0.526)");
+        assert_eq!(text(0.8, 0.5, 1.0), "0.8 (0.5 to 1.0)");
+        assert_eq!(text(1234.0, 1100.0, 1400.0), "1234 (1100 to 1400)");
+        assert_eq!(text(-0.0004, -0.02, 0.02), "0.00 (-0.02 to 0.02)");
+        assert_eq!(text(0.8, 0.79, 0.83), "0.80 (0.79 to 0.83)");
+        assert_eq!(text(0.5, 0.5, 0.5), "0.50 (0.50 to 0.50)");
         assert_eq!(with_interval(0.0, [None, Some(0.04)]), "0.00 (below 0.04)");
         assert_eq!(with_interval(0.9, [Some(0.8), None]), "0.90 (above 0.80)");
         assert_eq!(with_interval(12.34, [None, None]), "12");

@@ -6,9 +6,9 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::frame::{
-    Area, Chart, DrawResult, empty, error_bar, ink, plot_svg, pos, subpixels, text, token_colour, truncate,
+    Area, Chart, DrawResult, empty, error_bar, ink, plot_svg, pos, subpixels, text, truncate,
 };
-use super::scale::{finite_pair, is_drawable, label_width, range, series_colour, tick};
+use super::scale::{finite_pair, is_drawable, label_width, range, series_colour, tick, token_colour};
 use crate::picture::svg::cleaned;
 
 /// Bars under a common label.

@@ -7,23 +7,19 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::scale::{label_width, tick};
+use super::scale::{label_width, tick, token_colour};
 use crate::picture::svg::{cleaned, escape};
-use crate::picture::theme::{light, rgb};
+use crate::picture::theme::light;
 
 /// Size of a plot, px.
 pub(super) const PLOT_SIZE_PX: (u32, u32) = (720, 440);
+/// Size of a panel of several plots, px.
+pub const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 /// Supersampling: plotters rounds to whole pixels, so plots are drawn this many times as large and scaled down.
 pub(super) const SUPERSAMPLING: u32 = 4;
 /// Colour of text and axes.
 pub(super) fn ink() -> RGBColor {
     token_colour("ink")
-}
-
-/// A token's colour on a light ground.
-pub(super) fn token_colour(token: &str) -> RGBColor {
-    let [r, g, b] = rgb(token);
-    RGBColor(r, g, b)
 }
 
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use super::frame::{
     Chart, DrawResult, PLOT_SIZE_PX, chart_with_grid, empty, error_bar, plot_svg_sized, subpixels,
 };
-use super::scale::{extend, finite_pair, is_drawable, meaning_colour, range, series_colour};
+use super::scale::{extend, finite_pair, is_drawable, range, series_colour, token_colour};
 use crate::picture::theme::Meaning;
 
 /// One line or cloud of points.
@@ -119,7 +119,7 @@ impl XyPlot {
 /// The colour of each series.
 fn colours(series: &[Series]) -> Vec<RGBColor> {
     let colour = |(i, s): (usize, &Series)| match s.meaning {
-        Some(meaning) => meaning_colour(meaning),
+        Some(meaning) => token_colour(meaning.token()),
         None => series_colour(i),
     };
     series.iter().enumerate().map(colour).collect()

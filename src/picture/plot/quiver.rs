@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::frame::{Chart, DrawResult, chart_with_grid, empty, ink, plot_svg_sized, subpixels};
-use super::scale::{extend, is_drawable, meaning_colour, range, series_colour, tick};
+use super::scale::{extend, is_drawable, range, series_colour, tick, token_colour};
 use crate::picture::theme::Meaning;
 
 /// Arrows of one colour.
@@ -39,7 +39,7 @@ pub fn quiver(
     let (Some(x), Some(y)) = (span(0), span(1)) else { return empty(title) };
     // Room for the longest arrow on every side.
     let (x, y) = (extend(x, RANGE_PADDING[0]), extend(y, RANGE_PADDING[1]));
-    let colour = |i: usize| series[i].meaning.map_or(series_colour(i), meaning_colour);
+    let colour = |i: usize| series[i].meaning.map_or(series_colour(i), |m| token_colour(m.token()));
     let legend: Vec<(String, RGBColor)> =
         series.iter().enumerate().map(|(i, s)| (s.name.clone(), colour(i))).collect();
     let title = format!("{title} (longest arrow {} {unit})", tick(longest));

@@ -6,7 +6,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::RGBColor;
 
 use crate::picture::svg::{PALETTE, channels, decimals};
-use crate::picture::theme::Meaning;
+use crate::picture::theme::light;
 
 /// Whether a value can be drawn; beyond 1e100 the arithmetic of axes overflows.
 pub(super) fn is_drawable(v: f64) -> bool {
@@ -76,9 +76,9 @@ pub(super) fn series_colour(index: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
-/// The colour of a meaning.
-pub(super) fn meaning_colour(meaning: Meaning) -> RGBColor {
-    let [r, g, b] = channels(meaning.colour());
+/// A token's colour on a light ground.
+pub(super) fn token_colour(token: &str) -> RGBColor {
+    let [r, g, b] = channels(light(token));
     RGBColor(r, g, b)
 }
 

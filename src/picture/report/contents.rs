@@ -11,7 +11,7 @@ pub struct HtmlReport {
     pub lead: String,
     /// The first screen, below the summary.
     pub opening: Vec<Block>,
-    /// Sections in order, with a list of contents where several are folded.
+    /// Sections in order, with a list of contents where several are folded; those without blocks are left out.
     pub sections: Vec<Section>,
 }
 
@@ -79,6 +79,26 @@ pub enum Block {
     Card { heading: String, blocks: Vec<Block> },
     /// Columns side by side, one below the other on a narrow screen; the first of two is wider if `main` is set.
     Columns { main: bool, columns: Vec<Vec<Block>> },
+}
+
+impl Block {
+    /// A table with these column heads.
+    pub fn table(columns: &[&str], rows: Vec<Vec<String>>, note: &str) -> Block {
+        Block::Table { columns: columns.iter().map(|c| c.to_string()).collect(), rows, note: note.into() }
+    }
+
+    /// A card.
+    pub fn card(heading: &str, blocks: Vec<Block>) -> Block {
+        Block::Card { heading: heading.into(), blocks }
+    }
+
+    /// Facts beside pictures; side by side where there are no pictures.
+    pub fn pictures_and_facts(pictures: Vec<Block>, facts: Vec<Block>) -> Block {
+        match pictures.is_empty() {
+            true => Block::Columns { main: false, columns: facts.into_iter().map(|f| vec![f]).collect() },
+            false => Block::Columns { main: true, columns: vec![pictures, facts] },
+        }
+    }
 }
 
 /// A share as a bar.

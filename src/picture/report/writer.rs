@@ -24,12 +24,13 @@ impl HtmlWriter {
         paragraphs(&mut self.out, &report.lead);
         self.out.push_str("</div>\n</header>\n");
         self.blocks(&report.opening);
-        self.contents(&report.sections);
-        report.sections.iter().for_each(|section| self.section(section));
+        let sections: Vec<&Section> = report.sections.iter().filter(|s| !s.blocks.is_empty()).collect();
+        self.contents(&sections);
+        sections.iter().for_each(|section| self.section(section));
     }
 
-    fn contents(&mut self, sections: &[Section]) {
-        let folded: Vec<&Section> = sections.iter().filter(|s| s.folded).collect();
+    fn contents(&mut self, sections: &[&Section]) {
+        let folded: Vec<&&Section> = sections.iter().filter(|s| s.folded).collect();
         if folded.len() < MIN_LISTED_SECTIONS {
             return;
         }

@@ -1,9 +1,7 @@
 //! The result of a diagnosis as a document: the diagnosis, the extended scene and the evidence for plots.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use crate::error::{Error, Result};
 use crate::inference::DiagnosisResult;
 use crate::inference::report::plot_tables::{PlotTables, plot_tables};
 use crate::inference::report::{Diagnosis, Verdict};
@@ -17,7 +15,10 @@ pub struct DiagnosisDocument {
     /// The scene with the effects found and the fitted latents.
     pub extended_scene: Scene,
     /// The recommended experiment, if it is a throw or a drop.
+    #[serde(default)]
     pub next_scene: Option<Scene>,
+    /// Empty in results of earlier versions.
+    #[serde(default)]
     pub evidence: PlotTables,
 }
 
@@ -31,28 +32,12 @@ impl DiagnosisDocument {
         }
     }
 
-    /// From a job's result. Fails if an earlier version wrote it in another form.
-    pub fn from_json(result: &Value) -> Result<DiagnosisDocument> {
-        serde_json::from_value(result.clone()).map_err(|e| {
-            Error::Failed(format!(
-                "the result of this diagnosis has another form ({e}): repeat the diagnosis"
-            ))
-        })
-    }
-
     /// Whether a set of effects is reported.
     pub fn is_extended(&self) -> bool {
         let diagnosis = &self.diagnosis;
         let law = diagnosis.residual_law.as_ref().is_some_and(|l| l.offered);
         !diagnosis.effects.is_empty() && diagnosis.verdict != Verdict::None || law
     }
-}
-
-/// A column of rows of numbers; NaN for missing values.
-pub fn column(columns: &[String], rows: &[Vec<Option<f64>>], name: &str) -> Vec<f64> {
-    let at = columns.iter().position(|c| c == name);
-    let value = |row: &Vec<Option<f64>>| at.and_then(|i| row.get(i).copied().flatten()).unwrap_or(f64::NAN);
-    rows.iter().map(value).collect()
 }
 
 #[cfg(test)]
@@ -137,12 +122,14 @@ pub mod tests {
         out
     }
 
+    /// Results of earlier versions without evidence have a report, too.
     #[test]
     fn documents_survive_json() {
         let document = named();
-        let json = serde_json::to_value(&document).unwrap();
-        assert_eq!(DiagnosisDocument::from_json(&json).unwrap(), document);
-        let error = DiagnosisDocument::from_json(&serde_json::json!({"verdict": "named"})).unwrap_err();
-        assert!(error.to_string().contains("repeat the diagnosis"), "{error}");
+        let mut json = serde_json::to_value(&document).unwrap();
+        let read = |json: &serde_json::Value| serde_json::from_value::<DiagnosisDocument>(json.clone());
+        assert_eq!(read(&json).unwrap(), document);
+        json.as_object_mut().unwrap().remove("evidence");
+        assert_eq!(read(&json).unwrap().evidence, PlotTables::default());
     }
 }

@@ -1,14 +1,12 @@
 //! Figures of the evidence: residuals over time, missing accelerations, and impacts.
 
-use super::document::{DiagnosisDocument, column};
+use super::document::DiagnosisDocument;
 use super::figure::ReportFigure;
 use super::trials::ReportedTrials;
 use crate::inference::report::plot_tables::PlotTable;
-use crate::picture::plot::{Arrows, Series, XyPlot, panels, quiver};
+use crate::picture::plot::{Arrows, PANEL_SIZE_PX, Series, XyPlot, panels, quiver};
 use crate::picture::theme::Meaning;
 
-/// Size of a panel, px.
-const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 /// Half width of a predictive band in standard deviations.
 const BAND_SD: f64 = 2.0;
 /// 95 % quantile of the chi-squared distribution with 2 degrees of freedom: significance of an acceleration.
@@ -31,11 +29,11 @@ pub fn residuals(document: &DiagnosisDocument, trials: &ReportedTrials) -> Optio
         return None;
     }
     let models = if document.is_extended() { &MODELS[..] } else { &MODELS[..1] };
-    let time = table_column(points, "t");
+    let time = points.column("t");
     let all = ["x", "y"].map(|axis| {
         let series = models.iter().map(|(side, name, meaning)| Series {
             name: name.to_string(),
-            points: pairs(&time, &table_column(points, &format!("{side}_{axis}"))),
+            points: pairs(&time, &points.column(&format!("{side}_{axis}"))),
             meaning: Some(*meaning),
             ..Series::default()
         });
@@ -45,17 +43,17 @@ pub fn residuals(document: &DiagnosisDocument, trials: &ReportedTrials) -> Optio
     for (role, trial) in trials.examples() {
         let path = trials.trajectory(trial);
         for (k, axis) in ["x", "y"].into_iter().enumerate() {
-            let along = |values: &[[f64; 2]]| values.iter().map(|v| v[k]).collect::<Vec<f64>>();
+            let coordinate = |values: &[[f64; 2]]| values.iter().map(|v| v[k]).collect::<Vec<f64>>();
             let clouds = models.iter().enumerate().map(|(m, (_, name, meaning))| Series {
                 name: name.to_string(),
-                points: pairs(&path.times, &along(&path.residuals[m])),
+                points: pairs(&path.times, &coordinate(&path.residuals[m])),
                 meaning: Some(*meaning),
                 ..Series::default()
             });
             let bands = models.iter().enumerate().map(|(m, (_, _, meaning))| Series {
                 name: String::new(),
                 points: path.times.iter().map(|t| (*t, 0.0)).collect(),
-                band: Some(along(&path.sds[m]).iter().map(|sd| (-BAND_SD * sd, BAND_SD * sd)).collect()),
+                band: Some(coordinate(&path.sds[m]).iter().map(|sd| (-BAND_SD * sd, BAND_SD * sd)).collect()),
                 meaning: Some(*meaning),
             });
             let title = format!("{role}, {axis}: {}", trials.name(trial.trial));
@@ -129,7 +127,7 @@ pub fn missing_acceleration(document: &DiagnosisDocument) -> Option<ReportFigure
 
 /// Mean position and median acceleration of each cell of the plane.
 fn cell_medians(pushes: &PlotTable, acceleration: [String; 2]) -> Vec<([f64; 2], [f64; 2])> {
-    let of = |name: &str| table_column(pushes, name);
+    let of = |name: &str| pushes.column(name);
     let (x, y, ax, ay) = (of("x"), of("y"), of(&acceleration[0]), of(&acceleration[1]));
     let rows: Vec<[f64; 4]> = (0..x.len())
         .map(|i| [x[i], y[i], ax[i], ay[i]])
@@ -166,18 +164,21 @@ pub fn impacts(document: &DiagnosisDocument) -> Option<ReportFigure> {
         ("extended", "extended simulation", Meaning::Extended),
     ];
     let sides = if document.is_extended() { &sides[..] } else { &sides[..2] };
-    let of = |side: &str, name: &str| table_column(bounces, &format!("{side}_{name}"));
-    let approaches: Vec<Vec<f64>> = sides.iter().map(|(side, ..)| of(side, "approach")).collect();
-    let largest = approaches.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
-    let is_shown = |i: usize| approaches.iter().all(|a| a[i] > MIN_APPROACH_SHARE * largest);
-    let shown: Vec<usize> = (0..bounces.rows.len()).filter(|i| is_shown(*i)).collect();
-    if shown.is_empty() {
+    let quantities =
+        |side: &str| ["approach", "slip", "normal", "along"].map(|q| bounces.column(&format!("{side}_{q}")));
+    let impacts: Vec<[Vec<f64>; 4]> = sides.iter().map(|(side, ..)| quantities(side)).collect();
+    let speeds = impacts.iter().flat_map(|[approach, ..]| approach).copied().filter(|v| v.is_finite());
+    let largest = speeds.fold(0.0, f64::max);
+    let is_fast =
+        |i: &usize| impacts.iter().all(|[approach, ..]| approach[*i] > MIN_APPROACH_SHARE * largest);
+    let rows: Vec<usize> = (0..bounces.rows.len()).filter(is_fast).collect();
+    if rows.is_empty() {
         return None;
     }
-    let plot = |title: &str, x_label: &str, y_label: &str, value: &dyn Fn(&str, usize) -> (f64, f64)| {
-        let series = |(side, name, meaning): &(&str, &str, Meaning)| Series {
+    let plot = |title: &str, x_label: &str, y_label: &str, point: fn([f64; 4]) -> (f64, f64)| {
+        let series = |((_, name, meaning), own): (&(&str, &str, Meaning), &[Vec<f64>; 4])| Series {
             name: name.to_string(),
-            points: shown.iter().map(|i| value(side, *i)).collect(),
+            points: rows.iter().map(|i| point([0, 1, 2, 3].map(|q| own[q][*i]))).collect(),
             meaning: Some(*meaning),
             ..Series::default()
         };
@@ -185,24 +186,20 @@ pub fn impacts(document: &DiagnosisDocument) -> Option<ReportFigure> {
             title: title.into(),
             x_label: x_label.into(),
             y_label: y_label.into(),
-            points: sides.iter().map(series).collect(),
-            curves: Vec::new(),
+            points: sides.iter().zip(&impacts).map(series).collect(),
             size: PANEL_SIZE_PX,
+            ..XyPlot::default()
         };
         plot.svg()
     };
-    let (speed, impulse) = ("speed of impact, m/s", "impulse over mass, m/s");
+    let (speed, slip, impulse) =
+        ("speed of impact, m/s", "slip before impact, m/s", "impulse over mass, m/s");
     let plots = [
-        plot("Rebound over approach", speed, "restitution", &|side, i| {
-            let approach = of(side, "approach")[i];
-            (approach, of(side, "normal")[i] / approach - 1.0)
+        plot("Rebound over approach", speed, "restitution", |[approach, _, normal, _]| {
+            (approach, normal / approach - 1.0)
         }),
-        plot("Impulse along the normal", speed, impulse, &|side, i| {
-            (of(side, "approach")[i], of(side, "normal")[i])
-        }),
-        plot("Impulse along the surface", "slip before impact, m/s", impulse, &|side, i| {
-            (of(side, "slip")[i], of(side, "along")[i])
-        }),
+        plot("Impulse along the normal", speed, impulse, |[approach, _, normal, _]| (approach, normal)),
+        plot("Impulse along the surface", slip, impulse, |[_, slip, _, tangential]| (slip, tangential)),
     ];
     Some(ReportFigure {
         name: "impacts",
@@ -211,10 +208,6 @@ pub fn impacts(document: &DiagnosisDocument) -> Option<ReportFigure> {
             .into(),
         svg: panels("Impacts", &plots, 2),
     })
-}
-
-fn table_column(table: &PlotTable, name: &str) -> Vec<f64> {
-    column(&table.columns, &table.rows, name)
 }
 
 fn pairs(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {

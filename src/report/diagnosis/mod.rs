@@ -15,7 +15,7 @@ pub use figure::ReportFigure;
 
 use trials::ReportedTrials;
 
-use crate::picture::{Block, HtmlReport, Section};
+use crate::picture::{Block, HtmlReport};
 
 /// All figures that a diagnosis has data for, in the order of the report.
 pub fn figures(document: &DiagnosisDocument) -> Vec<ReportFigure> {
@@ -31,10 +31,9 @@ pub fn figures(document: &DiagnosisDocument) -> Vec<ReportFigure> {
     all.into_iter().flatten().collect()
 }
 
-/// The report.
-pub fn report(document: &DiagnosisDocument) -> HtmlReport {
+/// The report, with the document's [`figures`]; `version`: of the program that made the diagnosis.
+pub fn report(document: &DiagnosisDocument, figures: &[ReportFigure], version: &str) -> HtmlReport {
     let (diagnosis, trials) = (&document.diagnosis, ReportedTrials::of(document));
-    let figures = figures(document);
     let of = |name: &str| {
         figures.iter().filter(|f| f.name == name).map(ReportFigure::block).collect::<Vec<Block>>()
     };
@@ -45,26 +44,19 @@ pub fn report(document: &DiagnosisDocument) -> HtmlReport {
     let facts =
         [verdict::error(diagnosis), verdict::probabilities(diagnosis), Some(next_step::next_step(document))];
     let facts: Vec<Block> = facts.into_iter().flatten().collect();
-    let columns = match picture.is_empty() {
-        true => Block::Columns { main: false, columns: facts.into_iter().map(|f| vec![f]).collect() },
-        false => Block::Columns { main: true, columns: vec![picture, facts] },
-    };
+    let columns = Block::pictures_and_facts(picture, facts);
     let opening = verdict::laws(document).into_iter().chain([columns]).collect();
     HtmlReport {
         title: verdict::title(diagnosis),
-        kicker: kicker(document, &trials),
+        kicker: kicker(document, &trials, version),
         lead: verdict::explanation(diagnosis),
         opening,
-        sections: sections::all(document, &trials, &of).into_iter().filter(has_blocks).collect(),
+        sections: sections::all(document, &trials, &of),
     }
 }
 
-fn has_blocks(section: &Section) -> bool {
-    !section.blocks.is_empty()
-}
-
 /// The scene, the number of trials, and how to reproduce the diagnosis.
-fn kicker(document: &DiagnosisDocument, trials: &ReportedTrials) -> String {
+fn kicker(document: &DiagnosisDocument, trials: &ReportedTrials, version: &str) -> String {
     let name = document.extended_scene.name.trim();
     let scene = if name.is_empty() { "a scene".to_string() } else { name.to_string() };
     let count = match trials.count() {
@@ -72,11 +64,7 @@ fn kicker(document: &DiagnosisDocument, trials: &ReportedTrials) -> String {
         1 => ", 1 trial".into(),
         n => format!(", {n} trials"),
     };
-    format!(
-        "Diagnosis of {scene}{count}, seed {}, iplw {}",
-        document.diagnosis.seed,
-        env!("CARGO_PKG_VERSION")
-    )
+    format!("Diagnosis of {scene}{count}, seed {}, iplw {version}", document.diagnosis.seed)
 }
 
 #[cfg(test)]
@@ -84,9 +72,13 @@ mod tests {
     use super::*;
     use document::tests::{document, named};
 
+    fn html(document: &DiagnosisDocument) -> String {
+        report(document, &figures(document), "0.1.0").to_html()
+    }
+
     #[test]
     fn first_screen_names_law_size_quality_and_next_step() {
-        let html = report(&named()).to_html();
+        let html = html(&named());
         let first = &html[..html.find("<nav class=\"contents\"").unwrap()];
         for text in [
             "The simulation gets one thing wrong: quadratic drag (air resistance)",
@@ -106,7 +98,7 @@ mod tests {
     fn reports_have_few_figures_and_folded_sections() {
         let document = named();
         assert!(figures(&document).len() <= 6);
-        assert!(report(&document).sections.iter().all(|s| s.folded));
+        assert!(report(&document, &[], "0.1.0").sections.iter().all(|s| s.folded));
     }
 
     /// Every verdict has a title, an explanation and a next step.
@@ -117,7 +109,7 @@ mod tests {
             let mut document = document();
             document.diagnosis.verdict = verdict;
             document.diagnosis.rivals = vec![vec!["wind".into()], vec!["linear_drag".into()]];
-            let html = report(&document).to_html();
+            let html = html(&document);
             assert!(html.contains("<h3>What to do next</h3>"), "{verdict:?}");
         }
     }

@@ -1,6 +1,6 @@
 //! The next step after a diagnosis, by its verdict.
 
-use super::document::{DiagnosisDocument, column};
+use super::document::DiagnosisDocument;
 use crate::inference::report::Verdict;
 use crate::number::significant;
 use crate::picture::report::Block;
@@ -46,15 +46,12 @@ pub fn next_step(document: &DiagnosisDocument) -> Block {
         [one] => vec![Block::Text(one.clone())],
         _ => vec![Block::List(steps)],
     };
-    Block::Card { heading: "What to do next".into(), blocks }
+    Block::card("What to do next", blocks)
 }
 
 /// The speeds at which the law was observed.
 fn range_of_validity(document: &DiagnosisDocument) -> String {
-    let points = &document.evidence.points;
-    let of = |name: &str| column(&points.columns, &points.rows, name);
-    let speeds: Vec<f64> =
-        of("vx").into_iter().zip(of("vy")).map(|(x, y)| x.hypot(y)).filter(|v| v.is_finite()).collect();
+    let speeds = document.evidence.points.lengths(["vx", "vy"]);
     let end = |of: fn(f64, f64) -> f64| speeds.iter().copied().reduce(of);
     match (end(f64::min), end(f64::max)) {
         (Some(low), Some(high)) => format!(

@@ -37,8 +37,8 @@ pub fn all(document: &DiagnosisDocument, trials: &ReportedTrials, figure: Figure
 fn reasoning(d: &Diagnosis) -> Vec<Block> {
     let mut blocks = vec![Block::Text(sentence(&plain_names(&d.reason)))];
     let signature = |e: &EffectEstimate| {
-        let known = effect::find(&e.name).ok()?;
-        Some(format!("How {} shows: {}", plain_names(&e.name), known.signature))
+        let signature = effect::find(&e.name).ok()?.signature;
+        Some(format!("How {} shows: {signature}", plain_names(&e.name)))
     };
     blocks.extend(d.effects.iter().filter_map(signature).map(Block::Text));
     if let Some(law) = &d.residual_law {
@@ -213,5 +213,5 @@ fn table(columns: &[&str], rows: Vec<Vec<String>>, note: &str) -> Vec<Block> {
     if rows.is_empty() {
         return Vec::new();
     }
-    vec![Block::Table { columns: columns.iter().map(|c| c.to_string()).collect(), rows, note: note.into() }]
+    vec![Block::table(columns, rows, note)]
 }

@@ -8,13 +8,10 @@ use crate::inference::report::{
     EffectEstimate, ParameterEstimate, TrialEffectEstimate, TrialEffects, TrialResiduals,
 };
 use crate::number::unit;
-use crate::picture::plot::{Series, XyPlot, panels};
+use crate::picture::plot::{PANEL_SIZE_PX, Series, XyPlot, panels};
 use crate::picture::theme::Meaning;
 use crate::picture::{OverlayPanel, overlay_svg};
 use crate::report::words::plain_names;
-
-/// Size of a panel, px.
-const PANEL_SIZE_PX: (u32, u32) = (500, 300);
 
 /// Trajectories of the trials with the median and the largest error.
 pub fn overlay(document: &DiagnosisDocument, trials: &ReportedTrials) -> Option<ReportFigure> {

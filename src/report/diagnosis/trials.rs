@@ -1,7 +1,8 @@
 //! Trials of a diagnosis as the report shows them: under their own names, with the trajectories of the first body.
 
-use super::document::{DiagnosisDocument, column};
+use super::document::DiagnosisDocument;
 use crate::inference::report::TrialResiduals;
+use crate::inference::report::plot_tables::column;
 
 /// Trials with trajectories, and their names.
 pub struct ReportedTrials<'a> {
@@ -27,15 +28,16 @@ pub struct TrialTrajectory {
 impl<'a> ReportedTrials<'a> {
     pub fn of(document: &'a DiagnosisDocument) -> ReportedTrials<'a> {
         let diagnosis = &document.diagnosis;
-        let mut order: Vec<&TrialResiduals> =
-            diagnosis.paths.launches.iter().filter(|l| !l.rows.is_empty()).collect();
+        let order = diagnosis.paths.launches.iter().filter(|l| !l.rows.is_empty());
         let error = |l: &TrialResiduals| {
             let of = |name: &str| column(&diagnosis.paths.columns, &l.rows, name);
             let residuals = [of("before_x"), of("before_y")].concat();
             let squares: Vec<f64> = residuals.iter().filter(|v| v.is_finite()).map(|v| v * v).collect();
             squares.iter().sum::<f64>() / squares.len().max(1) as f64
         };
-        order.sort_by(|a, b| error(b).total_cmp(&error(a)).then(a.trial.cmp(&b.trial)));
+        let mut order: Vec<(f64, &TrialResiduals)> = order.map(|l| (error(l), l)).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.trial.cmp(&b.1.trial)));
+        let order = order.into_iter().map(|(_, l)| l).collect();
         ReportedTrials { document, order }
     }
 
@@ -55,9 +57,9 @@ impl<'a> ReportedTrials<'a> {
     /// The user's name of a trial, as in "trial 7" or "throw seven".
     pub fn name(&self, trial: usize) -> String {
         let diagnosis = &self.document.diagnosis;
-        let known = diagnosis.launches.iter().find(|l| l.trial == trial).map(|l| l.name.as_str());
+        let used = diagnosis.launches.iter().find(|l| l.trial == trial).map(|l| l.name.as_str());
         let odd = diagnosis.odd_trials.iter().find(|o| o.trial == trial).map(|o| o.name.as_str());
-        match known.or(odd).filter(|n| !n.is_empty()) {
+        match used.or(odd).filter(|n| !n.is_empty()) {
             Some(name) if name.parse::<f64>().is_ok() => format!("trial {name}"),
             Some(name) => name.to_string(),
             None => format!("trial {} of the recording", trial + 1),

@@ -1,6 +1,6 @@
 //! The verdict in a sentence, the laws found as formulas, the error beside the noise, and the probabilities.
 
-use super::document::{DiagnosisDocument, column};
+use super::document::DiagnosisDocument;
 use crate::inference::report::{Diagnosis, EffectEstimate, ParameterEstimate, Verdict};
 use crate::number::{digits, interval, length, percent, significant, superscripts, unit, with_unit};
 use crate::picture::report::{Block, ShareBar, Tone};
@@ -87,10 +87,8 @@ pub fn laws(document: &DiagnosisDocument) -> Vec<Block> {
 
 /// The median acceleration that the extension adds, in words.
 fn typical_size(document: &DiagnosisDocument) -> String {
-    let pushes = &document.evidence.pushes;
-    let of = |name: &str| column(&pushes.columns, &pushes.rows, name);
-    let sizes = of("found_ax").into_iter().zip(of("found_ay")).map(|(x, y)| x.hypot(y));
-    let mut sizes: Vec<f64> = sizes.filter(|v| v.is_finite() && *v > 0.0).collect();
+    let mut sizes = document.evidence.pushes.lengths(["found_ax", "found_ay"]);
+    sizes.retain(|v| *v > 0.0);
     sizes.sort_by(f64::total_cmp);
     match sizes.get(sizes.len() / 2) {
         Some(median) => format!(
@@ -134,7 +132,7 @@ pub fn error(d: &Diagnosis) -> Option<Block> {
         r => (format!("{} times the measurement noise", significant(r, 2)), Tone::Bad),
     };
     let stat = Block::Stat { value, label, judgement, tone };
-    Some(Block::Card { heading: "Error".into(), blocks: vec![stat] })
+    Some(Block::card("Error", vec![stat]))
 }
 
 /// Probabilities of effects, most probable first.
@@ -167,7 +165,7 @@ pub fn probabilities(d: &Diagnosis) -> Option<Block> {
         d.scores.len()
     );
     let blocks = vec![Block::Bars(bars), Block::Caption(count)];
-    (d.scores.len() > 1).then(|| Block::Card { heading: "Probability that an effect acts".into(), blocks })
+    (d.scores.len() > 1).then(|| Block::card("Probability that an effect acts", blocks))
 }
 
 /// The name of an effect, and in brackets the one that most people know.

@@ -15,7 +15,7 @@ pub fn operations() -> Vec<Operation> {
                  pictures,\ntables and settings. The command line writes the same page as report.html.",
             )
             .media_response(200, "The page", &["text/html"])
-            .errors(&[(404, ""), (409, "The job has no result")])
+            .errors(&[(404, ""), (409, "The job has no result, or one of another version")])
             .compute_handler(report),
     ]
 }
@@ -36,6 +36,7 @@ fn report(app: &RequestContext, PathId(id): PathId) -> Result<MediaBody> {
         summary: job.metadata.summary.as_deref(),
         config: &job.config,
         result,
+        version: &job.version,
         task: task.as_ref(),
         surface: surface.as_ref(),
     };

@@ -5109,7 +5109,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job has no result */
+            /** @description The job has no result, or one of another version */
             409: {
                 headers: {
                     [name: string]: unknown;
