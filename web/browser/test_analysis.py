@@ -59,6 +59,8 @@ def test_a_posterior_of_the_example_leads_to_a_plan_whose_actions_are_tried(serv
     # Other actions are tried in place; only the real world counts.
     section(page, "Best actions").get_by_role("button", name="Try action 2").click()
     expect(attempt.locator("h2").first).to_have_text("Action 2 in bowling:003")
+    # Until its film replaces the previous one, the previous buttons are inert.
+    expect(attempt.locator("[aria-busy=false]")).to_have_count(1)
     expect(attempt).to_contain_text("Each run in a real world costs one interaction.")
     run = attempt.get_by_role("button", name="Run in the real world")
     expect(run).to_be_enabled()

@@ -35,13 +35,24 @@ export function tryPanel(worlds: Worlds, context: Context): TryPanel {
   const element = h("section", { class: "card stack try-panel", "aria-label": "Try" }, heading, place);
   let session = new AbortController();
   let number = 0;
-  const run = latest<Attempt>(async (attempt) => {
+  let requested: Attempt | null = null;
+  const simulate = latest<Attempt>(async (attempt) => {
     session.abort();
     session = new AbortController();
     const inner: Context = { ...context, signal: AbortSignal.any([context.signal, session.signal]) };
-    await film(place, attempt, next(attempt), inner).catch(context.fail);
+    await film(place, attempt, next(attempt), inner).catch((error: unknown) => {
+      put(place);
+      context.fail(error);
+    });
+    if (requested === attempt) busy(place, false);
     if (attempt.reveal) reveal(element);
   });
+  // The film and the buttons of the previous action are inert until those of this one replace them.
+  const run = (attempt: Attempt): void => {
+    requested = attempt;
+    busy(place, true);
+    simulate(attempt);
+  };
   /** The same action in another sample. */
   const next = (attempt: Attempt): (() => void) | null => {
     const { sample, count } = worlds;
@@ -57,6 +68,11 @@ export function tryPanel(worlds: Worlds, context: Context): TryPanel {
     run({ task, action, name, world: worlds, reveal: element.isConnected });
   };
   return { element, show };
+}
+
+function busy(place: HTMLElement, busy: boolean): void {
+  place.inert = busy;
+  place.setAttribute("aria-busy", String(busy));
 }
 
 /** Scrolls to an element unless its upper part is in sight. */
