@@ -3,6 +3,7 @@
 use serde::Deserialize;
 use utoipa::ToSchema;
 
+pub use super::constants::STANDARD_GRAVITY_M_S2;
 use super::limits::{MASS_RANGE_KG, MAX_LENGTH_M, MIN_LENGTH_M};
 use super::scene::{Body, Scene, Static};
 use super::shape::{Disc, Halfspace};
@@ -32,8 +33,6 @@ pub struct BallScene {
     pub floor: Option<f64>,
 }
 
-/// m/s^2, standard gravity to three digits.
-pub const STANDARD_GRAVITY_M_S2: f64 = 9.81;
 /// Upper bound of the ball's density, kg/m^3 (the densest element, osmium, has 22,590).
 const MAX_DENSITY_KG_M3: f64 = 23_000.0;
 /// Initial coefficients of the ball, from which the estimate starts; the floor's coefficients are 1.

@@ -4,6 +4,7 @@
 //! here. Box2D takes the geometric mean of the frictions and the larger restitution (`b2MixFriction`,
 //! `b2MixRestitution`), and treats impacts slower than 1 m/s as inelastic (`b2_velocityThreshold`).
 
+pub use super::constants::MAX_RESTITUTION_THRESHOLD_M_S;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, check_range};
@@ -75,9 +76,6 @@ impl ContactRules {
         .map(|_| ())
     }
 }
-
-/// Upper bound of the threshold, m/s.
-pub const MAX_RESTITUTION_THRESHOLD_M_S: f64 = 100.0;
 
 #[cfg(test)]
 mod tests {

@@ -7,6 +7,7 @@ pub mod action;
 pub mod ball;
 mod body;
 pub mod complexity;
+pub mod constants;
 mod contact_rules;
 mod custom;
 mod families;

@@ -12,6 +12,7 @@
 
 pub mod compile;
 mod compiled_intervention;
+mod contact_criteria;
 pub mod effect;
 pub mod goal;
 mod intervene;
@@ -33,7 +34,8 @@ use crate::error::{Error, Result};
 use crate::names::names;
 use crate::trajectory::Trajectory;
 use compile::{RolloutModel, compile};
-use lanes::Topology;
+pub use lanes::gpu::{Accelerator, Work};
+use lanes::{Topology, gpu};
 pub use lanes::{BatchSettings, SimdLevel};
 #[cfg(feature = "levels")]
 pub use lanes::{OperationCounts, operations};
@@ -54,6 +56,8 @@ pub enum Engine {
     Rapier,
     /// The batched engine: discs, and bodies of any shape with up to 20,000 pairs of pieces.
     Lanes,
+    /// The batched engine on a graphics processor; rollouts that it does not support run as with `auto`.
+    Gpu,
 }
 
 /// Simulates batches of rollouts: a builder with the engine, the budget and the batch settings.
@@ -65,6 +69,7 @@ pub struct Simulator<'a> {
     engines: EngineChoice<'a>,
     budget: &'a dyn Budget,
     settings: BatchSettings,
+    accelerator: Option<&'a dyn Accelerator>,
 }
 
 /// The engine of each rollout in a batch.
@@ -87,7 +92,7 @@ impl<'a> Simulator<'a> {
 
     fn with_engines(engines: EngineChoice<'a>) -> Simulator<'a> {
         let settings = BatchSettings { level: SimdLevel::best(), end_at_rest: true };
-        Simulator { engines, budget: &Unlimited, settings }
+        Simulator { engines, budget: &Unlimited, settings, accelerator: None }
     }
 
     /// Checks the budget about every millisecond; an error of the budget ends the simulation.
@@ -98,6 +103,11 @@ impl<'a> Simulator<'a> {
     /// Settings of the batched engine, which change the computing time only: for tests and benchmarks.
     pub fn settings(self, settings: BatchSettings) -> Simulator<'a> {
         Simulator { settings, ..self }
+    }
+
+    /// What [`Engine::Gpu`] runs on, in place of this machine's graphics processor: for tests.
+    pub fn accelerator(self, accelerator: &'a dyn Accelerator) -> Simulator<'a> {
+        Simulator { accelerator: Some(accelerator), ..self }
     }
 
     /// The trajectories of a batch.
@@ -130,7 +140,9 @@ impl<'a> Simulator<'a> {
         keep: impl Fn(usize, Trajectory) -> T + Sync,
     ) -> Result<Vec<T>> {
         let (budget, settings) = (self.budget, self.settings);
-        let work = partition(rollouts, engine, budget)?;
+        let (work, on_accelerator) = split_off_accelerated(partition(rollouts, engine, budget)?);
+        let (mut accelerated, unfinished) = self.accelerate(rollouts, on_accelerator, &keep)?;
+        let work: Vec<WorkUnit> = work.into_iter().chain(unfinished).collect();
         let run = |unit: WorkUnit| -> Result<Vec<(usize, T)>> {
             budget.check()?;
             match unit {
@@ -139,7 +151,7 @@ impl<'a> Simulator<'a> {
                     let truth = rapier::run(&model, budget)?;
                     Ok(vec![(index, keep(index, apply_sensors(model.sensors.as_ref(), truth)))])
                 }
-                WorkUnit::Lanes(indices) => {
+                WorkUnit::Lanes(indices) | WorkUnit::Accelerated(indices) => {
                     let results = Vec::with_capacity(indices.len());
                     let (indices, sensors) = (indices.into_iter(), Vec::new());
                     let mut source = UnitSource {
@@ -161,13 +173,42 @@ impl<'a> Simulator<'a> {
             0 | 1 => work.into_iter().map(run).collect(),
             _ => work.into_par_iter().map(run).collect(),
         };
-        let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
         for unit in finished {
-            for (index, result) in unit? {
-                results[index] = Some(result);
-            }
+            accelerated.extend(unit?);
+        }
+        let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
+        for (index, result) in accelerated {
+            results[index] = Some(result);
         }
         complete(results)
+    }
+
+    /// Runs units on the accelerator; returns their results, and units of rollouts that must run on the processor.
+    fn accelerate<T: Send>(
+        &self,
+        rollouts: &[Rollout],
+        units: Vec<Vec<usize>>,
+        keep: &(impl Fn(usize, Trajectory) -> T + Sync),
+    ) -> Result<(Vec<(usize, T)>, Vec<WorkUnit>)> {
+        let (mut results, mut rest) = (Vec::new(), Vec::new());
+        if units.is_empty() {
+            return Ok((results, rest));
+        }
+        let accelerator: &dyn Accelerator = match self.accelerator {
+            Some(accelerator) => accelerator,
+            None => gpu::find()?,
+        };
+        let done = |index: usize, model: &RolloutModel, truth: Trajectory| {
+            keep(index, apply_sensors(model.sensors.as_ref(), truth))
+        };
+        for indices in units {
+            self.budget.check()?;
+            let (finished, unfinished) =
+                gpu::run(accelerator, &indices, |index| compile(&rollouts[index]), done)?;
+            results.extend(finished);
+            rest.extend(unfinished.chunks(UNIT_SIZE_RANGE[1]).map(|part| WorkUnit::Lanes(part.to_vec())));
+        }
+        Ok((results, rest))
     }
 
     /// One batch per engine.
@@ -178,7 +219,7 @@ impl<'a> Simulator<'a> {
         keep: impl Fn(usize, Trajectory) -> T + Sync,
     ) -> Result<Vec<T>> {
         let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
-        for engine in [Engine::Auto, Engine::Rapier, Engine::Lanes] {
+        for engine in Engine::ALL {
             let indices: Vec<usize> = (0..rollouts.len()).filter(|i| engines[*i] == engine).collect();
             let batch: Vec<Rollout> = indices.iter().map(|i| rollouts[*i]).collect();
             let batch_results =
@@ -205,12 +246,15 @@ fn apply_sensors(view: Option<&SensorChain>, truth: Trajectory) -> Trajectory {
 
 /// The engine that a simulation of the rollout uses.
 pub fn select_engine(engine: Engine, rollout: &Rollout) -> Result<Engine> {
-    engine_for(engine, &compile(rollout)?)
+    let model = compile(rollout)?;
+    engine_for(engine, &model, &Topology::of(&model))
 }
 
-fn engine_for(engine: Engine, model: &RolloutModel) -> Result<Engine> {
+fn engine_for(engine: Engine, model: &RolloutModel, topology: &Topology) -> Result<Engine> {
     match (engine, lanes::takes(model)) {
-        (Engine::Rapier, _) | (Engine::Auto, false) => Ok(Engine::Rapier),
+        (Engine::Gpu, true) if gpu::supports(model, topology) => Ok(Engine::Gpu),
+        (Engine::Gpu, true) => Ok(Engine::Lanes),
+        (Engine::Rapier, _) | (Engine::Auto | Engine::Gpu, false) => Ok(Engine::Rapier),
         (Engine::Auto | Engine::Lanes, true) => Ok(Engine::Lanes),
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
@@ -225,10 +269,32 @@ enum WorkUnit {
     Rapier(usize),
     /// Rollouts of one topology.
     Lanes(Vec<usize>),
+    /// The same for one launch on an accelerator.
+    Accelerated(Vec<usize>),
 }
 
-/// Indices of the rollouts of one topology; `None` for the general engine's.
-type TopologyGroup = (Option<Topology>, Vec<usize>);
+/// The units of the processor, and those of an accelerator.
+fn split_off_accelerated(work: Vec<WorkUnit>) -> (Vec<WorkUnit>, Vec<Vec<usize>>) {
+    let (mut processor, mut accelerator) = (Vec::new(), Vec::new());
+    for unit in work {
+        match unit {
+            WorkUnit::Accelerated(indices) => accelerator.push(indices),
+            unit => processor.push(unit),
+        }
+    }
+    (processor, accelerator)
+}
+
+/// The engine and the topology of a group; without topology for the general engine.
+#[derive(PartialEq)]
+struct GroupKind {
+    topology: Option<Topology>,
+    /// Rollouts of a launch on an accelerator; `None` on the processor.
+    launch: Option<usize>,
+}
+
+/// Indices of the rollouts of one kind.
+type TopologyGroup = (GroupKind, Vec<usize>);
 
 /// Minimum and maximum number of rollouts per unit: enough to keep all lanes busy until near the end, and
 /// enough units for all threads.
@@ -247,16 +313,21 @@ fn partition(rollouts: &[Rollout], engine: Engine, budget: &dyn Budget) -> Resul
         let mut last = 0;
         budget.check()?;
         for (i, rollout) in rollouts.iter().enumerate() {
-            if i > 0 && compile::is_variant_of(rollout, &rollouts[i - 1]) {
+            let same_start = |other: &Rollout| rollout.contacts_established == other.contacts_established;
+            if i > 0 && compile::is_variant_of(rollout, &rollouts[i - 1]) && same_start(&rollouts[i - 1]) {
                 groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
                 continue;
             }
             let model = compile(rollout)?;
-            let topology = match engine_for(engine, &model)? {
-                Engine::Lanes => Some(Topology::of(&model)),
-                Engine::Rapier | Engine::Auto => None,
+            let topology = Topology::of(&model);
+            let kind = match engine_for(engine, &model, &topology)? {
+                Engine::Lanes => GroupKind { topology: Some(topology), launch: None },
+                Engine::Gpu => {
+                    GroupKind { topology: Some(topology), launch: Some(gpu::launch_size(&model)) }
+                }
+                Engine::Rapier | Engine::Auto => GroupKind { topology: None, launch: None },
             };
-            last = group(&mut groups, topology);
+            last = group(&mut groups, kind);
             groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
         }
         Ok(groups)
@@ -267,24 +338,29 @@ fn partition(rollouts: &[Rollout], engine: Engine, budget: &dyn Budget) -> Resul
     };
     let mut groups = Vec::new();
     for chunk in checked_chunks {
-        for (topology, indices) in chunk? {
-            let at = group(&mut groups, topology);
+        for (kind, indices) in chunk? {
+            let at = group(&mut groups, kind);
             groups[at].1.extend(indices);
         }
     }
     let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
     let size = share.clamp(UNIT_SIZE_RANGE[0], UNIT_SIZE_RANGE[1]);
-    let parts = groups.into_iter().flat_map(|(topology, indices)| match topology {
-        None => indices.into_iter().map(WorkUnit::Rapier).collect::<Vec<_>>(),
-        Some(_) => indices.chunks(size).map(|c| WorkUnit::Lanes(c.to_vec())).collect(),
+    let parts = groups.into_iter().flat_map(|(kind, indices)| match kind {
+        GroupKind { topology: None, .. } => {
+            indices.into_iter().map(WorkUnit::Rapier).collect::<Vec<WorkUnit>>()
+        }
+        GroupKind { launch: Some(size), .. } => {
+            indices.chunks(size).map(|part| WorkUnit::Accelerated(part.to_vec())).collect()
+        }
+        _ => indices.chunks(size).map(|part| WorkUnit::Lanes(part.to_vec())).collect(),
     });
     Ok(parts.collect())
 }
 
-/// Index of the group with the topology, added if there is none.
-fn group(groups: &mut Vec<TopologyGroup>, topology: Option<Topology>) -> usize {
-    groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
-        groups.push((topology, Vec::new()));
+/// Index of the group of a kind, added if there is none.
+fn group(groups: &mut Vec<TopologyGroup>, kind: GroupKind) -> usize {
+    groups.iter().rposition(|(k, _)| *k == kind).unwrap_or_else(|| {
+        groups.push((kind, Vec::new()));
         groups.len() - 1
     })
 }
@@ -325,7 +401,7 @@ impl<T, K: Fn(usize, Trajectory) -> T> lanes::RolloutSource for UnitSource<'_, K
     }
 }
 
-names!(Engine: Auto = "auto", Rapier = "rapier", Lanes = "lanes");
+names!(Engine: Auto = "auto", Rapier = "rapier", Lanes = "lanes", Gpu = "gpu");
 
 impl Engine {
     /// The engine named `name`.

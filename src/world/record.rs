@@ -1,17 +1,12 @@
 //! Records a rollout: samples, contact events and the counts that the action groups use.
 //!
-//! A contact begins when two objects touch that have not touched for [`APART_STEPS`] steps, so that the
+//! A contact begins when two objects touch that have not touched for [`CONTACT_GAP_STEPS`] steps, so that the
 //! chatter of a ball coming to rest is one contact.
 
+use super::contact_criteria::{CONTACT_GAP_STEPS, MIN_SUPPORT_NORMAL_Y};
 use super::rollout_model::RolloutModel;
 pub use super::state::BodyState;
 use crate::trajectory::{Contact, RolloutOutcome, Termination, Track, Trajectory};
-
-/// Steps without contact after which the next touch is a new contact. Fewer count chatter; more merge the
-/// last fast bounces of a ball into one.
-pub const CONTACT_GAP_STEPS: u32 = 3;
-/// Minimum upward component of the normal of a supporting contact: cos 60 degrees.
-pub const MIN_SUPPORT_NORMAL_Y: f64 = 0.5;
 
 /// Collects the record of one rollout.
 pub struct Recorder {

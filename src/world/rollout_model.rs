@@ -145,6 +145,12 @@ impl RolloutModel {
         }
     }
 
+    /// Initial states of the bodies.
+    pub fn initial_states(&self) -> Vec<BodyState> {
+        let start = |b: &BodyModel| if b.present { b.initial_state() } else { BodyState::ABSENT };
+        self.bodies.iter().map(start).collect()
+    }
+
     /// Friction and restitution of an object by index: bodies, then statics.
     pub fn surface_coefficients(&self, number: usize) -> [f64; 2] {
         match self.bodies.get(number) {

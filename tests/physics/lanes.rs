@@ -36,7 +36,7 @@ fn results_are_independent_of_instruction_set_threads_and_batch() {
     same(&turned, &alone, "reversed order");
 }
 
-fn same(ours: &[Trajectory], wanted: &[Trajectory], what: &str) {
+pub fn same(ours: &[Trajectory], wanted: &[Trajectory], what: &str) {
     assert_eq!(ours.len(), wanted.len());
     for (i, (a, b)) in ours.iter().zip(wanted).enumerate() {
         // Bits, not values: 0 and -0 differ.
@@ -287,7 +287,7 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
 }
 
 /// Scenes of every family and others, damped and not, some with goals reached early.
-fn mixed_scenes() -> Vec<Scene> {
+pub fn mixed_scenes() -> Vec<Scene> {
     let mut scenes = Vec::new();
     for family in families() {
         for (i, scene) in family.candidates(0).enumerate().take(40) {
@@ -389,7 +389,7 @@ fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body
 
 prop_compose! {
     /// Three discs in a box with a turned polygon, a segment, a post and a sloping half plane.
-    fn disc_scenes()(
+    pub fn disc_scenes()(
         radii in prop::array::uniform3(0.05f64..0.8),
         velocities in prop::array::uniform6(-15.0f64..15.0),
         heights in prop::array::uniform3(2.5f64..8.0),

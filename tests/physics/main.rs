@@ -11,6 +11,7 @@ mod contact_rules;
 mod effects;
 mod fuzz_scene;
 mod goals;
+mod gpu;
 mod lanes;
 mod polygons;
 mod properties;

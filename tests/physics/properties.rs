@@ -180,7 +180,7 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
 prop_compose! {
     /// Three to eight distant positions, at each of which one disc collides with one object: a disc, or a
     /// static of any kind.
-    fn islands()(
+    pub fn islands()(
         meetings in prop::collection::vec(
             (0usize..5, prop::array::uniform8(-1.0f64..1.0)), 3..8),
     ) -> Scene {
@@ -213,7 +213,7 @@ prop_compose! {
 prop_compose! {
     /// Up to 12 bodies and 12 statics of any shape, sizes over eleven orders of magnitude, without
     /// overlaps.
-    fn any_scene()(
+    pub fn any_scene()(
         bodies in prop::collection::vec((any_shape(), any_state()), 1..12),
         statics in prop::collection::vec((any_shape(), any_state(), any::<bool>()), 0..12),
         // Half the scenes have one size, so that objects collide; half mix all sizes.

@@ -1,10 +1,7 @@
 //! Declarations of effects: parameters, equation, and metadata for estimation and diagnosis.
 
-use std::f64::consts::PI;
-
 use super::law::EffectKind;
 use crate::names::names;
-use crate::task::scene::EffectTerm;
 
 /// An effect: name, parameters, law, and metadata for the diagnosis.
 pub struct Effect {
@@ -252,23 +249,6 @@ impl Effect {
             EffectKind::Sensor(_) => EffectTarget::Sensor,
             EffectKind::Action(_) => EffectTarget::Action,
         }
-    }
-
-    /// The effect with these values, one per parameter, for a rollout that starts at time `clock` (s) of
-    /// the clock that the values refer to.
-    pub fn term_at_clock(&self, values: &[f64], clock: f64) -> EffectTerm {
-        let mut values = values.to_vec();
-        let of = |shape| self.parameters.iter().position(|p| p.role == ParameterRole::Shape(shape));
-        if let (true, Some(period), Some(phase)) =
-            (clock != 0.0, of(ShapeParameter::Period), of(ShapeParameter::Phase))
-        {
-            values[phase] = (values[phase] + 2.0 * PI * clock / values[period]).rem_euclid(2.0 * PI);
-        }
-        if let Some(time) = of(ShapeParameter::Time) {
-            values[time] -= clock;
-        }
-        let parameters = self.parameters.iter().zip(values).map(|(p, v)| (p.name.to_string(), v)).collect();
-        EffectTerm { name: self.name.to_string(), parameters }
     }
 
     /// Whether `other` is a special case of this effect.

@@ -12,7 +12,7 @@ use super::{
     Constants, Effect, EffectKind, IdentifyingMotion, MotionLaw, MotionState, SimulationContext, amplitude,
     constants, effect, parameter,
 };
-use crate::task::ball::STANDARD_GRAVITY_M_S2;
+use crate::task::constants::STANDARD_GRAVITY_M_S2;
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {

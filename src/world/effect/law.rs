@@ -15,8 +15,8 @@ pub enum EffectKind {
     Action(&'static dyn PlacementLaw),
 }
 
-/// Number of rollouts that the batched engine advances together.
-pub const LANES: usize = 8;
+/// Number of rollouts that the batched engine advances together; on graphics processors a thread advances one.
+pub const LANES: usize = if cfg!(kernel) { 1 } else { 8 };
 
 /// Properties of the simulation that an effect may use.
 #[derive(Clone, Copy, Debug)]
@@ -210,7 +210,8 @@ pub struct MotionState {
 
 /// [`MotionState`] of a batch.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
+#[repr(C)]
+#[cfg_attr(not(kernel), repr(align(64)))]
 pub struct MotionStateLanes {
     pub time: [f64; LANES],
     pub x: [f64; LANES],

@@ -15,7 +15,7 @@ use super::{
     Constants, ContactLaw, ContactResponse, ContactState, DataRange, Effect, EffectKind, SearchStrategy,
     amplitude, effect, parameter,
 };
-use crate::task::scene::MAX_RESTITUTION_THRESHOLD_M_S;
+use crate::task::constants::MAX_RESTITUTION_THRESHOLD_M_S;
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {

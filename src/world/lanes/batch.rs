@@ -3,19 +3,19 @@
 //! A finished lane is filled with the next rollout at once, so lanes start at different times and each has
 //! its own count of steps.
 
-use super::contact_pair::ContactPair;
 use super::goal::GoalLanes;
 use super::intervene::intervene;
 use super::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
 use super::source::RolloutSource;
 use super::state::BatchState;
+use super::topology::Topology;
 use super::warm_start::ContactWarmStart;
 use crate::trajectory::{Termination, Trajectory};
-use crate::world::compile::{BodyModel, RolloutModel};
+use crate::world::compile::RolloutModel;
 use crate::world::compiled_intervention::CompiledIntervention;
 use crate::world::effect::LANES;
 use crate::world::observe::ObservationSchedule;
-use crate::world::record::{self, CONTACT_GAP_STEPS, Recorder};
+use crate::world::record::Recorder;
 
 /// The code compiled for an instruction set. The functions own no data: unwinding code for every operation of
 /// such large functions would take the compiler minutes.
@@ -121,17 +121,12 @@ impl LaneRollout {
     }
 }
 
-/// Initial states of the bodies.
-fn starts(model: &RolloutModel) -> Vec<record::BodyState> {
-    let start = |b: &BodyModel| if b.present { b.initial_state() } else { record::BodyState::ABSENT };
-    model.bodies.iter().map(start).collect()
-}
-
 impl LaneBatch {
     fn new(model: &RolloutModel) -> LaneBatch {
+        let topology = Topology::of(model);
         LaneBatch {
-            state: BatchState::empty_lanes(model),
-            goal: model.goal.as_ref().map(|g| GoalLanes::new(&g.condition, model)),
+            state: BatchState::new(&topology),
+            goal: GoalLanes::new(&topology),
             lanes: Default::default(),
             due: f64::INFINITY,
             snapshot: None,
@@ -173,7 +168,7 @@ impl LaneBatch {
             changed: 0,
             warm_start: None,
         };
-        new.recorder.observe(0, &starts(&model));
+        new.recorder.observe(0, &model.initial_states());
         if model.contacts_established {
             new.warm_start = Some(ContactWarmStart::new(model));
             self.has_warm_starts = true;
@@ -230,37 +225,18 @@ impl LaneBatch {
 
     /// Reports the contacts that began in this step to the recorders.
     fn record_new_contacts(&mut self) {
-        let new_contacts = std::mem::take(&mut self.state.new_contacts);
-        for index in &new_contacts {
+        for index in self.state.new_contacts.clone() {
             for lane in 0..LANES {
-                if !self.is_new_contact(*index, lane, &new_contacts) {
-                    continue;
-                }
-                let contact = self.state.contact(*index);
-                if let Some(lane_rollout) = &mut self.lanes[lane] {
-                    let step = (self.state.tick - self.state.start_tick[lane]) as u32;
+                let Some(lane_rollout) = &mut self.lanes[lane] else { continue };
+                if self.state.is_new_contact(index, lane) {
+                    let contact = self.state.contact(index);
+                    let step = self.state.step_of(lane);
                     let speed = (-contact.speed[lane]).max(0.0);
                     lane_rollout.recorder.begin_contact(step, contact.first, contact.other, speed);
                 }
             }
         }
-    }
-
-    /// Whether the contact of this pair is a new contact of its two objects, none of whose other pieces
-    /// already touch; of several pairs that begin in one step the first counts.
-    fn is_new_contact(&self, index: usize, lane: usize, new_contacts: &[usize]) -> bool {
-        let lane_rollout = self.state.contact(index);
-        let touched = |(i, contact): (usize, &ContactPair)| {
-            if contact.first != lane_rollout.first || contact.other != lane_rollout.other || i == index {
-                return false;
-            }
-            if contact.begins[lane] > 0.0 && new_contacts.contains(&i) {
-                return i < index;
-            }
-            self.state.tick - contact.last_touch[lane] <= f64::from(CONTACT_GAP_STEPS)
-        };
-        let begins = self.lanes[lane].is_some() && lane_rollout.begins[lane] > 0.0;
-        begins && !self.state.all_contacts().enumerate().any(touched)
+        self.state.new_contacts.clear();
     }
 
     fn finish_solved(&mut self, source: &mut dyn RolloutSource) {
@@ -313,7 +289,7 @@ impl LaneBatch {
     fn end_diverged(&mut self, source: &mut dyn RolloutSource) -> [bool; LANES] {
         let mut gone = [false; LANES];
         for (lane, gone) in gone.iter_mut().enumerate() {
-            if self.lanes[lane].is_some() && self.state.diverged(lane) {
+            if self.lanes[lane].is_some() && self.state.ends_diverged(lane) {
                 // The state after the diverged step is discarded.
                 let step = self.state.step_of(lane) - 1;
                 self.finish_lane(lane, step, Termination::Diverged, source);

@@ -14,7 +14,7 @@ use super::outline::{BodyFrame, update_outlines};
 use super::outline_separation::{ContactPoint, closest, places};
 use super::simd::{Mask, Register, Wide};
 use super::state::{BatchState, BodyLanes};
-use crate::world::record::MIN_SUPPORT_NORMAL_Y;
+use crate::world::contact_criteria::MIN_SUPPORT_NORMAL_Y;
 
 /// Tests every pair that may touch, records contacts, and collects the active manifolds.
 #[inline(always)]

@@ -6,7 +6,7 @@ use super::manifold::{Manifold, ManifoldPoint};
 use super::simd::V;
 use super::state::{BatchState, BodyLanes, DiscPair, LawLanes};
 use crate::world::effect::{
-    ContactLaw, ContactResponse, ContactState, LANES, MotionStateLanes, rolling_velocity_loss,
+    ContactResponse, ContactState, LANES, MotionStateLanes, dispatch, rolling_velocity_loss,
 };
 
 /// Sets the response of every active contact from the laws; called after contact detection and before effects
@@ -53,13 +53,13 @@ pub fn apply_contact_laws_at_points(state: &mut BatchState) {
 
 /// The combined response of the laws, in order.
 fn response(
-    contact_laws: &[LawLanes<dyn ContactLaw>],
+    contact_laws: &[LawLanes],
     lane: usize,
     meeting: ContactState,
     restitution: f64,
 ) -> ContactResponse {
     let own = ContactResponse { restitution, slip: 0.0 };
-    contact_laws.iter().fold(own, |response, law| law.law.respond(&law.constants_in(lane), meeting, response))
+    contact_laws.iter().fold(own, |response, law| dispatch::respond(law.effect, &law.constants_in(lane), meeting, response))
 }
 
 /// Normal and tangential velocity of the second surface relative to the first at a point, m/s.
@@ -95,7 +95,7 @@ pub fn apply_rolling_resistance(state: &mut BatchState) {
         for lane in (0..LANES).filter(|l| pair.jn[*l] > 0.0 && pair.unloaded[*l] == 0.0) {
             let load = pair.jn[lane] * body.inv_mass[lane];
             let off: f64 =
-                state.contact_laws.iter().map(|t| t.law.rolling_loss(&t.constants_in(lane), load)).sum();
+                state.contact_laws.iter().map(|t| dispatch::rolling_loss(t.effect, &t.constants_in(lane), load)).sum();
             if off > 0.0 {
                 let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
                 let moving = &mut body.moving;

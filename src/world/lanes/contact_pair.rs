@@ -1,7 +1,7 @@
 //! Detection of new contacts.
 
 use super::simd::{Mask, Register, V, Wide};
-use crate::world::record::CONTACT_GAP_STEPS;
+use crate::world::contact_criteria::CONTACT_GAP_STEPS;
 
 /// Tick of the last touch, and limit of travel, of a pair that has not been tested yet.
 pub const NEVER_TOUCHED: f64 = -1e9;

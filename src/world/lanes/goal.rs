@@ -6,25 +6,23 @@ use super::outline::{OutlineCore, update_outlines};
 use super::outline_separation::{closest, lowest};
 use super::simd::{Mask, Register, V, Wide};
 use super::state::{BatchState, BodyLanes};
-use super::static_piece::pieces;
+use super::topology::{GoalTopology, Topology};
 use crate::task::geometry::polygon_contains;
-use crate::task::scene::GoalPoint;
-use crate::world::compile::RolloutModel;
 use crate::world::effect::LANES;
-use crate::world::goal::{GoalCondition, ObjectId};
 
 /// Goals in all lanes, of the same kind and between the same objects.
 pub struct GoalLanes {
-    condition: ConditionLanes,
+    pub condition: ConditionLanes,
     /// For `apart` goals: whether the time apart counts (0 or 1), which it may do only after a contact.
-    apart: Option<V>,
+    pub apart: Option<V>,
     /// Steps for which the condition has held, and must hold.
     pub held: V,
     /// The latter is infinite in lanes without a rollout or with a reached goal.
     pub needed: V,
 }
 
-enum ConditionLanes {
+/// The condition in all lanes.
+pub enum ConditionLanes {
     /// Squared centre distance up to which two discs count as touching.
     Discs {
         first: usize,
@@ -64,55 +62,26 @@ enum ConditionLanes {
 }
 
 impl GoalLanes {
-    /// Empty lanes for goals like this one.
-    pub fn new(condition: &GoalCondition, model: &RolloutModel) -> GoalLanes {
+    /// Empty lanes for goals of a topology; `None` if it has no goal.
+    pub fn new(topology: &Topology) -> Option<GoalLanes> {
         let none = V::all(0.0);
-        let disc = |i: usize| model.bodies[i].shape.disc_radius().is_some();
-        let apart = matches!(condition, GoalCondition::Apart { .. }).then_some(none);
-        let condition = match condition {
-            GoalCondition::Above { body, point, .. } => ConditionLanes::Above {
-                body: *body,
-                whole: *point == GoalPoint::Lowest,
-                normal: [none; 2],
-                offset: none,
-                radius: none,
-            },
-            GoalCondition::Inside { body, .. } => ConditionLanes::Inside {
-                body: *body,
+        let goal = topology.goal?;
+        let condition = match goal {
+            GoalTopology::Above { body, whole } => {
+                ConditionLanes::Above { body, whole, normal: [none; 2], offset: none, radius: none }
+            }
+            GoalTopology::Inside { body } => ConditionLanes::Inside {
+                body,
                 regions: Default::default(),
                 low: [none; 2],
                 high: [none; 2],
             },
-            GoalCondition::Contact { objects, .. } | GoalCondition::Apart { objects, .. } => match *objects {
-                [ObjectId::Body(first), ObjectId::Body(second)] if disc(first) && disc(second) => {
-                    ConditionLanes::Discs { first, second, reach2: none }
-                }
-                [ObjectId::Body(first), ObjectId::Body(second)] => ConditionLanes::outlines(first, second),
-                [ObjectId::Body(b), ObjectId::Static(s)] | [ObjectId::Static(s), ObjectId::Body(b)]
-                    if !disc(b) =>
-                {
-                    ConditionLanes::outlines(b, model.bodies.len() + s)
-                }
-                [ObjectId::Body(b), ObjectId::Static(s)] | [ObjectId::Static(s), ObjectId::Body(b)] => {
-                    let of_it = pieces(model).enumerate().filter(|(_, (owner, _))| *owner == s);
-                    let fixed = of_it.map(|(piece, _)| piece).collect();
-                    ConditionLanes::DiscStatic { body: b, fixed, tolerance: none }
-                }
-                [ObjectId::Static(_), ObjectId::Static(_)] => ConditionLanes::Never,
-            },
+            GoalTopology::Contact { objects } | GoalTopology::Apart { objects } => {
+                ConditionLanes::between(objects, topology)
+            }
         };
-        GoalLanes { condition, apart, held: none, needed: V::all(f64::INFINITY) }
-    }
-
-    /// Loads a rollout's goal into a lane.
-    pub fn fill(&mut self, lane: usize, model: &RolloutModel) {
-        let Some(own) = &model.goal else { return };
-        self.held[lane] = 0.0;
-        self.needed[lane] = f64::from(own.hold_steps(model.time_step));
-        if let (Some(counts), GoalCondition::Apart { after_touch, .. }) = (&mut self.apart, &own.condition) {
-            counts[lane] = if *after_touch { 0.0 } else { 1.0 };
-        }
-        self.condition.fill(lane, &own.condition, model);
+        let apart = matches!(goal, GoalTopology::Apart { .. }).then_some(none);
+        Some(GoalLanes { condition, apart, held: none, needed: V::all(f64::INFINITY) })
     }
 
     /// Empties a lane.
@@ -196,48 +165,25 @@ impl GoalLanes {
 }
 
 impl ConditionLanes {
-    fn outlines(first: usize, other: usize) -> ConditionLanes {
-        let (limit, tolerance) = (V::all(f64::INFINITY), V::all(0.0));
-        ConditionLanes::Outlines { between: [first, other], limit, tolerance }
-    }
-
-    fn fill(&mut self, lane: usize, own: &GoalCondition, model: &RolloutModel) {
-        match (self, own) {
-            (
-                ConditionLanes::Discs { first, second, reach2 },
-                GoalCondition::Contact { tolerance, .. } | GoalCondition::Apart { tolerance, .. },
-            ) => {
-                let radius = |i: usize| model.bodies[i].shape.disc_radius().expect("made for discs only");
-                let radii = radius(*first) + radius(*second);
-                reach2[lane] = (radii + tolerance) * (radii + tolerance);
-            }
-            (
-                ConditionLanes::Outlines { limit, tolerance, .. },
-                GoalCondition::Contact { tolerance: own, .. } | GoalCondition::Apart { tolerance: own, .. },
-            ) => {
-                (limit[lane], tolerance[lane]) = (NEVER_TOUCHED, *own);
-            }
-            (
-                ConditionLanes::DiscStatic { tolerance, .. },
-                GoalCondition::Contact { tolerance: own, .. } | GoalCondition::Apart { tolerance: own, .. },
-            ) => {
-                tolerance[lane] = *own;
-            }
-            (ConditionLanes::Inside { regions, low, high, .. }, GoalCondition::Inside { region, .. }) => {
-                for k in 0..2 {
-                    low[k][lane] = region.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
-                    high[k][lane] = region.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
-                }
-                regions[lane].clone_from(region);
-            }
-            (
-                ConditionLanes::Above { normal: [nx, ny], offset, radius, .. },
-                GoalCondition::Above { body, normal, offset: own, .. },
-            ) => {
-                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], *own);
-                radius[lane] = model.bodies[*body].shape.disc_radius().unwrap_or(0.0);
-            }
-            _ => {}
+    /// The distance of two objects.
+    fn between([a, b]: [usize; 2], topology: &Topology) -> ConditionLanes {
+        let (none, count) = (V::all(0.0), topology.bodies.len());
+        let (first, other) = if a < count { (a, b) } else { (b, a) };
+        if first >= count {
+            return ConditionLanes::Never;
+        }
+        if !topology.is_disc(first) || (other < count && !topology.is_disc(other)) {
+            let limit = V::all(f64::INFINITY);
+            return ConditionLanes::Outlines { between: [first, other], limit, tolerance: none };
+        }
+        if other < count {
+            return ConditionLanes::Discs { first, second: other, reach2: none };
+        }
+        let pieces = topology.statics.iter().enumerate().filter(|(_, (owner, _))| *owner == other - count);
+        ConditionLanes::DiscStatic {
+            body: first,
+            fixed: pieces.map(|(piece, _)| piece).collect(),
+            tolerance: none,
         }
     }
 }

@@ -5,8 +5,8 @@
 
 use super::contact_pair::{ContactPair, NEVER_TOUCHED};
 use super::goal::GoalLanes;
+use super::load::outline::fill_body;
 use super::load::{fill_static, slop_with};
-use super::outline::fill_body;
 use super::state::{ABSENT_RADIUS_M, BatchState};
 use super::static_piece::pieces;
 use crate::trajectory::Termination;

@@ -22,8 +22,8 @@ use super::disc_separation::{DiscSeparation, between_discs, may_touch, with_stat
 use super::disc_solver::solve;
 use super::simd::{Mask, Register, Wide};
 use super::state::{BatchState, DiscPair};
-use crate::world::effect::LANES;
-use crate::world::record::MIN_SUPPORT_NORMAL_Y;
+use crate::world::effect::{LANES, dispatch};
+use crate::world::contact_criteria::MIN_SUPPORT_NORMAL_Y;
 
 /// Speed, m/s or rad/s, below which it is set to zero: slightly above the rounding errors of contacts, so
 /// that objects at rest reach a state that the next step repeats. The total displacement lost is below atomic
@@ -61,7 +61,7 @@ pub fn step<R: Register, const N: usize>(state: &mut BatchState) {
 fn integrate_positions<R: Register, const N: usize>(state: &mut BatchState) {
     let dt: Wide<R, N> = Wide::load(&state.dt);
     let none = Wide::all(0.0);
-    let (mut all_plausible, mut fast) = (true, false);
+    let (mut implausible, mut fast) = (none, false);
     for b in &mut state.bodies {
         let [mut vx, mut vy] = [Wide::load(&b.moving.vx), Wide::load(&b.moving.vy)];
         let mut omega = Wide::load(&b.moving.omega);
@@ -93,10 +93,12 @@ fn integrate_positions<R: Register, const N: usize>(state: &mut BatchState) {
         }
         let magnitude = x.abs() + y.abs() + vx.abs() + vy.abs() + omega.abs();
         // A NaN compares false.
-        let odd = magnitude.at_most(Wide::all(DIVERGENCE_THRESHOLD)).select(none, Wide::all(1.0));
-        all_plausible &= !none.less(odd).any();
+        implausible = magnitude.at_most(Wide::all(DIVERGENCE_THRESHOLD)).select(implausible, Wide::all(1.0));
     }
-    state.may_diverge = !all_plausible;
+    state.may_diverge = none.less(implausible).any();
+    if state.may_diverge {
+        implausible.store(&mut state.implausible);
+    }
     fast |= integrate_angles::<R, N>(state);
     if fast {
         stop_fast_bodies(state);
@@ -239,7 +241,7 @@ fn apply_forces<R: Register, const N: usize>(state: &mut BatchState) {
                     body.moving.time[l] = (state.tick - 1.0 - state.start_tick[l]) * state.time_step;
                 }
             }
-            term.law.kick_lanes(&term.constants, &mut body.moving, state.time_step);
+            dispatch::kick_lanes(term.effect, &term.constants, &mut body.moving, state.time_step);
         }
     }
     let (kick_x, kick_y): (Wide<R, N>, Wide<R, N>) = (Wide::load(&state.kick_x), Wide::load(&state.kick_y));

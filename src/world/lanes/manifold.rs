@@ -125,21 +125,27 @@ pub fn pairs(
     own: [usize; 2],
     disc: impl Fn(usize) -> bool,
 ) -> Vec<OutlinePair> {
-    let mut all = Vec::new();
+    let mut candidates = Vec::new();
     for (a, first) in outlines.iter().enumerate().filter(|(_, o)| o.owner < bodies) {
         for (b, second) in outlines.iter().enumerate().skip(a + 1) {
             let same = first.owner == second.owner;
             let discs = disc(first.owner) && (second.owner >= bodies || disc(second.owner));
             if !same && !discs {
-                all.push(OutlinePair::new([a, b], first.owner, second.owner));
+                candidates.push(([a, b], [first.owner, second.owner]));
             }
         }
     }
     let rounds = own[0] | 1;
-    let round = |a: usize, b: usize| if b < bodies { (a + b) % rounds } else { (2 * a) % rounds };
-    let late = |i: usize| if i < bodies { i >= own[0] } else { i - bodies >= own[1] };
-    all.sort_by_key(|OutlinePair { contact, .. }| {
-        (late(contact.first) || late(contact.other), round(contact.first, contact.other))
-    });
-    all
+    let round = |[a, b]: [usize; 2]| if b < bodies { (a + b) % rounds } else { (2 * a) % rounds };
+    let is_late = |i: usize| if i < bodies { i >= own[0] } else { i - bodies >= own[1] };
+    let mut pairs = Vec::with_capacity(candidates.len());
+    for late in [false, true] {
+        for now in 0..rounds {
+            let chosen = candidates
+                .iter()
+                .filter(|(_, owners)| owners.iter().any(|o| is_late(*o)) == late && round(*owners) == now);
+            pairs.extend(chosen.map(|(pair, [first, other])| OutlinePair::new(*pair, *first, *other)));
+        }
+    }
+    pairs
 }

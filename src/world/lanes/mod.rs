@@ -29,12 +29,15 @@ mod contact_pair;
 mod continuous_collision;
 mod disc_separation;
 mod disc_solver;
+mod exchange;
 mod goal;
+pub mod gpu;
 mod intervene;
 mod kernel;
 mod load;
 mod manifold;
 mod manifold_solver;
+mod new_contact;
 #[cfg(feature = "levels")]
 mod operation_count;
 mod outline;

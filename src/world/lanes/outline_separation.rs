@@ -302,7 +302,7 @@ mod tests {
 
     use super::*;
     use crate::task::geometry::{Convex, signed_distance};
-    use crate::world::lanes::outline;
+    use crate::world::lanes::load::outline;
 
     /// A piece with few corners; integer coordinates make many collinear or edge-on.
     fn piece() -> impl Strategy<Value = Convex> {

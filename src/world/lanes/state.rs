@@ -6,10 +6,9 @@ use super::contact_pair::ContactPair;
 use super::manifold::{Manifold, OutlinePair, pairs as outline_pairs};
 use super::outline::{self, BodyFrame, PieceOutline};
 use super::simd::V;
-use super::static_piece::pieces;
-use crate::world::compile::RolloutModel;
-use crate::world::effect::{Constants, ContactLaw, LANES, MAX_PARAMETERS, MotionLaw, MotionStateLanes};
-use crate::world::record;
+use super::topology::Topology;
+use crate::world::effect::{Constants, LANES, MAX_PARAMETERS, MotionStateLanes};
+use crate::world::state::BodyState;
 
 /// The state of up to [`LANES`] rollouts.
 pub struct BatchState {
@@ -24,8 +23,8 @@ pub struct BatchState {
     pub near: Vec<OutlinePair>,
     pub manifolds: Vec<Manifold>,
     pub free_manifolds: Vec<usize>,
-    pub motion_laws: Vec<LawLanes<dyn MotionLaw>>,
-    pub contact_laws: Vec<LawLanes<dyn ContactLaw>>,
+    pub motion_laws: Vec<LawLanes>,
+    pub contact_laws: Vec<LawLanes>,
     /// Whether an effect depends on time.
     pub clocked: bool,
     /// s
@@ -52,8 +51,9 @@ pub struct BatchState {
     pub new_contacts: Vec<usize>,
     pub versions: Vec<u32>,
     pub any_bias: bool,
-    /// Some state may have diverged.
+    /// Whether a state may have diverged in some lane, and then the lanes (1).
     pub may_diverge: bool,
+    pub implausible: V,
 }
 
 /// A body in every lane. Velocity and position are those of its centre of mass.
@@ -150,21 +150,22 @@ pub struct DiscPair {
 }
 
 /// A law of an effect in every lane.
-pub struct LawLanes<L: ?Sized + 'static> {
-    pub law: &'static L,
+pub struct LawLanes {
+    /// Index of the effect in the registry.
+    pub effect: usize,
     pub constants: [[f64; LANES]; MAX_PARAMETERS],
 }
 
 /// Radius of the discs in a lane without a rollout: nothing touches them.
 pub const ABSENT_RADIUS_M: f64 = -1e30;
 impl BatchState {
-    /// Empty lanes for rollouts like this one.
-    pub fn empty_lanes(model: &RolloutModel) -> BatchState {
-        let count = model.bodies.len();
-        let statics: Vec<StaticLanes> =
-            pieces(model).map(|(owner, piece)| StaticLanes::new(owner, piece.corners())).collect();
-        let disc = |i: usize| model.bodies[i].shape.disc_radius().is_some();
-        let (frames, outlines) = outline::of(model);
+    /// Empty lanes for rollouts of a topology.
+    pub fn new(topology: &Topology) -> BatchState {
+        let count = topology.bodies.len();
+        let piece = |(owner, corners): &(usize, usize)| StaticLanes::new(*owner, *corners);
+        let statics: Vec<StaticLanes> = topology.statics.iter().map(piece).collect();
+        let disc = |i: usize| topology.is_disc(i);
+        let (frames, outlines) = outline::of(topology);
         let mut pairs = Vec::new();
         for first in (0..count).filter(|i| disc(*i)) {
             let discs = (first + 1..count).filter(|i| disc(*i));
@@ -179,15 +180,15 @@ impl BatchState {
             bodies: (0..count).map(|i| BodyLanes { has_outline: !disc(i), ..BodyLanes::empty() }).collect(),
             statics,
             pairs,
-            near: outline_pairs(&outlines, count, model.scene_counts, disc),
+            near: outline_pairs(&outlines, count, topology.own, disc),
             frames,
             outlines,
             manifolds: Vec::new(),
             free_manifolds: Vec::new(),
-            motion_laws: model.motion_laws.iter().map(|(law, _)| LawLanes::of(*law)).collect(),
-            contact_laws: model.contact_laws.iter().map(|(law, _)| LawLanes::of(*law)).collect(),
-            clocked: model.motion_laws.iter().any(|(law, _)| !law.is_autonomous()),
-            time_step: model.time_step,
+            motion_laws: topology.motion_laws.iter().map(LawLanes::of).collect(),
+            contact_laws: topology.contact_laws.iter().map(LawLanes::of).collect(),
+            clocked: topology.clocked,
+            time_step: f64::from_bits(topology.time_step),
             dt: none,
             kick_x: none,
             kick_y: none,
@@ -202,34 +203,52 @@ impl BatchState {
             versions: vec![0; count],
             any_bias: false,
             may_diverge: false,
+            implausible: none,
         }
     }
 
     /// The bodies' states in one lane (of their frames' origins).
-    pub fn bodies_in(&self, lane: usize) -> Vec<record::BodyState> {
-        let state = |(i, b): (usize, &BodyLanes)| {
-            if b.radius[lane] == ABSENT_RADIUS_M {
-                return record::BodyState::ABSENT;
-            }
-            let (angle, omega) = (b.angle[lane], b.moving.omega[lane]);
-            let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, angle));
-            record::BodyState {
-                position: [b.moving.x[lane] - arm[0], b.moving.y[lane] - arm[1]],
-                angle,
-                velocity: [b.moving.vx[lane] + omega * arm[1], b.moving.vy[lane] - omega * arm[0]],
-                omega,
-            }
-        };
-        self.bodies.iter().enumerate().map(state).collect()
+    pub fn bodies_in(&self, lane: usize) -> Vec<BodyState> {
+        (0..self.bodies.len()).map(|i| self.body_in(i, lane)).collect()
+    }
+
+    /// A body's state in one lane.
+    pub fn body_in(&self, i: usize, lane: usize) -> BodyState {
+        let b = &self.bodies[i];
+        if b.radius[lane] == ABSENT_RADIUS_M {
+            return BodyState::ABSENT;
+        }
+        let (angle, omega) = (b.angle[lane], b.moving.omega[lane]);
+        let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, angle));
+        BodyState {
+            position: [b.moving.x[lane] - arm[0], b.moving.y[lane] - arm[1]],
+            angle,
+            velocity: [b.moving.vx[lane] + omega * arm[1], b.moving.vy[lane] - omega * arm[0]],
+            omega,
+        }
+    }
+
+    /// Whether the lane's rollout ends because it has diverged in this step.
+    pub fn ends_diverged(&self, lane: usize) -> bool {
+        // Without the lane's own mark the result would depend on the other lanes.
+        self.may_diverge && self.implausible[lane] > 0.0 && self.diverged(lane)
     }
 
     /// Whether a body of the lane has diverged.
     pub fn diverged(&self, lane: usize) -> bool {
-        let states = self.bodies_in(lane);
-        self.bodies
-            .iter()
-            .zip(&states)
-            .any(|(b, state)| b.radius[lane] != ABSENT_RADIUS_M && !state.is_finite())
+        let diverges = |i: usize| {
+            self.bodies[i].radius[lane] != ABSENT_RADIUS_M && !self.body_in(i, lane).is_finite()
+        };
+        (0..self.bodies.len()).any(diverges)
+    }
+
+    /// Reserves memory for everything that steps may add.
+    pub fn reserve(&mut self) {
+        self.active_pairs.reserve(self.pairs.len());
+        self.active_manifolds.reserve(self.near.len());
+        self.free_manifolds.reserve(self.near.len());
+        self.manifolds.reserve(self.near.len());
+        self.new_contacts.reserve(self.pairs.len() + self.near.len());
     }
 
     /// The contact pair of an index in `new_contacts`: pairs of discs, then pairs of outlines.
@@ -333,9 +352,9 @@ impl DiscPair {
     }
 }
 
-impl<L: ?Sized + 'static> LawLanes<L> {
-    fn of(law: &'static L) -> LawLanes<L> {
-        LawLanes { law, constants: [[0.0; LANES]; MAX_PARAMETERS] }
+impl LawLanes {
+    fn of(effect: &usize) -> LawLanes {
+        LawLanes { effect: *effect, constants: [[0.0; LANES]; MAX_PARAMETERS] }
     }
 
     /// The law's constants in one lane.

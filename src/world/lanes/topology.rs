@@ -1,66 +1,36 @@
 //! Topology: the properties that rollouts of one batch share.
 
-use super::static_piece::pieces;
-use crate::task::scene::GoalPoint;
-use crate::task::solid::ConvexPieces;
-use crate::world::compile::RolloutModel;
-use crate::world::goal::{GoalCondition, ObjectId};
-
-/// The properties that rollouts of one batch have in common.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+/// The properties that rollouts of one batch have in common: the layout of its data.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Topology {
     /// Corners of each piece of each body; empty for a disc.
-    bodies: Vec<Vec<usize>>,
-    /// Corners of each piece of each static, with the static's index; 0 for a half plane.
-    statics: Vec<(usize, usize)>,
-    /// Numbers of the scene's own bodies and statics.
-    own: [usize; 2],
-    effects: Vec<&'static str>,
+    pub bodies: Vec<Vec<usize>>,
+    /// Index of the static and number of corners of each piece; 0 corners for a half plane.
+    pub statics: Vec<(usize, usize)>,
+    /// Numbers of the scene's own bodies and statics; added ones follow.
+    pub own: [usize; 2],
+    /// Indices in the registry of the effects with a law of motion, and of contact, in order of application.
+    pub motion_laws: Vec<usize>,
+    pub contact_laws: Vec<usize>,
+    /// Whether an effect depends on time.
+    pub clocked: bool,
     /// Bits of the time step.
-    time_step: u64,
-    /// Kind of the goal, and its objects.
-    goal: Option<(usize, usize, usize)>,
+    pub time_step: u64,
+    pub goal: Option<GoalTopology>,
+}
+
+/// The kind of a goal and its objects: bodies, then statics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum GoalTopology {
+    Inside { body: usize },
+    Contact { objects: [usize; 2] },
+    Apart { objects: [usize; 2] },
+    Above { body: usize, whole: bool },
 }
 
 impl Topology {
-    /// The topology of a rollout.
-    pub fn of(model: &RolloutModel) -> Topology {
-        let count = model.bodies.len();
-        Topology {
-            bodies: model.bodies.iter().map(|b| corners(&b.shape)).collect(),
-            statics: pieces(model).map(|(s, piece)| (s, piece.corners())).collect(),
-            own: model.scene_counts,
-            effects: model.effects.clone(),
-            time_step: model.time_step.to_bits(),
-            goal: model.goal.as_ref().map(|g| match &g.condition {
-                GoalCondition::Inside { body, .. } => (0, *body, 0),
-                GoalCondition::Contact { objects, .. } => {
-                    let [a, b] = objects.map(|p| number(p, count));
-                    (1, a, b)
-                }
-                GoalCondition::Apart { objects, .. } => {
-                    let [a, b] = objects.map(|p| number(p, count));
-                    (2, a, b)
-                }
-                GoalCondition::Above { body, point, .. } => {
-                    (3, *body, usize::from(*point == GoalPoint::Centre))
-                }
-            }),
-        }
-    }
-}
-
-/// Index of an object: bodies, then statics.
-fn number(party: ObjectId, bodies: usize) -> usize {
-    match party {
-        ObjectId::Body(i) => i,
-        ObjectId::Static(i) => bodies + i,
-    }
-}
-
-fn corners(shape: &ConvexPieces) -> Vec<usize> {
-    match shape.disc_radius() {
-        Some(_) => Vec::new(),
-        None => shape.0.iter().map(|piece| piece.points.len()).collect(),
+    /// Whether a body is a disc.
+    pub fn is_disc(&self, body: usize) -> bool {
+        self.bodies[body].is_empty()
     }
 }

@@ -21,7 +21,8 @@ use crate::world::effect::LANES;
 
 /// One number per lane, in memory.
 #[derive(Clone, Copy, Debug, Default)]
-#[repr(C, align(64))]
+#[repr(C)]
+#[cfg_attr(not(kernel), repr(align(64)))]
 pub struct V(pub [f64; LANES]);
 
 impl V {

@@ -2,10 +2,10 @@
 
 #![allow(unsafe_code, reason = "the same methods as for registers of several lanes")]
 
-use super::register::Register;
+use super::register;
 
 // SAFETY: needs no special instructions; the pointers are read and written as promised.
-unsafe impl Register for f64 {
+unsafe impl register::Register for f64 {
     const WIDTH: usize = 1;
     type Mask = bool;
     #[inline(always)]
@@ -38,7 +38,7 @@ unsafe impl Register for f64 {
     }
     #[inline(always)]
     unsafe fn sqrt(self) -> f64 {
-        f64::sqrt(self)
+        square_root(self)
     }
     #[inline(always)]
     unsafe fn above(self, other: f64) -> f64 {
@@ -72,4 +72,10 @@ unsafe impl Register for f64 {
     unsafe fn any(mask: bool) -> bool {
         mask
     }
+}
+
+/// Outside of the trait, whose method has the same name.
+#[inline(always)]
+fn square_root(x: f64) -> f64 {
+    x.sqrt()
 }

@@ -1,8 +1,12 @@
 //! Loads rollouts into lanes, and empties lanes.
 
-use super::outline::{self, disc_within};
+mod goal;
+pub mod outline;
+mod topology;
+
 use super::state::{ABSENT_RADIUS_M, BatchState, DiscPair, LawLanes, StaticCore, StaticLanes};
 use super::static_piece::{StaticPiece, pieces};
+use self::outline::disc_within;
 use crate::world::compile::{BodyModel, RolloutModel};
 use crate::world::effect::{Constants, MAX_PARAMETERS};
 use crate::world::record;
@@ -193,7 +197,7 @@ pub fn fill_static(fixed: &mut StaticLanes, lane: usize, piece: StaticPiece) {
     }
 }
 
-fn fill_term<L: ?Sized + 'static>(term: &mut LawLanes<L>, lane: usize, constants: &Constants) {
+fn fill_term(term: &mut LawLanes, lane: usize, constants: &Constants) {
     for (row, value) in term.constants.iter_mut().zip(constants) {
         row[lane] = *value;
     }

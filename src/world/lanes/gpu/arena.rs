@@ -1,0 +1,51 @@
+//! Memory that a rollout needs in a thread of a graphics processor.
+
+use super::super::topology::Topology;
+
+/// Memory of a thread for which the kernel has entry points, kB.
+pub const ARENA_SIZES_KB: [usize; 3] = [8, 32, 128];
+
+/// Bytes of the objects that a thread stores, rounded up to include what growing vectors leave behind; a test compares
+/// them with the bytes that the kernel takes.
+const FIXED_BYTES: usize = 1024;
+const BODY_BYTES: usize = 320;
+const LAW_BYTES: usize = 128;
+const STATIC_BYTES: usize = 96;
+const EDGE_BYTES: usize = 48;
+const DISC_PAIR_BYTES: usize = 432;
+const OUTLINE_BYTES: usize = 320;
+const CORNER_BYTES: usize = 80;
+const OUTLINE_PAIR_BYTES: usize = 640;
+const REGION_POINT_BYTES: usize = 32;
+/// Most points of a goal's region.
+const MAX_REGION_POINTS: usize = 16;
+
+/// The smallest of [`ARENA_SIZES_KB`] that suffices, if one does.
+pub fn arena_size(topology: &Topology) -> Option<usize> {
+    let needed = arena_bytes(topology);
+    ARENA_SIZES_KB.into_iter().find(|kb| needed <= kb * 1024)
+}
+
+/// An upper bound of the bytes that a rollout takes.
+pub fn arena_bytes(topology: &Topology) -> usize {
+    let bodies = topology.bodies.len();
+    let discs = (0..bodies).filter(|i| topology.is_disc(*i)).count();
+    let statics = topology.statics.len();
+    let edges: usize = topology.statics.iter().map(|(_, corners)| corners).sum();
+    let mut bytes = FIXED_BYTES
+        + bodies * BODY_BYTES
+        + statics * STATIC_BYTES
+        + edges * EDGE_BYTES
+        + (topology.motion_laws.len() + topology.contact_laws.len()) * LAW_BYTES
+        + (discs * discs.saturating_sub(1) / 2 + discs * statics) * DISC_PAIR_BYTES
+        + MAX_REGION_POINTS * REGION_POINT_BYTES;
+    if discs < bodies {
+        let pieces: usize = topology.bodies.iter().map(|corners| corners.len().max(1)).sum();
+        let corners: usize = topology.bodies.iter().map(|corners| corners.iter().sum::<usize>().max(1)).sum();
+        let pairs = pieces * pieces.saturating_sub(1) / 2 + pieces * statics;
+        bytes += (pieces + statics) * OUTLINE_BYTES
+            + (2 * corners + edges) * CORNER_BYTES
+            + pairs * OUTLINE_PAIR_BYTES;
+    }
+    bytes
+}

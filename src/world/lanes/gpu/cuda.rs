@@ -1,0 +1,256 @@
+//! NVIDIA's driver, loaded at run time: nothing needs it to build, and machines without it run as ever.
+//!
+//! Source: CUDA Driver API (NVIDIA). The kernel is stored as PTX for compute capability 7.0, which the driver compiles
+//! for the device when it is first used and stores in its own cache.
+
+#![allow(unsafe_code, reason = "calls functions of the driver, whose signatures are declared here")]
+
+use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
+use std::sync::Mutex;
+
+use libloading::Library;
+
+use super::{ARENA_SIZES_KB, Accelerator, Work};
+use crate::error::{Error, Result};
+
+/// The kernel: see `gpu/build.sh`.
+const KERNEL: &str = include_str!("../../../../gpu/kernel.ptx");
+/// File names of the driver.
+const DRIVER_FILES: [&str; 2] = ["libcuda.so.1", "libcuda.so"];
+/// Threads of a block: the kernel needs many registers.
+const THREADS_PER_BLOCK: usize = 64;
+/// Least compute capability: that of the kernel.
+const MIN_CAPABILITY: [c_int; 2] = [7, 0];
+/// Fraction of the free memory of the device that data may take; the rest is for the threads' own memory.
+const MAX_MEMORY_FRACTION: f64 = 0.5;
+
+const ATTRIBUTE_CAPABILITY_MAJOR: c_int = 75;
+const ATTRIBUTE_CAPABILITY_MINOR: c_int = 76;
+
+type Status = c_int;
+type DevicePointer = u64;
+type Handle = *mut c_void;
+
+/// Declares the functions of the driver that are used, and loads them by name.
+macro_rules! driver {
+    ($($name:ident $symbol:literal ($($argument:ty),*);)*) => {
+        struct Driver {
+            $($name: unsafe extern "C" fn($($argument),*) -> Status,)*
+            /// Stays loaded while its functions are used.
+            _library: Library,
+        }
+
+        impl Driver {
+            fn load(library: Library) -> std::result::Result<Driver, String> {
+                $(
+                    // SAFETY: the signature is the one of the driver's documentation.
+                    let $name = *unsafe { library.get($symbol) }
+                        .map_err(|e| format!("the driver is too old: {e}"))?;
+                )*
+                Ok(Driver { $($name,)* _library: library })
+            }
+        }
+    };
+}
+
+driver! {
+    init b"cuInit\0" (c_uint);
+    device_count b"cuDeviceGetCount\0" (*mut c_int);
+    device b"cuDeviceGet\0" (*mut c_int, c_int);
+    device_name b"cuDeviceGetName\0" (*mut c_char, c_int, c_int);
+    device_attribute b"cuDeviceGetAttribute\0" (*mut c_int, c_int, c_int);
+    retain_context b"cuDevicePrimaryCtxRetain\0" (*mut Handle, c_int);
+    set_context b"cuCtxSetCurrent\0" (Handle);
+    load_module b"cuModuleLoadData\0" (*mut Handle, *const c_void);
+    function b"cuModuleGetFunction\0" (*mut Handle, Handle, *const c_char);
+    free_memory b"cuMemGetInfo_v2\0" (*mut usize, *mut usize);
+    allocate b"cuMemAlloc_v2\0" (*mut DevicePointer, usize);
+    free b"cuMemFree_v2\0" (DevicePointer);
+    upload b"cuMemcpyHtoD_v2\0" (DevicePointer, *const c_void, usize);
+    download b"cuMemcpyDtoH_v2\0" (*mut c_void, DevicePointer, usize);
+    launch b"cuLaunchKernel\0" (Handle, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, Handle, *mut *mut c_void, *mut *mut c_void);
+    synchronize b"cuCtxSynchronize\0" ();
+    error_text b"cuGetErrorString\0" (Status, *mut *const c_char);
+}
+
+/// A device with the kernel loaded.
+pub struct Cuda {
+    driver: Driver,
+    /// The context, which is current on one thread at a time.
+    context: Mutex<Context>,
+    description: String,
+}
+
+struct Context {
+    handle: Handle,
+    /// The entry points, in the order of [`ARENA_SIZES_KB`].
+    entries: [Handle; ARENA_SIZES_KB.len()],
+}
+
+// SAFETY: the driver's handles may be used from any thread; a lock is held while they are.
+unsafe impl Send for Context {}
+
+impl Cuda {
+    /// The first device; an error says why there is none.
+    pub fn open() -> std::result::Result<Cuda, String> {
+        // SAFETY: the driver's own initialisation.
+        let library = DRIVER_FILES.iter().find_map(|file| unsafe { Library::new(file) }.ok());
+        let driver = Driver::load(library.ok_or("no NVIDIA driver is installed")?)?;
+        let (mut count, mut device) = (0, 0);
+        // SAFETY: pointers to variables of the declared types, here and below.
+        driver.check("initialising", unsafe { (driver.init)(0) })?;
+        driver.check("counting devices", unsafe { (driver.device_count)(&mut count) })?;
+        if count == 0 {
+            return Err("the driver finds no device".into());
+        }
+        driver.check("opening the device", unsafe { (driver.device)(&mut device, 0) })?;
+        let capability = [
+            driver.attribute(device, ATTRIBUTE_CAPABILITY_MAJOR)?,
+            driver.attribute(device, ATTRIBUTE_CAPABILITY_MINOR)?,
+        ];
+        if capability < MIN_CAPABILITY {
+            let [a, b] = capability;
+            return Err(format!("the device has compute capability {a}.{b}; 7.0 or more is needed"));
+        }
+        let mut handle: Handle = std::ptr::null_mut();
+        driver.check("creating a context", unsafe { (driver.retain_context)(&mut handle, device) })?;
+        driver.check("creating a context", unsafe { (driver.set_context)(handle) })?;
+        let text = std::ffi::CString::new(KERNEL).map_err(|e| e.to_string())?;
+        let mut module: Handle = std::ptr::null_mut();
+        driver.check("compiling the kernel", unsafe { (driver.load_module)(&mut module, text.as_ptr().cast()) })?;
+        let mut entries = [std::ptr::null_mut(); ARENA_SIZES_KB.len()];
+        for (entry, kb) in entries.iter_mut().zip(ARENA_SIZES_KB) {
+            let name = std::ffi::CString::new(format!("rollout_{kb}")).map_err(|e| e.to_string())?;
+            driver.check("loading the kernel", unsafe { (driver.function)(entry, module, name.as_ptr()) })?;
+        }
+        let description = driver.description(device)?;
+        Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }), description })
+    }
+
+    fn launch(&self, context: &Context, work: &Work) -> std::result::Result<Vec<f64>, String> {
+        let driver = &self.driver;
+        // SAFETY: the context of the device.
+        driver.check("selecting the device", unsafe { (driver.set_context)(context.handle) })?;
+        let count = work.rollouts();
+        let mut outputs = vec![0.0f64; count * work.output_len];
+        let bytes = 8 * (work.images.len() + work.starts.len() + outputs.len() + count);
+        let free = driver.free()?;
+        if bytes as f64 > MAX_MEMORY_FRACTION * free as f64 {
+            return Err(format!("the rollouts need {} MB and the device has {} MB free", bytes >> 20, free >> 20));
+        }
+        let topology = driver.copy(&work.topology)?;
+        let images = driver.copy(&work.images)?;
+        let starts = driver.copy(&work.starts)?;
+        let results = driver.memory(8 * outputs.len())?;
+        let arenas = driver.memory(8 * count)?;
+        // `Launch` in `gpu/src/device.rs`.
+        let parameters: [u64; 8] = [
+            topology.address,
+            work.topology.len() as u64,
+            images.address,
+            starts.address,
+            count as u64,
+            results.address,
+            work.output_len as u64,
+            arenas.address,
+        ];
+        let launch = driver.copy(&parameters)?;
+        let entry = ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
+        let mut address = launch.address;
+        let mut arguments = [(&raw mut address).cast::<c_void>()];
+        let blocks = count.div_ceil(THREADS_PER_BLOCK) as c_uint;
+        let none = std::ptr::null_mut();
+        // SAFETY: the kernel takes one pointer to device memory that is described by `parameters`.
+        let status = unsafe {
+            let entry = context.entries[entry];
+            let threads = THREADS_PER_BLOCK as c_uint;
+            (driver.launch)(entry, blocks, 1, 1, threads, 1, 1, 0, none, arguments.as_mut_ptr(), std::ptr::null_mut())
+        };
+        driver.check("starting rollouts", status)?;
+        // SAFETY: waits for the launch; then the results fill the vector.
+        driver.check("running rollouts", unsafe { (driver.synchronize)() })?;
+        let to = outputs.as_mut_ptr().cast();
+        driver.check("copying results", unsafe { (driver.download)(to, results.address, 8 * outputs.len()) })?;
+        Ok(outputs)
+    }
+}
+
+impl Accelerator for Cuda {
+    fn description(&self) -> String {
+        self.description.clone()
+    }
+
+    fn run(&self, work: &Work) -> Result<Vec<f64>> {
+        let context = crate::sync::lock(&self.context);
+        self.launch(&context, work).map_err(|reason| Error::Failed(format!("graphics processor: {reason}")))
+    }
+}
+
+/// Memory of the device; freed when dropped.
+struct Memory<'a> {
+    driver: &'a Driver,
+    address: DevicePointer,
+}
+
+impl Drop for Memory<'_> {
+    fn drop(&mut self) {
+        // SAFETY: allocated by `Driver::memory`. A failure means that the device is lost.
+        _ = unsafe { (self.driver.free)(self.address) };
+    }
+}
+
+impl Driver {
+    fn check(&self, activity: &str, status: Status) -> std::result::Result<(), String> {
+        if status == 0 {
+            return Ok(());
+        }
+        let mut text: *const c_char = std::ptr::null();
+        // SAFETY: the driver returns a static string, or null for a code that it does not have.
+        let reason = unsafe {
+            (self.error_text)(status, &mut text);
+            if text.is_null() { "unspecified".into() } else { CStr::from_ptr(text).to_string_lossy().into_owned() }
+        };
+        Err(format!("error {status} in {activity}: {reason}"))
+    }
+
+    fn attribute(&self, device: c_int, attribute: c_int) -> std::result::Result<c_int, String> {
+        let mut value = 0;
+        // SAFETY: a pointer to a variable of the declared type.
+        self.check("reading attributes", unsafe { (self.device_attribute)(&mut value, attribute, device) })?;
+        Ok(value)
+    }
+
+    fn description(&self, device: c_int) -> std::result::Result<String, String> {
+        let mut name = [0; 128];
+        // SAFETY: the buffer has the stated size, and the driver ends the text with 0.
+        self.check("reading the name", unsafe { (self.device_name)(name.as_mut_ptr(), name.len() as c_int, device) })?;
+        let name = unsafe { CStr::from_ptr(name.as_ptr()) }.to_string_lossy();
+        Ok(format!("{name}, {} MB free", self.free()? >> 20))
+    }
+
+    /// Free memory of the device, bytes.
+    fn free(&self) -> std::result::Result<usize, String> {
+        let (mut free, mut total) = (0, 0);
+        // SAFETY: pointers to variables of the declared types.
+        self.check("reading the free memory", unsafe { (self.free_memory)(&mut free, &mut total) })?;
+        Ok(free)
+    }
+
+    fn memory(&self, bytes: usize) -> std::result::Result<Memory<'_>, String> {
+        let mut address = 0;
+        // SAFETY: a pointer to a variable of the declared type.
+        let status = unsafe { (self.allocate)(&mut address, bytes.max(8)) };
+        self.check(&format!("allocating {} MB", bytes >> 20), status)?;
+        Ok(Memory { driver: self, address })
+    }
+
+    /// A copy of numbers in the device's memory.
+    fn copy<T: Copy>(&self, values: &[T]) -> std::result::Result<Memory<'_>, String> {
+        let bytes = size_of_val(values);
+        let memory = self.memory(bytes)?;
+        // SAFETY: both sides have so many bytes.
+        let status = unsafe { (self.upload)(memory.address, values.as_ptr().cast(), bytes) };
+        self.check("copying rollouts", status)?;
+        Ok(memory)
+    }
+}

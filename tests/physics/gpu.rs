@@ -1,0 +1,96 @@
+//! The kernel for graphics processors gives the bits of the batched engine: compiled for the processor here, and on a
+//! device where there is one.
+
+use std::sync::Mutex;
+
+use iplw::error::Result;
+use iplw::task::Scene;
+use iplw::task::scene::EffectTerm;
+use iplw::trajectory::Trajectory;
+use iplw::world::effect::{Effect, EffectKind, REGISTRY};
+use iplw::world::{Accelerator, Engine, Rollout, Simulator, Work};
+use iplw_gpu::{Output, run};
+use proptest::strategy::{Strategy, ValueTree};
+use proptest::test_runner::TestRunner;
+use rayon::prelude::*;
+
+use crate::lanes::{disc_scenes, mixed_scenes, same};
+use crate::properties::{any_scene, islands};
+
+/// The kernel on the processor, with the number of rollouts that it ran.
+#[derive(Default)]
+struct Emulator(Mutex<usize>);
+
+impl Accelerator for Emulator {
+    fn description(&self) -> String {
+        "the kernel on the processor".into()
+    }
+
+    fn run(&self, work: &Work) -> Result<Vec<f64>> {
+        *self.0.lock().unwrap() += work.rollouts();
+        let mut outputs = vec![0.0; work.rollouts() * work.output_len];
+        outputs.par_chunks_mut(work.output_len).enumerate().for_each(|(i, numbers)| {
+            let image = &work.images[work.starts[i]..work.starts[i + 1]];
+            run(&work.topology, image, &mut Output::new(numbers));
+        });
+        Ok(outputs)
+    }
+}
+
+/// Compares the engines on all scenes; returns the number of rollouts that the kernel ran.
+fn compare(scenes: &[Scene], label: &str) -> usize {
+    let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
+    let wanted: Vec<Trajectory> = Simulator::new(Engine::Auto).run(&rollouts).unwrap();
+    let emulator = Emulator::default();
+    let ours = Simulator::new(Engine::Gpu).accelerator(&emulator).run(&rollouts).unwrap();
+    same(&ours, &wanted, label);
+    match Simulator::new(Engine::Gpu).run(&rollouts) {
+        Ok(on_device) => same(&on_device, &wanted, &format!("{label}, on the device")),
+        Err(error) => eprintln!("{label}: not compared on a device: {error}"),
+    }
+    let ran = *emulator.0.lock().unwrap();
+    eprintln!("{label}: {ran} of {} rollouts by the kernel", scenes.len());
+    ran
+}
+
+/// Scenes of a strategy, with each effect that changes motion or contacts in turn.
+fn random_scenes(strategy: impl Strategy<Value = Scene>, count: usize) -> Vec<Scene> {
+    let mut runner = TestRunner::deterministic();
+    let effects: Vec<&Effect> = REGISTRY
+        .iter()
+        .copied()
+        .filter(|e| matches!(e.kind, EffectKind::Motion(_) | EffectKind::Contact(_) | EffectKind::Body(_)))
+        .collect();
+    (0..count)
+        .map(|i| {
+            let mut scene = strategy.new_tree(&mut runner).unwrap().current();
+            if i % 2 == 1 {
+                scene.effects = vec![typical(effects[i / 2 % effects.len()]), typical(effects[i / 3 % effects.len()])];
+            }
+            scene
+        })
+        .collect()
+}
+
+/// An effect of its typical size.
+fn typical(effect: &Effect) -> EffectTerm {
+    let value = |p: &iplw::world::effect::ParameterDeclaration| {
+        let [low, high] = p.bounds;
+        (p.name.to_string(), (p.neutral + p.typical_size).clamp(low, high))
+    };
+    EffectTerm { name: effect.name.into(), parameters: effect.parameters.iter().map(value).collect() }
+}
+
+#[test]
+fn tasks_and_mixed_scenes_have_the_same_bits() {
+    let scenes = mixed_scenes();
+    assert_eq!(compare(&scenes, "tasks"), scenes.len());
+}
+
+#[test]
+fn ten_thousand_random_scenes_have_the_same_bits() {
+    let ran = compare(&random_scenes(disc_scenes(), 3000), "discs")
+        + compare(&random_scenes(islands(), 3000), "islands")
+        + compare(&random_scenes(any_scene(), 4500), "any shapes");
+    assert!(ran >= 10_000, "{ran}");
+}
