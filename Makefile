@@ -10,6 +10,7 @@
 # make harden measures the server under floods, disconnects and slow clients
 # make attack measures what the dearest requests, jobs and floods cost the server and its other clients; fails if that is too much
 # make soak  runs a mixed load for an hour (MINUTES=60) and reports memory growth
+# make gpu-kernel builds the kernel for graphics processors, gpu/kernel.ptx, and checks it with NVIDIA's assembler; needs Rust's nightly toolchain with rust-src
 # make release builds and tests the published files: wheel, sources, licences, bill of materials, container image
 # make bench measures rollouts per second against Pymunk on the same scenes and against the machine's limits
 
@@ -24,7 +25,7 @@ endif
 LEVELS := --features levels
 
 .PHONY: run test environments test-beside verify matrices test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden attack soak fuzz \
-	test-openenv test-docs examples-extra docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
+	test-openenv test-docs examples-extra docs figures diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help gpu-kernel
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -238,6 +239,17 @@ MINUTES := 60
 soak:
 	$(CARGO) build --release --locked --bin iplw
 	python3 benches/soak.py --minutes $(MINUTES)
+
+# After changes to the sources of the batched engine, of which the kernel is made.
+gpu-kernel: $(VENV)-gpu/.installed
+	bash gpu/build.sh
+	$(VENV)-gpu/bin/python gpu/check.py
+	SIGN_KERNEL=1 $(CARGO) test --locked $(LEVELS) --test program the_kernel_is_built_from_the_current_sources
+
+$(VENV)-gpu/.installed:
+	python3 -m venv $(VENV)-gpu
+	$(VENV)-gpu/bin/pip install --quiet nvidia-cuda-nvcc-cu12==12.9.86
+	touch $@
 
 openapi:
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples

@@ -6,4 +6,5 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 export RUSTFLAGS="-C target-cpu=sm_70 -Z unstable-options -C linker=true --emit=asm"
-cargo +nightly rustc --quiet --locked --crate-type cdylib --release --target nvptx64-nvidia-cuda -Z build-std=core,alloc -Z build-std-features= --target-dir "${1:-target}"
+env -u CARGO_TARGET_DIR cargo +nightly rustc --quiet --locked --crate-type cdylib --release --target nvptx64-nvidia-cuda -Z build-std=core,alloc -Z build-std-features= --target-dir "${1:-target}"
+cp "${1:-target}/nvptx64-nvidia-cuda/release/deps/iplw_gpu.s" kernel.ptx

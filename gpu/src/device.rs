@@ -8,6 +8,7 @@ use core::alloc::{GlobalAlloc, Layout};
 use core::arch::nvptx::{_block_dim_x, _block_idx_x, _thread_idx_x, trap};
 use core::mem::MaybeUninit;
 
+use crate::bump::Bump;
 use crate::run::{Output, run};
 
 /// What a launch works on, in device memory.
@@ -24,11 +25,11 @@ pub struct Launch {
     outputs: *mut f64,
     output_len: usize,
     /// Room for an address for each thread.
-    arenas: *mut *mut u8,
+    arenas: *mut Bump,
 }
 
-/// Address of the free memory of each thread.
-static mut ARENAS: *mut *mut u8 = core::ptr::null_mut();
+/// Free memory of each thread.
+static mut ARENAS: *mut Bump = core::ptr::null_mut();
 
 /// Index of the thread.
 fn thread() -> usize {
@@ -48,7 +49,7 @@ unsafe fn enter<const WORDS: usize>(launch: *const Launch) {
     unsafe {
         // Every thread writes the same address.
         ARENAS = launch.arenas;
-        *launch.arenas.add(index) = arena.as_mut_ptr().cast();
+        *launch.arenas.add(index) = Bump(arena.as_mut_ptr().cast());
         rollout(launch, index);
     }
     // The memory is in use until here.
@@ -79,29 +80,23 @@ macro_rules! entry_points {
         }
     )*};
 }
-entry_points!(rollout_8 8 rollout_32 32 rollout_128 128);
+entry_points!(rollout_8 8 rollout_16 16 rollout_48 48 rollout_128 128);
 
-/// Takes memory from the thread's own; returns only what was taken last.
+/// Takes memory from the thread's own.
 struct Arena;
 
 // SAFETY: every thread has its own memory. The program chooses an entry point with enough of it.
 unsafe impl GlobalAlloc for Arena {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        unsafe {
-            let free = ARENAS.add(thread());
-            let at = (*free).add((*free).align_offset(layout.align()));
-            *free = at.add(layout.size());
-            at
-        }
+        unsafe { (*ARENAS.add(thread())).take(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        unsafe {
-            let free = ARENAS.add(thread());
-            if at.add(layout.size()) == *free {
-                *free = at;
-            }
-        }
+        unsafe { (*ARENAS.add(thread())).give_back(at, layout) }
+    }
+
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        unsafe { (*ARENAS.add(thread())).resize(at, layout, size) }
     }
 }
 

@@ -14,6 +14,7 @@ extern crate alloc;
 #[cfg(target_arch = "nvptx64")]
 extern crate core as std;
 
+mod bump;
 #[cfg(target_arch = "nvptx64")]
 mod device;
 #[cfg(target_arch = "nvptx64")]
@@ -24,6 +25,7 @@ mod run;
 #[prelude_import]
 use prelude::*;
 
+pub use bump::Bump;
 pub use run::{Output, run};
 
 #[path = "../../src/names.rs"]

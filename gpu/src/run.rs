@@ -1,6 +1,6 @@
 //! One rollout: the loop over its steps, as `lanes::batch` runs it.
 
-use crate::world::lanes::exchange::{Port, Reader};
+use crate::world::lanes::exchange::Port;
 use crate::world::lanes::goal::GoalLanes;
 use crate::world::lanes::kernel::step;
 use crate::world::lanes::state::BatchState;
@@ -40,7 +40,7 @@ pub fn run(topology: &[f64], image: &[f64], output: &mut Output) {
     let mut reader = Reader(rest);
     let mut schedule = Schedule { every, list, next: 0 };
     let mut state = BatchState::new(&own);
-    state.reserve();
+    reserve(&mut state);
     let mut goal = GoalLanes::new(&own);
     state.exchange(LANE, &mut reader);
     if let Some(goal) = &mut goal {
@@ -84,6 +84,27 @@ pub fn run(topology: &[f64], image: &[f64], output: &mut Output) {
     };
     let rolling: f64 = state.bodies.iter().map(|b| b.rolling[LANE]).sum();
     output.finish([end, at as f64, f64::from(u8::from(solved)), rolling]);
+}
+
+/// Reserves memory for everything that steps may add: memory is only returned at the end.
+fn reserve(state: &mut BatchState) {
+    let (pairs, near) = (state.pairs.len(), state.near.len());
+    state.active_pairs.reserve_exact(pairs);
+    state.active_manifolds.reserve_exact(near);
+    state.free_manifolds.reserve_exact(near);
+    state.manifolds.reserve_exact(near);
+    state.new_contacts.reserve_exact(pairs + near);
+}
+
+/// Reads numbers that the program has written.
+struct Reader<'a>(&'a [f64]);
+
+impl Port for Reader<'_> {
+    fn number(&mut self, value: &mut f64) {
+        if let [first, rest @ ..] = self.0 {
+            (*value, self.0) = (*first, rest);
+        }
+    }
 }
 
 /// The steps to observe.

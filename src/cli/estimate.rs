@@ -47,7 +47,7 @@ pub struct Args {
     /// Simulate all samples to the end instead of dropping hopeless ones early.
     #[arg(long)]
     no_racing: bool,
-    /// Physics engine: auto, rapier or lanes.
+    /// Physics engine: auto, rapier, lanes or gpu.
     #[arg(long, default_value = "auto")]
     engine: String,
     /// Also sample the posterior given the trials, and save it as `iplw posterior` does [default: no]

@@ -1,6 +1,7 @@
 //! Commands, common options, and output.
 
 mod agents;
+mod arrays;
 mod cell_store;
 mod common_options;
 mod compact_json;
@@ -21,6 +22,7 @@ mod plan;
 mod plan_report;
 mod posterior;
 mod rollout;
+mod rollout_arrays;
 mod serve;
 mod surface;
 mod task_sources;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
@@ -11,18 +11,32 @@ use iplw::world::{Engine, Rollout, Simulator, select_engine};
 use serde::Serialize;
 
 use super::output;
+use super::rollout_arrays::{self, ArrayRollouts};
 
 /// Simulate scenes: one scene per line in, one trajectory per line out.
 ///
 /// Simulates scenes. Each line of the input is a scene (`iplw.scene/1`); each line of the output is its trajectory:
 /// `{"solved", "steps", "t", "bodies": {name: {"x", "y", "angle"}}, "contacts": {...}}`.
 /// All lines are checked before anything is simulated or written.
+///
+/// With --scene, many rollouts of one scene as arrays: --in is an archive of NumPy arrays (`numpy.savez`) whose first
+/// axis is the rollout: `position` and `velocity` (rollouts, bodies, 2), `angle` and `angular_velocity` (rollouts, bodies),
+/// `density`, `friction`, `restitution` and EFFECT.PARAMETER (rollouts), in SI units; what is missing is the scene's.
+/// --out is an archive with `t`, `position`, `angle`, `velocity`, `angular_velocity` (rollouts, samples, bodies), NaN after
+/// the end of a rollout, and `solved` (1, 0; -1 without a goal), `end` (0 all steps, 1 goal, 2 diverged, 3 blocked),
+/// `steps`, `collisions`, `rolling_steps`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Physics engine: auto, rapier or lanes.
+    /// Physics engine: auto, rapier, lanes or gpu.
     #[arg(long, default_value = "auto")]
     engine: String,
-    /// File with one scene per line; - is standard input.
+    /// Scene file of which --in varies initial states, latents and effects as NumPy arrays.
+    #[arg(long, value_name = "FILE", requires_all = ["input", "out"])]
+    scene: Option<PathBuf>,
+    /// Write outcomes only, without samples; with --scene.
+    #[arg(long, requires = "scene")]
+    no_samples: bool,
+    /// File with one scene per line; - is standard input. With --scene an archive of arrays (.npz).
     #[arg(long = "in", value_name = "FILE", default_value = "-")]
     input: String,
     /// Output file; - is standard output.
@@ -35,11 +49,14 @@ const SCENES_PER_WRITE: usize = 512;
 
 /// Whether scenes are read from standard input.
 pub fn reads_stdin(args: &Args) -> bool {
-    args.input == "-"
+    args.scene.is_none() && args.input == "-"
 }
 
 pub fn run(args: &Args) -> Result<()> {
     let engine = Engine::from_name(&args.engine)?;
+    if let Some(scene) = &args.scene {
+        return run_arrays(args, engine, scene);
+    }
     let (name, text) = read(&args.input)?;
     let (mut scenes, mut engines) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
@@ -64,6 +81,22 @@ pub fn run(args: &Args) -> Result<()> {
         }
     }
     file.map_or(Ok(()), |path| output::write_whole(&path, &results))
+}
+
+fn run_arrays(args: &Args, engine: Engine, scene: &Path) -> Result<()> {
+    for (option, file) in [("--in", &args.input), ("--out", &args.out)] {
+        if file == "-" {
+            return Err(Error::input(
+                option,
+                "-",
+                "the name of an archive of arrays (.npz), needed with --scene",
+            ));
+        }
+    }
+    let (name, text) = read(&scene.display().to_string())?;
+    let scene = &Scene::from_json(&text).map_err(|e| e.in_file(&name))?;
+    let config = ArrayRollouts { scene, engine, samples: !args.no_samples };
+    rollout_arrays::run(&config, Path::new(&args.input), Path::new(&args.out))
 }
 
 /// The output format of a trajectory; bodies in the order of their names.

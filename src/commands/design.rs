@@ -65,7 +65,7 @@ pub struct DesignRequest {
     #[arg(long)]
     pub perturb: Option<f64>,
     /// `auto`, or the name of an engine.
-    #[arg(long, help = "Physics engine: auto, rapier or lanes [default: auto]")]
+    #[arg(long, help = "Physics engine: auto, rapier, lanes or gpu [default: auto]")]
     pub engine: Option<String>,
     #[arg(long, help = "Random seed [default: 0]")]
     pub seed: Option<u64>,

@@ -72,7 +72,7 @@ pub struct PosteriorRequest {
     pub sample_discrepancy: Option<bool>,
     #[arg(long, help = "Random seed [default: 0]")]
     pub seed: Option<u64>,
-    /// Physics engine: auto, rapier or lanes.
+    /// Physics engine: auto, rapier, lanes or gpu.
     #[arg(long, default_value = "auto", value_parser = Engine::from_name)]
     #[serde(skip)]
     pub engine: Engine,

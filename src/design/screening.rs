@@ -95,8 +95,7 @@ impl CandidateScreening<'_> {
         let rollouts: Vec<Rollout> =
             scenes.iter().flat_map(|scene| rollouts_in(scene, &worlds.worlds)).collect();
         self.rollouts += rollouts.len();
-        let solved =
-            Simulator::new(self.config.engine).budget(&self.progress).map(&rollouts, |_, t| t.solved())?;
+        let solved = Simulator::new(self.config.engine).budget(&self.progress).solved(&rollouts)?;
         let of = |solved: &[bool]| {
             let share = solved.iter().filter(|s| **s).count() as f64 / solved.len() as f64;
             AnswerPartition::Shared {

@@ -208,9 +208,7 @@ fn ideal_points(
                     .iter()
                     .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
                     .collect();
-                solved.extend(
-                    Simulator::new(config.engine).budget(&progress).map(&rollouts, |_, t| t.solved())?,
-                );
+                solved.extend(Simulator::new(config.engine).budget(&progress).solved(&rollouts)?);
             }
             of_task.push(solved);
         }

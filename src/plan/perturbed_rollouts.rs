@@ -82,7 +82,7 @@ impl<'a> PerturbedRollouts<'a> {
                 Some(Rollout { latents, effects, ..Rollout::of(scene.as_deref()?) })
             })
             .collect();
-        let solved = Simulator::new(self.engine).budget(budget).map(&rollouts, |_, t| t.solved())?;
+        let solved = Simulator::new(self.engine).budget(budget).solved(&rollouts)?;
         let mut solved = solved.into_iter();
         Ok(placed.iter().map(|scene| scene.is_some() && solved.next() == Some(true)).collect())
     }

@@ -280,7 +280,7 @@ fn simulate(jobs: &[LabelRollout], engine: Engine, progress: &dyn Progress) -> R
         Rollout { latents: *latents, effects, ..Rollout::of(scene) }
     };
     let rollouts: Vec<Rollout> = jobs.iter().map(of).collect();
-    Simulator::new(engine).budget(&progress).map(&rollouts, |_, trajectory| trajectory.solved())
+    Simulator::new(engine).budget(&progress).solved(&rollouts)
 }
 
 /// A task's discrete actions in random order.

@@ -33,9 +33,6 @@ pub struct OutcomesConfig {
     pub engine: Engine,
 }
 
-/// Actions simulated between two progress reports.
-const PROGRESS_CHUNK: usize = 4096;
-
 /// Sorted indices of `count` discrete actions of a space: all of them if there are no more, otherwise a random subset.
 pub fn select_action_indices(space: &ActionSpace, count: usize, seed: u64) -> Result<Vec<usize>> {
     check_range("actions", count as f64, 1.0, 1e6)?;
@@ -58,7 +55,7 @@ pub fn outcomes(
     look: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<i8>> {
     let mut found = Vec::with_capacity(actions.len());
-    for chunk in actions.chunks(PROGRESS_CHUNK) {
+    for chunk in actions.chunks(config.engine.batch_size()) {
         look(found.len())?;
         let placed: Vec<Option<Box<Scene>>> = chunk.par_iter().map(|a| valid(task, a)).collect();
         let rollouts: Vec<Rollout> = placed
@@ -66,7 +63,7 @@ pub fn outcomes(
             .flatten()
             .map(|scene| Rollout { latents: config.latents, effects: &config.effects, ..Rollout::of(scene) })
             .collect();
-        let mut solved = Simulator::new(config.engine).map(&rollouts, |_, t| t.solved())?.into_iter();
+        let mut solved = Simulator::new(config.engine).solved(&rollouts)?.into_iter();
         found.extend(placed.iter().map(|scene| match scene {
             None => INVALID,
             Some(_) if solved.next() == Some(true) => SOLVED,
@@ -113,7 +110,7 @@ mod tests {
                 Placement::Invalid(_) => INVALID,
                 Placement::Valid(scene) => {
                     let rollout = Rollout::of(&scene);
-                    let solved = Simulator::new(Engine::Auto).map(&[rollout], |_, t| t.solved()).unwrap()[0];
+                    let solved = Simulator::new(Engine::Auto).solved(&[rollout]).unwrap()[0];
                     if solved { SOLVED } else { UNSOLVED }
                 }
             };

@@ -91,9 +91,7 @@ impl SimulatedValidator {
                 scenes.iter().map(|scene| Rollout { latents: *latents, effects, ..Rollout::of(scene) })
             };
             let rollouts: Vec<Rollout> = open.iter().flat_map(of).collect();
-            let solved = Simulator::new(self.engine)
-                .budget(&progress)
-                .map(&rollouts, |_, trajectory| trajectory.solved())?;
+            let solved = Simulator::new(self.engine).budget(&progress).solved(&rollouts)?;
             for (w, of_world) in open.iter().zip(solved.chunks(scenes.len())) {
                 found[*w] = of_world.iter().position(|s| *s).map(|k| done + k + 1);
             }

@@ -389,7 +389,7 @@ fn solved(scenes: &[&Scene], physics: CandidatePhysics) -> Result<Vec<bool>> {
         .iter()
         .map(|scene| Rollout { latents: physics.latents, effects: physics.effects, ..Rollout::of(scene) })
         .collect();
-    Simulator::new(physics.engine).map(&rollouts, |_, t| t.solved())
+    Simulator::new(physics.engine).solved(&rollouts)
 }
 
 #[cfg(test)]

@@ -46,7 +46,9 @@ impl Convex {
             2 => 2.0 * distance(self.points[0], self.points[1]),
             _ => self.edges().map(|(a, b)| distance(a, b)).sum(),
         };
-        signed_area(&self.points) + perimeter * self.radius + std::f64::consts::PI * (self.radius * self.radius)
+        signed_area(&self.points)
+            + perimeter * self.radius
+            + std::f64::consts::PI * (self.radius * self.radius)
     }
 
     fn edges(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {

@@ -8,7 +8,7 @@ use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::trajectory::Trajectory;
 use iplw::world::effect::{Effect, EffectKind, REGISTRY};
-use iplw::world::{Accelerator, Engine, Rollout, Simulator, Work};
+use iplw::world::{Accelerator, Engine, Rollout, RolloutImages, Simulator};
 use iplw_gpu::{Output, run};
 use proptest::strategy::{Strategy, ValueTree};
 use proptest::test_runner::TestRunner;
@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::lanes::{disc_scenes, mixed_scenes, same};
 use crate::properties::{any_scene, islands};
+use crate::thread_memory::bytes_taken;
 
 /// The kernel on the processor, with the number of rollouts that it ran.
 #[derive(Default)]
@@ -26,12 +27,13 @@ impl Accelerator for Emulator {
         "the kernel on the processor".into()
     }
 
-    fn run(&self, work: &Work) -> Result<Vec<f64>> {
+    fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
         *self.0.lock().unwrap() += work.rollouts();
         let mut outputs = vec![0.0; work.rollouts() * work.output_len];
         outputs.par_chunks_mut(work.output_len).enumerate().for_each(|(i, numbers)| {
             let image = &work.images[work.starts[i]..work.starts[i + 1]];
-            run(&work.topology, image, &mut Output::new(numbers));
+            let taken = bytes_taken(|| run(&work.topology, image, &mut Output::new(numbers)));
+            assert!(taken <= work.arena_kb * 1024, "{taken} bytes in a thread with {} kB", work.arena_kb);
         });
         Ok(outputs)
     }
@@ -65,7 +67,8 @@ fn random_scenes(strategy: impl Strategy<Value = Scene>, count: usize) -> Vec<Sc
         .map(|i| {
             let mut scene = strategy.new_tree(&mut runner).unwrap().current();
             if i % 2 == 1 {
-                scene.effects = vec![typical(effects[i / 2 % effects.len()]), typical(effects[i / 3 % effects.len()])];
+                scene.effects =
+                    vec![typical(effects[i / 2 % effects.len()]), typical(effects[i / 3 % effects.len()])];
             }
             scene
         })

@@ -18,3 +18,4 @@ mod properties;
 mod settled;
 mod shapes;
 mod tasks;
+mod thread_memory;

@@ -12,6 +12,7 @@ mod families;
 mod families_cli;
 mod foreign_files;
 mod import_cli;
+mod kernel;
 mod language;
 mod layers;
 mod plan_cli;

@@ -14,8 +14,9 @@ use iplw::world::{Engine, Latents};
 use serde_json::json;
 
 pub use reader::{FORMAT, OutcomesTable, read_all};
-use writer::{TableWriter, npy};
+use writer::TableWriter;
 
+use super::arrays::npy::{F64, npy};
 use super::{output, parse};
 
 /// Compute the outcomes of many actions in every task of a family; writes NumPy arrays.
@@ -44,7 +45,7 @@ pub struct Args {
     /// Additional effect, name:parameter=value,..; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Physics engine: auto, rapier or lanes.
+    /// Physics engine: auto, rapier, lanes or gpu.
     #[arg(long, default_value = "auto")]
     engine: String,
     /// Random seed of the subset of actions.
@@ -85,7 +86,7 @@ pub fn run(args: &Args) -> Result<()> {
     let values: Vec<u8> =
         actions.iter().flat_map(|a| a.values().iter().flat_map(|v| v.to_le_bytes())).collect();
     let shape = [actions.len(), first.actions().dimension()];
-    output::write_whole(&args.out.join("actions.npy"), &npy("<f8", shape, &values))?;
+    output::write_whole(&args.out.join("actions.npy"), &npy(F64, &shape, &values))?;
     fill(&mut table, &tasks, &actions, &config)?;
     let found = table.finish([tasks.len(), actions.len()])?;
     output::print(&summary(&tasks, &found, actions.len(), &args.out))

@@ -10,6 +10,8 @@ use iplw::task::{Task, ValidAction, family};
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::cli::arrays::npy::{self, F64, I8};
+
 /// Value of a table's `format`.
 pub const FORMAT: &str = "iplw.outcomes/1";
 
@@ -107,7 +109,7 @@ fn read_files(folder: &Path) -> Result<OutcomesTable> {
     let (actions, outcomes) = (bytes("actions.npy")?, bytes("outcomes.npy")?);
     let mut hasher = DefaultHasher::new();
     [&text, &actions, &outcomes].into_iter().for_each(|part| hasher.write(part));
-    let ([count, width], data) = array("actions.npy", &actions, "<f8", 8)?;
+    let ([count, width], data) = array("actions.npy", &actions, F64, 8)?;
     let values: Vec<f64> =
         data.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes"))).collect();
     let space = family.tasks().first().map(|t| t.actions().clone());
@@ -116,7 +118,7 @@ fn read_files(folder: &Path) -> Result<OutcomesTable> {
     };
     let actions = values.chunks(width.max(1)).map(action).collect::<Result<Vec<_>>>();
     let actions = actions.map_err(|e| e.in_field("actions.npy"))?;
-    let (shape, data) = array("outcomes.npy", &outcomes, "|i1", 1)?;
+    let (shape, data) = array("outcomes.npy", &outcomes, I8, 1)?;
     if shape != [tasks.len(), count] {
         let allowed = format!("[{}, {count}]: tasks and actions of this table", tasks.len());
         return Err(Error::input("outcomes.npy shape", format!("{shape:?}"), allowed));
@@ -126,53 +128,11 @@ fn read_files(folder: &Path) -> Result<OutcomesTable> {
     Ok(OutcomesTable { table, about, digest: hasher.finish() })
 }
 
-/// Shape and data of a two-dimensional array written by `iplw outcomes` or NumPy's `save`.
+/// Shape and data of a two-dimensional array.
 fn array<'a>(file: &str, bytes: &'a [u8], kind: &str, size: usize) -> Result<([usize; 2], &'a [u8])> {
-    let refused = |value: &str| {
-        Error::input(
-            file,
-            value,
-            format!("a complete two-dimensional NumPy array of type {kind:?} in C order"),
-        )
+    let (shape, data) = npy::parse(file, bytes, kind, size)?;
+    let [rows, columns] = shape[..] else {
+        return Err(Error::input(file, format!("an array of shape {shape:?}"), "an array of two dimensions"));
     };
-    let fixed =
-        bytes.get(..10).filter(|b| b.starts_with(b"\x93NUMPY\x01")).ok_or_else(|| refused("no array"))?;
-    let length = usize::from(u16::from_le_bytes([fixed[8], fixed[9]]));
-    let header = bytes.get(10..10 + length).and_then(|b| std::str::from_utf8(b).ok());
-    let header = header.ok_or_else(|| refused("an array whose header is cut short"))?;
-    let has = |text: &str| header.contains(text);
-    if !(has(&format!("'descr': '{kind}'")) && has("'fortran_order': False")) {
-        return Err(refused("an array of another type or order"));
-    }
-    let inner = header.split_once("'shape': (").and_then(|(_, rest)| rest.split_once(')'));
-    let shape: Vec<usize> =
-        inner.map_or("", |(s, _)| s).split(',').filter_map(|n| n.trim().parse().ok()).collect();
-    let [rows, columns] = shape[..] else { return Err(refused("an array of another shape")) };
-    let data = &bytes[10 + length..];
-    match rows.checked_mul(columns).and_then(|n| n.checked_mul(size)) {
-        Some(wanted) if wanted == data.len() => Ok(([rows, columns], data)),
-        _ => Err(refused(&format!("an array of {rows} by {columns} that holds {} bytes", data.len()))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::writer::npy;
-    use super::*;
-
-    #[test]
-    fn reads_written_arrays_and_rejects_others() {
-        let bytes = npy("|i1", [2, 3], &[1, 255, 0, 1, 1, 0]);
-        assert_eq!(array("a", &bytes, "|i1", 1).unwrap(), ([2, 3], &[1, 255, 0, 1, 1, 0][..]));
-        let longer = [bytes.clone(), vec![0]].concat();
-        let fortran = String::from_utf8_lossy(&bytes[10..]).replace("False", "True ");
-        let turned = [&bytes[..10], fortran.as_bytes()].concat();
-        for (broken, kind) in
-            [(&bytes[..bytes.len() - 1], "|i1"), (&bytes[..40], "|i1"), (&bytes[..5], "|i1"), (&bytes, "<f8")]
-        {
-            assert!(array("a", broken, kind, 1).is_err(), "{} bytes as {kind}", broken.len());
-        }
-        assert!(array("a", &longer, "|i1", 1).is_err() && array("a", &turned, "|i1", 1).is_err());
-        assert!(array("a", &npy("|i1", [usize::MAX, 2], &[]), "|i1", 1).is_err());
-    }
+    Ok(([rows, columns], data))
 }

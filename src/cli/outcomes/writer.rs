@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use iplw::error::{Error, Result};
 use serde_json::Value;
 
+use crate::cli::arrays::npy::{I8, npy};
 use crate::cli::output;
 
 /// A table in progress: rows are appended to `outcomes.part` until it is complete.
@@ -81,41 +82,8 @@ impl TableWriter {
             };
         }
         let found = read(self.partial_path())?;
-        output::write_whole(&self.finished_path(), &npy("|i1", [rows, columns], &found))?;
+        output::write_whole(&self.finished_path(), &npy(I8, &[rows, columns], &found))?;
         std::fs::remove_file(self.partial_path()).map_err(|e| Error::io(&self.partial_path(), e))?;
         Ok(found)
-    }
-}
-
-/// A two-dimensional array in NumPy's format, version 1.0, in C order.
-pub fn npy(kind: &str, [rows, columns]: [usize; 2], data: &[u8]) -> Vec<u8> {
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
-    // The header is padded so that the data start at a multiple of 64 bytes.
-    let length = (10 + header.len() + 1).next_multiple_of(64) - 10;
-    header += &" ".repeat(length - 1 - header.len());
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((length as u16).to_le_bytes());
-    bytes.extend(header.as_bytes());
-    bytes.extend(data);
-    bytes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn follows_the_numpy_format() {
-        let bytes = npy("|i1", [2, 3], &[1, 255, 0, 1, 1, 0]);
-        assert_eq!((bytes.len() - 6) % 64, 0);
-        assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
-        let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-        let header = std::str::from_utf8(&bytes[10..10 + length]).unwrap();
-        assert!(
-            header.starts_with("{'descr': '|i1', 'fortran_order': False, 'shape': (2, 3), }")
-                && header.ends_with('\n')
-        );
-        assert_eq!(&bytes[10 + length..], [1, 255, 0, 1, 1, 0]);
     }
 }

@@ -4,8 +4,8 @@
 //! needs. Every index is a constant, so the compiler looks the law up in the registry.
 
 use super::{
-    ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, MotionLaw, MotionStateLanes,
-    REGISTRY,
+    ConstantLanes, Constants, ContactLaw, ContactResponse, ContactState, EffectKind, MotionLaw,
+    MotionStateLanes, REGISTRY,
 };
 
 /// Calls `$call` with the effect of a constant index.
@@ -32,7 +32,12 @@ pub fn kick_lanes(effect: usize, constants: &ConstantLanes, bodies: &mut MotionS
 
 /// [`ContactLaw::respond`] of the effect with this index.
 #[inline(never)]
-pub fn respond(effect: usize, constants: &Constants, contact: ContactState, base: ContactResponse) -> ContactResponse {
+pub fn respond(
+    effect: usize,
+    constants: &Constants,
+    contact: ContactState,
+    base: ContactResponse,
+) -> ContactResponse {
     with_index!(effect, response(constants, contact, base), base)
 }
 
@@ -48,7 +53,11 @@ fn kick<const I: usize>(constants: &ConstantLanes, bodies: &mut MotionStateLanes
     }
 }
 
-fn response<const I: usize>(constants: &Constants, contact: ContactState, base: ContactResponse) -> ContactResponse {
+fn response<const I: usize>(
+    constants: &Constants,
+    contact: ContactState,
+    base: ContactResponse,
+) -> ContactResponse {
     const { contact_law(I) }.map_or(base, |law| law.respond(constants, contact, base))
 }
 

@@ -56,7 +56,8 @@ pub use law::{
 pub use rbf::gaussian;
 #[cfg(not(kernel))]
 pub use terms::{
-    ActiveEffect, damping, find, find_alias, linear_drag, resolve, scene_effects, validate_set, validate_terms,
+    ActiveEffect, damping, find, find_alias, linear_drag, resolve, scene_effects, validate_set,
+    validate_terms,
 };
 
 /// Every effect.

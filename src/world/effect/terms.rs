@@ -3,7 +3,10 @@
 use std::f64::consts::PI;
 use std::fmt::Display;
 
-use super::{Effect, ParameterDeclaration, ParameterRole, REGISTRY, ShapeParameter, linear_drag as drag, restitution_threshold};
+use super::{
+    Effect, ParameterDeclaration, ParameterRole, REGISTRY, ShapeParameter, linear_drag as drag,
+    restitution_threshold,
+};
 use crate::error::{Error, Result, check_range};
 use crate::task::scene::{EffectTerm, Scene};
 

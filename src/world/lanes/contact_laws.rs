@@ -59,7 +59,9 @@ fn response(
     restitution: f64,
 ) -> ContactResponse {
     let own = ContactResponse { restitution, slip: 0.0 };
-    contact_laws.iter().fold(own, |response, law| dispatch::respond(law.effect, &law.constants_in(lane), meeting, response))
+    contact_laws
+        .iter()
+        .fold(own, |response, law| dispatch::respond(law.effect, &law.constants_in(lane), meeting, response))
 }
 
 /// Normal and tangential velocity of the second surface relative to the first at a point, m/s.
@@ -94,8 +96,11 @@ pub fn apply_rolling_resistance(state: &mut BatchState) {
         let body = &mut state.bodies[pair.first];
         for lane in (0..LANES).filter(|l| pair.jn[*l] > 0.0 && pair.unloaded[*l] == 0.0) {
             let load = pair.jn[lane] * body.inv_mass[lane];
-            let off: f64 =
-                state.contact_laws.iter().map(|t| dispatch::rolling_loss(t.effect, &t.constants_in(lane), load)).sum();
+            let off: f64 = state
+                .contact_laws
+                .iter()
+                .map(|t| dispatch::rolling_loss(t.effect, &t.constants_in(lane), load))
+                .sum();
             if off > 0.0 {
                 let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
                 let moving = &mut body.moving;

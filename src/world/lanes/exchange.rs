@@ -29,24 +29,13 @@ pub trait Port {
 }
 
 /// Appends the numbers to a vector.
-#[cfg(not(target_arch = "nvptx64"))]
-pub struct Writer<'a>(pub &'a mut Vec<f64>);
+#[cfg(not(kernel))]
+pub struct NumberWriter<'a>(pub &'a mut Vec<f64>);
 
-#[cfg(not(target_arch = "nvptx64"))]
-impl Port for Writer<'_> {
+#[cfg(not(kernel))]
+impl Port for NumberWriter<'_> {
     fn number(&mut self, value: &mut f64) {
         self.0.push(*value);
-    }
-}
-
-/// Reads the numbers from a slice.
-pub struct Reader<'a>(pub &'a [f64]);
-
-impl Port for Reader<'_> {
-    fn number(&mut self, value: &mut f64) {
-        if let [first, rest @ ..] = self.0 {
-            (*value, self.0) = (*first, rest);
-        }
     }
 }
 

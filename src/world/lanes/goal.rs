@@ -70,12 +70,9 @@ impl GoalLanes {
             GoalTopology::Above { body, whole } => {
                 ConditionLanes::Above { body, whole, normal: [none; 2], offset: none, radius: none }
             }
-            GoalTopology::Inside { body } => ConditionLanes::Inside {
-                body,
-                regions: Default::default(),
-                low: [none; 2],
-                high: [none; 2],
-            },
+            GoalTopology::Inside { body } => {
+                ConditionLanes::Inside { body, regions: Default::default(), low: [none; 2], high: [none; 2] }
+            }
             GoalTopology::Contact { objects } | GoalTopology::Apart { objects } => {
                 ConditionLanes::between(objects, topology)
             }

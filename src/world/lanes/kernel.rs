@@ -22,8 +22,8 @@ use super::disc_separation::{DiscSeparation, between_discs, may_touch, with_stat
 use super::disc_solver::solve;
 use super::simd::{Mask, Register, Wide};
 use super::state::{BatchState, DiscPair};
-use crate::world::effect::{LANES, dispatch};
 use crate::world::contact_criteria::MIN_SUPPORT_NORMAL_Y;
+use crate::world::effect::{LANES, dispatch};
 
 /// Speed, m/s or rad/s, below which it is set to zero: slightly above the rounding errors of contacts, so
 /// that objects at rest reach a state that the next step repeats. The total displacement lost is below atomic

@@ -70,6 +70,9 @@ pub fn of(topology: &Topology) -> (Vec<BodyFrame>, Vec<PieceOutline>) {
     if (0..count).all(|i| topology.is_disc(i)) {
         return (frames, outlines);
     }
+    frames.reserve_exact(count);
+    let pieces: usize = topology.bodies.iter().map(|corners| corners.len().max(1)).sum();
+    outlines.reserve_exact(pieces + topology.statics.len());
     for (i, corners) in topology.bodies.iter().enumerate() {
         let (from, disc) = (outlines.len(), topology.is_disc(i));
         if disc {
@@ -166,7 +169,8 @@ impl BodyFrame {
 }
 
 impl PieceOutline {
-    fn empty(owner: usize, corners: usize, moves: bool) -> PieceOutline {
+    /// Empty lanes of a piece with so many corners.
+    pub fn empty(owner: usize, corners: usize, moves: bool) -> PieceOutline {
         let none = V::all(0.0);
         let core = match corners {
             0 => OutlineCore::Plane { nx: none, ny: none, offset: none },

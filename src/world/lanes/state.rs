@@ -166,7 +166,8 @@ impl BatchState {
         let statics: Vec<StaticLanes> = topology.statics.iter().map(piece).collect();
         let disc = |i: usize| topology.is_disc(i);
         let (frames, outlines) = outline::of(topology);
-        let mut pairs = Vec::new();
+        let discs = (0..count).filter(|i| disc(*i)).count();
+        let mut pairs = Vec::with_capacity(discs * discs.saturating_sub(1) / 2 + discs * statics.len());
         for first in (0..count).filter(|i| disc(*i)) {
             let discs = (first + 1..count).filter(|i| disc(*i));
             pairs.extend(discs.map(|second| DiscPair::new(first, second, second)));
@@ -236,19 +237,9 @@ impl BatchState {
 
     /// Whether a body of the lane has diverged.
     pub fn diverged(&self, lane: usize) -> bool {
-        let diverges = |i: usize| {
-            self.bodies[i].radius[lane] != ABSENT_RADIUS_M && !self.body_in(i, lane).is_finite()
-        };
+        let diverges =
+            |i: usize| self.bodies[i].radius[lane] != ABSENT_RADIUS_M && !self.body_in(i, lane).is_finite();
         (0..self.bodies.len()).any(diverges)
-    }
-
-    /// Reserves memory for everything that steps may add.
-    pub fn reserve(&mut self) {
-        self.active_pairs.reserve(self.pairs.len());
-        self.active_manifolds.reserve(self.near.len());
-        self.free_manifolds.reserve(self.near.len());
-        self.manifolds.reserve(self.near.len());
-        self.new_contacts.reserve(self.pairs.len() + self.near.len());
     }
 
     /// The contact pair of an index in `new_contacts`: pairs of discs, then pairs of outlines.

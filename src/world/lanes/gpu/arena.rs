@@ -3,22 +3,22 @@
 use super::super::topology::Topology;
 
 /// Memory of a thread for which the kernel has entry points, kB.
-pub const ARENA_SIZES_KB: [usize; 3] = [8, 32, 128];
+pub const ARENA_SIZES_KB: [usize; 4] = [8, 16, 48, 128];
 
 /// Bytes of the objects that a thread stores, rounded up to include what growing vectors leave behind; a test compares
 /// them with the bytes that the kernel takes.
 const FIXED_BYTES: usize = 1024;
-const BODY_BYTES: usize = 320;
-const LAW_BYTES: usize = 128;
-const STATIC_BYTES: usize = 96;
+const BODY_BYTES: usize = 256;
+const LAW_BYTES: usize = 104;
+const STATIC_BYTES: usize = 64;
 const EDGE_BYTES: usize = 48;
-const DISC_PAIR_BYTES: usize = 432;
-const OUTLINE_BYTES: usize = 320;
-const CORNER_BYTES: usize = 80;
-const OUTLINE_PAIR_BYTES: usize = 640;
-const REGION_POINT_BYTES: usize = 32;
+const DISC_PAIR_BYTES: usize = 224;
+const OUTLINE_BYTES: usize = 160;
+const CORNER_BYTES: usize = 40;
+const OUTLINE_PAIR_BYTES: usize = 440;
+const REGION_POINT_BYTES: usize = 16;
 /// Most points of a goal's region.
-const MAX_REGION_POINTS: usize = 16;
+pub const MAX_REGION_POINTS: usize = 16;
 
 /// The smallest of [`ARENA_SIZES_KB`] that suffices, if one does.
 pub fn arena_size(topology: &Topology) -> Option<usize> {
@@ -42,7 +42,8 @@ pub fn arena_bytes(topology: &Topology) -> usize {
     if discs < bodies {
         let pieces: usize = topology.bodies.iter().map(|corners| corners.len().max(1)).sum();
         let corners: usize = topology.bodies.iter().map(|corners| corners.iter().sum::<usize>().max(1)).sum();
-        let pairs = pieces * pieces.saturating_sub(1) / 2 + pieces * statics;
+        let pairs = pieces * pieces.saturating_sub(1) / 2 + pieces * statics
+            - (discs * discs.saturating_sub(1) / 2 + discs * statics);
         bytes += (pieces + statics) * OUTLINE_BYTES
             + (2 * corners + edges) * CORNER_BYTES
             + pairs * OUTLINE_PAIR_BYTES;

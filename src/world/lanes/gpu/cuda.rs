@@ -10,7 +10,8 @@ use std::sync::Mutex;
 
 use libloading::Library;
 
-use super::{ARENA_SIZES_KB, Accelerator, Work};
+use super::accelerator::{Accelerator, RolloutImages};
+use super::arena::ARENA_SIZES_KB;
 use crate::error::{Error, Result};
 
 /// The kernel: see `gpu/build.sh`.
@@ -117,7 +118,9 @@ impl Cuda {
         driver.check("creating a context", unsafe { (driver.set_context)(handle) })?;
         let text = std::ffi::CString::new(KERNEL).map_err(|e| e.to_string())?;
         let mut module: Handle = std::ptr::null_mut();
-        driver.check("compiling the kernel", unsafe { (driver.load_module)(&mut module, text.as_ptr().cast()) })?;
+        driver.check("compiling the kernel", unsafe {
+            (driver.load_module)(&mut module, text.as_ptr().cast())
+        })?;
         let mut entries = [std::ptr::null_mut(); ARENA_SIZES_KB.len()];
         for (entry, kb) in entries.iter_mut().zip(ARENA_SIZES_KB) {
             let name = std::ffi::CString::new(format!("rollout_{kb}")).map_err(|e| e.to_string())?;
@@ -127,7 +130,7 @@ impl Cuda {
         Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }), description })
     }
 
-    fn launch(&self, context: &Context, work: &Work) -> std::result::Result<Vec<f64>, String> {
+    fn launch(&self, context: &Context, work: &RolloutImages) -> std::result::Result<Vec<f64>, String> {
         let driver = &self.driver;
         // SAFETY: the context of the device.
         driver.check("selecting the device", unsafe { (driver.set_context)(context.handle) })?;
@@ -136,7 +139,11 @@ impl Cuda {
         let bytes = 8 * (work.images.len() + work.starts.len() + outputs.len() + count);
         let free = driver.free()?;
         if bytes as f64 > MAX_MEMORY_FRACTION * free as f64 {
-            return Err(format!("the rollouts need {} MB and the device has {} MB free", bytes >> 20, free >> 20));
+            return Err(format!(
+                "the rollouts need {} MB and the device has {} MB free",
+                bytes >> 20,
+                free >> 20
+            ));
         }
         let topology = driver.copy(&work.topology)?;
         let images = driver.copy(&work.images)?;
@@ -155,7 +162,8 @@ impl Cuda {
             arenas.address,
         ];
         let launch = driver.copy(&parameters)?;
-        let entry = ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
+        let entry =
+            ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
         let mut address = launch.address;
         let mut arguments = [(&raw mut address).cast::<c_void>()];
         let blocks = count.div_ceil(THREADS_PER_BLOCK) as c_uint;
@@ -164,13 +172,26 @@ impl Cuda {
         let status = unsafe {
             let entry = context.entries[entry];
             let threads = THREADS_PER_BLOCK as c_uint;
-            (driver.launch)(entry, blocks, 1, 1, threads, 1, 1, 0, none, arguments.as_mut_ptr(), std::ptr::null_mut())
+            (driver.launch)(
+                entry,
+                blocks,
+                1,
+                1,
+                threads,
+                1,
+                1,
+                0,
+                none,
+                arguments.as_mut_ptr(),
+                std::ptr::null_mut(),
+            )
         };
         driver.check("starting rollouts", status)?;
         // SAFETY: waits for the launch; then the results fill the vector.
         driver.check("running rollouts", unsafe { (driver.synchronize)() })?;
         let to = outputs.as_mut_ptr().cast();
-        driver.check("copying results", unsafe { (driver.download)(to, results.address, 8 * outputs.len()) })?;
+        driver
+            .check("copying results", unsafe { (driver.download)(to, results.address, 8 * outputs.len()) })?;
         Ok(outputs)
     }
 }
@@ -180,19 +201,19 @@ impl Accelerator for Cuda {
         self.description.clone()
     }
 
-    fn run(&self, work: &Work) -> Result<Vec<f64>> {
+    fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
         let context = crate::sync::lock(&self.context);
         self.launch(&context, work).map_err(|reason| Error::Failed(format!("graphics processor: {reason}")))
     }
 }
 
-/// Memory of the device; freed when dropped.
-struct Memory<'a> {
+/// DeviceMemory of the device; freed when dropped.
+struct DeviceMemory<'a> {
     driver: &'a Driver,
     address: DevicePointer,
 }
 
-impl Drop for Memory<'_> {
+impl Drop for DeviceMemory<'_> {
     fn drop(&mut self) {
         // SAFETY: allocated by `Driver::memory`. A failure means that the device is lost.
         _ = unsafe { (self.driver.free)(self.address) };
@@ -208,7 +229,11 @@ impl Driver {
         // SAFETY: the driver returns a static string, or null for a code that it does not have.
         let reason = unsafe {
             (self.error_text)(status, &mut text);
-            if text.is_null() { "unspecified".into() } else { CStr::from_ptr(text).to_string_lossy().into_owned() }
+            if text.is_null() {
+                "unspecified".into()
+            } else {
+                CStr::from_ptr(text).to_string_lossy().into_owned()
+            }
         };
         Err(format!("error {status} in {activity}: {reason}"))
     }
@@ -223,7 +248,9 @@ impl Driver {
     fn description(&self, device: c_int) -> std::result::Result<String, String> {
         let mut name = [0; 128];
         // SAFETY: the buffer has the stated size, and the driver ends the text with 0.
-        self.check("reading the name", unsafe { (self.device_name)(name.as_mut_ptr(), name.len() as c_int, device) })?;
+        self.check("reading the name", unsafe {
+            (self.device_name)(name.as_mut_ptr(), name.len() as c_int, device)
+        })?;
         let name = unsafe { CStr::from_ptr(name.as_ptr()) }.to_string_lossy();
         Ok(format!("{name}, {} MB free", self.free()? >> 20))
     }
@@ -236,16 +263,16 @@ impl Driver {
         Ok(free)
     }
 
-    fn memory(&self, bytes: usize) -> std::result::Result<Memory<'_>, String> {
+    fn memory(&self, bytes: usize) -> std::result::Result<DeviceMemory<'_>, String> {
         let mut address = 0;
         // SAFETY: a pointer to a variable of the declared type.
         let status = unsafe { (self.allocate)(&mut address, bytes.max(8)) };
         self.check(&format!("allocating {} MB", bytes >> 20), status)?;
-        Ok(Memory { driver: self, address })
+        Ok(DeviceMemory { driver: self, address })
     }
 
     /// A copy of numbers in the device's memory.
-    fn copy<T: Copy>(&self, values: &[T]) -> std::result::Result<Memory<'_>, String> {
+    fn copy<T: Copy>(&self, values: &[T]) -> std::result::Result<DeviceMemory<'_>, String> {
         let bytes = size_of_val(values);
         let memory = self.memory(bytes)?;
         // SAFETY: both sides have so many bytes.

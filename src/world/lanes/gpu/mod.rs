@@ -7,24 +7,27 @@
 //! Rollouts with interventions or established contacts, and those that need more memory than a thread may have, run on
 //! the processor: see [`supports`].
 
+mod accelerator;
 mod arena;
 #[cfg(target_os = "linux")]
 mod cuda;
-mod device;
+mod find;
 
 use rayon::prelude::*;
 
-use super::exchange::{Port, Writer};
+use super::exchange::{NumberWriter, Port};
 use super::goal::GoalLanes;
 use super::state::BatchState;
 use super::topology::Topology;
 use crate::error::{Error, Result};
 use crate::trajectory::{Termination, Trajectory};
 use crate::world::compile::RolloutModel;
+use crate::world::goal::GoalCondition;
 use crate::world::observe::ObservationSchedule;
 use crate::world::record::{BodyState, Recorder};
-pub use arena::{ARENA_SIZES_KB, arena_size};
-pub use device::{Accelerator, Work, find};
+pub use accelerator::{Accelerator, RolloutImages};
+use arena::{MAX_REGION_POINTS, arena_size};
+pub use find::find;
 
 /// Rollouts that are loaded by one thread before the next.
 const ROLLOUTS_PER_TASK: usize = 64;
@@ -39,7 +42,14 @@ const MAX_OUTPUT_NUMBERS: usize = 1 << 27;
 
 /// Whether an accelerator can run the rollout.
 pub fn supports(model: &RolloutModel, topology: &Topology) -> bool {
-    !model.contacts_established && model.interventions.is_empty() && arena_size(topology).is_some()
+    let region = match model.goal.as_ref().map(|goal| &goal.condition) {
+        Some(GoalCondition::Inside { region, .. }) => region.len(),
+        _ => 0,
+    };
+    !model.contacts_established
+        && model.interventions.is_empty()
+        && region <= MAX_REGION_POINTS
+        && arena_size(topology).is_some()
 }
 
 /// Number of rollouts like this one in a launch.
@@ -47,18 +57,28 @@ pub fn launch_size(model: &RolloutModel) -> usize {
     (MAX_OUTPUT_NUMBERS / output_len(model)).max(1)
 }
 
-/// Runs rollouts of one topology; `model` compiles the one with an index. Returns `done(index, trajectory)` for each,
-/// and the indices of those that do not fit into their output.
+/// The results of a launch.
+pub struct Launched<T> {
+    /// By index of the rollout.
+    pub results: Vec<(usize, T)>,
+    /// Indices of rollouts that do not fit into their output.
+    pub unfinished: Vec<usize>,
+}
+
+/// Runs rollouts of one topology; `model` compiles the one with an index, and `done` makes its result of its trajectory.
 pub fn run<T: Send>(
     accelerator: &dyn Accelerator,
     indices: &[usize],
     model: impl Fn(usize) -> Result<RolloutModel> + Sync,
     done: impl Fn(usize, &RolloutModel, Trajectory) -> T + Sync,
-) -> Result<(Vec<(usize, T)>, Vec<usize>)> {
-    let Some(first) = indices.first() else { return Ok((Vec::new(), Vec::new())) };
+) -> Result<Launched<T>> {
+    let Some(first) = indices.first() else {
+        return Ok(Launched { results: Vec::new(), unfinished: Vec::new() });
+    };
     let mut topology = Topology::of(&model(*first)?);
-    let arena_kb = arena_size(&topology)
-        .ok_or_else(|| Error::Failed("a rollout needs more memory than a thread of the accelerator has".into()))?;
+    let arena_kb = arena_size(&topology).ok_or_else(|| {
+        Error::Failed("a rollout needs more memory than a thread of the accelerator has".into())
+    })?;
     let load = |part: &[usize]| -> Result<LoadedRollouts> {
         let mut loader = Loader::new(&topology);
         for index in part {
@@ -68,8 +88,8 @@ pub fn run<T: Send>(
     };
     let parts: Vec<LoadedRollouts> =
         indices.par_chunks(ROLLOUTS_PER_TASK).map(load).collect::<Result<Vec<LoadedRollouts>>>()?;
-    let mut work = Work { arena_kb, starts: vec![0], ..Work::default() };
-    topology.exchange(&mut Writer(&mut work.topology));
+    let mut work = RolloutImages { arena_kb, starts: vec![0], ..RolloutImages::default() };
+    topology.exchange(&mut NumberWriter(&mut work.topology));
     for part in parts {
         let before = work.images.len();
         work.images.extend(part.numbers);
@@ -84,14 +104,14 @@ pub fn run<T: Send>(
     };
     let recorded: Vec<(usize, Option<T>)> =
         indices.par_iter().zip(outputs.par_chunks(work.output_len)).map(record).collect::<Result<_>>()?;
-    let (mut results, mut unfinished) = (Vec::new(), Vec::new());
+    let mut launched = Launched { results: Vec::new(), unfinished: Vec::new() };
     for (index, result) in recorded {
         match result {
-            Some(result) => results.push((index, result)),
-            None => unfinished.push(index),
+            Some(result) => launched.results.push((index, result)),
+            None => launched.unfinished.push(index),
         }
     }
-    Ok((results, unfinished))
+    Ok(launched)
 }
 
 /// Rollouts as numbers: where each ends, and the longest output.
@@ -120,7 +140,7 @@ impl Loader {
 
     fn load(&mut self, model: &RolloutModel) {
         self.state.fill(LANE, model);
-        let mut port = Writer(&mut self.loaded.numbers);
+        let mut port = NumberWriter(&mut self.loaded.numbers);
         port.whole(model.steps as usize);
         port.whole(usize::from(model.stop_at_goal));
         match &model.schedule {

@@ -4,9 +4,9 @@ mod goal;
 pub mod outline;
 mod topology;
 
+use self::outline::disc_within;
 use super::state::{ABSENT_RADIUS_M, BatchState, DiscPair, LawLanes, StaticCore, StaticLanes};
 use super::static_piece::{StaticPiece, pieces};
-use self::outline::disc_within;
 use crate::world::compile::{BodyModel, RolloutModel};
 use crate::world::effect::{Constants, MAX_PARAMETERS};
 use crate::world::record;

@@ -105,7 +105,7 @@ class Client:
 
         - `scene`: an `iplw.scene/1` document with `action` and `goal`, instead of a task.
         - `kind`: `sim` (default), or `real`: latents are hidden, valid attempts counted.
-        - `engine`: `auto` (default), `lanes` or `rapier`.
+        - `engine`: `auto` (default), `lanes`, `rapier` or `gpu`.
         - `latents`: density (kg/m^2), friction, restitution; default: the family's prior mean (sim) or its standard truth
           (real).
         - `effects`: physics beyond gravity and contact, `[{"name": "wind", "parameters": {"ax": 0.5}}]`, in SI;

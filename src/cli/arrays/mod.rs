@@ -1,0 +1,4 @@
+//! Arrays in NumPy's formats.
+
+pub mod npy;
+pub mod npz;

@@ -1,0 +1,112 @@
+//! Archives of arrays, `.npz`: as `numpy.savez` writes and `numpy.load` reads them.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Read, Seek, Write};
+use std::path::Path;
+
+use iplw::error::{Error, Result};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+use super::npy::{F64, header, parse};
+
+/// An array of f64 in C order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumberArray {
+    pub shape: Vec<usize>,
+    pub values: Vec<f64>,
+}
+
+/// Size of an archive up to which it is read, bytes.
+const MAX_ARCHIVE_BYTES: u64 = 8 << 30;
+
+/// All arrays of an archive by name.
+pub fn read(path: &Path) -> Result<BTreeMap<String, NumberArray>> {
+    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let name = path.display().to_string();
+    let no_archive = |e: zip::result::ZipError| {
+        Error::input(&name, e, "an archive of arrays as `numpy.savez` writes it (.npz)")
+    };
+    let mut archive = ZipArchive::new(file).map_err(no_archive)?;
+    let mut arrays = BTreeMap::new();
+    for i in 0..archive.len() {
+        let member = archive.by_index(i).map_err(no_archive)?;
+        let label = member.name().map_err(no_archive)?.trim_end_matches(".npy").to_string();
+        let mut bytes = Vec::new();
+        member.take(MAX_ARCHIVE_BYTES).read_to_end(&mut bytes).map_err(|e| Error::io(path, e))?;
+        let (shape, data) = parse(&format!("{name}: {label}"), &bytes, F64, 8)?;
+        let values = data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+        arrays.insert(label, NumberArray { shape, values });
+    }
+    Ok(arrays)
+}
+
+/// Writes an archive array by array.
+pub struct ArchiveWriter<W: Write + Seek>(ZipWriter<W>);
+
+impl ArchiveWriter<BufWriter<File>> {
+    /// A new file.
+    pub fn create(path: &Path) -> Result<Self> {
+        let file = File::create(path).map_err(|e| Error::io(path, e))?;
+        Ok(ArchiveWriter(ZipWriter::new(BufWriter::new(file))))
+    }
+}
+
+impl<W: Write + Seek> ArchiveWriter<W> {
+    /// Adds an array; `kind` is NumPy's name of the type.
+    pub fn add(&mut self, name: &str, kind: &str, shape: &[usize], data: &[u8]) -> Result<()> {
+        let options =
+            SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+        let failed = |e: String| Error::Failed(format!("cannot write the array {name}: {e}"));
+        self.0.start_file(format!("{name}.npy"), options).map_err(|e| failed(e.to_string()))?;
+        self.0.write_all(&header(kind, shape)).map_err(|e| failed(e.to_string()))?;
+        self.0.write_all(data).map_err(|e| failed(e.to_string()))
+    }
+
+    /// Adds an array of f64.
+    pub fn add_f64(&mut self, name: &str, shape: &[usize], values: &[f64]) -> Result<()> {
+        self.add(name, F64, shape, &little_endian(values, f64::to_le_bytes))
+    }
+
+    /// Adds texts.
+    pub fn add_texts(&mut self, name: &str, shape: &[usize], texts: &[&str]) -> Result<()> {
+        let longest = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
+        let mut data = Vec::new();
+        for text in texts {
+            let padded = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(longest);
+            data.extend(padded.flat_map(u32::to_le_bytes));
+        }
+        self.add(name, &format!("<U{longest}"), shape, &data)
+    }
+
+    /// Completes the archive.
+    pub fn finish(self) -> Result<W> {
+        self.0.finish().map_err(|e| Error::Failed(format!("cannot complete the archive: {e}")))
+    }
+}
+
+/// Values as bytes.
+pub fn little_endian<T: Copy, const N: usize>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<u8> {
+    values.iter().flat_map(|value| bytes(*value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn archives_are_read_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let mut writer = ArchiveWriter::create(&path).unwrap();
+        writer.add_f64("x", &[2, 2], &[1.0, -0.5, f64::MAX, 0.0]).unwrap();
+        writer.add_f64("y.c", &[1], &[3.0]).unwrap();
+        writer.finish().unwrap();
+        let arrays = read(&path).unwrap();
+        assert_eq!(arrays["x"], NumberArray { shape: vec![2, 2], values: vec![1.0, -0.5, f64::MAX, 0.0] });
+        assert_eq!(arrays["y.c"], NumberArray { shape: vec![1], values: vec![3.0] });
+        std::fs::write(&path, b"no archive").unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("numpy.savez"));
+    }
+}
